@@ -78,7 +78,7 @@ def assert_equal(one: Results, other: Results) -> None:
         for read in (Results.series, lambda r, c, e: r.detail(c, e, 0)):
             assert np.array_equal(read(one, case, label), read(other, case, label), equal_nan=True)
     drop = ["seconds_per_run"]
-    assert one.figures().drop(columns=drop).equals(other.figures().drop(columns=drop))
+    assert one.metrics().drop(columns=drop).equals(other.metrics().drop(columns=drop))
     assert one.pairs().equals(other.pairs())
     timed = ["recommended"]  # the cheapest of those recommended
     assert one.cases().drop(columns=timed).equals(other.cases().drop(columns=timed))

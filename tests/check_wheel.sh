@@ -73,7 +73,7 @@ for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out" \
     "$ggbench" $command >"$work/output" 2>&1 ||
         { cat "$work/output" >&2; fail "\`ggbench $command\` failed"; }
 done
-[[ -s out/figures.csv ]] || fail "\`ggbench run\` wrote no out/figures.csv"
+[[ -s out/metrics.csv ]] || fail "\`ggbench run\` wrote no out/metrics.csv"
 
 echo "the session of docs/session.md"
 "$work/venv/bin/python" -m pip install --quiet --disable-pip-version-check \

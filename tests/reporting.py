@@ -11,7 +11,7 @@ import pandas as pd
 
 from ggbench.judging.cases import CASES
 from ggbench.judging.pairs import PAIRS
-from ggbench.judging.summary import FIGURES
+from ggbench.judging.summary import METRICS
 from ggbench.results.digest import Digest
 
 CAUSALITY = {"ins": "none", "factor-graph[mode=batch]": "batch"}
@@ -21,26 +21,26 @@ ERRORS = {
 """RMS errors in the first case; each further case has twice those of the one before."""
 
 
-def figures(
+def metrics(
     cases: int = 2, errors: Mapping[str, float] = ERRORS, runs: Mapping[str, int] | None = None
 ) -> pd.DataFrame:
-    """Figures of the whole flight and the settled window; errors of the whole flight are twice."""
+    """Metrics of the whole flight and the settled window; errors of the whole flight are twice."""
     rows = [
-        figure(
+        metric(
             f"c{number}", label, window, factor * 2.0**number * error, (runs or {}).get(label, 40)
         )
         for number in range(cases)
         for label, error in errors.items()
         for window, factor in (("whole", 2.0), ("settled", 1.0))
     ]
-    return pd.DataFrame(rows, columns=[*FIGURES])
+    return pd.DataFrame(rows, columns=[*METRICS])
 
 
-def figure(case: str, label: str, window: str, rms: float, runs: int = 40) -> dict[str, Any]:
+def metric(case: str, label: str, window: str, rms: float, runs: int = 40) -> dict[str, Any]:
     causality = CAUSALITY.get(label, "filter")
     bound = (2.0 if causality == "batch" else 4.0) * 2.0 ** int(case[1:])
     bound *= 2.0 if window == "whole" else 1.0
-    return dict.fromkeys(FIGURES, math.nan) | {
+    return dict.fromkeys(METRICS, math.nan) | {
         "case": case, "estimator": label, "name": label.partition("[")[0], "parameters": "",
         "causality": causality, "window": window, "runs": runs, "failed": 0, "diverged": 0,
         "draws": runs, "rms_m": rms, "rms_lo": 0.9 * rms, "rms_hi": 1.1 * rms, "bound_m": bound,
@@ -78,8 +78,8 @@ def pairs(*rows: tuple[str, str, str, float, int, str]) -> pd.DataFrame:
 
 def digest(name: str, title: str = "A title", **tables: Any) -> Digest:
     manifest = {"scenario": name, "title": title}
-    settled = figures()[lambda table: table["window"] == "settled"]
-    held = {"figures": settled, "cases": cases(), "pairs": pairs()} | tables
+    settled = metrics()[lambda table: table["window"] == "settled"]
+    held = {"metrics": settled, "cases": cases(), "pairs": pairs()} | tables
     return Digest(manifest, **held)
 
 

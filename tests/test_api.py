@@ -96,7 +96,7 @@ def test_a_run_is_the_commands(tmp_path):
     assert invoke([*arguments, "-e", "ins", "-e", "ekf"], tmp_path).returncode == 0
     called = gg.run(loaded, LABELS, runs=2, seed=3, jobs=0, output=tmp_path / "called")
     assert_equal(gg.Results(tmp_path / "out"), called)
-    assert (tmp_path / "called" / "figures.csv").exists()
+    assert (tmp_path / "called" / "metrics.csv").exists()
 
 
 def test_one_run_is_the_campaigns(scenario):
@@ -109,10 +109,10 @@ def test_one_run_is_the_campaigns(scenario):
     assert judged.final_position_error_m == row["final_position_error_m"]
     assert judged.position_mrse_m == row["whole_position_ms"] ** 0.5
     for window in WINDOWS:
-        figures = judged.windows[window]
-        assert figures["velocity_mrse_mps"] == row[f"{window}_velocity_ms"] ** 0.5
-        assert figures["nees_mean"] == row[f"{window}_nees"]
-        assert figures["nis_mean"] == row[f"{window}_nis"]
+        metrics = judged.windows[window]
+        assert metrics["velocity_mrse_mps"] == row[f"{window}_velocity_ms"] ** 0.5
+        assert metrics["nees_mean"] == row[f"{window}_nees"]
+        assert metrics["nis_mean"] == row[f"{window}_nis"]
 
 
 def test_what_is_shown_takes_one_line(scenario, results):
@@ -131,11 +131,11 @@ def test_what_is_shown_takes_one_line(scenario, results):
 
 def test_tables_are_the_callers_own(results):
     """What somebody does to a table changes nothing of the results."""
-    before = results.runs(), results.figures()
-    for table in (results.runs(), results.figures()):
+    before = results.runs(), results.metrics()
+    for table in (results.runs(), results.metrics()):
         table["case"] = "mine"
     assert results.runs().equals(before[0])
-    assert results.figures().equals(before[1])
+    assert results.metrics().equals(before[1])
     assert len(before[0]) == 2 * 2 * 2
     assert results.failures().empty
     assert set(results.pairs()["first"]) | set(results.pairs()["second"]) == set(LABELS)
@@ -185,7 +185,7 @@ def test_results_without_an_output_go_with_their_object(scenario):
     """A temporary folder lives as long as its results, and no longer."""
     results = gg.run(scenario, "ins", runs=1, jobs=0)
     folder = results.folder
-    assert (folder / "figures.csv").exists()
+    assert (folder / "metrics.csv").exists()
     assert len(gg.Results(folder).runs()) == 2
     del results
     gc.collect()

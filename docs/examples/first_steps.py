@@ -26,8 +26,8 @@ print(gg.judge(problem, estimate, truth, case.windows))
 
 # %%
 results = gg.run(scenario, ["ins", "ekf"], runs=5, cases=[case.name])
-figures = results.figures()
-settled = figures[figures["window"] == "settled"]
+metrics = results.metrics()
+settled = metrics[metrics["window"] == "settled"]
 print(settled[["estimator", "rms_m", "velocity_rms_mps", "efficiency", "success"]])
 
 # %% [markdown]

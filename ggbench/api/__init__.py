@@ -4,7 +4,7 @@
     problem, truth = gg.simulate(scenario.case("0.01E-1Hz"), seed=1, run=0)
     estimate = gg.estimate(problem, "ukf[points=merwe]")
     gg.judge(problem, estimate, truth)
-    gg.run(scenario, ["ins", "ekf"], runs=20).figures()
+    gg.run(scenario, ["ins", "ekf"], runs=20).metrics()
     problem, reference = gg.read_flight("flight.toml")
     gg.corrected(problem, gg.estimate(problem, "ekf"))
 

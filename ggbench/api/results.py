@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 _MOST_NAMED = 4
 _SUMMARY = ("case", "estimator", "runs", "failed", "rms_m", "efficiency", "success", "consistency")
-"""Columns of a short table of figures."""
+"""Columns of a short table of metrics."""
 
 
 class Results(folder.Results):
     """What a results folder holds: tables, and figures of its cases.
 
-    ``runs()``, ``figures()``, ``pairs()``, ``cases()`` and ``failures()`` are tables (pandas),
+    ``runs()``, ``metrics()``, ``pairs()``, ``cases()`` and ``failures()`` are tables (pandas),
     the caller's own; each ``plot_...()`` returns a Matplotlib figure, which a notebook shows and
     ``savefig`` writes. A case that is not named is the first.
 
@@ -47,9 +47,9 @@ class Results(folder.Results):
         )
 
     def summary(self) -> pd.DataFrame:
-        """Return the settled figures of :data:`_SUMMARY`, a row for each case and estimator."""
-        figures = self.figures()
-        return figures.loc[figures["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)
+        """Return the settled metrics of :data:`_SUMMARY`, a row for each case and estimator."""
+        metrics = self.metrics()
+        return metrics.loc[metrics["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)
 
     def _repr_html_(self) -> str:
         return f"<p>{escape(repr(self))}</p>{self.summary().to_html(index=False)}"
@@ -65,7 +65,7 @@ class Results(folder.Results):
         from ..figures import stored  # not at the top: tables need no Matplotlib
 
         name = self._case(case)
-        shown = [row["estimator"] for row in ordered(self.figures(), name)]
+        shown = [row["estimator"] for row in ordered(self.metrics(), name)]
         return stored.error_over_time(self, {name: shown})
 
     def plot_errors(

@@ -32,7 +32,7 @@ from ..spec.case import CaseSpec
 from .registry import Choice
 
 _LONGEST_INFO = 100_000
-_FIGURES = (*run_errors.FIGURES, *references.FIGURES)
+_METRICS = (*run_errors.METRICS, *references.METRICS)
 BORDER = 0.1
 """How far outside a map is still its border, in distances of its nodes."""
 
@@ -125,7 +125,7 @@ def evaluate_runs(
         evaluation.position_error, evaluation.sigmas[:, -1, :3], times, required
     )
     name = _bound_of(case, estimated.causality, estimated.lag)
-    compared = references.figures(name, flight, bound, problems, error_state)
+    compared = references.metrics(name, flight, bound, problems, error_state)
     windows = np.concatenate([means, compared], axis=2).tolist()
     peak = peak_memory_mb()
     kept = kept_epochs(len(times))
@@ -153,7 +153,7 @@ def evaluate_runs(
             "diverged": run_errors.has_diverged(final[r], bound.final_m, ins[r]),
             "converged_s": None if math.isnan(converged[r]) else float(converged[r]),
             "false_fix": bool(false[r]),
-            "windows": run_errors.named_figures(windows[r], _FIGURES),
+            "windows": run_errors.named_metrics(windows[r], _METRICS),
         }
         if estimated.fixes is not None:
             record["fixes"] = fix_metrics.judge(estimated.fixes, error_state[r], times)

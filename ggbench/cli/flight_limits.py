@@ -35,7 +35,7 @@ from .map_margins import Bounds, Margin, Shortfall, margin_of, shortfalls
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlightExtremes:
     """Extremes of a flight.
 
     Attributes
@@ -79,7 +79,7 @@ class Examined:
 
     study: str
     case: CaseSpec
-    flown: Flown
+    flown: FlightExtremes
     margin: Margin | None
     readings: dict[str, int]
     ins: InsError
@@ -180,7 +180,7 @@ def _ins_error_once(
     return ins_error(suite, _trajectory_once(spec, dt, versions))
 
 
-def flown_of(case: CaseSpec) -> Flown:
+def flown_of(case: CaseSpec) -> FlightExtremes:
     """Return the extremes of the flight of a case.
 
     Raise TrajectoryError if it cannot be flown, or a file that it is made of cannot be used.
@@ -194,7 +194,7 @@ def flown_of(case: CaseSpec) -> Flown:
         np.hypot(east, north), 1.0
     )
     _, pitch, bank = np.abs(angles_of(trajectory.attitudes)).T
-    return Flown(
+    return FlightExtremes(
         vehicle=spec.vehicle,
         track=spec.file is not None,
         duration=float(trajectory.times[-1]),

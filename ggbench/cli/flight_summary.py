@@ -11,7 +11,7 @@ from ..figures.numbers import short, some, span
 from ..spec.aiding import GnssSpec
 from ..spec.named_sensors import aiding_of
 from ..trajectory.manoeuvres import BANK_GRAVITY
-from .flight_limits import Examined, Flown
+from .flight_limits import Examined, FlightExtremes
 from .map_margins import length, narrow_margins
 from .screen import console
 
@@ -109,7 +109,7 @@ def warnings(found: Iterable[Examined]) -> Iterator[str]:
     yield from narrow_margins(narrow)
 
 
-def absurdities(flown: Flown) -> Iterator[str]:
+def absurdities(flown: FlightExtremes) -> Iterator[str]:
     """Yield a sentence for each thing of a flight that no vehicle does."""
     if flown.track:
         yield from _other_units(flown)
@@ -137,7 +137,7 @@ def absurdities(flown: Flown) -> Iterator[str]:
         )
 
 
-def _other_units(flown: Flown) -> Iterator[str]:
+def _other_units(flown: FlightExtremes) -> Iterator[str]:
     """Yield a sentence for each number of a track that seems to be in another unit."""
     height, speed = max(flown.heights), flown.length / flown.duration
     slowest, fastest = SPEEDS_TRACK_MPS
@@ -160,7 +160,7 @@ def _other_units(flown: Flown) -> Iterator[str]:
         )
 
 
-def _remedy(flown: Flown, column: str = "") -> str:
+def _remedy(flown: FlightExtremes, column: str = "") -> str:
     """Return what to do, of a track with the column that says what else is taken from it."""
     if not flown.track:
         return "fly its segments more gently"

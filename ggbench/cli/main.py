@@ -258,14 +258,14 @@ def _run_library(asked: _Asked, output: Path) -> int:
 
 
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
-    """Write the tables of what is stored, print the figures, say how to go on."""
+    """Write the tables of what is stored, print the metrics, say how to go on."""
     from ..results.folder import as_argument, write_tables
-    from .terminal import print_figures
+    from .terminal import print_metrics
 
-    figures = write_tables(results)
+    metrics = write_tables(results)
     runs, failed = results.runs(), len(results.failures())
-    if len(figures):
-        print_figures(figures, runs, results.scenario, console)
+    if len(metrics):
+        print_metrics(metrics, runs, results.scenario, console)
     finished = (runs["status"] == "ok").groupby(runs["estimator"], sort=False).any()
     outcome = Outcome(
         results.scenario.name, len(runs), failed, int(runs["diverged"].sum()), interrupted,

@@ -1,4 +1,4 @@
-"""View of one run in a terminal: figures, error against time, command that repeats it."""
+"""View of one run in a terminal: metrics, error against time, command that repeats it."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def repeat_run(
 def _print(
     title: str, run: int, times: np.ndarray, bound: np.ndarray, views: Sequence[RunView]
 ) -> None:
-    """Print the figures of a run, its errors against time, and how to repeat it."""
+    """Print the metrics of a run, its errors against time, and how to repeat it."""
     console.print(f"\n[bold]{escape(title)}, run {run}[/]")
     headings = ["settled m", "m/s", "final m", "NEES", "diverged", "converged s", "ms"]
     table = ResponsiveTable(

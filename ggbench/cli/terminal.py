@@ -26,16 +26,16 @@ _COLOURS = {"worse": "red", "better": "green"}
 _HEADINGS = ("RMS m", "95 %", "× bound", "success", "NEES", "", "RMS m/s", "fail/div", "ms/run")
 
 
-def print_figures(
-    figures: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
+def print_metrics(
+    metrics: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
 ) -> None:
     """Print the settled window of every case: causal estimators by RMS error, then smoothers."""
     shown = scenario.cases[:_MOST_CASES]
     warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
     starred = False
-    names = shown_names(dict(zip(figures["estimator"], figures["name"], strict=True)))
+    names = shown_names(dict(zip(metrics["estimator"], metrics["name"], strict=True)))
     for case in shown:
-        rows = ordered(figures, case.name)
+        rows = ordered(metrics, case.name)
         if not rows:
             continue
         table = ResponsiveTable(
@@ -76,7 +76,7 @@ def print_figures(
         console.print(COLD, markup=False)
     more = len(scenario.cases) - len(shown)
     if more:
-        console.print(f"... and {counted(more, 'more case')}, in figures.csv and in the report")
+        console.print(f"... and {counted(more, 'more case')}, in metrics.csv and in the report")
 
 
 def _digits(value: float) -> str:

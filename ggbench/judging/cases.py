@@ -30,12 +30,12 @@ CASES = (
 KINDS = ("causal", "smoother")
 
 
-def verdicts(runs: pd.DataFrame, figures: pd.DataFrame) -> dict[str, dict[str, Verdict]]:
-    """Return the verdicts on the estimators of each kind, by case, from runs and their figures."""
+def verdicts(runs: pd.DataFrame, metrics: pd.DataFrame) -> dict[str, dict[str, Verdict]]:
+    """Return the verdicts on the estimators of each kind, by case, from runs and their metrics."""
     by_case = list(runs.groupby("case", sort=False))
     return {
         kind: {
-            str(case): verdict(own, figures[figures["case"] == case], kind) for case, own in by_case
+            str(case): verdict(own, metrics[metrics["case"] == case], kind) for case, own in by_case
         }
         for kind in KINDS
     }
@@ -44,7 +44,7 @@ def verdicts(runs: pd.DataFrame, figures: pd.DataFrame) -> dict[str, dict[str, V
 def cases(
     specs: Sequence[CaseSpec],
     arrays: Mapping[str, Mapping[str, np.ndarray]],
-    figures: pd.DataFrame,
+    metrics: pd.DataFrame,
     verdicts: Mapping[str, Mapping[str, Verdict]],
 ) -> pd.DataFrame:
     """Return a row for each case, with :data:`CASES`.
@@ -53,21 +53,21 @@ def cases(
     ----------
     specs : the cases.
     arrays : case to the arrays that all of its runs share; of a case with draws they are of run 0.
-    figures : the figures of the campaign.
+    metrics : the metrics of the campaign.
     verdicts : by kind of estimators and case.
     """
     import pandas as pd
 
     rows = [
-        _row(spec, arrays[spec.name], figures[figures["case"] == spec.name])
+        _row(spec, arrays[spec.name], metrics[metrics["case"] == spec.name])
         | _judged(verdicts, spec.name)
         for spec in specs
     ]
     return pd.DataFrame(rows).reindex(columns=[*CASES])
 
 
-def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], figures: pd.DataFrame) -> dict[str, Any]:
-    settled = figures[figures["window"] == "settled"]
+def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], metrics: pd.DataFrame) -> dict[str, Any]:
+    settled = metrics[metrics["window"] == "settled"]
     causal = settled[~settled["causality"].isin(SMOOTHERS)]
     ins = settled.loc[settled["causality"] == "none", "rms_m"]
     scale, track = field_correlation_m(arrays), arrays["track"]
@@ -88,7 +88,7 @@ def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], figures: pd.DataFrame
         "width": spec.initial_error.position_m / scale,
         "position_m": spec.initial_error.position_m,
         "required_m": DEFAULT_RATIO * bound("filter", last) if required is None else required,
-        # Of cases with draws the mean over them, which figures have.
+        # Of cases with draws the mean over them, which metrics have.
         "bound_m": float(causal["bound_m"].iloc[0]) if len(causal) else bound("filter", mask),
         "smoothing_bound_m": bound("batch", mask),
         "unfiltered_bound_m": bound("unfiltered", mask),

@@ -29,7 +29,7 @@ COLUMNS = (
     "false_hi", "none_share", "none_lo", "none_hi", "right_time_median_s", "right_time_lo",
     "right_time_hi", "cep50_m", "cep95_m", "nees", "nees_lo", "nees_hi",
 )  # fmt: skip
-"""Of the fixes of an estimator on a case: see :func:`figures`."""
+"""Of the fixes of an estimator on a case: see :func:`metrics`."""
 
 
 def checked(fixes: Fixes, epochs: int) -> Fixes:
@@ -87,8 +87,8 @@ def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict
     return [dict(zip(ROWS, values, strict=True)) for values in zip(*columns, strict=True)]
 
 
-def figures(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
-    """Return the figures of :data:`COLUMNS` over the fixes of an estimator on a case.
+def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
+    """Return the metrics of :data:`COLUMNS` over the fixes of an estimator on a case.
 
     How many fixes were tried, accepted, and false; the shares of *runs* whose first accepted fix is
     right, is false, and that accept none, with Wilson's 95 % intervals; the median time [s] of the

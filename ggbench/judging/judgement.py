@@ -107,21 +107,21 @@ def judge(
         found = run_errors.evaluate(problem, estimate, truth)
     except (ValueError, TypeError) as error:
         raise JudgingError(f"the estimate cannot be judged: {error}") from None
-    # The whole flight needs no windows to be said, but its figures come with those of the others.
+    # The whole flight needs no windows to be said, but its metrics come with those of the others.
     spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
-    figures = run_errors.window_figures(found, problem.times, spec)
-    named = {name: _named(figures[name]) for name in (figures if windows else (_WHOLE,))}
+    metrics = run_errors.window_metrics(found, problem.times, spec)
+    named = {name: _named(metrics[name]) for name in (metrics if windows else (_WHOLE,))}
     return Judgement(**vars(found), times=problem.times, windows=named)
 
 
-def _named(figures: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the figures of a window by the names that summaries have for them."""
+def _named(metrics: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the metrics of a window by the names that summaries have for them."""
     return {
-        "position_mrse_m": math.sqrt(figures["position_ms"]),
-        "velocity_mrse_mps": math.sqrt(figures["velocity_ms"]),
-        "nees_mean": figures["nees"],
-        "nis_mean": figures["nis"],
-        "coverage": figures["coverage"],
+        "position_mrse_m": math.sqrt(metrics["position_ms"]),
+        "velocity_mrse_mps": math.sqrt(metrics["velocity_ms"]),
+        "nees_mean": metrics["nees"],
+        "nis_mean": metrics["nis"],
+        "coverage": metrics["coverage"],
     }
 
 

@@ -65,9 +65,9 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
 
     rows: list[dict[str, Any]] = []
     for case, group in runs.groupby("case", sort=False):
-        kinds: dict[str, dict[str, Flown]] = {}
+        kinds: dict[str, dict[str, PairedRuns]] = {}
         for label, own in group.groupby("estimator", sort=False):
-            kinds.setdefault(kind(own["causality"].iloc[0]), {})[str(label)] = Flown.of(own)
+            kinds.setdefault(kind(own["causality"].iloc[0]), {})[str(label)] = PairedRuns.of(own)
         rows += judged(
             [
                 {"case": case, "first": one, "second": two} | compared(flown[one], flown[two])
@@ -78,7 +78,7 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows).reindex(columns=[*PAIRS])
 
 
-class Flown(NamedTuple):
+class PairedRuns(NamedTuple):
     """What the runs of one estimator on one case are compared by.
 
     Attributes
@@ -95,20 +95,20 @@ class Flown(NamedTuple):
     succeeded: np.ndarray
 
     @classmethod
-    def of(cls, runs: pd.DataFrame) -> Flown:
+    def of(cls, runs: pd.DataFrame) -> PairedRuns:
         """Return those of a table of runs of one estimator on one case."""
         ordered = runs.sort_values("run")
         run, draw, squares = (ordered[name].to_numpy() for name in ("run", "draw", ERRORS))
         return cls(run, draw, squares, succeeded(ordered))
 
-    def among(self, runs: np.ndarray) -> Flown:
+    def among(self, runs: np.ndarray) -> PairedRuns:
         """Return those of some runs."""
         kept = np.isin(self.run, runs)
-        return Flown(*(values[kept] for values in self))
+        return PairedRuns(*(values[kept] for values in self))
 
 
-def compared(first: Flown, second: Flown) -> dict[str, Any]:
-    """Return the figures of a pair on common runs, with p-values that are not adjusted."""
+def compared(first: PairedRuns, second: PairedRuns) -> dict[str, Any]:
+    """Return the metrics of a pair on common runs, with p-values that are not adjusted."""
     one, two = first.among(second.run), second.among(first.run)
     only, other = one.succeeded & ~two.succeeded, two.succeeded & ~one.succeeded
     lead = cluster_means(only.astype(float) - other, one.draw)

@@ -16,7 +16,7 @@ from .bounds import bound_for, squared_bounds
 from .run_errors import WINDOWS, window_mask
 from .situations import is_right_model
 
-FIGURES = ("bound_position_ms", "bound_velocity_ms", "oracle_position_ms", "oracle_velocity_ms")
+METRICS = ("bound_position_ms", "bound_velocity_ms", "oracle_position_ms", "oracle_velocity_ms")
 """Mean squares of a window: of the bound, and of the oracle's errors where the model is right."""
 DEFAULT_RATIO = 3.0
 """Required final error where a case states none, in RMS filtering bounds over the last window."""
@@ -55,14 +55,14 @@ class CaseBound:
         return DEFAULT_RATIO * math.sqrt(float(last))
 
 
-def figures(
+def metrics(
     name: str,
     flight: Flight,
     bound: CaseBound,
     problems: Sequence[Problem],
     error_state: np.ndarray,
 ) -> np.ndarray:
-    """Return :data:`FIGURES` of each run and window (R, W, 4).
+    """Return :data:`METRICS` of each run and window (R, W, 4).
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def figures(
     problems : of the R runs.
     error_state : (R, K, n) the truth.
     """
-    found = np.full((len(problems), len(WINDOWS), len(FIGURES)), np.nan)
+    found = np.full((len(problems), len(WINDOWS), len(METRICS)), np.nan)
     found[:, :, :2] = bound.means(name)
     case, times = flight.case, flight.times
     if is_right_model(case):

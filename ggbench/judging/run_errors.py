@@ -21,7 +21,7 @@ from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
 
 WINDOWS = ("whole", "settled", "last20")
-FIGURES = ("position_ms", "velocity_ms", "nees", "nis", "coverage")
+METRICS = ("position_ms", "velocity_ms", "nees", "nis", "coverage")
 """What is said of a run in each window."""
 JUDGED = 6
 """Position and velocity error: the states whose consistency is judged."""
@@ -265,13 +265,13 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
 
 
 def window_means(evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:
-    """Return (R, W, 5): the :data:`FIGURES` of each run in each of :data:`WINDOWS`.
+    """Return (R, W, 5): the :data:`METRICS` of each run in each of :data:`WINDOWS`.
 
     Mean squared errors, mean NEES, mean NIS of the epochs that have one, and the share of epochs
     whose NEES is below the 95 % quantile of a consistent estimate's.
     """
     masks = np.array([window_mask(times, windows, name) for name in WINDOWS])
-    out = np.empty((len(evaluation.nees), len(WINDOWS), len(FIGURES)))
+    out = np.empty((len(evaluation.nees), len(WINDOWS), len(METRICS)))
     _window_means(
         evaluation.position_error, evaluation.velocity_error, evaluation.nees,
         np.ascontiguousarray(evaluation.nis, dtype=float), masks, _INSIDE, out,
@@ -311,18 +311,18 @@ def _window_means(
                 out[r, w, i] = sums[i] / (innovations if i == 3 else epochs)
 
 
-def window_figures(
+def window_metrics(
     evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
 ) -> dict[str, dict[str, float]]:
-    """Return each window's figures (:func:`window_means`) of one run, by their names."""
+    """Return each window's metrics (:func:`window_means`) of one run, by their names."""
     block = Evaluation(**{name: values[None] for name, values in vars(evaluation).items()})
-    return named_figures(window_means(block, times, windows)[0].tolist())
+    return named_metrics(window_means(block, times, windows)[0].tolist())
 
 
-def named_figures(
-    means: list[list[float]], names: Sequence[str] = FIGURES
+def named_metrics(
+    means: list[list[float]], names: Sequence[str] = METRICS
 ) -> dict[str, dict[str, float]]:
-    """Return figures (W, F) of one run by the names of window and figure."""
+    """Return metrics (W, F) of one run by the names of window and metric."""
     return {
         window: dict(zip(names, values, strict=True))
         for window, values in zip(WINDOWS, means, strict=True)

@@ -40,7 +40,7 @@ def _draw(runs: int, seed: int) -> Iterator[np.ndarray]:
 
 @lru_cache(maxsize=4)
 def _drawn(runs: int, seed: int) -> tuple[np.ndarray, ...]:
-    """Return the draws of a common number of runs, which most figures of a campaign share."""
+    """Return the draws of a common number of runs, which most metrics of a campaign share."""
     return tuple(_draw(runs, seed))
 
 

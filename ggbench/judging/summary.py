@@ -1,4 +1,4 @@
-"""Figures of estimators over many runs: a row per case, estimator and window.
+"""Metrics of estimators over many runs: a row per case, estimator and window.
 
 A run is judged once, in the worker (:mod:`.judging.run_errors`). Runs that share a drawn track or
 map error form a cluster; intervals are over clusters.
@@ -16,13 +16,13 @@ import numpy as np
 from . import references
 from .convergence import median_interval
 from .run_errors import COVERAGE, JUDGED, WINDOWS
-from .run_errors import FIGURES as ERRORS
+from .run_errors import METRICS as ERRORS
 from .statistics import coverage_band, mean_band, root_ratio_intervals, share_interval
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FIGURES = (
+METRICS = (
     "case", "estimator", "name", "parameters", "causality", "window", "runs", "failed", "diverged",
     "draws", "rms_m", "rms_lo", "rms_hi", "velocity_rms_mps", "velocity_rms_lo", "velocity_rms_hi",
     "bound_m", "velocity_bound_mps", "efficiency", "efficiency_lo", "efficiency_hi", "times_ins",
@@ -31,7 +31,7 @@ FIGURES = (
     "coverage_lo", "coverage_hi", "nis", "nis_lo", "nis_hi", "consistency", "recommended",
     "seconds_per_run", "map_evaluations", "published_m", "published_mps",
 )  # fmt: skip
-"""Columns of :func:`figures`."""
+"""Columns of :func:`metrics`."""
 CONSISTENT, CONSERVATIVE, OVERCONFIDENT, UNSAFE = (
     "consistent", "conservative", "overconfident", "unsafe",
 )  # fmt: skip
@@ -42,10 +42,10 @@ LEAST_COVERAGE, UNSAFE_COVERAGE, MOST_FALSE = 0.90, 0.50, 0.05
 _OF_A_WINDOW = {
     f"{window}_{name}": (window, name)
     for window in WINDOWS
-    for name in (*ERRORS, *references.FIGURES)
+    for name in (*ERRORS, *references.METRICS)
 }
 WINDOW_COLUMNS = tuple(_OF_A_WINDOW)
-"""Columns of a table of runs that hold the figures of its windows."""
+"""Columns of a table of runs that hold the metrics of its windows."""
 _NUMBERS = (
     "seconds", "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m",
     "required_m", "converged_s",
@@ -68,7 +68,7 @@ def runs_table(
     Parameters
     ----------
     records : stored records.
-    columns : names of the first columns; those that figures need come after them.
+    columns : names of the first columns; those that metrics need come after them.
     common : columns that do not come from the records: a value for all, or one for each.
 
     Returns
@@ -78,15 +78,15 @@ def runs_table(
     import pandas as pd  # not at the top: workers judge runs and make no tables
 
     found: dict[str, Any] = {}
-    # A failed run has a time, perhaps, and no figures, whatever its record says.
+    # A failed run has a time, perhaps, and no metrics, whatever its record says.
     finished = [record if record["status"] == "ok" else {} for record in records]
     windows = [record["windows"] if record else {} for record in finished]
     for name in dict.fromkeys([*columns, *_NEEDED]):
         if common and name in common:
             found[name] = common[name]
         elif name in _OF_A_WINDOW:
-            window, figure = _OF_A_WINDOW[name]
-            values = [w[window][figure] if w else math.nan for w in windows]
+            window, metric = _OF_A_WINDOW[name]
+            values = [w[window][metric] if w else math.nan for w in windows]
             found[name] = np.array(values, dtype=float)
         elif name in _NUMBERS:
             source = records if name == "seconds" else finished
@@ -104,12 +104,12 @@ def succeeded(runs: pd.DataFrame) -> np.ndarray:
     return np.asarray(near & (runs["status"] == "ok"))
 
 
-def figures(
+def metrics(
     runs: pd.DataFrame,
     published: Mapping[str, tuple[float, float]],
     measurements: Mapping[str, Mapping[str, tuple[int, float]]] | None = None,
 ) -> pd.DataFrame:
-    """Return one row per case, estimator and window, with :data:`FIGURES`.
+    """Return one row per case, estimator and window, with :data:`METRICS`.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def figures(
                 row |= _window_row(good, window, sizes) | ratios[case, label, window]
                 row["consistency"] = consistency(row)
             rows.append(row)
-    return _with_ins(pd.DataFrame(rows).reindex(columns=[*FIGURES]), finished)
+    return _with_ins(pd.DataFrame(rows).reindex(columns=[*METRICS]), finished)
 
 
 def _of_the_end(group: pd.DataFrame) -> dict[str, Any]:
@@ -165,7 +165,7 @@ def _of_the_end(group: pd.DataFrame) -> dict[str, Any]:
 
 
 def _with_ends(key: str, stem: str, values: Sequence[float]) -> dict[str, float]:
-    """Return a figure and the ends of its interval or band, by the names of their columns."""
+    """Return a metric and the ends of its interval or band, by the names of their columns."""
     return dict(zip((key, f"{stem}_lo", f"{stem}_hi"), values, strict=True))
 
 
@@ -175,7 +175,7 @@ _RATIOS = {
     ("efficiency", "efficiency"): ("position_ms", "bound_position_ms"),
     ("oracle_ratio", "oracle"): ("position_ms", "oracle_position_ms"),
 }
-"""Figures, and stems of the ends of their intervals: root of the ratio of two means; "" is one."""
+"""Metrics, and stems of the ends of their intervals: root of the ratio of two means; "" is one."""
 
 
 def _ratios(
@@ -200,7 +200,7 @@ def _ratios(
 
 
 def _window_row(good: pd.DataFrame, window: str, measurements: tuple[int, float]) -> dict[str, Any]:
-    """Return figures of one window over the runs that finished."""
+    """Return metrics of one window over the runs that finished."""
 
     def column(key: str) -> np.ndarray:
         return good[f"{window}_{key}"].to_numpy()
@@ -231,7 +231,7 @@ def _median_seconds(good: pd.DataFrame) -> float:
 
 
 def consistency(row: Mapping[str, Any]) -> str:
-    """Return whether an estimator's covariances are right, from its figures.
+    """Return whether an estimator's covariances are right, from its metrics.
 
     "unsafe": coverage below 50 %, or more than 5 % of the runs end in a false fix; "overconfident":
     coverage below 90 %, or the mean NEES above its 95 % band; "conservative": it lies below;

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .pairs import ERRORS, Flown, compared, judged, kind
+from .pairs import ERRORS, PairedRuns, compared, judged, kind
 from .statistics import ALPHA, BETTER, root_ratio_intervals
 from .summary import CONSERVATIVE, CONSISTENT
 
@@ -68,7 +68,7 @@ def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
     return runs[(flown == flown.groupby(runs["case"]).transform("max")) & (failed <= MOST_FAILED)]
 
 
-def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Verdict:
+def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Verdict:
     """Return the verdict on the estimators of a kind in one case.
 
     An estimator is *recommended* if it is consistent or conservative, does not succeed surely less
@@ -79,7 +79,7 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
     Parameters
     ----------
     runs : table of runs of one case with a column ``draw``, the number of the cluster.
-    figures : their figures (:func:`.summary.figures`).
+    metrics : their metrics (:func:`.summary.metrics`).
     of : "causal" or "smoother".
     """
     runs = with_equal_runs(runs)
@@ -91,10 +91,10 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
     if odd.empty:  # a single run chooses and compares nothing
         return Verdict()
     squares = even.groupby("estimator", sort=False)[ERRORS].mean()
-    table = figures[figures["window"] == "settled"].set_index("estimator").loc[squares.index]
+    table = metrics[metrics["window"] == "settled"].set_index("estimator").loc[squares.index]
     consistent = set(table.index[table["consistency"].isin([CONSISTENT, CONSERVATIVE])])
     best = str((squares[squares.index.isin(consistent)] if consistent else squares).idxmin())
-    flown = {str(label): Flown.of(own) for label, own in odd.groupby("estimator", sort=False)}
+    flown = {str(label): PairedRuns.of(own) for label, own in odd.groupby("estimator", sort=False)}
     gain = _gain(runs, flown[best])
     enough = aided["run"].nunique() >= FEWEST_RUNS
     near = _surely_near(flown, best, consistent) if enough and gain in ("", BETTER) else []
@@ -104,7 +104,7 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
     return Verdict(best, tuple(cheapest), len(consistent), gain)
 
 
-def _surely_near(flown: Mapping[str, Flown], best: str, among: Set[str]) -> list[str]:
+def _surely_near(flown: Mapping[str, PairedRuns], best: str, among: Set[str]) -> list[str]:
     """Return which of some estimators are recommended, given the best one."""
     labels = [label for label in flown if label in among]
     reference = flown[best]
@@ -128,9 +128,9 @@ def _surely_near(flown: Mapping[str, Flown], best: str, among: Set[str]) -> list
     ]
 
 
-def _gain(runs: pd.DataFrame, best: Flown) -> str:
+def _gain(runs: pd.DataFrame, best: PairedRuns) -> str:
     """Return the verdict on the best estimator against the INS, on its runs."""
     ins = runs[runs["causality"] == "none"]
     if ins.empty:
         return ""
-    return str(judged([compared(best, Flown.of(ins))])[0]["verdict"])
+    return str(judged([compared(best, PairedRuns.of(ins))])[0]["verdict"])

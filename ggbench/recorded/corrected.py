@@ -205,18 +205,18 @@ def against(
         nees = np.sum(_whitened(errors[:, :states], claimed) ** 2, axis=1)
     spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
     names = run_errors.WINDOWS if windows else ("whole",)
-    figures = {}
+    metrics = {}
     for name in names:
         some = run_errors.window_mask(times, spec, name)
         if some.any():
-            figures[name] = {
+            metrics[name] = {
                 "position_mrse_m": _mrse(errors[some, :3]),
                 "horizontal_mrse_m": _mrse(errors[some, :2]),
                 "velocity_mrse_mps": _mrse(errors[some, 3:]),
                 "nees_mean": float(np.mean(nees[some])),
             }
     sigmas = _sigmas(mean, cov)[covered, :6]
-    return AgainstReference(times, errors, sigmas, nees, states, figures)
+    return AgainstReference(times, errors, sigmas, nees, states, metrics)
 
 
 def _mrse(errors: np.ndarray) -> float:

@@ -26,9 +26,9 @@ def answer(results: Results) -> dict[str, Any]:
     """Return what the template ``answer.j2`` states.
 
     ``label`` is the estimator recommended in most cases, else the best in most; ``row`` its
-    figures in the ``lead`` case, the first in which it is that.
+    metrics in the ``lead`` case, the first in which it is that.
     """
-    figures, cases = results.figures(), results.cases()
+    metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]
     key = "recommended" if len(recommended) else "best"
     named = cases[key][cases[key] != ""]
@@ -38,20 +38,20 @@ def answer(results: Results) -> dict[str, Any]:
         "recommended": len(recommended),
         "label": "",
         "without": cases.loc[cases["recommended"] == "", "title"].tolist(),
-        "inconsistent": views.not_consistent(figures),
-        "targets": sweeps.reached(results.scenario, figures, cases),
+        "inconsistent": views.not_consistent(metrics),
+        "targets": sweeps.reached(results.scenario, metrics, cases),
         "axis": sweep.axes[0].label if sweep else "",
-        "runs": int(figures["runs"].max()) if len(figures) else 0,
+        "runs": int(metrics["runs"].max()) if len(metrics) else 0,
         "fewest": FEWEST_RUNS,
-        "recovered": sweeps.recovered(figures, cases) if of_the_prior else [],
+        "recovered": sweeps.recovered(metrics, cases) if of_the_prior else [],
         "outside": left_the_map(results.runs()),
-        "allowed": published.allowed(figures),
+        "allowed": published.allowed(metrics),
     }
     if named.empty:
         return found
     label = named.value_counts().index[0]
     lead = cases[cases[key] == label].iloc[0]
-    settled = figures[(figures["window"] == "settled") & (figures["case"] == lead["case"])]
+    settled = metrics[(metrics["window"] == "settled") & (metrics["case"] == lead["case"])]
     return found | {
         "label": label,
         "count": int((named == label).sum()),

@@ -1,6 +1,6 @@
-"""Findings: sentences of the front page, each with its figures and a threshold.
+"""Findings: sentences of the front page, each with its metrics and a threshold.
 
-A finding is a function of the figures of a scenario. It returns its sentence, or nothing where its
+A finding is a function of the metrics of a scenario. It returns its sentence, or nothing where its
 threshold is not met.
 """
 
@@ -23,14 +23,14 @@ NARROW = ("air-narrow", "ship-narrow", "drone-narrow")
 FILTERS = ("ekf", "ekf[iterations=5]", "ukf", "factor-graph")
 
 
-class Figures:
-    """Figures of a scenario's settled window by case and estimator."""
+class Metrics:
+    """Metrics of a scenario's settled window by case and estimator."""
 
     def __init__(self, table: pd.DataFrame) -> None:
         self._rows = table.set_index(["case", "estimator"])
 
     def value(self, case: str, estimator: str, column: str) -> float:
-        """Return a figure, NaN where it was not flown."""
+        """Return a metric, NaN where it was not flown."""
         if (case, estimator) not in self._rows.index:
             return math.nan
         return float(self._rows.loc[(case, estimator), column])
@@ -46,7 +46,7 @@ class Figures:
         return str(self._rows.loc[(case, estimator), "consistency"])
 
 
-def measured(of: Figures) -> str:
+def measured(of: Metrics) -> str:
     """Measured gradients divide the INS's error by three or more; white noise is overconfident."""
     coloured, white, smoother = "0.3km", "white", "gauss-newton"
     ins, aided = of.rms(coloured, "ins"), of.rms(coloured, smoother)
@@ -62,7 +62,7 @@ def measured(of: Figures) -> str:
     )
 
 
-def narrow_prior(of: Figures) -> str:
+def narrow_prior(of: Metrics) -> str:
     """With the right model and a narrow prior the EKF is efficient; limits 0.9 and 1.1."""
     ratios = [of.value(case, "ekf", "efficiency") for case in NARROW]
     others = [of.rms(case, name) / of.rms(case, "ekf") for case in NARROW for name in FILTERS]
@@ -75,7 +75,7 @@ def narrow_prior(of: Figures) -> str:
     )
 
 
-def wide_prior(of: Figures) -> str:
+def wide_prior(of: Metrics) -> str:
     """With a prior of three correlation lengths the EKF is unsafe; a particle filter is not."""
     case, particles = "prior-3", "rao-blackwellised"
     linear, sampled = (of.value(case, name, "success") for name in ("ekf", particles))
@@ -89,7 +89,7 @@ def wide_prior(of: Figures) -> str:
     )
 
 
-def outliers(of: Figures) -> str:
+def outliers(of: Metrics) -> str:
     """With 20% outliers the Cauchy loss reduces the EKF's error by half or more."""
     case, robust = "outliers", "ekf[loss=cauchy]"
     plain, loss = of.rms(case, "ekf"), of.rms(case, robust)
@@ -102,7 +102,7 @@ def outliers(of: Figures) -> str:
     )
 
 
-def map_error(of: Figures) -> str:
+def map_error(of: Metrics) -> str:
     """A map error that is not modelled at least doubles the error; modelled it is consistent."""
     bound = of.value("map-error", "ekf", "bound_m")
     plain, modelled = of.rms("map-error", "ekf"), of.rms("map-error-modelled", "ekf")
@@ -117,7 +117,7 @@ def map_error(of: Figures) -> str:
     )
 
 
-def gravity(of: Figures) -> str:
+def gravity(of: Metrics) -> str:
     """Gravity that a strategic INS does not know costs the EKF a factor of two or more."""
     plain, bound = of.rms("gravity", "ekf"), of.value("gravity", "ekf", "bound_m")
     if not plain >= 2.0 * bound:
@@ -128,7 +128,7 @@ def gravity(of: Figures) -> str:
     )
 
 
-def outage(of: Figures) -> str:
+def outage(of: Metrics) -> str:
     """After GNSS fails the gradiometer reduces the INS's error by half or more."""
     ins, aided = of.rms("gnss-outage", "ins"), of.rms("gnss-outage", "ekf")
     if not ins >= 2.0 * aided:
@@ -139,7 +139,7 @@ def outage(of: Figures) -> str:
     )
 
 
-def weak_field(of: Figures) -> str:
+def weak_field(of: Metrics) -> str:
     """Over a weak field aiding gains less than a fifth."""
     ins, aided = of.rms("weak-field", "ins"), of.rms("weak-field", "ekf")
     if not aided >= 0.8 * ins:
@@ -150,7 +150,7 @@ def weak_field(of: Figures) -> str:
     )
 
 
-FINDINGS: tuple[tuple[str, Callable[[Figures], str]], ...] = (
+FINDINGS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
     (MEASURED, measured),
     (SUITE, narrow_prior),
     (SUITE, wide_prior),
@@ -164,7 +164,7 @@ FINDINGS: tuple[tuple[str, Callable[[Figures], str]], ...] = (
 
 
 def findings(digests: Sequence[Digest]) -> list[str]:
-    """Return the findings that the figures of their scenarios support."""
-    figures = {found.manifest["scenario"]: Figures(found.figures) for found in digests}
-    sentences = [finding(figures[name]) for name, finding in FINDINGS if name in figures]
+    """Return the findings that the metrics of their scenarios support."""
+    metrics = {found.manifest["scenario"]: Metrics(found.metrics) for found in digests}
+    sentences = [finding(metrics[name]) for name, finding in FINDINGS if name in metrics]
     return [sentence for sentence in sentences if sentence]

@@ -189,12 +189,12 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
     for label, found in judged.items():
         cells = []
         for name in names:
-            figures = found.windows[name]
-            velocity = figures["velocity_mrse_mps"]
+            metrics = found.windows[name]
+            velocity = metrics["velocity_mrse_mps"]
             cells += [
-                f"{short(figures['position_mrse_m'])} ({short(figures['horizontal_mrse_m'])})",
+                f"{short(metrics['position_mrse_m'])} ({short(metrics['horizontal_mrse_m'])})",
                 "" if np.isnan(velocity) else short(velocity),
-                "" if np.isnan(figures["nees_mean"]) else short(figures["nees_mean"]),
+                "" if np.isnan(metrics["nees_mean"]) else short(metrics["nees_mean"]),
             ]
         rows.append([f"`{label}`", *cells])
     head = ["against the reference"]

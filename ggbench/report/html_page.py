@@ -34,13 +34,13 @@ _SIZES = ((True, True), (False, True), (False, False))
 _DIGITS = 4
 """Digits of a number in the page."""
 _DROPPED = ("name", "parameters")
-"""Columns of the figures that repeat the estimator's label."""
+"""Columns of the metrics that repeat the estimator's label."""
 
 
 def write(results: Results, path: Path, notes: str) -> Path:
     """Write the page of a results folder, with notes in markdown, and return its path.
 
-    A page that would be too large has no pairs; if need be, figures of the settled window alone.
+    A page that would be too large has no pairs; if need be, metrics of the settled window alone.
 
     Raises
     ------
@@ -67,12 +67,12 @@ def text(results: Results, notes: str, with_pairs: bool = True, all_windows: boo
 
     Without pairs, or with the settled window alone.
     """
-    loaded, cases, figures = results.scenario, results.cases(), results.figures()
+    loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
     pairs = results.pairs()
     windows = _WINDOWS if all_windows else _WINDOWS[:1]
-    ordered = pd.concat([figures[figures["window"] == window] for window in windows])
+    ordered = pd.concat([metrics[metrics["window"] == window] for window in windows])
     tables = {
-        "figures": ordered.drop(columns=list(_DROPPED)),
+        "metrics": ordered.drop(columns=list(_DROPPED)),
         "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
     } | render.further_tables(results)  # fmt: skip
@@ -81,7 +81,7 @@ def text(results: Results, notes: str, with_pairs: bool = True, all_windows: boo
         "tables": {name: _packed(table) for name, table in tables.items()},
         "columns": _meanings(tables.values()),
         "curves": _curves(results, cases),
-        "charts": _charts(results, figures, cases),
+        "charts": _charts(results, metrics, cases),
     }
     environment = render.environment(html=True)
     # Text as it is, whatever letters: the file is UTF-8 throughout.
@@ -168,9 +168,9 @@ def _curves(results: Results, cases: pd.DataFrame) -> dict[str, Any]:
     return found
 
 
-def _charts(results: Results, figures: pd.DataFrame, cases: pd.DataFrame) -> dict[str, Any]:
+def _charts(results: Results, metrics: pd.DataFrame, cases: pd.DataFrame) -> dict[str, Any]:
     shown = views.few_cases(cases)
-    on = ["ins", *views.families(figures, shown)]
+    on = ["ins", *views.families(metrics, shown)]
     labels: Sequence[str] = results.labels
     drawn = (stored.drawn_bounds(results.arrays(case)).values() for case in cases["case"])
     bounds = list(dict.fromkeys(itertools.chain.from_iterable(drawn)))

@@ -82,7 +82,7 @@ def matrix(suite: Digest) -> list[pd.DataFrame]:
     """
     titles = suite.cases.set_index("case")["title"]
     tables = []
-    for runs, rows in sorted(suite.figures.groupby("runs"), reverse=True, key=lambda item: item[0]):
+    for runs, rows in sorted(suite.metrics.groupby("runs"), reverse=True, key=lambda item: item[0]):
         require_equal_runs(rows)
         wide = _wide(rows, titles)
         names = list(wide.columns)

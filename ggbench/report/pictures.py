@@ -20,11 +20,11 @@ ANSWER, EXPLANATION = "answer.png", "error_over_time.png"
 
 
 def panel(
-    figures: pd.DataFrame, names: Sequence[str], labels: Sequence[str], title: str = "",
+    metrics: pd.DataFrame, names: Sequence[str], labels: Sequence[str], title: str = "",
     places: np.ndarray | None = None,
 ) -> Panel:  # fmt: skip
     """Return the errors of estimators in the cases of these names, in the settled window."""
-    rows = comparable(figures[figures["case"].isin(names)])
+    rows = comparable(metrics[metrics["case"].isin(names)])
     table = rows.set_index(["estimator", "case"])
 
     def values(label: str, key: str) -> np.ndarray:
@@ -50,11 +50,11 @@ def draw(results: Results, shown: pd.DataFrame, folder: Path) -> str:
     shown : cases of the page's table.
     folder : folder of the figure.
     """
-    figures = results.figures()
-    labels = families(figures, shown)
+    metrics = results.metrics()
+    labels = families(metrics, shown)
     if results.scenario.sweep is not None:
         found = sweeps.parts(results.scenario, results.cases())
-        panels = [panel(figures, p.cases, labels, p.title, p.places) for p in found]
+        panels = [panel(metrics, p.cases, labels, p.title, p.places) for p in found]
         log = sweeps.is_of_the_prior(results.scenario)
         log = log or results.scenario.sweep.axes[0].scale == "log"
         label = sweeps.label_of(results.scenario)
@@ -64,7 +64,7 @@ def draw(results: Results, shown: pd.DataFrame, folder: Path) -> str:
         over_time(results, shown["case"].tolist(), labels, folder / ANSWER)
         return "RMS error over time"
     names = shown["case"].tolist()
-    save(answer.over_cases(shown["title"].tolist(), panel(figures, names, labels)), folder / ANSWER)
+    save(answer.over_cases(shown["title"].tolist(), panel(metrics, names, labels)), folder / ANSWER)
     return "RMS position error by case"
 
 

@@ -32,18 +32,18 @@ _NEAR = 1.25
 """Largest ratio of a published improvement to the response at which it is of its size."""
 
 
-def referenced(figures: pd.DataFrame) -> list[str]:
+def referenced(metrics: pd.DataFrame) -> list[str]:
     """Return the cases with published errors that a table has room for."""
-    return figures.loc[figures["published_m"].notna(), "case"].unique().tolist()[:MOST_REFERENCES]
+    return metrics.loc[metrics["published_m"].notna(), "case"].unique().tolist()[:MOST_REFERENCES]
 
 
-def published_table(figures: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
+def published_table(metrics: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
     """Return published errors, bounds and estimators: a column for each case and window.
 
     Estimators that agree within 1% in all columns share a row; the nearest ones come first.
     """
-    cases = referenced(figures)
-    own = figures[figures["case"].isin(cases) & figures["window"].isin(WINDOWS)]
+    cases = referenced(metrics)
+    own = metrics[metrics["case"].isin(cases) & metrics["window"].isin(WINDOWS)]
     rows = pd.concat([comparable(own, window) for window in WINDOWS])
     wide = rows.pivot(index="estimator", columns=["case", "window"], values="rms_m")
     places = [(case, window) for case in cases for window in WINDOWS if (case, window) in wide]
@@ -72,24 +72,24 @@ def published_table(figures: pd.DataFrame, titles: dict[str, str]) -> pd.DataFra
     return pd.DataFrame(lines, columns=["RMS error [m]", *heads])
 
 
-def allowed(figures: pd.DataFrame) -> pd.DataFrame:
+def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
     """Return for each case with a published error whether the filtering bound lies below it.
 
     Columns case, window, published_m, bound_m, allowed.
     """
-    rows = figures[figures["published_m"].notna() & (figures["causality"] == "filter")]
+    rows = metrics[metrics["published_m"].notna() & (metrics["causality"] == "filter")]
     rows = rows[rows["window"].isin(WINDOWS)].groupby(["case", "window"], sort=False).first()
     table = rows[["published_m", "bound_m"]].reset_index()
     return table.assign(allowed=table["bound_m"] <= table["published_m"])
 
 
-def from_starts(results: Results, figures: pd.DataFrame, label: str) -> pd.DataFrame:
+def from_starts(results: Results, metrics: pd.DataFrame, label: str) -> pd.DataFrame:
     """Return bound and RMS error of an estimator over windows from several starts to the end.
 
     Empty where a flight is too short or too long for :data:`STARTS_S`.
     """
     lines: dict[str, list[float]] = {}
-    for case in referenced(figures):
+    for case in referenced(metrics):
         arrays, series = results.arrays(case), results.series(case, label)
         times = arrays["times"]
         if not len(series) or not STARTS_S[-1] < times[-1] < 4.0 * STARTS_S[-1]:
@@ -138,8 +138,8 @@ def claimed(results: Any) -> pd.DataFrame:
     the pair is worse or better. A claim on times compares medians.
     """
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
-    figures, pairs = results.figures(), results.pairs()
-    settled = figures[figures["window"] == "settled"].set_index(["case", "estimator"])
+    metrics, pairs = results.metrics(), results.pairs()
+    settled = metrics[metrics["window"] == "settled"].set_index(["case", "estimator"])
     rows = []
     for claim in results.scenario.comparisons:
         for value in claim.values:

@@ -79,7 +79,7 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
         If the folder is not a results folder, is damaged or holds no finished run.
     """
     results = Results(folder)
-    if results.figures().empty:
+    if results.metrics().empty:
         raise ReportError(f"{folder} holds no finished run to report")
     name = results.scenario.name
     path = output / f"{name}.md"
@@ -108,12 +108,12 @@ def write_data(results: Results, folder: Path) -> None:
 
 
 def further_tables(results: Results) -> dict[str, pd.DataFrame]:
-    """Return the tables besides figures, cases and pairs that are not empty, by name."""
+    """Return the tables besides metrics, cases and pairs that are not empty, by name."""
     found = {
         "studies": results.studies(),
         "claims": published.claimed(results),
         "gravity_claims": published.gravity_claims(results),
-        "fixes": results.fix_figures(),
+        "fixes": results.fix_metrics(),
         "counters": results.counters(),
         "remarks": _remarks(results),
         "failures": results.failures(),
@@ -151,7 +151,7 @@ def page(results: Results, folder: Path, notes: str, with_cost: bool) -> str:
     next to it.
     """
     loaded, cases = results.scenario, results.cases()
-    flown = cases[cases["case"].isin(results.figures()["case"])]
+    flown = cases[cases["case"].isin(results.metrics()["case"])]
     shown = views.few_cases(_of_parts(results, flown))
     claims, said = published.gravity_claims(results), _ON_GRAVITY
     if claims.empty:
@@ -166,11 +166,11 @@ def page(results: Results, folder: Path, notes: str, with_cost: bool) -> str:
         caption=pictures.draw(results, shown, folder),
         picture=pictures.ANSWER,
         folder=quote(loaded.name),
-        table=tables.text(views.answer_table(results.figures(), results.pairs(), shown)),
+        table=tables.text(views.answer_table(results.metrics(), results.pairs(), shown)),
         seeking=results.seeking,
-        failed=int(results.figures().groupby(["case", "estimator"])["failed"].first().sum()),
-        left_out=views.left_out(results.figures(), shown),
-        below_bound=views.below_bound(results.figures(), shown),
+        failed=int(results.metrics().groupby(["case", "estimator"])["failed"].first().sum()),
+        left_out=views.left_out(results.metrics(), shown),
+        below_bound=views.below_bound(results.metrics(), shown),
         claims_caption=said,
         claims=claims.iloc[: tables.MOST_ROWS],
         hidden_claims=max(0, len(claims) - tables.MOST_ROWS),
@@ -182,12 +182,12 @@ def page(results: Results, folder: Path, notes: str, with_cost: bool) -> str:
         with_cost=with_cost,
         **_published(results, found["allowed"], folder),
     )
-    return _by_name(text, results.figures())
+    return _by_name(text, results.metrics())
 
 
-def _by_name(text: str, figures: pd.DataFrame) -> str:
+def _by_name(text: str, metrics: pd.DataFrame) -> str:
     """Return a page with estimators of files by their own names, where these differ."""
-    held = dict(zip(figures["estimator"], figures["name"], strict=True))
+    held = dict(zip(metrics["estimator"], metrics["name"], strict=True))
     for label, shown in shown_names(held).items():
         text = text.replace(f"`{label}`", f"`{shown}`")
     return text
@@ -203,19 +203,19 @@ def _of_parts(results: Results, cases: pd.DataFrame) -> pd.DataFrame:
 
 def _published(results: Results, allowed: pd.DataFrame, folder: Path) -> dict[str, Any]:
     """Return the values of ``published.j2``; nothing without published errors."""
-    figures = results.figures()
+    metrics = results.metrics()
     if allowed.empty:
         return {}
-    references = published.referenced(figures)
+    references = published.referenced(metrics)
     titles = {case.name: case.title for case in results.scenario.cases}
-    starts = published.from_starts(results, figures, "ekf")
+    starts = published.from_starts(results, metrics, "ekf")
     cases = results.cases()
     if len(starts):
-        labels = views.families(figures, cases[cases["case"].isin(references)])
+        labels = views.families(metrics, cases[cases["case"].isin(references)])
         pictures.over_time(results, references, labels, folder / pictures.EXPLANATION)
     values = {
         "allowed": allowed,
-        "table": published.published_table(figures, titles),
+        "table": published.published_table(metrics, titles),
         "starts": starts,
         "filtered": cases[cases["case"].isin(references) & cases["unfiltered_bound_m"].notna()],
         "picture": pictures.EXPLANATION,

@@ -76,7 +76,7 @@ def label_of(scenario: Scenario) -> str:
     return scenario.sweep.axes[0].title
 
 
-def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+def reached(scenario: Scenario, metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return for each target the values of the first axis that reach it, part by part.
 
     Of the bound and of the EKF, for which the interval of its errors leads to one in parentheses.
@@ -86,7 +86,7 @@ def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> p
     if scenario.sweep is None:
         return pd.DataFrame()
     axis = scenario.sweep.axes[0]
-    settled = figures[figures["window"] == "settled"].set_index(["estimator", "case"])
+    settled = metrics[metrics["window"] == "settled"].set_index(["estimator", "case"])
     rows = []
     for target in sorted(scenario.sweep.targets_m):
         for part in parts(scenario, cases):
@@ -124,13 +124,13 @@ def _limit(value: float, unit: str) -> str:
     return columns.NONE if math.isnan(value) else f"{columns.ratio(value)} {unit}"
 
 
-def recovered(figures: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
+def recovered(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
     """Return the largest σ/ℓ up to which each causal estimator succeeds in 95% of the runs.
 
     On equal runs, and in every case of the grid with a smaller or an equal σ/ℓ; the widest
     first. An estimator without such a case has 0.
     """
-    rows = comparable(figures)
+    rows = comparable(metrics)
     rows = rows[rows["causality"] == "filter"]
     rows = rows.merge(cases[["case", "width"]], on="case").sort_values("width")
     found = []

@@ -39,7 +39,7 @@ def text(table: pd.DataFrame) -> str:
 
 
 def error_cell(row: Mapping[str, Any]) -> str:
-    """Return ``RMS (× bound), success †`` of a row of figures; success only below 100%.
+    """Return ``RMS (× bound), success †`` of a row of metrics; success only below 100%.
 
     The INS has its RMS error, and a success rate if any run succeeds by chance.
     """

@@ -1,6 +1,6 @@
 """Views of the three tables of a scenario: data frames in, data frames out.
 
-``figures``, ``pairs`` and ``cases`` are those of :class:`ggbench.results.folder.Results`.
+``metrics``, ``pairs`` and ``cases`` are those of :class:`ggbench.results.folder.Results`.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ def require_equal_runs(rows: pd.DataFrame) -> None:
             raise UnequalRunsError(f"case {case} compares unequal runs ({found})")
 
 
-def comparable(figures: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
+def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
     """Return the rows of a window that are of all runs of their case.
 
     Estimators with fewer runs are left out: their errors are of another sample.
     """
-    rows = figures[figures["window"] == window]
+    rows = metrics[metrics["window"] == window]
     rows = rows[rows["runs"] == rows.groupby("case")["runs"].transform("max")]
     require_equal_runs(rows)
     return rows
 
 
-def left_out(figures: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
+def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
     """Return the estimators that flew fewer runs than others of a case, and are not compared."""
-    rows = figures[(figures["window"] == "settled") & figures["case"].isin(cases["case"])]
+    rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     kept = comparable(rows)["estimator"]
     return [label for label in rows["estimator"].unique() if label not in set(kept)]
 
 
-def below_bound(figures: pd.DataFrame, cases: pd.DataFrame) -> bool:
+def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
     """Return whether an error is surely below a bound, which is then not that of the truth."""
-    rows = figures[(figures["window"] == "settled") & figures["case"].isin(cases["case"])]
+    rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]
     return bool((rows["rms_hi"] < rows["bound_m"]).any())
 
@@ -65,7 +65,7 @@ def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
     return cases.iloc[np.unique(np.linspace(0, len(cases) - 1, most).round().astype(int))]
 
 
-def answer_table(figures: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+def answer_table(metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return the page's table: bound, INS, EKF, recommended and best smoother of each case."""
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     named = {"recommended": causal, "best smoother": cases["best_smoother"].tolist()}
@@ -75,7 +75,7 @@ def answer_table(figures: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame
     }
     rows = []
     for number, case in enumerate(cases.to_dict("records")):
-        cells = _Cells(case["case"], figures, pairs)
+        cells = _Cells(case["case"], metrics, pairs)
         row = {"case": case["title"], "bound_m": case["bound_m"], "INS": cells.of("ins"),
                "EKF": cells.of("ekf")}  # fmt: skip
         for key, labels in named.items():
@@ -105,11 +105,11 @@ class _Cells:
     Parameters
     ----------
     case : name of the case.
-    figures, pairs : tables of the scenario.
+    metrics, pairs : tables of the scenario.
     """
 
-    def __init__(self, case: str, figures: pd.DataFrame, pairs: pd.DataFrame) -> None:
-        own = figures[(figures["case"] == case) & (figures["window"] == "settled")]
+    def __init__(self, case: str, metrics: pd.DataFrame, pairs: pd.DataFrame) -> None:
+        own = metrics[(metrics["case"] == case) & (metrics["window"] == "settled")]
         self.case = case
         self.rows = {row["estimator"]: row for row in own.to_dict("records")}
         self.most = own["runs"].max() if len(own) else 0
@@ -137,13 +137,13 @@ class _Cells:
         return same and 1.0 / ALIKE <= one["rms_m"] / two["rms_m"] <= ALIKE
 
 
-def families(figures: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILIES) -> list[str]:
+def families(metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILIES) -> list[str]:
     """Return the estimators of a figure: the EKF, those that a table names, then the best ones.
 
     A family is a name with a causality; its estimator with the least mean logarithm of error
     over the bound stands for it. Only estimators that flew all runs of every case shown count.
     """
-    rows = comparable(figures[figures["case"].isin(cases["case"])])
+    rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]
     rows = rows.assign(merit=np.log(rows["rms_m"] / rows["bound_m"]))
     table = rows.groupby("estimator", sort=False).agg(
@@ -183,8 +183,8 @@ def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:
     return groups
 
 
-def not_consistent(figures: pd.DataFrame) -> list[str]:
+def not_consistent(metrics: pd.DataFrame) -> list[str]:
     """Return causal estimators that are overconfident or unsafe in any case, most often first."""
-    rows = figures[(figures["window"] == "settled") & (figures["causality"] == "filter")]
+    rows = metrics[(metrics["window"] == "settled") & (metrics["causality"] == "filter")]
     marked = rows[rows["consistency"].isin(list(columns.SYMBOLS))]
     return marked["estimator"].value_counts().index.tolist()

@@ -1,7 +1,7 @@
 """A campaign's tables as a few small text files, from which the library's page is made.
 
 ``manifest.json``  what was run.
-``figures.csv``    figures of the settled window.
+``metrics.csv``    metrics of the settled window.
 ``cases.csv``      the cases.
 ``pairs.csv``      paired comparisons with the INS, the EKF and the estimators that a case names.
 """
@@ -30,14 +30,14 @@ _KEPT = (
 _ALWAYS = ("ins", "ekf")
 _NAMING = ("recommended", "best", "best_smoother")
 """Columns of cases that name estimators."""
-_FILES = ("figures", "cases", "pairs")
+_FILES = ("metrics", "cases", "pairs")
 _TEXTS = dict.fromkeys(
     ("case", "title", "estimator", "name", "parameters", "causality", "window", "consistency",
      "situation", "recommended", "best", "best_smoother", "gain", "first", "second", "verdict"),
     str,
 )  # fmt: skip
 """Columns of text, whatever it looks like: a case may be named 10, or null."""
-_FLAGS = {"figures": {"recommended": bool}}
+_FLAGS = {"metrics": {"recommended": bool}}
 """Types that a table has in place of those."""
 DIGITS = "%.6g"
 
@@ -50,12 +50,12 @@ class Digest:
     ----------
     manifest : mapping
         What was run, when, on what; ``title`` is the scenario's.
-    figures, cases, pairs : DataFrame
-        Tables of :class:`.folder.Results`, figures of the settled window.
+    metrics, cases, pairs : DataFrame
+        Tables of :class:`.folder.Results`, metrics of the settled window.
     """
 
     manifest: Mapping[str, Any]
-    figures: pd.DataFrame
+    metrics: pd.DataFrame
     cases: pd.DataFrame
     pairs: pd.DataFrame
 
@@ -66,14 +66,14 @@ def write(results: Results, folder: Path) -> None:
     Raise OSError if it cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    figures, cases = results.figures(), results.cases()
+    metrics, cases = results.metrics(), results.cases()
     manifest = {key: results.manifest[key] for key in _KEPT} | {
         "title": results.scenario.title,
         "inputs": results.manifest.get("inputs", []),
     }
     text = json.dumps(manifest, indent=1, ensure_ascii=False)
     (folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
-    write_csv(figures[figures["window"] == "settled"], folder / "figures.csv")
+    write_csv(metrics[metrics["window"] == "settled"], folder / "metrics.csv")
     write_csv(cases, folder / "cases.csv")
     write_csv(_telling(results.pairs(), cases), folder / "pairs.csv")
 

@@ -191,8 +191,8 @@ class Results:
                 found[cell.case, cell.estimator] = table.astype({"accepted": bool})
         return found
 
-    def fix_figures(self) -> pd.DataFrame:
-        """Return the figures of fixes: case, estimator, runs, :data:`.judging.fix_metrics.COLUMNS`.
+    def fix_metrics(self) -> pd.DataFrame:
+        """Return the metrics of fixes: case, estimator, runs, :data:`.judging.fix_metrics.COLUMNS`.
 
         A row for each estimator that makes fixes, on each case.
         """
@@ -201,7 +201,7 @@ class Results:
             own = table[(table["case"] == case) & (table["estimator"] == estimator)]
             named = {"case": case, "estimator": estimator, "runs": len(own)}
             limit = float(own["required_m"].median())
-            rows.append(named | fix_metrics.figures(tried, len(own), limit))
+            rows.append(named | fix_metrics.metrics(tried, len(own), limit))
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
@@ -249,12 +249,12 @@ class Results:
         words = [f"{option} {shlex.quote(str(value))}" for option, value in options.items()]
         return f"ggbench run {as_argument(self.manifest['argument'])} {' '.join(words)} --run {run}"
 
-    def figures(self) -> pd.DataFrame:
-        """Return a row per case, estimator and window (:func:`.summary.figures`)."""
-        return self._figures.copy()
+    def metrics(self) -> pd.DataFrame:
+        """Return a row per case, estimator and window (:func:`.summary.metrics`)."""
+        return self._metrics.copy()
 
     @cached_property
-    def _figures(self) -> pd.DataFrame:
+    def _metrics(self) -> pd.DataFrame:
         table = self._unjudged.copy()
         for verdicts in self._verdicts.values():
             for case, verdict in verdicts.items():
@@ -264,17 +264,17 @@ class Results:
 
     @cached_property
     def _unjudged(self) -> pd.DataFrame:
-        """The figures of the cases before any estimator is recommended."""
-        return self.figures_of(self._cases_runs)
+        """The metrics of the cases before any estimator is recommended."""
+        return self.metrics_of(self._cases_runs)
 
-    def figures_of(self, runs: pd.DataFrame) -> pd.DataFrame:
-        """Return the figures of some rows of the table of runs, which recommend nothing."""
+    def metrics_of(self, runs: pd.DataFrame) -> pd.DataFrame:
+        """Return the metrics of some rows of the table of runs, which recommend nothing."""
         published = {
             case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
             for case in self.scenario.cases
             if case.reference
         }
-        return summary.figures(runs, published, self._measurements)
+        return summary.metrics(runs, published, self._measurements)
 
     @property
     def _cases_runs(self) -> pd.DataFrame:
@@ -300,7 +300,7 @@ class Results:
     @cached_property
     def _cases(self) -> pd.DataFrame:
         arrays = {case.name: self.arrays(case.name) for case in self.scenario.cases}
-        return cases.cases(self.scenario.cases, arrays, self._figures, self._verdicts)
+        return cases.cases(self.scenario.cases, arrays, self._metrics, self._verdicts)
 
     @cached_property
     def _measurements(self) -> _Measurements:
@@ -317,7 +317,7 @@ class Results:
         return found
 
     def studies(self) -> pd.DataFrame:
-        """Return each assumption's figures, and as ``""`` those of the same runs without it."""
+        """Return each assumption's metrics, and as ``""`` those of the same runs without it."""
         table = self._runs
         studied = table[table["assumption"] != ""]
         if studied.empty:
@@ -327,7 +327,7 @@ class Results:
         declared = table[(table["assumption"] == "") & same]
         groups = {study.name: studied for study in self.scenario.assumptions} | {"": declared}
         frames = [
-            self.figures_of(group[group["assumption"] == name]).assign(assumption=name)
+            self.metrics_of(group[group["assumption"] == name]).assign(assumption=name)
             for name, group in groups.items()
             if (group["assumption"] == name).any()
         ]
@@ -346,15 +346,15 @@ def as_argument(path: str) -> str:
 
 
 def write_tables(results: Results) -> pd.DataFrame:
-    """Write the tables of a results folder into it; return the figures.
+    """Write the tables of a results folder into it; return the metrics.
 
-    ``figures.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv``, ``runs.parquet`` (the table of
+    ``metrics.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv``, ``runs.parquet`` (the table of
     runs; without pyarrow ``runs.csv``), if assumptions were studied ``assumptions.csv``, and if
     matchers made fixes ``fixes.csv``. Raise StoreError if a file cannot be written.
     """
-    figures = results.figures()
+    metrics = results.metrics()
     tables = {
-        "figures": figures,
+        "metrics": metrics,
         "pairs": results.pairs(),
         "cases": results.cases(),
         "failures": results.failures(),
@@ -366,7 +366,7 @@ def write_tables(results: Results) -> pd.DataFrame:
         if len(table) or name not in ("assumptions", "fixes"):
             results.store.write(f"{name}.csv", table.to_csv(index=False).encode())
     _write_runs(results)
-    return figures
+    return metrics
 
 
 def _write_runs(results: Results) -> None:

@@ -71,7 +71,7 @@ _Positive = Annotated[float, Field(ge=0.0)]
 
 
 @with_config(_STRICT)
-class _Figures(TypedDict):
+class _Metrics(TypedDict):
     position_ms: _Positive
     velocity_ms: _Positive
     nees: float
@@ -85,9 +85,9 @@ class _Figures(TypedDict):
 
 @with_config(_STRICT)
 class _Windows(TypedDict):
-    whole: _Figures
-    settled: _Figures
-    last20: _Figures
+    whole: _Metrics
+    settled: _Metrics
+    last20: _Metrics
 
 
 @with_config(_STRICT)

@@ -58,7 +58,7 @@ DATABASE_FILES = (
 """The logs first: one that outlives its database would be replayed into the next."""
 RESULT_FILES = (
     *DATABASE_FILES, "scenario.toml",
-    "figures.csv", "pairs.csv", "cases.csv", "assumptions.csv", "failures.csv", "fixes.csv",
+    "metrics.csv", "pairs.csv", "cases.csv", "assumptions.csv", "failures.csv", "fixes.csv",
     "runs.parquet", "runs.csv", "manifest.json",
 )  # fmt: skip
 """In the order of removal: as long as there is something of ours, the manifest says whose it is."""

@@ -92,7 +92,7 @@ def advise(
     ended.store.close()
     if ended.interrupted:
         raise KeyboardInterrupt
-    if results.figures().empty:
+    if results.metrics().empty:
         raise ScoreError(f"no run of case {case.name} gave a result")
     ranked = tuple(sorted(limits, key=lambda limit: -limit.gain))
     unit = {_NOISES[0]: "E", _NOISES[1]: "E/√Hz"}.get(key.partition(".")[2], "")
@@ -160,6 +160,6 @@ def recommended(advice: Advice) -> tuple[str, bool]:
 
 
 def table(advice: Advice) -> pd.DataFrame:
-    """Return the settled figures of the estimators that were flown, by RMS error."""
-    figures = advice.results.figures()
-    return figures[figures["window"] == "settled"].sort_values("rms_m", kind="stable")
+    """Return the settled metrics of the estimators that were flown, by RMS error."""
+    metrics = advice.results.metrics()
+    return metrics[metrics["window"] == "settled"].sort_values("rms_m", kind="stable")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..judging.pairs import Flown, compared, judged
+from ..judging.pairs import PairedRuns, compared, judged
 from ..judging.statistics import WORSE
 from ..spec import scenario
 from ..spec.case import CaseSpec
@@ -91,8 +91,8 @@ def worse(old: Card, new: Card) -> list[str]:
     return found + skipped
 
 
-def _flown(question: Question, spec: CaseSpec) -> Flown:
+def _flown(question: Question, spec: CaseSpec) -> PairedRuns:
     runs = np.arange(len(question.errors_m))
     draws = np.array([spec.cluster(int(run)) for run in runs])
     squares = np.square(np.array(question.errors_m, dtype=float))
-    return Flown(runs, draws, squares, np.array(question.succeeded, bool))
+    return PairedRuns(runs, draws, squares, np.array(question.succeeded, bool))

@@ -14,7 +14,7 @@ from ..campaign import campaign, running
 from ..campaign.registry import Choice, choose
 from ..campaign.result_keys import RESULTS_VERSION
 from ..campaign.runner import first_problem
-from ..judging.pairs import Flown, compared, judged, kind
+from ..judging.pairs import PairedRuns, compared, judged, kind
 from ..judging.statistics import EQUIVALENT
 from ..judging.summary import succeeded
 from ..judging.verdicts import require_equal_runs
@@ -32,7 +32,7 @@ _OWN = "(scored)"
 _NUMBERS = (
     "rms_m", "rms_lo", "rms_hi", "bound_m", "efficiency", "success", "nees", "coverage",
 )  # fmt: skip
-"""Numbers of a question that are columns of the table of figures."""
+"""Numbers of a question that are columns of the table of metrics."""
 
 
 @dataclass(frozen=True)
@@ -204,11 +204,13 @@ def _questions(
         for label in dict.fromkeys(match.opponents.values()):
             theirs = match.chosen(label)
             require_equal_runs(pd.concat([own.assign(estimator=_OWN), theirs]))
-            pairs.append({"case": name, "label": label} | compared(Flown.of(own), Flown.of(theirs)))
+            pairs.append(
+                {"case": name, "label": label} | compared(PairedRuns.of(own), PairedRuns.of(theirs))
+            )
     found = {(pair["case"], pair["label"]): pair for pair in judged(pairs)}
     judged_runs = pd.concat([match.chosen() for match in matches.values()])
-    figures = results.figures_of(judged_runs)
-    settled = figures[figures["window"] == "settled"].set_index("case")
+    metrics = results.metrics_of(judged_runs)
+    settled = metrics[metrics["window"] == "settled"].set_index("case")
     questions = []
     for case in suite.cases:
         if case.name in skipped:

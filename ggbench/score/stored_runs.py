@@ -66,7 +66,7 @@ def write(results: Results, path: Path) -> None:
 
     Raise ScoreError if estimators have not flown the same runs, or the file cannot be written.
     """
-    runs, figures, cases = results.runs(), results.figures(), results.cases()
+    runs, metrics, cases = results.runs(), results.metrics(), results.cases()
     names, labels = [case.name for case in results.scenario.cases], results.labels
     count = len(runs["run"].unique())
     if len(runs) != len(names) * len(labels) * count:
@@ -83,7 +83,7 @@ def write(results: Results, path: Path) -> None:
     kinds = sorted(set(bounds))
     owners = [bounds.index(kind) for kind in kinds]
     truths = [table["status"] == "ok", *(table[name] for name in TRUTHS)]
-    settled = figures[figures["window"] == "settled"].set_index(["case", "estimator"])
+    settled = metrics[metrics["window"] == "settled"].set_index(["case", "estimator"])
     header = {
         "scenario_hash": results.manifest["scenario_hash"],
         "results_version": results.manifest["results_version"],

@@ -44,8 +44,8 @@ from ggbench.judging.run_errors import (
     evaluate,
     evaluate_block,
     has_diverged,
-    window_figures,
     window_mask,
+    window_metrics,
 )
 from ggbench.problem import Problem, jacobian_along, predict_along
 from ggbench.simulation.runs import Truth, simulate_block
@@ -83,7 +83,7 @@ def squared_errors(mean: np.ndarray, truth: Truth, case: str) -> dict[str, dict[
         np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:6], axis=1),
         nothing, nothing, error[:, :6], error[:, :6],
     )  # fmt: skip
-    return window_figures(evaluation, truth.times, flight(case).case.windows)
+    return window_metrics(evaluation, truth.times, flight(case).case.windows)
 
 
 @functools.cache
@@ -131,13 +131,13 @@ def judged(case: str, label: str) -> list[dict]:
     bound = squared_bounds(made.bound.filtering[-1:])[0][0]
     out = []
     for run, evaluation in enumerate(evaluations(case, label)):
-        figures = window_figures(evaluation, truths.times, made.case.windows)
-        figures["diverged"] = has_diverged(
+        metrics = window_metrics(evaluation, truths.times, made.case.windows)
+        metrics["diverged"] = has_diverged(
             float(evaluation.position_error[-1]),
             math.sqrt(bound),
             float(np.linalg.norm(truths.error_state[run, -1, :3])),
         )
-        out.append(figures)
+        out.append(metrics)
     return out
 
 
@@ -180,7 +180,7 @@ def efficiency(
 
 @functools.cache
 def many(case: str, label: str) -> dict[str, dict[str, np.ndarray]]:
-    """Figures of many runs of a compiled estimator: window, key, (runs,)."""
+    """Metrics of many runs of a compiled estimator: window, key, (runs,)."""
     made = flight(case)
     runs = SOME_RUNS if (case, label) in AHEAD else MANY_RUNS
     block, truth = simulate_block(made, SEED, range(runs))

@@ -216,7 +216,7 @@ def test_they_keep_the_contract_and_join_a_campaign(tmp_path, library):
     run = "run wang2013 -n 2 -c 0.01E-1Hz -e ekf -e mine.py -o out -j 1"
     done = invoke(run.split(), tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
-    summary = Results(tmp_path / "out").figures()
+    summary = Results(tmp_path / "out").metrics()
     theirs, ours = (
         summary.loc[summary["estimator"] == label, ["rms_m", "velocity_rms_mps"]].to_numpy()
         for label in ("mine.py", "ekf")

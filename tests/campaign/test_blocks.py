@@ -288,7 +288,7 @@ def test_time_series_are_kept_of_the_first_runs(many, tmp_path, monkeypatch):
     for label in ("ekf", many):
         assert len(results.series("base", label)) == 3
         assert results.series_of("base", label, 3) is None
-    assert (results.figures()["runs"] == 5).all()
+    assert (results.metrics()["runs"] == 5).all()
 
 
 DICE = """

@@ -162,7 +162,7 @@ def test_an_estimator_that_fails_becomes_records(kind, tmp_path):
             assert record["name"] == "naughty"
             with pytest.raises(ValueError, match=FAULTS[kind]):
                 raise ValueError(record["reason"])
-    summary = results.figures()
+    summary = results.metrics()
     counts = summary.groupby("name")["failed"].max()
     assert counts.to_dict() == {"naughty": 2, "ekf": 0}
 
@@ -241,7 +241,7 @@ def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     statuses = [records(results)["base", label, run]["status"] for run in range(4)]
     assert sorted(statuses) == ["failed", "failed", "ok", "ok"]
     assert {r.get("reason") for r in results.records()} == {None, "ArithmeticError: not this one"}
-    table = results.figures()
+    table = results.metrics()
     row = table[(table["case"] == "base") & (table["name"] == "naughty")].iloc[0]
     assert (row["runs"], row["failed"]) == (4, 2)
     assert np.isfinite(row["rms_m"])
@@ -256,7 +256,7 @@ def test_a_campaign_of_nothing_but_failures_is_summed_up(tmp_path):
     """Even if every run of every estimator fails, there is a table, and it counts them."""
     label = f"{naughty(tmp_path)}[kind=nothing]"
     results = ran(tmp_path, labels=(label,), runs=2)
-    table = results.figures()
+    table = results.metrics()
     assert table["failed"].tolist() == [2] * len(table)
 
 
@@ -299,7 +299,7 @@ def test_estimators_asked_for_before_stay_in_the_tables(tmp_path):
     ran(tmp_path, labels=LABELS[:2], runs=2).store.close()
     later = ran(tmp_path, labels=LABELS[2:], runs=1)
     assert later.labels == list(LABELS)
-    assert later.figures().groupby("estimator")["runs"].first().to_dict() == {
+    assert later.metrics().groupby("estimator")["runs"].first().to_dict() == {
         "ins": 2, "ekf": 2, LABELS[2]: 1,
     }  # fmt: skip
 

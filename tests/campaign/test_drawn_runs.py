@@ -126,9 +126,9 @@ def test_results_of_one_map_draw_are_those_of_a_plain_case_with_its_seed(rough):
 
 
 def test_tables_count_the_draws(tmp_path):
-    """Figures have the number of clusters, runs the number of their own."""
+    """Metrics have the number of clusters, runs the number of their own."""
     text = SMALL.replace("[windows]", "[draw]\ntracks = 2\nstart_km = 1.0\n\n[windows]", 1)
     results = ran(tmp_path, labels=("ins", "ekf"), runs=5, scenario=small(tmp_path, text))
-    assert (results.figures()["draws"] == 2).all() and (results.cases()["draws"] == 2).all()
+    assert (results.metrics()["draws"] == 2).all() and (results.cases()["draws"] == 2).all()
     runs = results.runs()
     assert runs["draw"].tolist() == (runs["run"] % 2).tolist()

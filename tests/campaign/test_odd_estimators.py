@@ -228,7 +228,7 @@ def test_a_request_to_end_is_an_interrupt(deadly, started):
     process.terminate()
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert (process.returncode, errors) == (130, "")
-    assert (deadly / "out" / "figures.csv").exists()
+    assert (deadly / "out" / "metrics.csv").exists()
 
 
 @pytest.mark.long

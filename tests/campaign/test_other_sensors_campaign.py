@@ -40,7 +40,7 @@ def test_filters_of_all_engines_are_consistent_and_at_the_bound(results):
 
     The seed is fixed; a band is left by one seed in twenty.
     """
-    table = results.figures()
+    table = results.metrics()
     settled = table[table["window"] == "settled"].set_index("estimator")
     for label in ("ekf", "ukf"):
         row = settled.loc[label]
@@ -56,7 +56,7 @@ def test_the_band_of_the_nis_counts_the_channels_that_come(results):
 
     It is read at whole seconds, from 5 to 12 s not.
     """
-    table = results.figures()
+    table = results.metrics()
     row = table[(table["window"] == "whole") & (table["estimator"] == "ekf")].iloc[0]
     numbers = 40 + 2 * 10 + 6 * 12
     assert (row["nis_lo"], row["nis_hi"]) == pytest.approx(mean_band(30 * 40, numbers / 40))

@@ -167,7 +167,7 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
 
 
 def test_series_and_details_are_what_their_columns_say():
-    """Figures of windows are means of the series; components and deviations stand in their order.
+    """Metrics of windows are means of the series; components and deviations stand in their order.
 
     Whoever reads a record finds its own run's remarks and map points in it.
     """
@@ -293,7 +293,7 @@ def test_a_lag_that_is_asked_for_later_gets_its_bound(tmp_path):
     for lag in (2, 5):
         results = ran(tmp_path, labels=(f"factor-graph[mode=fixed-lag,lag={lag}]",), runs=1)
         names = set(results.arrays("base"))
-        rows = results.figures().query("window == 'settled' and case == 'base'")
+        rows = results.metrics().query("window == 'settled' and case == 'base'")
         results.store.close()
     assert {"bound-fixed-lag-2", "bound-fixed-lag-5"} <= names
     bounds = rows.set_index("estimator")["bound_m"]

@@ -16,7 +16,7 @@ from campaigns import COMMAND, DEADLINE_S, stored
 from command import Outcome, invoke
 from problems import SMALL
 
-from ggbench.judging.summary import FIGURES
+from ggbench.judging.summary import METRICS
 
 LAGGED = "factor-graph[mode=fixed-lag,lag="
 GOOD = {
@@ -160,7 +160,7 @@ def test_run_and_report(folder, tmp_path):
     assert "12 of 12 runs" in done.stdout
     assert "runs/s, 0 s left; RMS error of base in m: ins " in done.stdout
     assert "'ggbench report out'" in done.stdout
-    table = pd.read_csv(tmp_path / "out" / "figures.csv")
+    table = pd.read_csv(tmp_path / "out" / "metrics.csv")
     for case, title in (("base", "as it is"), ("noisy", "with ten times the noise")):
         shown = done.stdout[done.stdout.index(title) :]
         own = table[(table["case"] == case) & (table["window"] == "settled")]
@@ -168,7 +168,7 @@ def test_run_and_report(folder, tmp_path):
         names = [*errors.index, "factor-graph[mode=batch]"]
         places = [shown.index(f"\n {name} ") for name in names]
         assert places == sorted(places)
-    assert list(table.columns) == list(FIGURES)
+    assert list(table.columns) == list(METRICS)
     assert len(table) == 2 * 3 * 3
     assert (table["runs"] == 2).all()
     assert (table["failed"] == 0).all()
@@ -212,7 +212,7 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
     done = invoke(run, folder)
     assert (done.returncode, done.stderr) == (1, "")
     assert "Every run of bad.py failed." in done.stdout
-    table = pd.read_csv(folder / "bad" / "figures.csv").set_index("name")
+    table = pd.read_csv(folder / "bad" / "metrics.csv").set_index("name")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
 
     alone = ["run", "small.toml", "-n", "1", "-j", "0", "-c", "base", "-e", "bad.py", "-o", "lost"]

@@ -92,7 +92,7 @@ def test_compare_folders_with_nothing_in_common(folder, tmp_path):
 
 
 def test_show_tells_the_run_that_deserves_a_look(folder):
-    """Without a number: the largest error, its figures, error against time, and the commands."""
+    """Without a number: the largest error, its metrics, error against time, and the commands."""
     done = invoke(["show", "after"], folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert "120 results of up to 30 runs per case: 0 failed" in done.stdout
@@ -113,7 +113,7 @@ def test_show_tells_what_an_estimator_said_of_its_run(folder):
 
 @pytest.mark.long
 def test_the_command_that_show_prints_repeats_the_run(folder, tmp_path):
-    """What is printed to repeat a run gives the same figures and stores nothing."""
+    """What is printed to repeat a run gives the same metrics and stores nothing."""
     shown = invoke(["show", "before", "--run", "7", "--case", "noisy"], folder)
     assert shown.returncode == 0, shown.stderr
     commands = [line.strip() for line in shown.stdout.splitlines() if "ggbench run" in line]
@@ -121,11 +121,11 @@ def test_the_command_that_show_prints_repeats_the_run(folder, tmp_path):
     held = {path.name for path in folder.iterdir()}
     done = invoke(shlex.split(commands[0])[1:], folder)
     assert (done.returncode, done.stderr) == (0, "")
-    figures = [
+    metrics = [
         next(line.split()[1:5] for line in text.splitlines() if line.startswith(" ekf"))
         for text in (shown.stdout, done.stdout)
     ]
-    assert figures[0] == figures[1]
+    assert metrics[0] == metrics[1]
     assert {path.name for path in folder.iterdir()} == held
 
 

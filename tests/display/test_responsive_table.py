@@ -13,7 +13,7 @@ from rich.console import Console
 from thinning import thinned
 
 from ggbench.cli import screen
-from ggbench.cli.terminal import print_comparison, print_figures
+from ggbench.cli.terminal import print_comparison, print_metrics
 from ggbench.display.progress import Progress
 from ggbench.display.responsive_table import ResponsiveTable
 from ggbench.display.timing import COLD
@@ -81,12 +81,12 @@ def test_names_and_numbers_are_whole(console):
 
 def test_the_final_table_of_a_campaign(results, console):
     """Every estimator is named, every number is whole, and first runs alone carry a star."""
-    figures, runs = results.figures(), results.runs()
+    metrics, runs = results.metrics(), results.runs()
     runs.loc[runs["estimator"] == "ekf", "cold"] = True
-    print_figures(figures, runs, results.scenario, console)
+    print_metrics(metrics, runs, results.scenario, console)
     text = text_of(console)
     assert "…" not in text
-    settled = figures[figures["window"] == "settled"]
+    settled = metrics[metrics["window"] == "settled"]
     for row in settled.to_dict("records"):
         assert f"{row['rms_m']:.3f}" in text.split()
         assert f"{row['nees']:.2f}" in text.split()

@@ -92,7 +92,7 @@ TRIED = table(
 
 def test_runs_are_counted_by_the_first_fix_that_they_accept():
     """One right, one false, one refuses all, and a fourth tried none; other fixes do not count."""
-    found = fix_metrics.figures(TRIED, 4, 50.0)
+    found = fix_metrics.metrics(TRIED, 4, 50.0)
     assert tuple(found) == fix_metrics.COLUMNS
     assert (found["fixes"], found["accepted"], found["false"]) == (6, 4, 2)
     for name, hits in (("right", 1), ("false", 1), ("none", 2)):
@@ -107,7 +107,7 @@ def test_runs_are_counted_by_the_first_fix_that_they_accept():
 def test_without_an_accepted_fix_there_are_no_errors_of_fixes():
     """Not zero."""
     for none in (table(), table((0, 1.0, 2.0, 3.0, False))):
-        found = fix_metrics.figures(none.astype({"accepted": bool}), 3, 50.0)
+        found = fix_metrics.metrics(none.astype({"accepted": bool}), 3, 50.0)
         assert (found["none_share"], found["accepted"]) == (1.0, 0)
         assert all(math.isnan(found[k]) for k in ("cep50_m", "nees", "right_time_median_s"))
 
@@ -157,7 +157,7 @@ def test_a_campaign_keeps_and_counts_fixes(results):
     """Records, the table, the file and the report; who makes no fixes has none."""
     ((case, label), tried), *_ = results.fixes.items()
     assert (case, len(results.fixes), len(tried)) == ("base", 1, 12)
-    (row,) = results.fix_figures().to_dict("records")
+    (row,) = results.fix_metrics().to_dict("records")
     assert row["estimator"] == label and row["runs"] == 4
     assert (row["right_share"], row["false"], row["accepted"]) == (1.0, 4, 8)
     stored = pd.read_csv(results.folder / "fixes.csv")

@@ -12,7 +12,7 @@ import pytest
 from ggbench.judging import verdicts
 from ggbench.judging.pairs import PAIRS, pair_of, pairs
 from ggbench.judging.run_errors import WINDOWS
-from ggbench.judging.summary import WINDOW_COLUMNS, figures
+from ggbench.judging.summary import WINDOW_COLUMNS, metrics
 from ggbench.judging.verdicts import (
     UnequalRunsError,
     Verdict,
@@ -70,8 +70,8 @@ def _template(cells: tuple[tuple[str, int], ...]) -> pd.DataFrame:
 
 
 def verdict(runs: pd.DataFrame, of: str = "causal") -> Verdict:
-    """The verdict on a table of runs, from its own figures."""
-    return verdicts.verdict(runs, figures(runs, {}), of)
+    """The verdict on a table of runs, from its own metrics."""
+    return verdicts.verdict(runs, metrics(runs, {}), of)
 
 
 def common(generator: np.random.Generator, runs: int, labels: tuple[str, ...]) -> dict:

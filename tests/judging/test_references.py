@@ -21,7 +21,7 @@ from problems import (
 from small_cases import small_flight
 from thinning import thinned
 
-from ggbench.judging.references import CaseBound, figures
+from ggbench.judging.references import CaseBound, metrics
 from ggbench.judging.run_errors import WINDOWS, evaluate_block, window_mask
 from ggbench.judging.statistics import mean_band
 from ggbench.problem import Problem, jacobian_along, predict_along
@@ -59,7 +59,7 @@ def test_the_oracle_of_a_linear_problem_is_the_exact_estimate(kind, ahead):
 
 @pytest.mark.parametrize(("kind", "ahead"), KINDS.items())
 def test_the_oracle_of_a_flight_is_linearised_at_its_truth(kind, ahead):
-    """The figures of each window are those of the exact estimate of the tangent problem, to 1e-9.
+    """The metrics of each window are those of the exact estimate of the tangent problem, to 1e-9.
 
     Gains are of the run's own Φ and Q here. Those of the flight differ by what the INS errs.
     """
@@ -72,7 +72,7 @@ def test_the_oracle_of_a_flight_is_linearised_at_its_truth(kind, ahead):
         problem.transition, problem.process_cov, problem.prior_cov, rows, problem.noise_cov,
         made.ticks,
     )  # fmt: skip
-    (found,) = figures(kind, made, bound, [problem], truth.error_state)
+    (found,) = metrics(kind, made, bound, [problem], truth.error_state)
     noise = problem.measurements - predict_along(problem.model, at, x)
     read = noise + np.einsum("kmn,kn->km", rows, x)
     errors = x - solved(changed(problem, model=LinearModel(rows), measurements=read), ahead)
@@ -86,7 +86,7 @@ def test_the_oracle_of_a_flight_is_linearised_at_its_truth(kind, ahead):
 
 @functools.cache
 def compared(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Squares of the EKF (R, W) [m²], figures of bound and oracle (R, W, 4), NIS (R, K)."""
+    """Squares of the EKF (R, W) [m²], metrics of bound and oracle (R, W, 4), NIS (R, K)."""
     made = flight(case)
     block, truth = simulate_block(made, SEED, range(RUNS))
     found = estimator("ekf").estimate_block(block)
@@ -96,7 +96,7 @@ def compared(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     squares = np.stack([(judged.position_error[:, m] ** 2).mean(axis=1) for m in masks], axis=1)
     problems = [block.problem(r) for r in range(RUNS)]
     bound = CaseBound(made, made.bound)
-    return squares, figures("filter", made, bound, problems, truth.error_state), found.nis
+    return squares, metrics("filter", made, bound, problems, truth.error_state), found.nis
 
 
 @thinned("case", [CASES[0], CASES[2], CASES[3]])
@@ -141,7 +141,7 @@ def test_a_wrong_model_has_no_oracle():
     made = small_flight({"truth.gradiometer.noise_eotvos": 0.02})
     block, truth = simulate_block(made, SEED, [0])
     bound = CaseBound(made, made.bound)
-    (found,) = figures("filter", made, bound, [block.problem(0)], truth.error_state)
+    (found,) = metrics("filter", made, bound, [block.problem(0)], truth.error_state)
     assert np.isfinite(found[:, :2]).all() and np.isnan(found[:, 2:]).all()
 
 
@@ -154,10 +154,10 @@ def test_gaps_at_known_times_have_an_oracle():
     bound = CaseBound(made, made.bound)
     one, other = ([changed(problem, measurements=z)] for z in (problem.measurements, spoilt))
     assert np.array_equal(
-        figures("filter", made, bound, one, truth.error_state),
-        figures("filter", made, bound, other, truth.error_state),
+        metrics("filter", made, bound, one, truth.error_state),
+        metrics("filter", made, bound, other, truth.error_state),
     )
-    assert np.isfinite(figures("batch", made, bound, one, truth.error_state)).all()
+    assert np.isfinite(metrics("batch", made, bound, one, truth.error_state)).all()
 
 
 @pytest.mark.parametrize("changes", [{}, {"gradiometer.noise_eotvos": 1.0}])

@@ -41,7 +41,7 @@ def test_a_run_is_judged_as_if_it_were_alone():
     windows = WindowsSpec(settled_from_s=3.0, last_s=2.0)
     times = np.arange(1.0, EPOCHS + 1.0)
     whole, _ = run_errors.evaluate_block(truth, mean, cov)
-    figures = run_errors.window_means(whole, times, windows)
+    metrics = run_errors.window_means(whole, times, windows)
     spoilt = mean.copy()
     spoilt[1] = np.nan
     beside, flaws = run_errors.evaluate_block(truth, spoilt, cov)
@@ -52,7 +52,7 @@ def test_a_run_is_judged_as_if_it_were_alone():
             assert np.array_equal(values[0], getattr(whole, name)[run], equal_nan=True)
             assert np.array_equal(values[0], getattr(beside, name)[run], equal_nan=True)
         own = run_errors.window_means(alone, times, windows)[0]
-        assert np.array_equal(own, figures[run], equal_nan=True)
+        assert np.array_equal(own, metrics[run], equal_nan=True)
 
 
 def shifted(cov: np.ndarray, eigenvalue: float) -> np.ndarray:
@@ -107,12 +107,12 @@ def test_the_region_of_95_percent_ends_where_tables_say():
     for nees, share in ((12.58, 1.0), (12.60, 0.0)):
         error = np.full((1, 2, 6), np.sqrt(nees / 6.0))
         found, _ = run_errors.evaluate_block(error, 0.0 * error, np.tile(np.eye(6), (1, 2, 1, 1)))
-        figures = run_errors.window_figures(
+        metrics = run_errors.window_metrics(
             run_errors.Evaluation(**{name: value[0] for name, value in vars(found).items()}),
             times,
             windows,
         )
-        assert [figures[name]["coverage"] for name in run_errors.WINDOWS] == [share] * 3
+        assert [metrics[name]["coverage"] for name in run_errors.WINDOWS] == [share] * 3
     epochs = 100_000
     error = np.random.default_rng(7).standard_normal((1, epochs, 6))
     cov = np.tile(np.eye(6), (1, epochs, 1, 1))

@@ -17,10 +17,10 @@ from ggbench.judging.run_errors import (
     Evaluation,
     evaluate,
     has_diverged,
-    window_figures,
     window_mask,
+    window_metrics,
 )
-from ggbench.judging.summary import FIGURES, consistency, figures, ordered, runs_table
+from ggbench.judging.summary import METRICS, consistency, metrics, ordered, runs_table
 from ggbench.problem import Estimate, Problem, StateBlock
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.runs import Truth
@@ -59,7 +59,7 @@ def test_windows_are_those_of_the_clock():
 
 
 def test_errors_on_hand_numbers():
-    """A spherical error is a norm over ENU, a window's figure the mean of squares, NEES eᵀP⁻¹e."""
+    """A spherical error is a norm over ENU, a window's metric the mean of squares, NEES eᵀP⁻¹e."""
     errors = np.zeros((5, 6))
     errors[:, :3] = [[0, 0, 0], [2, 0, 0], [2, 3, 6], [0, 3, 4], [1, 2, 2]]
     errors[:, 3:] = 0.1 * errors[:, :3]
@@ -69,7 +69,7 @@ def test_errors_on_hand_numbers():
     assert evaluation.nees.tolist() == pytest.approx([0, 2, 24.5, 12.5, 4.5])
     assert evaluation.components == pytest.approx(errors)
     assert evaluation.sigmas == pytest.approx(np.tile([2.0] * 3 + [0.2] * 3, (5, 1)))
-    found = window_figures(evaluation, np.arange(1.0, 6.0), LIMITS)
+    found = window_metrics(evaluation, np.arange(1.0, 6.0), LIMITS)
     assert found["whole"]["position_ms"] == pytest.approx(87 / 5)
     assert found["settled"]["position_ms"] == pytest.approx(83 / 3)
     assert found["last20"]["velocity_ms"] == pytest.approx(0.17)
@@ -81,7 +81,7 @@ def test_errors_on_hand_numbers():
 def test_an_estimate_without_covariance_has_no_consistency():
     """Without P there are errors and no NEES: not a number, rather than a good one."""
     evaluation = judged(np.ones((5, 6)), None)
-    found = window_figures(evaluation, np.arange(1.0, 6.0), LIMITS)
+    found = window_metrics(evaluation, np.arange(1.0, 6.0), LIMITS)
     assert found["whole"]["position_ms"] == pytest.approx(3.0)
     assert math.isnan(found["whole"]["nees"])
     assert math.isnan(found["whole"]["nis"])
@@ -168,7 +168,7 @@ def test_a_missing_reading_has_no_innovation():
     truth = Truth(gapped.times, np.zeros((gapped.epochs, 10)))
     evaluation = evaluate(gapped, Estimate(mean, cov, "filter"), truth)
     assert np.isnan(evaluation.nis).tolist() == (~there).tolist()
-    found = window_figures(evaluation, gapped.times, LIMITS)
+    found = window_metrics(evaluation, gapped.times, LIMITS)
     assert found["whole"]["nis"] == pytest.approx(evaluation.nis[there].mean())
 
 
@@ -197,7 +197,7 @@ def test_the_bound_goes_with_the_causality(causality, lag):
 
 
 def record(run: int, position: float, diverged: bool = False, status: str = "ok") -> dict:
-    figures = {
+    metrics = {
         "position_ms": position, "velocity_ms": 0.01 * position, "nees": 6.0, "nis": 1.0,
         "coverage": 0.95, "bound_position_ms": 4.0, "bound_velocity_ms": 0.04,
         "oracle_position_ms": position / 1.21, "oracle_velocity_ms": 1.0,
@@ -209,7 +209,7 @@ def record(run: int, position: float, diverged: bool = False, status: str = "ok"
     if status == "ok":
         out |= {
             "seconds": 0.1 * (run + 1), "map_evaluations": 10, "diverged": diverged,
-            "windows": {name: dict(figures) for name in WINDOWS}, "required_m": 2.5,
+            "windows": {name: dict(metrics) for name in WINDOWS}, "required_m": 2.5,
             "final_position_error_m": math.sqrt(position), "final_ins_error_m": 9.0,
             "converged_s": 3.0 + run if position <= 6.25 else None, "false_fix": position > 6.25,
         }  # fmt: skip
@@ -217,12 +217,12 @@ def record(run: int, position: float, diverged: bool = False, status: str = "ok"
 
 
 def table_of(records: list[dict], *arguments, draws: int | None = None) -> pd.DataFrame:
-    """The figures of records; with draws, run r belongs to cluster r modulo their number."""
+    """The metrics of records; with draws, run r belongs to cluster r modulo their number."""
     runs = runs_table(records)
-    return figures(runs.assign(draw=runs["run"] % (draws or 10**6)), *(arguments or ({},)))
+    return metrics(runs.assign(draw=runs["run"] % (draws or 10**6)), *(arguments or ({},)))
 
 
-def test_figures_on_hand_numbers():
+def test_metrics_on_hand_numbers():
     """One row per case, estimator and window, with numbers worked out by hand.
 
     A failed run is counted, does not succeed, and is in no mean; a diverged one is in the mean.
@@ -234,10 +234,10 @@ def test_figures_on_hand_numbers():
         record(3, 0.0, status="failed"),
     ]
     table = table_of(records, {"c": (3.5, 0.25)})
-    assert tuple(table.columns) == FIGURES
+    assert tuple(table.columns) == METRICS
     assert table["window"].tolist() == list(WINDOWS)
     for row in table.to_dict("records"):
-        assert [row[key] for key in FIGURES[:5]] == ["c", "e[a=1]", "e", "a=1", "filter"]
+        assert [row[key] for key in METRICS[:5]] == ["c", "e[a=1]", "e", "a=1", "filter"]
         assert (row["runs"], row["failed"], row["diverged"], row["draws"]) == (4, 1, 1, 4)
         assert row["rms_m"] == pytest.approx(math.sqrt(6.0))
         assert row["velocity_rms_mps"] == pytest.approx(math.sqrt(0.06))
@@ -263,8 +263,8 @@ def test_a_wrong_model_has_no_efficiency():
     """Without an oracle the model is wrong: there is an RMS error, and no ratio to the bound."""
     records = [record(run, 4.0) for run in range(3)]
     for entry in records:
-        for figures_of in entry["windows"].values():
-            figures_of["oracle_position_ms"] = math.nan
+        for metrics_of in entry["windows"].values():
+            metrics_of["oracle_position_ms"] = math.nan
     table = table_of(records)
     assert table["efficiency"].isna().all() and table["oracle_ratio"].isna().all()
     assert (table["rms_m"] == 2.0).all() and (table["bound_m"] == 2.0).all()
@@ -384,7 +384,7 @@ def test_the_band_of_the_innovations_counts_the_measurements():
     assert math.isnan(table.loc["whole", "nis_lo"])
 
 
-def test_figures_without_a_finished_run():
+def test_metrics_without_a_finished_run():
     """Where every run failed there are counts and no numbers; where nothing ran, no rows."""
     table = table_of([record(0, 0.0, status="failed"), record(1, 0.0, status="failed")])
     assert table["failed"].tolist() == [2, 2, 2]
@@ -392,7 +392,7 @@ def test_figures_without_a_finished_run():
     assert (table["success"] == 0.0).all()
     empty = table_of([])
     assert len(empty) == 0
-    assert tuple(empty.columns) == FIGURES
+    assert tuple(empty.columns) == METRICS
 
 
 def test_rows_are_ordered_by_error_and_smoothers_come_last():

@@ -10,11 +10,11 @@ import pytest
 from ggbench.judging import fix_metrics
 from ggbench.judging.cases import CASES
 from ggbench.judging.pairs import PAIRS
-from ggbench.judging.summary import FIGURES
+from ggbench.judging.summary import METRICS
 from ggbench.report import columns
 
 
-@pytest.mark.parametrize("key", sorted({*FIGURES, *CASES, *PAIRS, *fix_metrics.COLUMNS}))
+@pytest.mark.parametrize("key", sorted({*METRICS, *CASES, *PAIRS, *fix_metrics.COLUMNS}))
 def test_every_column_of_the_tables_is_registered(key):
     assert key in columns.COLUMNS
 

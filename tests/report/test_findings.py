@@ -1,4 +1,4 @@
-"""Findings of the front page: each is printed where its figures support it, and only there."""
+"""Findings of the front page: each is printed where its metrics support it, and only there."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ggbench.report.findings import (
     MEASURED,
     NARROW,
     SUITE,
-    Figures,
+    Metrics,
     findings,
     outage,
 )
@@ -58,37 +58,37 @@ BREAKS = [
 ]
 
 
-def figures(changed: tuple[str, str] | None = None, change: dict | None = None) -> Figures:
+def metrics(changed: tuple[str, str] | None = None, change: dict | None = None) -> Metrics:
     rows = [
         {"case": case, "estimator": name}
         | row
         | ((change or {}) if (case, name) == changed else {})
         for (case, name), row in ROWS.items()
     ]
-    return Figures(pd.DataFrame(rows))
+    return Metrics(pd.DataFrame(rows))
 
 
 @pytest.mark.parametrize("finding", [f for _, f in FINDINGS], ids=lambda finding: finding.__name__)
-def test_a_finding_is_printed_where_its_figures_support_it(finding):
-    sentence = finding(figures())
+def test_a_finding_is_printed_where_its_metrics_support_it(finding):
+    sentence = finding(metrics())
     assert sentence.endswith(".")
     assert all(len(part.split()) <= 30 for part in sentence.split(". "))
-    assert finding(Figures(pd.DataFrame([{"case": "x", "estimator": "y"}]))) == ""
+    assert finding(Metrics(pd.DataFrame([{"case": "x", "estimator": "y"}]))) == ""
 
 
 def test_the_times_of_the_outage_are_those_of_the_suite():
-    """Its figures are of the settled window, which begins and ends some time after the jamming."""
+    """Its metrics are of the settled window, which begins and ends some time after the jamming."""
     case = scenario.load(SUITE).case("gnss-outage")
     jammed = case.truth.gnss.dropouts_s[0][0]
     end = sum(part.duration_s for part in case.trajectory.segment)
     hours = [(time - jammed) / 3600.0 for time in (case.windows.settled_from_s, end)]
-    assert outage(figures()).startswith("From {} to {} h after GNSS is jammed".format(*hours))
+    assert outage(metrics()).startswith("From {} to {} h after GNSS is jammed".format(*hours))
 
 
 @pytest.mark.parametrize(("name", "where", "change"), BREAKS)
 def test_a_finding_is_not_printed_where_they_do_not(name, where, change):
-    """Planted figures beyond its threshold silence a finding and no other."""
-    planted = figures(where, change)
+    """Planted metrics beyond its threshold silence a finding and no other."""
+    planted = metrics(where, change)
     silent = [finding.__name__ for _, finding in FINDINGS if not finding(planted)]
     assert silent == [name]
 

@@ -110,10 +110,10 @@ def test_a_dead_link_is_found(page, output):
 
 
 def test_numbers_of_a_page_are_those_of_the_data(page, output):
-    """The table's cells, with their digits, come from figures.csv of the settled window."""
-    figures = pd.read_csv(output / "small" / "data" / "figures.csv")
-    assert set(figures["window"]) == {"settled"} and len(figures) == 2 * len(LABELS)
-    rows = figures.set_index(["case", "estimator"])
+    """The table's cells, with their digits, come from metrics.csv of the settled window."""
+    metrics = pd.read_csv(output / "small" / "data" / "metrics.csv")
+    assert set(metrics["window"]) == {"settled"} and len(metrics) == 2 * len(LABELS)
+    rows = metrics.set_index(["case", "estimator"])
     for case, title in (("base", "as it is"), ("noisy", "with ten times the noise")):
         (line,) = [line for line in page.splitlines() if line.startswith(f"|{title}")]
         ekf, ins = rows.loc[(case, "ekf")], rows.loc[(case, "ins")]
@@ -133,13 +133,13 @@ def test_the_html_page_has_all_windows_and_their_numbers(output):
     """Numbers of the page, which sort its tables, are those of the tables to four digits."""
     data = data_of(output / "small.html")
     results = Results(output.parent / "out")
-    for name, table in (("figures", results.figures()), ("cases", results.cases())):
+    for name, table in (("metrics", results.metrics()), ("cases", results.cases())):
         held = data["tables"][name]
         column = held["columns"].index("bound_m")
         shown = np.array(held["packed"][column]["values"], dtype=float)
         wanted = table["bound_m"].to_numpy()
         assert np.sort(shown) == pytest.approx(np.sort(wanted), rel=1e-3, nan_ok=True)
-    windows = held_texts(data, "figures", "window")
+    windows = held_texts(data, "metrics", "window")
     assert windows == {"settled", "whole", "last20"}
     assert set(data["curves"]) == {"base", "noisy"}
     encoding = data["charts"]["overTime"]["layer"][0]["encoding"]
@@ -173,7 +173,7 @@ def test_a_page_that_is_too_large_loses_pairs_then_windows(output, monkeypatch, 
     assert sizes == sorted(sizes, reverse=True) and sizes[0] > sizes[2]
     monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2])
     data = data_of(html_page.write(results, tmp_path / "page.html", ""))
-    assert held_texts(data, "figures", "window") == {"settled"}
+    assert held_texts(data, "metrics", "window") == {"settled"}
     monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2] - 1)
     with pytest.raises(libraries.PageError, match="report fewer cases or estimators"):
         html_page.write(results, tmp_path / "page.html", "")
@@ -204,5 +204,5 @@ def test_the_front_page_is_made_of_the_data_alone(output, tmp_path):
 
 def test_columns_of_the_data_are_documented(output):
     listed = set(pd.read_csv(output / "columns.csv")["column"])
-    for name in ("figures", "cases", "pairs"):
+    for name in ("metrics", "cases", "pairs"):
         assert set(pd.read_csv(output / "small" / "data" / f"{name}.csv")) <= listed

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from reporting import cases, figure, scenario
+from reporting import cases, metric, scenario
 
-from ggbench.judging.summary import FIGURES
+from ggbench.judging.summary import METRICS
 from ggbench.report import sweeps
 from ggbench.spec.axes import AxisSpec
 from ggbench.spec.sweep import Point, Sweep
@@ -45,9 +45,9 @@ def test_cases_that_were_not_run_are_left_out():
 
 def test_a_target_is_reached_where_a_power_law_reaches_it():
     """Errors of 1, 10 and 100 m at 0.01, 0.1 and 1 E: 3.16 m at 0.0316 E; bounds are a half."""
-    rows = [figure(f"c{n}", "ekf", "settled", 10.0**n) | {"bound_m": 10.0**n / 2} for n in range(3)]
+    rows = [metric(f"c{n}", "ekf", "settled", 10.0**n) | {"bound_m": 10.0**n / 2} for n in range(3)]
     loaded = grid(NOISE, targets=(10.0**0.5, 1e3, 1e-3))
-    found = sweeps.reached(loaded, pd.DataFrame(rows, columns=[*FIGURES]), cases(3))
+    found = sweeps.reached(loaded, pd.DataFrame(rows, columns=[*METRICS]), cases(3))
     assert found[["bound", "EKF"]].to_numpy().tolist() == [
         ["none", "none"], ["0.063 E", "0.032 E (0.029–0.035)"], ["any", "any"]
     ]  # fmt: skip
@@ -77,9 +77,9 @@ HEADING = AxisSpec(
 )
 def test_a_value_is_interpolated_only_where_errors_grow(errors, said):
     """Else the values that reach the target are listed: of headings there is no largest one."""
-    rows = [figure(f"c{n}", "ekf", "settled", error) for n, error in enumerate(errors)]
+    rows = [metric(f"c{n}", "ekf", "settled", error) for n, error in enumerate(errors)]
     found = sweeps.reached(
-        grid(HEADING, targets=(50.0,)), pd.DataFrame(rows, columns=[*FIGURES]), cases(4)
+        grid(HEADING, targets=(50.0,)), pd.DataFrame(rows, columns=[*METRICS]), cases(4)
     )
     assert found["EKF"].tolist() == [said]
 
@@ -91,10 +91,10 @@ def test_a_value_is_interpolated_only_where_errors_grow(errors, said):
 def test_a_position_is_recovered_up_to_the_first_case_that_fails(success, widest):
     """A success at a larger σ/ℓ does not count; estimators with fewer runs are not compared."""
     rows = [
-        figure(f"c{n}", "ekf", "settled", 1.0) | {"success": share}
+        metric(f"c{n}", "ekf", "settled", 1.0) | {"success": share}
         for n, share in enumerate(success)
     ]
-    rows += [figure(f"c{n}", "few", "settled", 1.0, runs=3) for n in range(3)]
+    rows += [metric(f"c{n}", "few", "settled", 1.0, runs=3) for n in range(3)]
     held = cases(3).assign(width=[0.1, 0.5, 0.9])
-    found = sweeps.recovered(pd.DataFrame(rows, columns=[*FIGURES]), held)
+    found = sweeps.recovered(pd.DataFrame(rows, columns=[*METRICS]), held)
     assert found == [("ekf", widest)]

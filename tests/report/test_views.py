@@ -6,7 +6,7 @@ import math
 
 import pandas as pd
 import pytest
-from reporting import CAUSALITY, cases, figure, figures, pairs, scenario
+from reporting import CAUSALITY, cases, metric, metrics, pairs, scenario
 
 from ggbench.report import tables, views
 from ggbench.report.published import allowed, claimed, published_table
@@ -15,7 +15,7 @@ from ggbench.spec.claims import ComparisonSpec
 
 def test_a_planted_case_of_unequal_runs_is_refused():
     """The guard has a negative control: one run fewer in one case."""
-    settled = figures()[lambda table: table["window"] == "settled"].copy()
+    settled = metrics()[lambda table: table["window"] == "settled"].copy()
     views.require_equal_runs(settled)
     settled.loc[(settled["case"] == "c1") & (settled["estimator"] == "ukf"), "runs"] = 39
     with pytest.raises(views.UnequalRunsError, match=r"c1 compares unequal runs .*ukf: 39"):
@@ -24,16 +24,16 @@ def test_a_planted_case_of_unequal_runs_is_refused():
 
 def test_estimators_with_fewer_runs_are_left_out_of_a_comparison():
     """Of tables, figures and groups; a page names them."""
-    table = figures(runs={"gaussian-sum": 10})
+    table = metrics(runs={"gaussian-sum": 10})
     assert "gaussian-sum" not in set(views.comparable(table)["estimator"])
     assert "gaussian-sum" not in views.families(table, cases())
-    assert "gaussian-sum" in views.families(figures(), cases())
+    assert "gaussian-sum" in views.families(metrics(), cases())
     assert views.left_out(table, cases()) == ["gaussian-sum"]
 
 
 def test_an_estimator_with_fewer_runs_is_compared_run_by_run():
     """Its cell is the ratio to the EKF's error on common runs, whichever comes first."""
-    table, named = figures(runs={"gaussian-sum": 10}), cases(recommended="gaussian-sum")
+    table, named = metrics(runs={"gaussian-sum": 10}), cases(recommended="gaussian-sum")
     for row in (("gaussian-sum", "ekf", 0.8), ("ekf", "gaussian-sum", 1.25)):
         first, second, ratio = row
         found = pairs(*((case, first, second, ratio, 10, "better") for case in ("c0", "c1")))
@@ -42,17 +42,17 @@ def test_an_estimator_with_fewer_runs_is_compared_run_by_run():
 
 
 def test_cells_have_error_ratio_success_and_symbol():
-    row = figure("c0", "ekf", "settled", 6.0)
+    row = metric("c0", "ekf", "settled", 6.0)
     assert tables.error_cell(row) == "6.00 (×1.5)"
     assert tables.error_cell(row | {"success": 0.5, "consistency": "unsafe"}) == (
         "6.00 (×1.5), 50% ‡"
     )
     assert tables.error_cell(row | {"efficiency": float("nan")}) == "6.00"
-    assert tables.error_cell(figure("c0", "ins", "settled", 100.0)) == "100"
+    assert tables.error_cell(metric("c0", "ins", "settled", 100.0)) == "100"
 
 
 def test_the_recommended_ekf_is_one_column():
-    shown = views.answer_table(figures(), pairs(), cases())
+    shown = views.answer_table(metrics(), pairs(), cases())
     assert list(shown) == [
         "case", "bound_m", "INS", "EKF (recommended)", "best smoother: `factor-graph[mode=batch]`"
     ]  # fmt: skip
@@ -60,18 +60,18 @@ def test_the_recommended_ekf_is_one_column():
 
 
 def test_the_best_is_in_italics_where_none_is_recommended():
-    shown = views.answer_table(figures(), pairs(), cases(recommended=""))
+    shown = views.answer_table(metrics(), pairs(), cases(recommended=""))
     assert shown["recommended: `gaussian-sum`"].tolist() == ["*4.00 (×1.0)*", "*8.00 (×1.0)*"]
 
 
 def test_the_ekf_alone_is_called_the_best_where_it_is_not_recommended():
-    shown = views.answer_table(figures(), pairs(), cases(recommended="", best="ekf"))
+    shown = views.answer_table(metrics(), pairs(), cases(recommended="", best="ekf"))
     assert shown["EKF (best)"].tolist() == ["*5.00 (×1.2)*", "*10.0 (×1.2)*"]
 
 
 def test_an_error_surely_below_a_bound_is_remarked_where_the_model_is_wrong():
     """Not where the model is right: there the page has the ratio."""
-    right, wrong = figures(), figures().assign(efficiency=math.nan)
+    right, wrong = metrics(), metrics().assign(efficiency=math.nan)
     assert not views.below_bound(right.assign(rms_hi=0.5 * right["bound_m"]), cases())
     assert not views.below_bound(wrong.assign(rms_hi=wrong["bound_m"]), cases())
     assert views.below_bound(wrong.assign(rms_hi=0.5 * wrong["bound_m"]), cases())
@@ -81,7 +81,7 @@ def test_cells_that_agree_within_one_per_cent_are_said_to_be_equal():
     """The UKF is 0.8 % from the EKF, the Gaussian sum 20 %."""
     named = cases()
     named["recommended"] = ["ukf", "gaussian-sum"]
-    shown = views.answer_table(figures(), pairs(), named)
+    shown = views.answer_table(metrics(), pairs(), named)
     assert shown["recommended"].tolist() == ["`ukf` = EKF", "`gaussian-sum` 8.00 (×1.0)"]
 
 
@@ -97,7 +97,7 @@ def test_a_figure_has_six_families_at_most():
     """One estimator of each name and causality; those of the table come first."""
     errors = {"ins": 9.0, "ekf": 5.0, "ekf[iterations=5]": 4.0, "factor-graph": 3.0}
     errors |= {"factor-graph[mode=batch]": 2.0} | {f"filter-{k}": 10.0 + k for k in range(9)}
-    found = views.families(figures(errors=errors), cases(best="filter-8"))
+    found = views.families(metrics(errors=errors), cases(best="filter-8"))
     assert found[:3] == ["ekf", "filter-8", "factor-graph[mode=batch]"]
     assert len(found) == 6 and "ins" not in found and "ekf[iterations=5]" not in found
     assert CAUSALITY["factor-graph[mode=batch]"] == "batch" and "factor-graph" in found
@@ -114,7 +114,7 @@ def test_tables_that_do_not_fit_are_refused():
 
 def test_published_errors_are_set_against_the_bound():
     """8 m over the whole flight: 7 m lies below; estimators within 1 % share a row."""
-    table = figures(1).assign(published_m=7.0)
+    table = metrics(1).assign(published_m=7.0)
     assert allowed(table)["allowed"].tolist() == [False, True]
     shown = published_table(table, {"c0": "first"})
     assert shown["first: whole"].tolist() == [
@@ -140,7 +140,7 @@ def test_claims_on_pairs_follow_the_verdict(relation, verdict, holds):
     for row in (("ukf", "ekf", 0.5, verdict), ("ekf", "ukf", 2.0, turned)):
         held = pairs(("c0", row[0], row[1], row[2], 40, row[3]))
         results = scenario(
-            scenario=scenario(comparisons=(claim,)), figures=figures, pairs=lambda held=held: held
+            scenario=scenario(comparisons=(claim,)), metrics=metrics, pairs=lambda held=held: held
         )
         (found,) = claimed(results).to_dict("records")
         assert (found["holds"], found["error_ratio"]) == (holds, 0.5)

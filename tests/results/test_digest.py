@@ -49,13 +49,13 @@ def assert_alike(found: pd.DataFrame, wanted: pd.DataFrame) -> None:
 
 
 def test_what_is_read_is_what_was_written(results, folder):
-    """The settled figures, the cases and the pairs, to six digits, and what was run."""
-    held, figures = digest.read(folder), results.figures()
-    assert_alike(held.figures, figures[figures["window"] == "settled"])
+    """The settled metrics, the cases and the pairs, to six digits, and what was run."""
+    held, metrics = digest.read(folder), results.metrics()
+    assert_alike(held.metrics, metrics[metrics["window"] == "settled"])
     assert_alike(held.cases, results.cases())
     assert_alike(held.pairs, results.pairs())
     assert held.cases["case"].tolist() == ["1e3", "null"]
-    assert held.figures["recommended"].dtype == bool
+    assert held.metrics["recommended"].dtype == bool
     assert held.manifest["title"] == results.scenario.title
     assert held.manifest["runs"] == 3 and held.manifest["seed"] == 5
     assert held.manifest["results_version"] == results.manifest["results_version"]
@@ -87,14 +87,14 @@ def without(text: str, key: str) -> str:
     ("file", "change", "words"),
     [
         ("manifest.json", None, "cannot read .*manifest.json: No such file"),
-        ("figures.csv", None, "cannot read .*figures.csv: No such file"),
+        ("metrics.csv", None, "cannot read .*metrics.csv: No such file"),
         ("cases.csv", None, "cannot read .*cases.csv: No such file"),
         ("pairs.csv", None, "cannot read .*pairs.csv: No such file"),
         ("manifest.json", lambda text: text[:99], "is damaged: JSONDecodeError"),
         ("manifest.json", lambda text: "[]", "is damaged: TypeError"),
         ("manifest.json", lambda text: without(text, "title"), "is damaged: KeyError.'title'"),
         ("manifest.json", lambda text: without(text, "machine"), "KeyError.'machine'"),
-        ("figures.csv", lambda text: "", "is damaged: EmptyDataError"),
+        ("metrics.csv", lambda text: "", "is damaged: EmptyDataError"),
         ("cases.csv", lambda text: text.replace("case,", "x,", 1), "cases.csv has no column case"),
     ],
 )

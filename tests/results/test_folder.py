@@ -1,4 +1,4 @@
-"""A results folder read back: every figure from the runs, epochs and bounds that it is of."""
+"""A results folder read back: every metric from the runs, epochs and bounds that it is of."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from campaigns import ran, small
 from problems import SMALL
 
 from ggbench.judging.run_errors import WINDOWS, window_mask
-from ggbench.judging.summary import FIGURES
+from ggbench.judging.summary import METRICS
 from ggbench.results.folder import Results, as_argument, write_tables
 from ggbench.results.store import MOST_KEPT, Result, Store, StoreError, kept_epochs
 
@@ -72,7 +72,7 @@ def test_bounds_of_a_summary_are_of_their_window_and_causality(results):
 
     The four kinds are four bounds: of a filter, three epochs later, of all readings.
     """
-    rows = results.figures().set_index(["case", "estimator", "window"])
+    rows = results.metrics().set_index(["case", "estimator", "window"])
     seen = set()
     for case in results.scenario.cases:
         arrays = results.arrays(case.name)
@@ -89,13 +89,13 @@ def test_bounds_of_a_summary_are_of_their_window_and_causality(results):
 
 def test_published_numbers_stand_beside_their_case(results):
     """Position and velocity of the case that has them, nothing of the other."""
-    rows = results.figures().groupby("case")[["published_m", "published_mps"]].first()
+    rows = results.metrics().groupby("case")[["published_m", "published_mps"]].first()
     assert tuple(rows.loc["base"]) == (6.0, 0.3)
     assert rows.loc["noisy"].isna().all()
 
 
 def test_a_study_is_set_beside_the_same_runs_without_it(results):
-    """Of three runs two were studied: the declared figures are of these two alone.
+    """Of three runs two were studied: the declared metrics are of these two alone.
 
     One that changes nothing is the case itself, which has more results; it has its own two.
     """
@@ -140,8 +140,8 @@ def test_records_are_of_the_cases_or_of_one_study(results):
 def test_the_files_of_a_folder_are_its_tables(results, flown):
     """Row by row and column by column; what was not studied or judged has no file."""
     tables = {"pairs": results.pairs(), "failures": results.failures(), "cases": results.cases(),
-              "assumptions": results.studies(), "figures": results.figures()}  # fmt: skip
-    assert tuple(tables["figures"].columns) == FIGURES
+              "assumptions": results.studies(), "metrics": results.metrics()}  # fmt: skip
+    assert tuple(tables["metrics"].columns) == METRICS
     for name, table in tables.items():
         file = pd.read_csv(results.folder / f"{name}.csv")
         assert (list(file.columns), len(file)) == (list(table.columns), len(table))
@@ -171,7 +171,7 @@ def test_without_pyarrow_the_table_of_runs_is_csv(copied, monkeypatch):
 
 def test_tables_are_the_callers_own(results):
     """What is done to one does not come back with the next."""
-    for read in (results.runs, results.figures, results.pairs, results.cases):
+    for read in (results.runs, results.metrics, results.pairs, results.cases):
         table = read()
         table["case"] = "spoilt"
         assert set(read()["case"]) == {"base", "noisy"}, read
@@ -285,10 +285,10 @@ def test_as_many_runs_are_read_as_are_asked_for(tmp_path):
 
 def test_rows_are_in_the_order_in_which_they_were_asked_for(results):
     """Case by case as in the scenario, and in each the estimators as on the command line."""
-    rows = results.figures()[["case", "estimator", "window"]].itertuples(index=False, name=None)
+    rows = results.metrics()[["case", "estimator", "window"]].itertuples(index=False, name=None)
     cases = [case.name for case in results.scenario.cases]
     assert list(rows) == [(c, label, w) for c in cases for label in KINDS for w in WINDOWS]
-    assert set(results.figures()["runs"]) == {3}  # a study's are not among them
+    assert set(results.metrics()["runs"]) == {3}  # a study's are not among them
 
 
 def test_series_are_of_the_cases_and_not_of_a_study(results):
@@ -305,7 +305,7 @@ def test_cases_that_were_not_run_are_not_shown(tmp_path):
     results = ran(tmp_path, labels=("ins",), runs=1, scenario=small(tmp_path).select(["noisy"]))
     assert [case.name for case in results.scenario.cases] == ["noisy"]
     assert [case.name for case in results.whole_scenario.cases] == ["base", "noisy"]
-    assert set(results.figures()["case"]) == set(results.runs()["case"]) == {"noisy"}
+    assert set(results.metrics()["case"]) == set(results.runs()["case"]) == {"noisy"}
 
 
 def test_estimators_that_look_for_truth_are_told_with_what_they_use(results):
@@ -386,27 +386,27 @@ def test_runs_beyond_those_asked_for_are_not_shown(results):
 def test_a_file_is_replaced_and_not_overwritten(tmp_path):
     """Who has begun to read the one before reads it to its end."""
     store = Store(tmp_path / "out", create=True)
-    store.write("figures.csv", b"before")
-    with (tmp_path / "out" / "figures.csv").open("rb") as reader:
-        store.write("figures.csv", b"after")
+    store.write("metrics.csv", b"before")
+    with (tmp_path / "out" / "metrics.csv").open("rb") as reader:
+        store.write("metrics.csv", b"after")
         assert reader.read() == b"before"
-    assert (tmp_path / "out" / "figures.csv").read_bytes() == b"after"
+    assert (tmp_path / "out" / "metrics.csv").read_bytes() == b"after"
     store.close()
 
 
 def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypatch):
     """A full disk: a sentence, the old content, and nothing half written beside it."""
     store = Store(tmp_path / "out", create=True)
-    store.write("figures.csv", b"before")
+    store.write("metrics.csv", b"before")
     before = sorted(path.name for path in (tmp_path / "out").iterdir())
 
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StoreError, match=r"cannot write .*figures\.csv: no space left on the disk"):
-        store.write("figures.csv", b"after")
+    with pytest.raises(StoreError, match=r"cannot write .*metrics\.csv: no space left on the disk"):
+        store.write("metrics.csv", b"after")
     monkeypatch.undo()
-    assert (tmp_path / "out" / "figures.csv").read_bytes() == b"before"
+    assert (tmp_path / "out" / "metrics.csv").read_bytes() == b"before"
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == before
     store.close()

@@ -10,7 +10,7 @@ import pytest
 
 from ggbench.results.formats import flaw_of_arrays, flaw_of_record, read_records, stand_in
 
-FIGURES = {"position_ms": 4.0, "velocity_ms": 0.1, "nees": 3.0, "nis": 6.0, "coverage": 0.7,
+METRICS = {"position_ms": 4.0, "velocity_ms": 0.1, "nees": 3.0, "nis": 6.0, "coverage": 0.7,
            "bound_position_ms": 3.0, "bound_velocity_ms": 0.1,
            "oracle_position_ms": 3.5, "oracle_velocity_ms": 0.1}  # fmt: skip
 FAILED = {"name": "a", "parameters": "", "causality": "filter", "run": 3, "seed": 1,
@@ -20,7 +20,7 @@ FINISHED = {
     "status": "ok", "seconds": 0.1, "bound": "filter", "map_evaluations": 20,
     "peak_memory_mb": 100.0, "diverged": False, "final_position_error_m": 2.0,
     "final_ins_error_m": 9.0, "required_m": 3.0, "converged_s": 4.0, "false_fix": False,
-    "windows": dict.fromkeys(("whole", "settled", "last20"), FIGURES),
+    "windows": dict.fromkeys(("whole", "settled", "last20"), METRICS),
 }  # fmt: skip
 
 
@@ -38,10 +38,10 @@ FINISHED = {
         ({"required_m": -1.0}, "required_m"),
         ({"converged_s": "4.0"}, "converged_s"),
         ({"false_fix": None}, "false_fix"),
-        ({"windows": FINISHED["windows"] | {"whole": FIGURES | {"bound_position_ms": -1.0}}},
+        ({"windows": FINISHED["windows"] | {"whole": METRICS | {"bound_position_ms": -1.0}}},
          "windows.whole.bound_position_ms"),
-        ({"windows": {"whole": FIGURES, "settled": FIGURES}}, "windows.last20"),
-        ({"windows": FINISHED["windows"] | {"whole": FIGURES | {"velocity_ms": -1.0}}},
+        ({"windows": {"whole": METRICS, "settled": METRICS}}, "windows.last20"),
+        ({"windows": FINISHED["windows"] | {"whole": METRICS | {"velocity_ms": -1.0}}},
          "windows.whole.velocity_ms"),
     ],
 )  # fmt: skip
@@ -51,13 +51,13 @@ def test_a_record_that_is_none_is_told_by_its_place(changes, place):
     assert place in flaw_of_record(FINISHED | changes)
 
 
-def test_figures_may_be_undefined():
+def test_metrics_may_be_undefined():
     """An estimate without a covariance has no NEES, a flight without measurements no NIS.
 
     A run whose model is wrong has no oracle; one that does not converge has no time.
     """
     names = ("nees", "nis", "coverage", "oracle_position_ms", "oracle_velocity_ms")
-    undefined = FIGURES | dict.fromkeys(names, np.nan)
+    undefined = METRICS | dict.fromkeys(names, np.nan)
     windows = FINISHED["windows"] | {"settled": undefined}
     assert flaw_of_record(FINISHED | {"windows": windows, "converged_s": None}) is None
 

@@ -18,7 +18,7 @@ from thinning import thinned
 
 from ggbench.errors import GGBenchError
 from ggbench.judging import statistics
-from ggbench.judging.summary import FIGURES
+from ggbench.judging.summary import METRICS
 from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.results.store import RESULT_FILES, Result, Store, StoreError, require_ours
@@ -63,7 +63,7 @@ def test_a_fresh_start_removes_all_that_a_campaign_leaves(tmp_path):
     """The manifest, too, and what was half written; a file of one's own stays."""
     folder = tmp_path / "out"
     folder.mkdir()
-    for name in (*RESULT_FILES, ".figures.csv.123.part", "notes.txt"):
+    for name in (*RESULT_FILES, ".metrics.csv.123.part", "notes.txt"):
         (folder / name).touch()
     Store(folder, create=True, fresh=True).close()
     assert {path.name for path in folder.iterdir()} == {".lock", "records.sqlite", "notes.txt"}
@@ -83,7 +83,7 @@ def test_what_a_campaign_leaves_at_once_is_its_own(tmp_path):
 
 FOREIGN = {
     "scenario.toml": "mine",
-    "figures.csv": "a,b",
+    "metrics.csv": "a,b",
     "manifest.json": '{"name": "my web app", "format": 2}',
     "records.sqlite": "SQLite format 3",
 }
@@ -371,7 +371,7 @@ def test_the_band_of_innovations_is_of_the_readings_that_are_expected(tmp_path):
     faults = "[truth.gradiometer]\ndropout_share = 0.5\ndropouts_s = [[12.0, 15.0]]\n\n[windows]"
     loaded = small(tmp_path, SMALL.replace("[windows]", faults, 1))
     results = ran(tmp_path, labels=("ekf",), runs=3, scenario=loaded)
-    rows = results.figures().set_index(["case", "window"]).loc["base"]
+    rows = results.metrics().set_index(["case", "window"]).loc["base"]
     for window, readings in (("whole", 8), ("settled", 4)):
         band = tuple(rows.loc[window, ["nis_lo", "nis_hi"]])
         assert band == statistics.mean_band(3 * readings, 6)
@@ -387,5 +387,5 @@ def test_a_results_folder_says_what_made_it(results):
     assert manifest["machine"]["processors"] >= 1
     assert manifest["date"].startswith("20")
     assert (results / "scenario.toml").read_text() == SMALL
-    header = (results / "figures.csv").read_text().splitlines()[0]
-    assert header == ",".join(FIGURES)
+    header = (results / "metrics.csv").read_text().splitlines()[0]
+    assert header == ",".join(METRICS)

@@ -58,6 +58,6 @@ def distance(case, run: int) -> float:
 def test_the_committed_matrix_has_all_runs_in_every_cell():
     if not REPORT.exists():
         pytest.skip("the suite has no committed report")
-    table = digest.read(REPORT).figures
+    table = digest.read(REPORT).metrics
     assert len(table) == len(SUITE.cases) * len(SUITE.campaign.estimators)
     assert (table["runs"] == 200).all()

@@ -246,8 +246,8 @@ def test_a_sweep_from_file_to_report(tmp_path, monkeypatch):
     assert "ggbench run grid.toml -n 2" in text
     for target in re.findall(r"\]\(([^)]+\.png)\)", text):
         assert (path.parent / target).exists()
-    figures = pd.read_csv(path.parent / "grid" / "data" / "figures.csv")
-    assert set(figures["case"]) == set(scenario.load("grid.toml").sweep.points)
+    metrics = pd.read_csv(path.parent / "grid" / "data" / "metrics.csv")
+    assert set(metrics["case"]) == set(scenario.load("grid.toml").sweep.points)
 
 
 def test_the_shipped_sweep_covers_what_an_engineer_asks():

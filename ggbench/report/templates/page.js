@@ -7,7 +7,7 @@ const { default: DataTable } = await import(address);
 URL.revokeObjectURL(address);
 
 const HEADS = {
-  figures: "All figures", pairs: "Pairs of estimators, run by run", cases: "Cases",
+  metrics: "All metrics", pairs: "Pairs of estimators, run by run", cases: "Cases",
   studies: "Changed assumptions", claims: "Claims of the source", gravity_claims: "Claims on gravity",
   fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
 };
@@ -123,7 +123,7 @@ const RELATED = ["fixes", "counters", "remarks", "failures", "claims", "studies"
 
 async function showAll() {
   const few = new Set(data.charts.shown);
-  const rows = objectsOf("figures", null)
+  const rows = objectsOf("metrics", null)
     .filter((row) => row.window === "settled" && few.has(row.case))
     .map((row) => ({ name: row.estimator, case: titles[row.case], rms: row.rms_m, lo: row.rms_lo,
       hi: row.rms_hi, success: row.success }));
@@ -134,7 +134,7 @@ async function showAll() {
   for (const row of rows) row.case = wrapped(row.case, letters);
   await addChart(panel, data.charts.byCase, rows, "RMS position error in the settled window, by case.",
     Math.max(220, 80 * few.size));
-  for (const name of ["cases", ...Object.keys(data.tables).filter((name) => !["cases", "figures", "pairs"].includes(name))]) {
+  for (const name of ["cases", ...Object.keys(data.tables).filter((name) => !["cases", "metrics", "pairs"].includes(name))]) {
     addTable(panel, name, null);
   }
 }
@@ -146,7 +146,7 @@ async function showCase(name) {
       line.map((rms, k) => ({ name: label, time: held.times[k], rms })));
     await addChart(panel, data.charts.overTime, values, "RMS position error over time.", 320);
   }
-  addTable(panel, "figures", name);
+  addTable(panel, "metrics", name);
   addTable(panel, "pairs", name);
   for (const other of RELATED) {
     if (data.tables[other]?.columns.includes("case")) addTable(panel, other, name);
