@@ -18,7 +18,8 @@ import pytest
 from small_cases import rough_map
 
 from ggbench.campaign import registry, result_keys
-from ggbench.campaign.runner import Task, case_bounds, flight_of, run_task
+from ggbench.campaign.flights import case_bounds, flight_of
+from ggbench.campaign.runner import Task, run_task
 from ggbench.results.store import Result
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import estimation
 from ..campaign import registry
-from ..campaign.runner import flight_of
+from ..campaign.flights import flight_of
 from ..judging import judgement
 from ..judging.judgement import epochs_outside
 from ..problem import Estimate, Estimator, Problem

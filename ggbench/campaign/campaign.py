@@ -27,9 +27,10 @@ from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from ..spec.unusual_values import unusual_values
 from . import result_keys
+from .flights import first_problem, flight_of
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
-from .runner import Pairs, Task, by_block_size, first_problem, flight_of
+from .runner import Pairs, Task, by_block_size
 from .texts import exception_text
 
 TASK_RUNS = 128

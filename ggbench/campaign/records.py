@@ -6,7 +6,7 @@ import json
 import math
 import platform
 import resource
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -96,7 +96,8 @@ def evaluate_runs(
     error_state: np.ndarray,
     estimated: TimedEstimates,
     bound: CaseBound,
-    problems: Sequence[Problem],
+    oracle: Callable[[str], np.ndarray],
+    problem_of: Callable[[int], Problem],
 ) -> list[Result]:
     """Return the results of runs that were estimated; one that is no estimate has failed.
 
@@ -107,7 +108,8 @@ def evaluate_runs(
     flight : the case.
     error_state : (R, K, n) the truth of the runs.
     bound : of the flight.
-    problems : of the runs.
+    oracle : returns the mean squared errors (R, W, 2) of the oracle, by the name of the bound.
+    problem_of : returns the problem of the r-th of the runs.
     """
     case, times, filters = flight.case, flight.times, estimated.causality == "filter"
     evaluation, flaws = run_errors.evaluate_block(error_state, estimated.mean, estimated.cov)
@@ -116,7 +118,7 @@ def evaluate_runs(
     elif filters and estimated.cov is not None:
         for r in (r for r, flaw in enumerate(flaws) if not flaw):
             mean, cov = estimated.mean[r], estimated.cov[r]
-            evaluation.nis[r] = innovations_squared(problems[r], mean, cov)
+            evaluation.nis[r] = innovations_squared(problem_of(r), mean, cov)
     means = run_errors.window_means(evaluation, times, case.windows)
     final = evaluation.position_error[:, -1].tolist()
     ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()
@@ -125,7 +127,7 @@ def evaluate_runs(
         evaluation.position_error, evaluation.sigmas[:, -1, :3], times, required
     )
     name = _bound_of(case, estimated.causality, estimated.lag)
-    compared = references.metrics(name, flight, bound, problems, error_state)
+    compared = references.metrics(name, bound, oracle(name))
     windows = np.concatenate([means, compared], axis=2).tolist()
     peak = peak_memory_mb()
     kept = kept_epochs(len(times))

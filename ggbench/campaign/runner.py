@@ -6,12 +6,8 @@ once get them in blocks that fit into the processor's cache, the others in block
 
 from __future__ import annotations
 
-import contextlib
-import copy
 import dataclasses
-import gc
 import hashlib
-import itertools
 import json
 import os
 import time
@@ -28,25 +24,14 @@ from .. import estimation
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
-from ..judging.references import CaseBound
-from ..problem import CountingModel, Estimate, Estimator, Problem
-from ..results.store import DETAILED_RUN, Result
-from ..simulation.error_free_flight import Flight, prepare
-from ..simulation.flight_bounds import bounds
-from ..simulation.runs import simulate, simulate_block, simulate_flights
+from ..problem import CountingModel, Estimate, Estimator
+from ..results.store import Result
 from ..spec.case import CaseSpec
 from . import result_keys
+from .flights import SimulatedRuns, groups_of_runs, simulated
 from .records import TimedEstimates, evaluate_runs, new_record, remarks
 from .registry import Choice, choose
 from .texts import exception_text, traceback_text
-from .truth_isolation import HiddenArray
-
-BLOCK_RUNS = 32
-"""Runs that an estimator takes at once: their arrays stay in the processor's cache."""
-BLOCK_BYTES = 2**29
-"""Of matrices that a block may have where the flight is so long that its runs would have more."""
-LEAST_RUNS = 8
-"""Runs that a block has in any case: those that go through the kernels together."""
 
 
 class OtherSourceError(GGBenchError):
@@ -84,61 +69,6 @@ class Started:
     runs: Sequence[int]
 
 
-def flight_of(case: CaseSpec) -> Flight:
-    """Return the flight of a case, made once in each process; of one with draws, of run 0."""
-    return _flight(case.of_run(0))
-
-
-@lru_cache(maxsize=64)
-def _flight(case: CaseSpec) -> Flight:
-    return prepare(case)
-
-
-@lru_cache(maxsize=BLOCK_RUNS)
-def first_problem(case: CaseSpec, seed: int) -> Problem:
-    """Return the problem of a case's first run, made once for all that ask what it is like."""
-    return simulate(flight_of(case), seed, DETAILED_RUN)[0]
-
-
-_bounds: dict[CaseSpec, CaseBound] = {}
-
-
-def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
-    """Return the bounds of cases without draws, together; kept of the latest in each process."""
-    unknown = [case for case in dict.fromkeys(cases) if case not in _bounds]
-    if unknown:
-        flights = [flight_of(case) for case in unknown]
-        found = zip(flights, bounds(flights), strict=True)
-        _bounds.update(zip(unknown, itertools.starmap(CaseBound, found), strict=True))
-    wanted = [_bounds[case] for case in cases]
-    for case in [*_bounds][: max(len(_bounds) - BLOCK_RUNS, 0)]:
-        del _bounds[case]
-    return wanted
-
-
-_flown: set[CaseSpec] = set()
-
-
-def fly_unseen(case: CaseSpec) -> None:
-    """Make the flight of a case, and keep it out of sight of those who list a process's objects.
-
-    For a worker: what is there by then, modules above all, is never collected as garbage.
-    """
-    if case not in _flown:
-        _flown.add(case)
-        with contextlib.suppress(Exception):  # which run_task meets again, and records
-            flight_of(case)
-        gc.collect()
-        gc.freeze()
-
-
-def forget_flights() -> None:
-    """Let go of the flights of this process: a library of scenarios has many, and large ones."""
-    _flight.cache_clear()
-    first_problem.cache_clear()
-    _bounds.clear()
-
-
 @lru_cache(maxsize=1024)
 def chosen(label: str) -> Choice:
     """Return the estimator of a label, chosen once in each process."""
@@ -146,11 +76,12 @@ def chosen(label: str) -> Choice:
 
 
 @lru_cache(maxsize=4096)
-def _key(case: CaseSpec, label: str, seed: int) -> str:
+def key_of(case: CaseSpec, label: str, seed: int) -> str:
+    """Return the key of an estimator's results on a case, made once in each process."""
     return result_keys.run_key(case, chosen(label).content, seed)
 
 
-def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
+def estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
     """Return the estimator's own generator: reproducible, and no key to the simulation's."""
     content = choice.content
     # The assumed noise does not enter: estimators that differ in it alone draw the same numbers.
@@ -175,23 +106,13 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
     estimator's source or a map file is not what the task's keys were made with.
     """
     for label, key in task.estimators:
-        if _key(task.case, label, task.seed) != key:
+        if key_of(task.case, label, task.seed) != key:
             raise OtherSourceError(
                 f"the version of ggbench or of a library, the source of {label} or a map file "
                 f"is not what the campaign was started with; here: {result_keys.environment()}"
             )
-    for runs in _blocks(task, runs_at_once(task.case)):
+    for runs in groups_of_runs(task.case, task.runs):
         yield from _run_block(task, task.estimators, runs)
-
-
-def _blocks(task: Task, size: int) -> Iterator[Sequence[int]]:
-    """Yield runs of a task that share their map, so many at most."""
-    shared: dict[int, list[int]] = {}
-    for run in task.runs:
-        shared.setdefault(run % task.case.draw.maps, []).append(run)
-    for runs in shared.values():
-        for start in range(0, len(runs), size):
-            yield runs[start : start + size]
 
 
 def by_block_size(pairs: Pairs) -> tuple[Pairs, Pairs]:
@@ -201,21 +122,10 @@ def by_block_size(pairs: Pairs) -> tuple[Pairs, Pairs]:
     return together, tuple(pair for pair in pairs if pair not in together)
 
 
-def runs_at_once(case: CaseSpec) -> int:
-    """Return how many runs of a case a block has; Φ, Q and P of all their epochs are its memory."""
-    size = BLOCK_RUNS
-    with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
-        flight = flight_of(case)
-        matrices = 3 * len(flight.times) * flight.model.dimension**2 * np.dtype(float).itemsize
-        while size > LEAST_RUNS and size * matrices > BLOCK_BYTES:
-            size //= 2
-    return size
-
-
 def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Started | list[Result]]:
     """Simulate several runs at once; should that fail, one by one: it costs no other run."""
     try:
-        block, truth = _simulated_block(task, runs)
+        flown = simulated(task.case, task.seed, runs)
     except Exception as error:
         reason, trace = f"simulation: {exception_text(error)}", traceback_text()
         for run in runs if len(runs) > 1 else ():
@@ -229,29 +139,27 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
         size = len(runs) if at_once else 1
         for start in range(0, len(runs), size):
             part = slice(start, start + size)
-            yield from _run_estimator(task, label, key, runs[part], block, truth, part)
+            yield from _run_estimator(task, label, key, flown, part)
 
 
 def _run_estimator(
     task: Task,
     label: str,
     key: str,
-    runs: Sequence[int],
-    block: ProblemBlock,
-    truth: HiddenArray,
+    flown: SimulatedRuns,
     part: slice,
 ) -> Iterator[Started | list[Result]]:
-    """Let an estimator run ``runs``, a part of a simulated block; should that fail, one by one."""
+    """Let an estimator run a part of a simulated block; should that fail, one by one."""
+    runs = flown.runs[part]
     yield Started(label, runs)
     choice = chosen(label)
     cold = {"cold": label not in _warm}
     _warm.add(label)
     blanks = [new_record(choice, run, task.seed) | cold for run in runs]
-    problems = [block.problem(r) for r in range(part.start, part.stop)]
     try:
-        rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
-        estimated = _estimate(block, problems, choice, rngs)
-        results = _evaluated(blanks, key, task.case, truth, part, estimated, problems)
+        rngs = [estimator_rng(task.seed, run, choice) for run in runs]
+        estimated = timed_estimates(flown.block, part.start, choice, rngs)
+        results = _evaluated(blanks, key, flown, part, estimated)
     except (Exception, SystemExit) as error:
         if len(runs) > 1:
             for run in runs:
@@ -262,39 +170,27 @@ def _run_estimator(
     yield results
 
 
-def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, HiddenArray]:
-    """Simulate runs; their truth is put away before any estimator sees the problems."""
-    if not task.case.drawn:
-        block, truth = simulate_block(flight_of(task.case), task.seed, runs)
-        return block, HiddenArray(truth.error_state)
-    cases = [task.case.of_run(run) for run in runs]
-    for case in cases:
-        fly_unseen(case)
-    case_bounds(cases)
-    block, truth = simulate_flights([flight_of(case) for case in cases], task.seed, runs)
-    return block, HiddenArray(truth.error_state)
-
-
 def _evaluated(
     blanks: Sequence[dict[str, Any]],
     key: str,
-    case: CaseSpec,
-    truth: HiddenArray,
+    flown: SimulatedRuns,
     part: slice,
     estimated: TimedEstimates,
-    problems: Sequence[Problem],
 ) -> list[Result]:
-    """Judge estimates (:func:`.records.evaluate_runs`) of a part of the runs that truth is of."""
-    count = len(problems)
-    alike = [slice(r, r + 1) for r in range(count)] if case.drawn else [slice(0, count)]
+    """Judge estimates (:func:`.records.evaluate_runs`) of a part of the runs of a block."""
     results = []
-    with truth.looked_at() as whole:
-        for some in alike:
-            of_runs, states = case.of_run(blanks[some.start]["run"]), whole[part][some]
-            flight = flight_of(of_runs)
-            (bound,) = case_bounds([of_runs])
+    with flown.truth.looked_at() as truth:
+        for some, flight, bound in flown.flights(part):
+            own = slice(some.start - part.start, some.stop - part.start)
             results += evaluate_runs(
-                blanks[some], key, flight, states, estimated.of_runs(some), bound, problems[some]
+                blanks[own],
+                key,
+                flight=flight,
+                error_state=truth[some],
+                estimated=estimated.of_runs(own),
+                bound=bound,
+                oracle=lambda name, some=some: flown.oracle_means(name, truth)[some],
+                problem_of=lambda r, some=some: flown.block.problem(some.start + r),
             )
     return results
 
@@ -315,13 +211,13 @@ def failure(
     return Result(key, record, retry_above=retry_above)
 
 
-def _estimate(
+def timed_estimates(
     block: ProblemBlock,
-    problems: Sequence[Problem],
+    run: int,
     choice: Choice,
     rngs: Sequence[np.random.Generator],
 ) -> TimedEstimates:
-    """Let an estimator estimate a block, or one of its problems, and see that it keeps its word.
+    """Let an estimator estimate a block, or one ``run`` of it, and see that it keeps its word.
 
     Raise TypeError or ValueError if it is no estimate, is of another causality than its estimator
     declares, has a wrong shape, complex numbers, or remarks that cannot be stored.
@@ -336,7 +232,7 @@ def _estimate(
         info, evaluations = _columns(found.info, block.runs)
         fixes = None
     else:
-        problem = dataclasses.replace(problems[0], model=copy.copy(problems[0].model))
+        problem = block.problem(run)
         found, seconds = _timed(partial(estimation.estimate, estimator, problem, rngs[0]))
         _require_declared(estimator, found, Estimate, "estimate")
         info = [remarks(found.info)]
@@ -345,7 +241,7 @@ def _estimate(
         own = info[0].get("map_evaluations", counted)
         evaluations = [own if isinstance(own, int) else counted]
         fixes = found.fixes
-    count, epochs, n = len(problems), block.epochs, block.dimension
+    count, epochs, n = len(rngs), block.epochs, block.dimension
     mean = run_errors.real_array("mean", found.mean, (*leading, epochs, n))
     cov, nis = found.cov, found.nis
     if cov is not None:

@@ -203,7 +203,8 @@ def main(descriptor: int, parent: int) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # so that a process that dies has said it
             stream.reconfigure(line_buffering=True, errors="backslashreplace")
-    from .runner import fly_unseen, run_task
+    from .flights import fly_unseen
+    from .runner import run_task
 
     connection, mine = socket.socket(fileno=descriptor), os.getpid()
     connection.set_inheritable(False)

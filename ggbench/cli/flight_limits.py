@@ -14,7 +14,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from ..campaign.campaign import case_named
-from ..campaign.runner import first_problem
+from ..campaign.flights import first_problem
 from ..display.compiling import fields_of, tell_maps
 from ..maps import recipe
 from ..recorded.motion import angles_of

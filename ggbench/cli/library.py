@@ -49,7 +49,7 @@ def run_all(names: Sequence[str], run_one: Callable[[str], Outcome]) -> list[Out
 
     Return an outcome for each scenario that was begun: an interrupt ends the last one.
     """
-    from ..campaign.runner import forget_flights
+    from ..campaign.flights import forget_flights
     from ..campaign.texts import exception_text
 
     outcomes = []

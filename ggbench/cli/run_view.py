@@ -9,8 +9,9 @@ import numpy as np
 from rich.markup import escape
 
 from ..campaign import result_keys
+from ..campaign.flights import flight_of
 from ..campaign.registry import choose
-from ..campaign.runner import Task, flight_of, run_task
+from ..campaign.runner import Task, run_task
 from ..display.responsive_table import ResponsiveTable
 from ..display.timing import COLD
 from ..figures.numbers import counted

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from ..block import ProblemBlock
+from ..numerics.frozen import read_only
 from ..numerics.kernels import compiled, copied, inlined
-from ..numerics.lanes import gather_row, gather_rows, lanes
+from ..numerics.lanes import count_from, gather_row, gather_rows, lanes, members, starts
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store, with_sign
 from ..sensors.aiding_kernels import INS_STATES, MOVED, column_of, linearise_aiding
@@ -201,9 +202,23 @@ def whiten_residuals(
 
     Of readings that :func:`take_readings` has filled; parameters as those of :func:`linearise`.
     """
-    model, predicted, residual = batch.model, out.predicted, out.residual
-    g, m, width = out.slope.shape[0], residual.shape[1], residual.shape[2]
+    residual = out.residual
     root = batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)]
+    _fill_residuals(batch, group, count, k, x, out)
+    for i in range(residual.shape[1] - 1, -1, -1):
+        total = splat(0.0)
+        for c in range(i + 1):
+            total += splat(root[i, c]) * load(residual, 0, c)
+        store(residual, 0, i, total)
+
+
+@compiled
+def _fill_residuals(
+    batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Readings
+) -> None:
+    """Fill ``out.residual``, z − h at x; parameters as those of :func:`whiten_residuals`."""
+    model, predicted = batch.model, out.predicted
+    g, m, width = out.slope.shape[0], out.residual.shape[1], out.residual.shape[2]
     _displace(x, out)
     if g > 0 and out.context.gain.any():
         by_channel = predicted.reshape((m, 1, width))[:g]
@@ -215,11 +230,27 @@ def whiten_residuals(
             model.aiding, group, count, k, out.context.offset, x, predicted, out.aiding_slope
         )
     _subtract(model, x, m, out)
-    for i in range(m - 1, -1, -1):
-        total = splat(0.0)
-        for c in range(i + 1):
-            total += splat(root[i, c]) * load(residual, 0, c)
-        store(residual, 0, i, total)
+
+
+@compiled
+def _residuals_along(batch: Batch, states: np.ndarray, residuals: np.ndarray) -> None:
+    """Fill the residuals (R, K, m) of states (R, K, n)."""
+    x, reading = lanes(1, states.shape[2]), readings_of(batch)
+    for first in starts(states.shape[0]):
+        count, group = count_from(first, states.shape[0]), members(first, states.shape[0])
+        for k in range(states.shape[1]):
+            gather_row(states, group, k, x)
+            take_readings(batch, group, k, reading)
+            _fill_residuals(batch, group, count, k, x, reading)
+            for r in range(count):
+                residuals[first + r, k] = reading.residual[0, :, r]
+
+
+def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
+    """Return z − h(x) (R, K, m) of a block of runs at states (R, K, n), zero where none came."""
+    residuals = np.empty(block.measurements.shape)
+    _residuals_along(batch_of(block), read_only(np.ascontiguousarray(states)), residuals)
+    return residuals
 
 
 @inlined

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from ..ins.error_model import POSITION, VELOCITY
-from ..problem import Problem, predict_along
 from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight
 from ..spec.case import WindowsSpec
 from .bounds import bound_for, squared_bounds
 from .run_errors import WINDOWS, window_mask
-from .situations import is_right_model
 
 METRICS = ("bound_position_ms", "bound_velocity_ms", "oracle_position_ms", "oracle_velocity_ms")
 """Mean squares of a window: of the bound, and of the oracle's errors where the model is right."""
@@ -55,49 +52,50 @@ class CaseBound:
         return DEFAULT_RATIO * math.sqrt(float(last))
 
 
-def metrics(
-    name: str,
-    flight: Flight,
-    bound: CaseBound,
-    problems: Sequence[Problem],
-    error_state: np.ndarray,
-) -> np.ndarray:
+def metrics(name: str, bound: CaseBound, oracle: np.ndarray) -> np.ndarray:
     """Return :data:`METRICS` of each run and window (R, W, 4).
 
     Parameters
     ----------
-    name : of the bound that their estimates are compared with.
-    flight, bound : of the runs.
-    problems : of the R runs.
-    error_state : (R, K, n) the truth.
+    name : of the bound that the estimates of the runs are compared with.
+    bound : of the flight.
+    oracle : (R, W, 2) of the runs, from :func:`oracle_means`.
     """
-    found = np.full((len(problems), len(WINDOWS), len(METRICS)), np.nan)
-    found[:, :, :2] = bound.means(name)
-    case, times = flight.case, flight.times
-    if is_right_model(case):
-        errors = error_state - np.swapaxes(_oracle(name, bound.bound, problems, error_state), 0, 1)
-        squares = np.stack(
-            [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)], axis=2
-        )
-        for r, of_run in enumerate(squares):
-            found[r, :, 2:] = _window_means(of_run, times, case.windows)
-    return found
+    bounds = np.broadcast_to(bound.means(name), oracle.shape)
+    return np.concatenate([bounds, oracle], axis=2)
 
 
-def _oracle(
-    name: str, bound: Bound, problems: Sequence[Problem], error_state: np.ndarray
+def oracle_means(
+    name: str,
+    flight: Flight,
+    bound: CaseBound,
+    residuals: np.ndarray,
+    error_state: np.ndarray,
+    transition: np.ndarray,
 ) -> np.ndarray:
-    """Return the states (K, R, n) that an estimator linearised at the truth finds."""
-    residuals = [
-        problem.measurements - predict_along(problem.model, np.arange(problem.epochs), state)
-        for problem, state in zip(problems, error_state, strict=True)
-    ]
-    transition = np.stack([problem.transition for problem in problems])
-    filtered, predicted = bound.oracle(np.stack(residuals), error_state, transition)
+    """Return mean squared errors (R, W, 2) of the oracle, an estimator linearised at the truth.
+
+    Only where the model is right (:func:`.situations.is_right_model`).
+
+    Parameters
+    ----------
+    name : of the bound.
+    flight, bound : of the runs.
+    residuals : (R, K, m) measurements less h at the truth.
+    error_state : (R, K, n) the truth.
+    transition : (R, K, n, n) Φ.
+    """
+    filtered, predicted = bound.bound.oracle(residuals, error_state, transition)
     causality, lag = parts(name)
-    if causality == "filter":
-        return filtered
-    return bound.oracle_smoothed(filtered, predicted, bound.whole if lag is None else lag)
+    if causality != "filter":
+        lag = bound.bound.whole if lag is None else lag
+        filtered = bound.bound.oracle_smoothed(filtered, predicted, lag)
+    errors = error_state - np.swapaxes(filtered, 0, 1)
+    squares = np.stack(
+        [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)], axis=2
+    )
+    times, windows = flight.times, flight.case.windows
+    return np.stack([_window_means(of_run, times, windows) for of_run in squares])
 
 
 def parts(name: str) -> tuple[str, int | None]:

@@ -11,9 +11,9 @@ from typing import Any
 import pandas as pd
 
 from ..campaign import campaign, running
+from ..campaign.flights import first_problem
 from ..campaign.registry import Choice, choose
 from ..campaign.result_keys import RESULTS_VERSION
-from ..campaign.runner import first_problem
 from ..judging.pairs import PairedRuns, compared, judged, kind
 from ..judging.statistics import EQUIVALENT
 from ..judging.summary import succeeded

@@ -10,7 +10,7 @@ from campaigns import assert_equal, plan, ran, records, small
 from problems import SMALL, linear_problem
 from thinning import thinned
 
-from ggbench.campaign import execution, runner, running
+from ggbench.campaign import execution, flights, runner, running
 from ggbench.campaign import records as kept
 from ggbench.campaign.registry import choose
 from ggbench.results.folder import Results
@@ -78,7 +78,7 @@ OF_THE_ESTIMATOR = ("name", "parameters", "info", "map_evaluations", "estimator"
 def many(tmp_path, monkeypatch) -> str:
     """The file of an estimator that takes many runs at once, bad in one of 6 of case base."""
     monkeypatch.chdir(tmp_path)  # a whole path would be too long for the figures of a report
-    flight = runner.flight_of(small(tmp_path).cases[0])
+    flight = flights.flight_of(small(tmp_path).cases[0])
     first = [simulate(flight, 5, run)[0].measurements[0, 0] for run in range(6)]
     threshold = np.mean(np.sort(first)[-2:])
     (tmp_path / "many.py").write_text(MANY.replace("THRESHOLD", repr(float(threshold))))
@@ -103,17 +103,17 @@ def test_a_block_of_long_flights_has_fewer_runs(tmp_path, monkeypatch):
     Of a flight that fails the size does not matter: every run's record says why.
     """
     case = small(tmp_path, SMALL).case("base")
-    assert runner.runs_at_once(case) == 32
-    flight = runner.flight_of(case)
+    assert flights.runs_at_once(case) == 32
+    flight = flights.flight_of(case)
     bytes_of_a_run = 8 * len(flight.times) * 3 * 15 * 15
-    monkeypatch.setattr(runner, "BLOCK_BYTES", 16 * bytes_of_a_run)
-    assert runner.runs_at_once(case) == 16
-    monkeypatch.setattr(runner, "BLOCK_BYTES", 16 * bytes_of_a_run - 1)
-    assert runner.runs_at_once(case) == 8
-    monkeypatch.setattr(runner, "BLOCK_BYTES", 1)
-    assert runner.runs_at_once(case) == 8
-    monkeypatch.setattr(runner, "flight_of", lambda case: 1 / 0)
-    assert runner.runs_at_once(case) == 32
+    monkeypatch.setattr(flights, "BLOCK_BYTES", 16 * bytes_of_a_run)
+    assert flights.runs_at_once(case) == 16
+    monkeypatch.setattr(flights, "BLOCK_BYTES", 16 * bytes_of_a_run - 1)
+    assert flights.runs_at_once(case) == 8
+    monkeypatch.setattr(flights, "BLOCK_BYTES", 1)
+    assert flights.runs_at_once(case) == 8
+    monkeypatch.setattr(flights, "flight_of", lambda case: 1 / 0)
+    assert flights.runs_at_once(case) == 32
 
 
 @pytest.mark.parametrize("required", ["", "required_m = 100.0"])
@@ -122,7 +122,7 @@ def test_records_of_a_block_are_those_of_single_runs(required, many, tmp_path, m
 
     In blocks of three, the last of which is not full.
     """
-    monkeypatch.setattr(runner, "BLOCK_RUNS", 3)
+    monkeypatch.setattr(flights, "BLOCK_RUNS", 3)
     loaded = small(tmp_path, SMALL.replace("[windows]", f"[windows]\n{required}", 1))
     results = ran(tmp_path, labels=("ekf", many), runs=7, scenario=loaded)
     found = records(results)
@@ -139,7 +139,7 @@ def test_records_of_a_block_are_those_of_single_runs(required, many, tmp_path, m
             results.series_of(case, "ekf", run), rel=1e-5, nan_ok=True
         )
         info = block["info"]["first"]
-        flight = runner.flight_of(loaded.case(case))
+        flight = flights.flight_of(loaded.case(case))
         assert info == pytest.approx(simulate(flight, 5, run)[0].measurements[0, 0])
     assert results.detail("base", many, 0) == pytest.approx(
         results.detail("base", "ekf", 0), rel=1e-5, abs=1e-6, nan_ok=True
@@ -150,7 +150,7 @@ def test_records_of_a_block_are_those_of_single_runs(required, many, tmp_path, m
 
 def test_a_block_is_all_that_there_is_to_write(many, tmp_path):
     """An estimator that knows only blocks takes one run like any other, or says why it cannot."""
-    problem, _ = simulate(runner.flight_of(small(tmp_path).cases[0]), 5, 0)
+    problem, _ = simulate(flights.flight_of(small(tmp_path).cases[0]), 5, 0)
     estimator, rng = choose(many).estimator, np.random.default_rng(0)
     assert estimator.skip(problem) is None
     found = estimator.estimate(problem, rng)
@@ -261,13 +261,13 @@ def test_an_interrupted_block_goes_on_with_the_runs_that_are_missing(many, tmp_p
     assert blocks == [[1, 4, 5]] * 2
     assert {len(task.runs) for task in tasks if task.estimators[0][0] == "filterpy-ekf"} == {1}
     ran_runs = []
-    real = runner.simulate_block
+    real = flights.simulate_block
 
     def seen(flight, seed, runs):
         ran_runs.append(list(runs))
         return real(flight, seed, runs)
 
-    monkeypatch.setattr(runner, "simulate_block", seen)
+    monkeypatch.setattr(flights, "simulate_block", seen)
     running.execute(execution.in_process(tasks), store, lambda batch: None)
     assert [runs for runs in ran_runs if len(runs) > 1] == [[1, 4, 5]] * 2
     assert work.missing(store) == 0
@@ -331,11 +331,11 @@ def test_what_a_run_of_a_block_draws_depends_on_nothing_but_the_run(dice, tmp_pa
     """Seed, run and estimator alone choose a run's numbers: not its block, nor coming alone."""
     whole = thrown(ran(tmp_path, "whole", labels=(dice,), runs=5), dice)
     assert len(set(whole.values())) == 5  # of each run others; both cases fly with the same
-    monkeypatch.setattr(runner, "BLOCK_RUNS", 2)
+    monkeypatch.setattr(flights, "BLOCK_RUNS", 2)
     assert thrown(ran(tmp_path, "pairs", labels=(dice,), runs=5), dice) == whole
     choice = choose(dice)
-    problem, _ = simulate(runner.flight_of(small(tmp_path).cases[0]), 5, 3)
-    alone = choice.estimator.estimate(problem, runner._estimator_rng(5, 3, choice))
+    problem, _ = simulate(flights.flight_of(small(tmp_path).cases[0]), 5, 3)
+    alone = choice.estimator.estimate(problem, runner.estimator_rng(5, 3, choice))
     assert alone.info["thrown"] == whole["base", 3]
     other = f"{dice}[sides=20]"
     assert not set(thrown(ran(tmp_path, "other", labels=(other,), runs=5), other).values()) & set(
@@ -345,9 +345,7 @@ def test_what_a_run_of_a_block_draws_depends_on_nothing_but_the_run(dice, tmp_pa
 
 def test_a_block_that_draws_asks_for_as_many_generators_as_runs(dice, tmp_path):
     """A generator too few would be a run without randomness of its own."""
-    block, _ = runner._simulated_block(
-        runner.Task(small(tmp_path).cases[0], "", (0, 1), 5, ()), (0, 1)
-    )
+    block = flights.simulated(small(tmp_path).cases[0], 5, (0, 1)).block
     estimator = choose(dice).estimator
     assert not estimator.exact_if_linear_gaussian
     with pytest.raises(ValueError, match="zip"):

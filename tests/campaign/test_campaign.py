@@ -12,7 +12,7 @@ from problems import SMALL, LinearModel, changed
 from thinning import thinned
 
 from ggbench.block import ProblemBlock
-from ggbench.campaign import execution, registry, result_keys, runner, running
+from ggbench.campaign import execution, flights, registry, result_keys, runner, running
 from ggbench.campaign.campaign import CampaignError
 from ggbench.report import render
 from ggbench.results.folder import Results
@@ -233,7 +233,7 @@ def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     """Failed runs are counted and left out; the finished ones are judged and reported."""
     monkeypatch.chdir(tmp_path)  # a whole path would be too long for the figures of the report
     case = small(tmp_path).cases[0]
-    problems = [simulate(runner.flight_of(case), 5, run)[0] for run in range(4)]
+    problems = [simulate(flights.flight_of(case), 5, run)[0] for run in range(4)]
     firsts = sorted(problem.measurements[0, 0] for problem in problems)
     naughty(tmp_path, float(np.mean(firsts[1:3])))
     label = "naughty.py[kind=raises in some runs]"
@@ -412,7 +412,7 @@ def test_runs_of_other_content_are_neither_used_nor_lost(change, tmp_path, monke
     if "numpy" in new:
         changed = result_keys.environment() | {"versions": {"numpy": "0.0"}}
         monkeypatch.setattr(result_keys, "environment", lambda: changed)
-        monkeypatch.setattr(runner, "_key", runner._key.__wrapped__)
+        monkeypatch.setattr(runner, "key_of", runner.key_of.__wrapped__)
     runner.chosen.cache_clear()
     loaded = small(tmp_path, new.get("text", SMALL))
     options = {"runs": 1, "seed": new.get("seed", 5), "scenario": loaded}

@@ -13,7 +13,7 @@ from problems import SMALL
 from small_cases import rough_map, small_case
 
 from ggbench.block import ProblemBlock, joined
-from ggbench.campaign import result_keys, runner
+from ggbench.campaign import flights, result_keys
 from ggbench.campaign.registry import choose
 from ggbench.campaign.runner import Task, run_task
 from ggbench.results.store import Result
@@ -57,7 +57,7 @@ def assert_same(found: dict, expected: dict) -> None:
 
 
 def simulated(case: CaseSpec, runs: tuple[int, ...]) -> ProblemBlock:
-    return runner._simulated_block(Task(case, "", runs, 5, ()), runs)[0]
+    return flights.simulated(case, 5, runs).block
 
 
 def test_a_run_of_a_block_is_the_run_alone(rough):
@@ -80,7 +80,7 @@ def test_a_run_of_a_block_is_the_run_alone(rough):
         )
     together = flown(case, (0, 1, 2, 3, 4, 6))
     # Bounds are large: flights that are kept do not keep them, too.
-    assert "bound" not in vars(runner.flight_of(case))
+    assert "bound" not in vars(flights.flight_of(case))
     for run in (0, 3, 4):
         assert_same({k: v for k, v in together.items() if k[1] == run}, flown(case, (run,)))
 
@@ -106,11 +106,11 @@ def test_blocks_of_other_maps_are_not_joined(rough):
         joined([blocks[0], later])
 
 
-def test_a_block_never_mixes_maps(rough):
+def test_a_block_never_mixes_maps(rough, monkeypatch):
     """Whatever runs are asked for, and however many a block may have."""
     case = small_case(rough | DRAWN)
-    task = Task(case, "", tuple(range(1, 12)), 5, ())
-    blocks = [list(runs) for runs in runner._blocks(task, 4)]
+    monkeypatch.setattr(flights, "BLOCK_RUNS", 4)
+    blocks = [list(runs) for runs in flights.groups_of_runs(case, tuple(range(1, 12)))]
     assert sorted(run for runs in blocks for run in runs) == list(range(1, 12))
     for runs in blocks:
         assert len({run % 2 for run in runs}) == 1 and len(runs) <= 4

@@ -14,7 +14,7 @@ from campaigns import COMMAND, DEADLINE_S, DEADLY, command, finish, ran, stored
 from command import invoke
 from problems import SMALL
 
-from ggbench.campaign import runner
+from ggbench.campaign import flights
 from ggbench.results.folder import Results
 from ggbench.simulation.runs import simulate
 
@@ -24,7 +24,7 @@ def deadly(tmp_path) -> Path:
     """A folder with a scenario and an estimator that goes wrong in the upper half of its runs."""
     (tmp_path / "small.toml").write_text(SMALL)
     results = ran(tmp_path, "probe", ("ins",), runs=4)
-    flight = runner.flight_of(results.scenario.cases[0])
+    flight = flights.flight_of(results.scenario.cases[0])
     first = sorted(simulate(flight, 5, run)[0].measurements[0, 0] for run in range(4))
     text = DEADLY.replace("THRESHOLD", repr(float(first[1] + first[2]) / 2.0))
     (tmp_path / "deadly.py").write_text(text)

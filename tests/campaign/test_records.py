@@ -22,6 +22,7 @@ from ggbench.campaign import registry, result_keys, runner
 from ggbench.engines.innovations import innovations_squared
 from ggbench.estimator_spec import EstimatorSpec
 from ggbench.judging.references import CaseBound
+from ggbench.judging.run_errors import WINDOWS
 from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS, Result
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate, simulate_block
@@ -96,6 +97,22 @@ def test_libraries_below_the_estimators_are_in_the_key(monkeypatch):
     assert key() == before
 
 
+def evaluated(
+    flight: Flight, blanks: list[dict], states: np.ndarray, made: recording.TimedEstimates
+) -> list[Result]:
+    """Results of estimates; the oracle's errors are left out."""
+    return recording.evaluate_runs(
+        blanks,
+        "key",
+        flight=flight,
+        error_state=states,
+        estimated=made,
+        bound=CaseBound(flight, flight.bound),
+        oracle=lambda _: np.full((len(blanks), len(WINDOWS), 2), np.nan),
+        problem_of=lambda r: simulate(flight, 1, blanks[r]["run"])[0],
+    )
+
+
 def judged(
     flight: Flight, ins: np.ndarray, left: np.ndarray, causality="filter", lag: float | None = None
 ) -> list[Result]:
@@ -109,10 +126,8 @@ def judged(
     made = recording.TimedEstimates(
         mean, cov, np.zeros((runs, epochs)), causality, lag, [{}] * runs, [0] * runs, 0.5
     )
-    problems = [simulate(flight, 1, 0)[0]] * runs
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in range(runs)]
-    bound = CaseBound(flight, flight.bound)
-    return recording.evaluate_runs(blanks, "key", flight, states, made, bound, problems)
+    return evaluated(flight, blanks, states, made)
 
 
 def test_a_run_has_diverged_if_the_ins_alone_ends_nearer():
@@ -161,9 +176,7 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
     }  # fmt: skip
     made = recording.TimedEstimates(**(given | changes))
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in runs]
-    problems = [simulate(flight, 1, run)[0] for run in runs]
-    bound = CaseBound(flight, flight.bound)
-    return recording.evaluate_runs(blanks, "key", flight, states, made, bound, problems)
+    return evaluated(flight, blanks, states, made)
 
 
 def test_series_and_details_are_what_their_columns_say():
@@ -330,8 +343,8 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
     clock = SimpleNamespace(perf_counter=iter([0.0, 8.0]).__next__)
     monkeypatch.setattr(runner, "time", clock)
     choice = registry.Choice(EstimatorSpec("zeros"), Zeros())
-    problems = [block.problem(run) for run in range(4)]
-    found = runner._estimate(block, problems, choice, [])
+    rngs = [np.random.default_rng(run) for run in range(4)]
+    found = runner.timed_estimates(block, 0, choice, rngs)
     assert found.seconds == 2.0
     assert list(found.evaluations) == [0, 1, 2, 3]
     assert list(found.info) == [{"steps": 7}, {"steps": 8}, {"steps": 9}, {"steps": 10}]

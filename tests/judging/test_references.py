@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 
@@ -18,14 +19,18 @@ from problems import (
     linear_problem,
     smoothed,
 )
-from small_cases import small_flight
+from small_cases import small_case, small_flight
 from thinning import thinned
 
-from ggbench.judging.references import CaseBound, metrics
+from ggbench.block import ProblemBlock
+from ggbench.campaign import flights
+from ggbench.engines.whitened_measurements import residuals_along
+from ggbench.judging.references import CaseBound, metrics, oracle_means
 from ggbench.judging.run_errors import WINDOWS, evaluate_block, window_mask
 from ggbench.judging.statistics import mean_band
 from ggbench.problem import Problem, jacobian_along, predict_along
 from ggbench.simulation.bound import posterior_bound
+from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.flight_bounds import unfiltered_bound
 from ggbench.simulation.runs import simulate_block
 
@@ -37,6 +42,33 @@ KINDS = {"filter": 0, "fixed-lag-3": 3, "batch": 10**6}
 def solved(problem: Problem, ahead: int) -> np.ndarray:
     """States (K, n) of the Kalman filter or of the smoother."""
     return (smoothed(problem, ahead) if ahead else kalman(problem))[0]
+
+
+def compared_with(
+    name: str, made: Flight, bound: CaseBound, block: ProblemBlock, error_state: np.ndarray
+) -> np.ndarray:
+    """Metrics of bound and oracle (R, W, 4)."""
+    oracle = oracle_means(
+        name,
+        made,
+        bound,
+        residuals=residuals_along(block, error_state),
+        error_state=error_state,
+        transition=block.transition,
+    )
+    return metrics(name, bound, oracle)
+
+
+def test_residuals_of_a_block_are_those_of_its_problems():
+    """Measurements less h of the framework's model, at any state; zero where none came."""
+    made = small_flight({"truth.gradiometer.dropouts_s": [[12.0, 15.0]]})
+    block, truth = simulate_block(made, SEED, range(11))
+    residuals, at = residuals_along(block, truth.error_state), np.arange(block.epochs)
+    for r in range(block.runs):
+        problem = block.problem(r)
+        wanted = problem.measurements - predict_along(problem.model, at, truth.error_state[r])
+        assert residuals[r] == pytest.approx(wanted, rel=0.0, abs=1e-9)
+    assert not residuals[~block.present].any() and residuals[block.present].all()
 
 
 @pytest.mark.parametrize(("kind", "ahead"), KINDS.items())
@@ -72,7 +104,7 @@ def test_the_oracle_of_a_flight_is_linearised_at_its_truth(kind, ahead):
         problem.transition, problem.process_cov, problem.prior_cov, rows, problem.noise_cov,
         made.ticks,
     )  # fmt: skip
-    (found,) = metrics(kind, made, bound, [problem], truth.error_state)
+    (found,) = compared_with(kind, made, bound, block, truth.error_state)
     noise = problem.measurements - predict_along(problem.model, at, x)
     read = noise + np.einsum("kmn,kn->km", rows, x)
     errors = x - solved(changed(problem, model=LinearModel(rows), measurements=read), ahead)
@@ -94,9 +126,8 @@ def compared(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     assert not any(flaws)
     masks = [window_mask(made.times, made.case.windows, window) for window in WINDOWS]
     squares = np.stack([(judged.position_error[:, m] ** 2).mean(axis=1) for m in masks], axis=1)
-    problems = [block.problem(r) for r in range(RUNS)]
     bound = CaseBound(made, made.bound)
-    return squares, metrics("filter", made, bound, problems, truth.error_state), found.nis
+    return squares, compared_with("filter", made, bound, block, truth.error_state), found.nis
 
 
 @thinned("case", [CASES[0], CASES[2], CASES[3]])
@@ -138,10 +169,12 @@ def test_innovations_of_a_whitened_filter_are_in_their_band(window):
 
 def test_a_wrong_model_has_no_oracle():
     """Bounds are there, and what could be reached is not said."""
-    made = small_flight({"truth.gradiometer.noise_eotvos": 0.02})
-    block, truth = simulate_block(made, SEED, [0])
-    bound = CaseBound(made, made.bound)
-    (found,) = metrics("filter", made, bound, [block.problem(0)], truth.error_state)
+    case = small_case({"truth.gradiometer.noise_eotvos": 0.02})
+    flown = flights.simulated(case, SEED, [0])
+    with flown.truth.looked_at() as error_state:
+        oracle = flown.oracle_means("filter", error_state)
+    ((_, _, bound),) = flown.flights(slice(0, 1))
+    (found,) = metrics("filter", bound, oracle)
     assert np.isfinite(found[:, :2]).all() and np.isnan(found[:, 2:]).all()
 
 
@@ -149,15 +182,14 @@ def test_gaps_at_known_times_have_an_oracle():
     """A measurement that is missing has no weight, whatever stands in its place."""
     made = small_flight({"truth.gradiometer.dropouts_s": [[12.0, 15.0]]})
     block, truth = simulate_block(made, SEED, [0])
-    problem = block.problem(0)
-    spoilt = np.where(problem.present, problem.measurements, 1e6)
-    bound = CaseBound(made, made.bound)
-    one, other = ([changed(problem, measurements=z)] for z in (problem.measurements, spoilt))
+    spoilt = np.where(block.present, block.measurements, 1e6)
+    bound, states = CaseBound(made, made.bound), truth.error_state
+    other = dataclasses.replace(block, measurements=spoilt)
     assert np.array_equal(
-        metrics("filter", made, bound, one, truth.error_state),
-        metrics("filter", made, bound, other, truth.error_state),
+        compared_with("filter", made, bound, block, states),
+        compared_with("filter", made, bound, other, states),
     )
-    assert np.isfinite(metrics("batch", made, bound, one, truth.error_state)).all()
+    assert np.isfinite(compared_with("batch", made, bound, block, states)).all()
 
 
 @pytest.mark.parametrize("changes", [{}, {"gradiometer.noise_eotvos": 1.0}])

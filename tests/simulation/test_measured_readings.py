@@ -11,9 +11,8 @@ import pytest
 from small_cases import blank_map, small_case
 from small_noise import LINES, NOISE, SECONDS, survey
 
-from ggbench.campaign import result_keys, runner
+from ggbench.campaign import flights, result_keys
 from ggbench.campaign.result_keys import input_files
-from ggbench.campaign.runner import Task
 from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.gravity.field import Field
@@ -96,9 +95,8 @@ def test_runs_fly_the_lines_in_equal_shares(keys):
     assert Counter(flown) == {(name,): 3 for name in LINES}
     assert [case.cluster(run) for run in range(6)] == [0, 1, 2, 0, 1, 2]
     assert case.drawn
-    task = Task(case, "", (0, 1, 2, 3), 5, ())
-    block, _ = runner._simulated_block(task, task.runs)
-    for run in task.runs:
+    block = flights.simulated(case, 5, (0, 1, 2, 3)).block
+    for run in range(4):
         alone = simulate_block(prepare(case.of_run(run)), 5, [run])[0]
         np.testing.assert_array_equal(block.measurements[run], alone.measurements[0])
     assert not np.array_equal(block.measurements[0], block.measurements[1])

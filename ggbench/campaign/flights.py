@@ -1,0 +1,179 @@
+"""Flights of a worker process, their bounds, and blocks of simulated runs, each made once."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from ..block import ProblemBlock
+from ..engines.whitened_measurements import residuals_along
+from ..judging import run_errors
+from ..judging.references import CaseBound, oracle_means
+from ..judging.situations import is_right_model
+from ..problem import Problem
+from ..results.store import DETAILED_RUN
+from ..simulation.error_free_flight import Flight, prepare
+from ..simulation.flight_bounds import bounds
+from ..simulation.runs import simulate, simulate_block, simulate_flights
+from ..spec.case import CaseSpec
+from .truth_isolation import HiddenArray
+
+BLOCK_RUNS = 32
+"""Runs that an estimator takes at once: their arrays stay in the processor's cache."""
+BLOCK_BYTES = 2**29
+"""Of matrices that a block may have where the flight is so long that its runs would have more."""
+LEAST_RUNS = 8
+"""Runs that a block has in any case: those that go through the kernels together."""
+
+
+def flight_of(case: CaseSpec) -> Flight:
+    """Return the flight of a case, made once in each process; of one with draws, of run 0."""
+    return _flight(case.of_run(0))
+
+
+@lru_cache(maxsize=64)
+def _flight(case: CaseSpec) -> Flight:
+    return prepare(case)
+
+
+@lru_cache(maxsize=BLOCK_RUNS)
+def first_problem(case: CaseSpec, seed: int) -> Problem:
+    """Return the problem of a case's first run, made once for all that ask what it is like."""
+    return simulate(flight_of(case), seed, DETAILED_RUN)[0]
+
+
+_bounds: dict[CaseSpec, CaseBound] = {}
+
+
+def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
+    """Return the bounds of cases without draws, together; kept of the latest in each process."""
+    unknown = [case for case in dict.fromkeys(cases) if case not in _bounds]
+    if unknown:
+        flights = [flight_of(case) for case in unknown]
+        found = zip(flights, bounds(flights), strict=True)
+        _bounds.update(zip(unknown, itertools.starmap(CaseBound, found), strict=True))
+    wanted = [_bounds[case] for case in cases]
+    for case in [*_bounds][: max(len(_bounds) - BLOCK_RUNS, 0)]:
+        del _bounds[case]
+    return wanted
+
+
+_flown: set[CaseSpec] = set()
+
+
+def fly_unseen(case: CaseSpec) -> None:
+    """Make the flight of a case, and keep it out of sight of those who list a process's objects.
+
+    For a worker: what is there by then, modules above all, is never collected as garbage.
+    """
+    if case not in _flown:
+        _flown.add(case)
+        with contextlib.suppress(Exception):  # which run_task meets again, and records
+            flight_of(case)
+        gc.collect()
+        gc.freeze()
+
+
+def forget_flights() -> None:
+    """Let go of the flights of this process: a library of scenarios has many, and large ones."""
+    _flight.cache_clear()
+    first_problem.cache_clear()
+    _bounds.clear()
+
+
+def runs_at_once(case: CaseSpec) -> int:
+    """Return how many runs of a case a block has; Φ, Q and P of all their epochs are its memory."""
+    size = BLOCK_RUNS
+    with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
+        flight = flight_of(case)
+        matrices = 3 * len(flight.times) * flight.model.dimension**2 * np.dtype(float).itemsize
+        while size > LEAST_RUNS and size * matrices > BLOCK_BYTES:
+            size //= 2
+    return size
+
+
+def groups_of_runs(case: CaseSpec, runs: Sequence[int]) -> Iterator[Sequence[int]]:
+    """Yield groups of runs to be simulated together: they share their map, and fit a block."""
+    size = runs_at_once(case)
+    shared: dict[int, list[int]] = {}
+    for run in runs:
+        shared.setdefault(run % case.draw.maps, []).append(run)
+    for group in shared.values():
+        for start in range(0, len(group), size):
+            yield group[start : start + size]
+
+
+class SimulatedRuns:
+    """Runs that were simulated together; their truth is out of reach while an estimator works.
+
+    Attributes
+    ----------
+    case : the case.
+    runs : their numbers.
+    block : their problems.
+    truth : (R, K, n) their true error states.
+    """
+
+    def __init__(
+        self, case: CaseSpec, runs: Sequence[int], block: ProblemBlock, truth: HiddenArray
+    ) -> None:
+        self.case, self.runs, self.block, self.truth = case, runs, block, truth
+        self._oracle_means: dict[str, np.ndarray] = {}
+
+    def flights(self, part: slice) -> Iterator[tuple[slice, Flight, CaseBound]]:
+        """Yield the flights of a part of the runs: which runs, their flight and its bound."""
+        pieces = [slice(r, r + 1) for r in range(part.start, part.stop)]
+        for some in pieces if self.case.drawn else [part]:
+            case = self.case.of_run(self.runs[some.start])
+            (bound,) = case_bounds([case])
+            yield some, flight_of(case), bound
+
+    def oracle_means(self, name: str, error_state: np.ndarray) -> np.ndarray:
+        """Return the oracle's mean squared errors (R, W, 2), NaN where the model is wrong.
+
+        They are the same for all estimators that are compared with one bound, and are kept: no
+        estimator could learn the truth from them.
+
+        Parameters
+        ----------
+        name : of the bound.
+        error_state : (R, K, n) the truth.
+        """
+        if name not in self._oracle_means:
+            self._oracle_means[name] = self._computed_oracle_means(name, error_state)
+        return self._oracle_means[name]
+
+    def _computed_oracle_means(self, name: str, error_state: np.ndarray) -> np.ndarray:
+        if not is_right_model(self.case):
+            return np.full((len(self.runs), len(run_errors.WINDOWS), 2), np.nan)
+        residuals = residuals_along(self.block, error_state)
+        means = [
+            oracle_means(
+                name,
+                flight,
+                bound,
+                residuals=residuals[some],
+                error_state=error_state[some],
+                transition=self.block.transition[some],
+            )
+            for some, flight, bound in self.flights(slice(0, len(self.runs)))
+        ]
+        return np.concatenate(means)
+
+
+def simulated(case: CaseSpec, seed: int, runs: Sequence[int]) -> SimulatedRuns:
+    """Simulate runs; their truth is put away before any estimator sees the problems."""
+    if not case.drawn:
+        block, truth = simulate_block(flight_of(case), seed, runs)
+        return SimulatedRuns(case, runs, block, HiddenArray(truth.error_state))
+    cases = [case.of_run(run) for run in runs]
+    for of_run in cases:
+        fly_unseen(of_run)
+    case_bounds(cases)
+    block, truth = simulate_flights([flight_of(of_run) for of_run in cases], seed, runs)
+    return SimulatedRuns(case, runs, block, HiddenArray(truth.error_state))
