@@ -140,7 +140,7 @@ class _Grid(Lattice):
             posterior = np.zeros_like(self.masses)
             posterior[tuple(index.T)] = np.exp(logs - largest)
             posterior = self._cut(posterior)
-            narrow = _peak_cells(posterior) < self.resolution
+            narrow = peak_cells(posterior) < self.resolution
             fits = 2 ** int(narrow.sum()) * posterior.size <= _MOST_POINTS
             if not (narrow.any() and fits and left):
                 break
@@ -149,7 +149,7 @@ class _Grid(Lattice):
         total = posterior.sum()
         self.evidence += float(largest + np.log(total))
         self.masses = posterior / total
-        wide = _peak_cells(self.masses) > _WIDER * self.resolution
+        wide = peak_cells(self.masses) > _WIDER * self.resolution
         if wide.any() and self.masses.size > 1:
             self.masses = self.masses[tuple(slice(None, None, 2 if w else 1) for w in wide)]
             self.axes = self.axes * np.where(wide, 2.0, 1.0)
@@ -186,7 +186,7 @@ class _Grid(Lattice):
         return mean, (away.T * share) @ away
 
 
-def _peak_cells(masses: np.ndarray) -> np.ndarray:
+def peak_cells(masses: np.ndarray) -> np.ndarray:
     """Return the standard deviation (n,) of the peak along each axis, in cells.
 
     By the curvature of its logarithm at the largest mass; ∞ where that lies at the margin.

@@ -80,7 +80,7 @@ class Sitan(Estimator):
         Before, the answer is the INS's: the prior carried along.
         """
         spacing = _SPACINGS * self.sigma_m if self.bank == "auto" else np.inf
-        filters = _Filters(problem, spacing, self.most)
+        filters = SitanFilters(problem, spacing, self.most)
         started, scale = len(filters.means), filters.scale
         x, p = problem.prior_mean / scale, problem.prior_cov / np.outer(scale, scale)
         mean = np.empty((problem.epochs, problem.dimension))
@@ -116,7 +116,7 @@ class Sitan(Estimator):
         )  # fmt: skip
 
 
-class _Filters(Bank):
+class SitanFilters(Bank):
     """Filters with slopes over a region; the smoothed weighted residual squared (J,) of each."""
 
     def __init__(self, problem: Problem, spacing_m: float, most: int) -> None:
@@ -131,7 +131,7 @@ class _Filters(Bank):
 
         These are smoothed over ``memory`` readings, per channel that there is.
         """
-        rows, predicted, noise = self._planes(k)
+        rows, predicted, noise = self.fitted_planes(k)
         root = np.linalg.cholesky(noise)
         rows = np.linalg.solve(root, rows)
         off = self.problem.measurements[k] - predicted
@@ -148,7 +148,7 @@ class _Filters(Bank):
             self.squares += (squares / there - self.squares) / min(self.seen, memory)
         return squares
 
-    def _planes(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def fitted_planes(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Fit planes to h over the regions of all filters.
 
         Returns

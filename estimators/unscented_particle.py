@@ -102,7 +102,7 @@ class UnscentedParticle(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Carry the particles from epoch to epoch; return their mean and covariance."""
-        cloud = _Cloud(self, problem, rng)
+        cloud = UnscentedCloud(self, problem, rng)
         n = problem.dimension
         mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
         for k in range(problem.epochs):
@@ -119,7 +119,7 @@ class UnscentedParticle(Estimator):
         )
 
 
-class _Cloud:
+class UnscentedCloud:
     """The particles: states (J, n), covariances (J, n, n), log weights (J,), in prior deviations.
 
     Copies of one Gaussian that nothing drives apart are carried once, with their number (J,).
@@ -173,15 +173,15 @@ class _Cloud:
     def update(self, k: int, there: np.ndarray) -> None:
         """Take in reading k, of which the channels ``there`` (m,) exist."""
         predicted = self.states
-        roots = self._roots(self.covs)
-        innovation, slope, spread = self._regression(k, roots)
+        roots = self.square_roots(self.covs)
+        innovation, slope, spread = self.linear_regression(k, roots)
         if self.settings.strong_tracking:
             factors = self._fading(k, there, roots, innovation, slope, spread)
             if (factors > 1.0).any():
                 # Of other sigma points: gain and covariance are to be of the same filter.
                 self.covs = faded(self.covs, self.process_cov[k], factors)
-                roots = self._roots(self.covs)
-                innovation, slope, spread = self._regression(k, roots)
+                roots = self.square_roots(self.covs)
+                innovation, slope, spread = self.linear_regression(k, roots)
         m = innovation.shape[1]
         expected = spread + np.eye(m)
         try:
@@ -208,7 +208,7 @@ class _Cloud:
 
     def _draw(self, k: int, predicted: np.ndarray, means: np.ndarray) -> None:
         """Draw the states from their filters and weigh them."""
-        roots = self._roots(self.covs)
+        roots = self.square_roots(self.covs)
         normal = self.rng.standard_normal(means.shape)
         self.states = means + (roots @ normal[..., np.newaxis])[..., 0]
         residuals = self._residuals(k, self.states)
@@ -228,7 +228,9 @@ class _Cloud:
         white = np.linalg.solve(np.linalg.cholesky(problem.noise_of(k)), flat.T).T
         return np.asarray(white.reshape(residual.shape))
 
-    def _regression(self, k: int, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linear_regression(
+        self, k: int, roots: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what sigma points of N(x, L Lᵀ) say of h, whitened.
 
         Returns
@@ -274,7 +276,7 @@ class _Cloud:
         self.factors += np.repeat(factors, self.copies).tolist()
         return factors
 
-    def _roots(self, covs: np.ndarray) -> np.ndarray:
+    def square_roots(self, covs: np.ndarray) -> np.ndarray:
         """Return L (J, n, n) with L Lᵀ = P; of what rounding has spoilt, of the nearest one."""
         try:
             return np.linalg.cholesky(covs)

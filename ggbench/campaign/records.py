@@ -136,7 +136,7 @@ def evaluate_runs(
     )  # fmt: skip
     outside = np.zeros(len(blanks), dtype=bool)
     if estimated.causality != "none":  # else no map was asked
-        outside = _outside(flight, evaluation.components)
+        outside = outside_map(flight, evaluation.components)
     results = []
     for r, begun in enumerate(blanks):
         record = begun | {"seconds": estimated.seconds}
@@ -188,7 +188,7 @@ def _detail(
     return np.hstack([evaluation.components[r], evaluation.sigmas[r], gravity])
 
 
-def _outside(flight: Flight, errors: np.ndarray) -> np.ndarray:
+def outside_map(flight: Flight, errors: np.ndarray) -> np.ndarray:
     """Return which estimates (R,) leave the estimators' map, from their errors (R, K, 6), ENU."""
     believed = flight.trajectory.positions[flight.epochs] + errors[:, :, [1, 0, 2]] / flight.metres
     return np.asarray(~flight.model_field.covers(believed, BORDER).all(axis=1))

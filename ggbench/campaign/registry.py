@@ -58,7 +58,7 @@ class Choice:
         help to find truth, these names (:func:`.suspicious_names`).
         """
         cls = type(self.estimator)
-        source, seeks = _source_of(cls)
+        source, seeks = source_of(cls)
         libraries = _libraries_of(cls)
         return {
             "class": cls.__qualname__,
@@ -74,11 +74,11 @@ def registered() -> dict[str, type[Estimator]]:
 
     Raise EstimatorError if an installed entry point cannot be imported.
     """
-    return {name: _load(point) for name, point in _points().items()}
+    return {name: _load(point) for name, point in estimator_points().items()}
 
 
 @cache
-def _points() -> dict[str, importlib.metadata.EntryPoint]:
+def estimator_points() -> dict[str, importlib.metadata.EntryPoint]:
     """Return the entry points of the registered estimators by name, in order.
 
     Kept: to read them from the files of every installed package takes 50 ms.
@@ -117,7 +117,7 @@ def choose(text: str) -> Choice:
     if name.endswith(".py"):
         cls = _from_file(Path(name))
     else:
-        points = _points()  # of which only the chosen one is imported: some load slowly
+        points = estimator_points()  # of which only the chosen one is imported: some load slowly
         if name not in points:
             close = difflib.get_close_matches(name, points, n=1)
             hint = f" (did you mean '{close[0]}'?)" if close else ""
@@ -174,7 +174,7 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
         name = str(file)
     else:
         place = f"{cls.__module__}:{cls.__qualname__}"
-        names = [name for name, point in _points().items() if point.value == place]
+        names = [name for name, point in estimator_points().items() if point.value == place]
         if not names:
             raise EstimatorError(
                 f"a campaign's workers cannot find the class {cls.__name__} of {cls.__module__}: "
@@ -233,21 +233,21 @@ def _require_interface(cls: type[Estimator], name: str) -> None:
 
 
 @cache
-def _source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
+def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
     """Return a hash of the file that defines a class, as it was when it was loaded, and its seeks.
 
     With it go the modules of the same package from which it imports, as robust losses are, and the
     adapters that it uses.
     """
     module = sys.modules[cls.__module__]
-    contents = [_content(name) for name in _adapters_of(cls)]
+    contents = [content_of(name) for name in _adapters_of(cls)]
     if _SOURCE in vars(module):
         contents = [vars(module)[_SOURCE], *contents]
     else:
         found = {cls.__module__}
         if module.__package__:
             found |= {n for n in _used_by(cls) if n.startswith(f"{module.__package__}.")}
-        contents += [_content(name) for name in sorted(found) if name in sys.modules]
+        contents += [content_of(name) for name in sorted(found) if name in sys.modules]
     seeks = {name for content in contents for name in suspicious_names(content)}
     return hashlib.sha256(b"".join(contents)).hexdigest(), tuple(sorted(seeks))
 
@@ -270,7 +270,8 @@ def _libraries_of(cls: type[Estimator]) -> dict[str, str]:
     return {name: importlib.metadata.version(name) for name in names}
 
 
-def _content(module: str) -> bytes:
+def content_of(module: str) -> bytes:
+    """Return the source of an imported module."""
     return Path(inspect.getfile(sys.modules[module])).read_bytes()
 
 

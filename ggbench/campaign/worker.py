@@ -34,7 +34,7 @@ _PATIENCE_S = 2.0
 _PIECE = 1 << 20
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of one BLAS thread: more double the processor time for nothing on small matrices."""
-_living: set[Worker] = set()
+living_workers: set[Worker] = set()
 
 
 class Ready:
@@ -67,7 +67,7 @@ class Worker:
                     # So that what an estimator starts ends with it, and reaches no terminal.
                     start_new_session=True,
                 )
-                _living.add(self)
+                living_workers.add(self)
         except BaseException:
             self._socket.close()
             self.output.close()
@@ -126,7 +126,7 @@ class Worker:
         self._process.wait()
         self._socket.close()
         self.output.close()
-        _living.discard(self)
+        living_workers.discard(self)
 
 
 def kill(workers: Collection[Worker]) -> None:
@@ -161,7 +161,7 @@ def kill_surely(workers: Collection[Worker]) -> None:
 
 def kill_all() -> None:
     """End all worker processes of this process: nothing else is done before it ends itself."""
-    _end(list(_living))
+    _end(list(living_workers))
 
 
 @contextlib.contextmanager

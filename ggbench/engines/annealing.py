@@ -21,7 +21,7 @@ import numpy as np
 from ..numerics.kernels import compiled
 from .resampling import Resampling, effective_size, normalise, resample, unique
 
-_LEAST_SHARE, _BISECTIONS, _MOST_STAGES = 1e-16, 20, 60
+_LEAST_SHARE, _BISECTIONS, MOST_STAGES = 1e-16, 20, 60
 """Share of a reading that a stage takes at least; halvings (of its logarithm) by which a stage is
 found; stages after which all that is left of a reading is taken at once."""
 _STEPS = 5
@@ -120,7 +120,7 @@ def annealed(
     size = math.nan
     while power < 1.0:
         before = power
-        wanted = least if stages < _MOST_STAGES else 0.0
+        wanted = least if stages < MOST_STAGES else 0.0
         weights, gained, power, at_once = _stage(whitened, space.linear, before, wanted)
         size = at_once if before == 0.0 else size
         evidence += gained

@@ -45,9 +45,9 @@ _MOST_NODES = 30_000_000  # of the Fourier grid: about four gigabytes
 _BORDER = 0.1  # of the longer side of the terrain
 _MARGIN_NODES = 8  # of the Fourier grid, beyond the border
 _LARGEST_DISTORTION = 5e-3  # of lengths, by the map
-_FEWEST_ORDERS = 6
+FEWEST_ORDERS = 6
 _MOST_ORDERS = 80
-_CONVERGED = 1e-4  # rms of what is left of the series [E]
+CONVERGED = 1e-4  # rms of what is left of the series [E]
 _CLEARANCE_PER_HALF_RELIEF = 0.15  # which the most orders take, about
 _COARSE_NODES = 64  # per axis, for the field of the periodic images
 _COARSE_PERIODS = 8
@@ -77,9 +77,9 @@ class TerrainOptions:
             value = getattr(self, name)
             if not 0.0 <= value <= 1e4:  # NaN fails too
                 raise TerrainError(f"{name} = {value} must lie between 0 and 10000 kg/m³.")
-        if self.order not in range(_FEWEST_ORDERS, _MOST_ORDERS + 1):
+        if self.order not in range(FEWEST_ORDERS, _MOST_ORDERS + 1):
             raise TerrainError(
-                f"order = {self.order} must be a whole number from {_FEWEST_ORDERS} to "
+                f"order = {self.order} must be a whole number from {FEWEST_ORDERS} to "
                 f"{_MOST_ORDERS}."
             )
 
@@ -300,14 +300,14 @@ class _Series:
             rms *= float(np.linalg.norm(term)) / (n_x * n_y)
             # From here on the terms shrink at least as a geometric series does.
             left = rms / (1.0 - half / distance)
-            if n >= options.order and left < _CONVERGED:
+            if n >= options.order and left < CONVERGED:
                 break
             factor *= k * (half / (n + 1))
         else:
             raise TerrainError(
                 f"Parker's series leaves {left:.2g} E after {_MOST_ORDERS} orders at the lowest "
                 f"height, {self._lowest_level - self._highest:.3g} m above the highest ground of "
-                f"{self._name}: {_CONVERGED:g} E is allowed, which takes about "
+                f"{self._name}: {CONVERGED:g} E is allowed, which takes about "
                 f"{_CLEARANCE_PER_HALF_RELIEF * half:.3g} m here."
             )
         self.orders = n

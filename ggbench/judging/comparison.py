@@ -103,7 +103,7 @@ def compare(
         raise ComparisonError(f"the threshold must be a number from 0 on, and is {threshold}")
     renamed = _changed_parameters(before, after)
     before, after = (table.replace({"estimator": renamed}) for table in (before, after))
-    groups_before, groups_after = _groups(before), _groups(after)
+    groups_before, groups_after = groups_of_runs(before), groups_of_runs(after)
     common = [key for key in groups_before if key in groups_after]
     if not common:
         raise ComparisonError(
@@ -147,7 +147,7 @@ def _changed_parameters(before: pd.DataFrame, after: pd.DataFrame) -> dict[str, 
     return renamed
 
 
-def _groups(table: pd.DataFrame) -> dict[tuple[str, ...], pd.DataFrame]:
+def groups_of_runs(table: pd.DataFrame) -> dict[tuple[str, ...], pd.DataFrame]:
     """Return the runs of each assumption, case and estimator, by seed and run."""
     ordered = table.set_index(_RUN).sort_index(kind="stable")
     return dict(list(ordered.groupby(_KEY, sort=False)))
@@ -190,7 +190,7 @@ def _rows(
                 "verdict": SAME if runs and one.equals(two) else UNDECIDED,
             }
         )
-    return [*rows, _unfinished_runs(before, after, paired)]
+    return [*rows, unfinished_runs(before, after, paired)]
 
 
 def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
@@ -198,7 +198,7 @@ def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
     return set(zip(runs["problem"], runs.index.get_level_values("seed"), strict=True))
 
 
-def _unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
+def unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
     """Return the row of the runs that failed or diverged."""
     lost = [(runs["status"] != "ok") | runs["diverged"].astype(bool) for runs in (before, after)]
     old, new = (int(runs.sum()) for runs in lost)

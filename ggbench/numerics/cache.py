@@ -26,7 +26,7 @@ CACHE_VARIABLE = "GGBENCH_CACHE_DIR"
 """Environment variable that names another cache folder than the user's."""
 _VARIABLE = "NUMBA_CACHE_DIR"
 _OURS = re.compile(r"(ggbench[\w.]*)-[0-9a-f]{16}")
-_MOST_KEPT = 5
+MOST_KEPT = 5
 """Folders that a module keeps, of its newest sources."""
 
 
@@ -99,5 +99,5 @@ def _remove_old(folder: Path) -> None:
         if (name := _OURS.fullmatch(other.name)) and name[1] == module and other.is_dir()
     ]
     folders = sorted(ours, key=lambda f: f.stat().st_mtime, reverse=True)
-    for other in folders[_MOST_KEPT:]:
+    for other in folders[MOST_KEPT:]:
         shutil.rmtree(other, ignore_errors=True)

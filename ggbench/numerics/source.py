@@ -26,7 +26,7 @@ def rooms_hash(*rooms: str) -> str:
     return _hash_of({file for room in rooms for file in (PACKAGE / room).rglob("*.py")})
 
 
-_VECTORS = PACKAGE / "numerics" / "vectors.py"
+VECTORS = PACKAGE / "numerics" / "vectors.py"
 _IMPORT = re.compile(r"^\s*from\s+(\.+)([\w.]*)\s+import\s+(\((?:[^)#]|#.*)*\)|.*)", re.MULTILINE)
 """Modules of the package import each other relatively; a test holds them to it."""
 
@@ -39,7 +39,7 @@ def module_hash(file: Path) -> str:
     """
     if PACKAGE in file.parents:
         # A formula may be compiled for vectors although its module does not import them.
-        return _hash_of({file, _VECTORS} | _imported(file) | _imported(_VECTORS))
+        return _hash_of({file, VECTORS} | _imported(file) | _imported(VECTORS))
     own = rooms_hash(*COMPILED_ROOMS).encode() + file.read_bytes()
     return hashlib.sha256(own).hexdigest()[:16]
 
@@ -59,13 +59,14 @@ def _imported(file: Path) -> set[Path]:
     found: set[Path] = set()
     ahead = {file}
     while ahead:
-        ahead = set().union(*map(_imported_directly, ahead)) - found
+        ahead = set().union(*map(directly_imported, ahead)) - found
         found |= ahead
     return found
 
 
 @cache
-def _imported_directly(file: Path) -> frozenset[Path]:
+def directly_imported(file: Path) -> frozenset[Path]:
+    """Return the modules of the package that a module's own import lines name."""
     found = set()
     for dots, path, names in _IMPORT.findall(file.read_text(encoding="utf-8")):
         base = file.parents[len(dots) - 1].joinpath(*filter(None, path.split(".")))

@@ -119,12 +119,12 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
 
     Raises TrajectoryError if the file cannot be read, or the positions leave it.
     """
-    version = _version(name)
+    version = version_of(name)
     try:
-        found = _terrain(name, version, None)
+        found = terrain_of(name, version, None)
     except TrajectoryError:  # voids far from the flight do not matter to it
         flown = np.degrees([latitude.min(), latitude.max(), longitude.min(), longitude.max()])
-        found = _terrain(name, version, Area(*flown.tolist()).widened(_NEAR_DEG, _NEAR_DEG))
+        found = terrain_of(name, version, Area(*flown.tolist()).widened(_NEAR_DEG, _NEAR_DEG))
     south, west, latitude_step, longitude_step, grid = found
     row = (np.degrees(latitude) - south) / latitude_step
     rounding = 1e-9
@@ -163,7 +163,7 @@ def terrain_path(name: str) -> Path:
     return Path(name)
 
 
-def _version(name: str) -> tuple[int, int]:
+def version_of(name: str) -> tuple[int, int]:
     """Return what changes when a file is written again."""
     try:
         status = terrain_path(name).stat()
@@ -173,7 +173,7 @@ def _version(name: str) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=2)
-def _terrain(
+def terrain_of(
     name: str, version: tuple[int, int], area: Area | None
 ) -> tuple[float, float, float, float, Array]:
     """Return south, west, steps in latitude and longitude [deg], and heights [m].

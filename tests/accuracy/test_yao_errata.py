@@ -15,7 +15,7 @@ from problems import kalman, linear_problem, rng, simulated
 from rough_field import rough_flight
 
 from ggbench.estimators.strong_tracking import faded, fading_factors
-from ggbench.estimators.unscented_particle import UnscentedParticle, _Cloud
+from ggbench.estimators.unscented_particle import UnscentedCloud, UnscentedParticle
 from ggbench.gravity import ellipsoid
 from ggbench.problem import Problem
 from ggbench.reduced import drifting, horizontal
@@ -76,14 +76,14 @@ def test_process_noise_may_be_singular():
     The printed text asks for a positive definite Q; an inertial system has none.
     """
     problem = linear_problem(0)
-    cloud = _Cloud(UnscentedParticle(), problem, rng())
+    cloud = UnscentedCloud(UnscentedParticle(), problem, rng())
     cloud.predict(0)
     q = cloud.process_cov[0]
     assert np.linalg.matrix_rank(q) < len(q)
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.cholesky(q)
-    roots = cloud._roots(cloud.covs)
-    _, slope, _ = cloud._regression(0, roots)
+    roots = cloud.square_roots(cloud.covs)
+    _, slope, _ = cloud.linear_regression(0, roots)
     rows = np.linalg.solve(roots[0].T, slope[0]).T
     h = problem.model.rows[0] * cloud.scale
     white = np.linalg.solve(np.linalg.cholesky(problem.noise_of(0)), h)
@@ -125,12 +125,12 @@ def test_sigma_points_are_drawn_anew_after_fading():
     if nothing had faded. By how much an innovation is expected to scatter then is wrong by λ.
     """
     problem = linear_problem(0)
-    cloud = _Cloud(UnscentedParticle(), problem, rng())
+    cloud = UnscentedCloud(UnscentedParticle(), problem, rng())
     cloud.predict(0)
-    _, _, before = cloud._regression(0, cloud._roots(cloud.covs))
+    _, _, before = cloud.linear_regression(0, cloud.square_roots(cloud.covs))
     factor = np.array([9.0])
     cloud.covs = faded(cloud.covs, cloud.process_cov[0], factor)
-    _, _, after = cloud._regression(0, cloud._roots(cloud.covs))
+    _, _, after = cloud.linear_regression(0, cloud.square_roots(cloud.covs))
     root = np.linalg.cholesky(problem.noise_of(0))
     rows = np.linalg.solve(root, problem.model.rows[0]) * cloud.scale
     true = rows @ cloud.covs[0] @ rows.T
@@ -141,10 +141,10 @@ def test_sigma_points_are_drawn_anew_after_fading():
 def test_the_filter_draws_its_points_anew():
     """Its own update is that of a filter that begins with the faded covariance, bent h or not."""
     problem = bent()
-    tracking = _Cloud(UnscentedParticle(particles=1, strong_tracking=True), problem, rng())
+    tracking = UnscentedCloud(UnscentedParticle(particles=1, strong_tracking=True), problem, rng())
     tracking.predict(0)
     tracking.power[:], tracking.seen[:] = 1e4, True
-    plain = _Cloud(UnscentedParticle(particles=1), problem, rng())
+    plain = UnscentedCloud(UnscentedParticle(particles=1), problem, rng())
     plain.predict(0)
     there = problem.present[0]
     begun = tracking.covs.copy()

@@ -177,10 +177,10 @@ def test_results_depend_on_the_adapter_and_the_library(tmp_path, monkeypatch, li
     choice = mine(tmp_path, FILES[library, "ekf"])
     content = choice.content
     assert content["libraries"][library] == importlib.metadata.version(library)
-    read, uncached = registry._content, registry._source_of.__wrapped__
-    monkeypatch.setattr(registry, "_source_of", uncached)
+    read, uncached = registry.content_of, registry.source_of.__wrapped__
+    monkeypatch.setattr(registry, "source_of", uncached)
     assert choice.content == content
-    monkeypatch.setattr(registry, "_content", lambda name: read(name) + b"# another\n")
+    monkeypatch.setattr(registry, "content_of", lambda name: read(name) + b"# another\n")
     assert choice.content["source"] != content["source"]
     assert "libraries" not in registry.choose("ekf").content
 

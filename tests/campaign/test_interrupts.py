@@ -110,7 +110,7 @@ def test_an_interrupt_while_workers_are_ended_ends_them_all(tmp_path, monkeypatc
         results.close()
     assert len(calls) == 3
     assert not [w for w in workers if w.is_running() and w.status() != psutil.STATUS_ZOMBIE]
-    assert not worker._living
+    assert not worker.living_workers
 
 
 def test_a_signal_that_is_ignored_stays_so():

@@ -42,7 +42,7 @@ def outside(flight, east: float = 0.0, north: float = 0.0, up: float = 0.0) -> b
     """Whether a single estimate, off by so much, is found outside."""
     errors = np.zeros((2, len(flight.times), 6))
     errors[1, 7, :3] = east, north, up
-    first, second = records._outside(flight, errors)
+    first, second = records.outside_map(flight, errors)
     assert not first
     return bool(second)
 

@@ -76,7 +76,7 @@ def test_an_entry_point_that_cannot_be_imported_is_named(monkeypatch):
     """Another package's broken estimator is an error that names it, and stops no other one."""
     broken = importlib.metadata.EntryPoint("broken", "no_such_module:Thing", registry.GROUP)
     whole = importlib.metadata.EntryPoint("ins", "ggbench.estimators.ins:InertialOnly", "")
-    monkeypatch.setattr(registry, "_points", lambda: {"broken": broken, "ins": whole})
+    monkeypatch.setattr(registry, "estimator_points", lambda: {"broken": broken, "ins": whole})
     said = r"'broken' \(no_such_module:Thing\) cannot be imported"
     for look in (lambda: choose("broken"), registry.registered):
         with pytest.raises(EstimatorError, match=said):
@@ -260,7 +260,7 @@ def test_a_source_is_the_file_with_what_it_imports_from_beside_it(monkeypatch):
 
     def sources() -> dict[str, str]:
         return {
-            name: registry._source_of.__wrapped__(type(choose(name).estimator))
+            name: registry.source_of.__wrapped__(type(choose(name).estimator))
             for name in ("ekf", "ukf", "gauss-newton", "ins")
         }
 

@@ -99,7 +99,7 @@ def test_a_stage_that_cannot_leave_as_many_as_asked_for_comes_to_an_end():
     found = annealed(
         draws(1000, 1), lambda p: 100.0 * (p - 1.0), space, 1000, 999.0, "residual", rng
     )
-    assert found.stages == annealing._MOST_STAGES
+    assert found.stages == annealing.MOST_STAGES
     assert np.isfinite(found.normals).all()
     assert np.abs(found.normals - 1.0).max() < 0.5
 

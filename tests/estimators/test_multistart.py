@@ -207,7 +207,7 @@ def test_screening_weighs_readings_as_the_cost_does():
     """From some of many epochs, the cost that all of them have beside the prior's: to 30 %."""
     problem = linear_problem(5, epochs=600)
     smoother = _Smoother(problem, "none", np.inf)
-    screened = smoother._screen(np.zeros((1, problem.dimension)))[0]
+    screened = smoother.screened_costs(np.zeros((1, problem.dimension)))[0]
     undisturbed = smoother.from_prior(np.zeros(problem.dimension))
     whole = smoother.cost(undisturbed, smoother.residuals(undisturbed.states))
     assert screened == pytest.approx(whole, rel=0.3)
@@ -223,7 +223,7 @@ def test_screening_by_all_readings_is_the_cost(loss):
     for start in starts:
         undisturbed = smoother.from_prior(start)
         costs.append(smoother.cost(undisturbed, smoother.residuals(undisturbed.states)))
-    np.testing.assert_allclose(smoother._screen(starts), costs, rtol=1e-9)
+    np.testing.assert_allclose(smoother.screened_costs(starts), costs, rtol=1e-9)
 
 
 def test_where_readings_say_nothing_the_prior_ranks_the_starts():

@@ -10,7 +10,7 @@ from oracles import solver
 from problems import changed, estimator, evidence, kalman, noisy_problem, refusal, rng
 from rough_field import rough_flight
 
-from ggbench.estimators.point_mass import PointMass, _peak_cells
+from ggbench.estimators.point_mass import PointMass, peak_cells
 from ggbench.problem import Estimate, Problem
 from ggbench.reduced import horizontal, reduced, walking
 
@@ -139,7 +139,7 @@ def test_the_peak_is_measured_in_cells():
     """A Gaussian of three and five cells; at the margin of the grid nothing is known."""
     i, j = np.indices((41, 41))
     density = np.exp(-0.5 * (((i - 20) / 3.0) ** 2 + ((j - 40) / 5.0) ** 2))
-    np.testing.assert_allclose(_peak_cells(density), [3.0, np.inf])
+    np.testing.assert_allclose(peak_cells(density), [3.0, np.inf])
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from rough_field import rough_flight
 from test_multistart import Periodic
 from thinning import thinned
 
-from ggbench.estimators.sitan import _Filters
+from ggbench.estimators.sitan import SitanFilters
 from ggbench.problem import Problem, StateBlock
 
 
@@ -68,8 +68,8 @@ def test_what_a_plane_leaves_of_a_bowl_is_noise():
     """
     sigma = 3.0
     problem = placed(1, sigma, Bowl(), np.zeros((1, 1)))
-    filters = _Filters(problem, np.inf, 1)
-    rows, predicted, noise = filters._planes(0)
+    filters = SitanFilters(problem, np.inf, 1)
+    rows, predicted, noise = filters.fitted_planes(0)
     v = 2.0 * np.exp(-0.5) / (1.0 + 2.0 * np.exp(-0.5))
     np.testing.assert_allclose(rows[0, 0] / filters.scale, [7.0, 0.0, 0.0], atol=1e-9)
     assert predicted[0, 0] == pytest.approx(0.5 * 7.0**2 + v * sigma**2)

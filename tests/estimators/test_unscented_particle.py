@@ -22,7 +22,7 @@ from scipy.stats import multivariate_normal
 
 from ggbench.engines.innovations import innovations
 from ggbench.estimators import strong_tracking
-from ggbench.estimators.unscented_particle import UnscentedParticle, _Cloud
+from ggbench.estimators.unscented_particle import UnscentedCloud, UnscentedParticle
 from ggbench.problem import Estimate, Problem
 
 WHITE_ALONE = 1e9
@@ -49,11 +49,11 @@ def test_particles_make_up_a_wide_prior():
     """
     problem, _ = rough_flight(0, 1000.0, epochs=2)
     count = 10_000
-    mean, cov = _Cloud(UnscentedParticle(particles=count), problem, rng()).moments()
+    mean, cov = UnscentedCloud(UnscentedParticle(particles=count), problem, rng()).moments()
     assert np.abs(mean).max() < 5.0 / np.sqrt(count)
     prior = problem.prior_cov / np.outer(*2 * [np.sqrt(np.diag(problem.prior_cov))])
     assert np.abs(cov - prior).max() < 6.0 * np.sqrt(2.0 / count)
-    alone = _Cloud(UnscentedParticle(particles=count, width_m=2e3), problem, rng())
+    alone = UnscentedCloud(UnscentedParticle(particles=count, width_m=2e3), problem, rng())
     assert len(alone.states) == 1  # a prior that is no wider is not split
 
 
@@ -79,7 +79,7 @@ def test_a_mixture_finds_a_place_that_one_filter_loses():
 def test_particles_are_weighed_by_the_density_of_what_they_predicted():
     """Two Gaussians of unequal place and width: their weights are N(z; Hx, HPHᵀ + R), to 1e-9."""
     problem = linear_problem(2)
-    cloud = _Cloud(UnscentedParticle(particles=2), problem, rng())
+    cloud = UnscentedCloud(UnscentedParticle(particles=2), problem, rng())
     cov = cloud.covs[0]
     cloud.states = np.array([cloud.states[0], cloud.states[0] + 0.3])
     cloud.covs = np.array([cov, 4.0 * cov])
@@ -97,7 +97,7 @@ def test_particles_are_weighed_by_the_density_of_what_they_predicted():
 def test_what_a_particle_has_seen_goes_on_with_it():
     """State, covariance and power of innovations are those of the particle that is resampled."""
     problem, _ = rough_flight(0, 1000.0, epochs=2)
-    cloud = _Cloud(UnscentedParticle(particles=20, strong_tracking=True), problem, rng())
+    cloud = UnscentedCloud(UnscentedParticle(particles=20, strong_tracking=True), problem, rng())
     cloud.power = np.arange(20.0)[:, np.newaxis] * np.ones(6)
     cloud.covs = cloud.covs * np.arange(1.0, 21.0)[:, np.newaxis, np.newaxis]
     states, covs = cloud.states.copy(), cloud.covs.copy()
@@ -203,12 +203,12 @@ def test_fading_without_derivatives_is_fading_with_them():
     singular: what has to be positive definite is the predicted covariance.
     """
     problem = linear_problem(3)
-    cloud = _Cloud(UnscentedParticle(strong_tracking=True), problem, rng())
+    cloud = UnscentedCloud(UnscentedParticle(strong_tracking=True), problem, rng())
     for k in range(3):
         cloud.predict(k)
         past = cloud.covs[0] - cloud.process_cov[k]
-        roots = cloud._roots(cloud.covs)
-        _, slope, spread = cloud._regression(k, roots)
+        roots = cloud.square_roots(cloud.covs)
+        _, slope, spread = cloud.linear_regression(k, roots)
         rows = np.linalg.solve(np.swapaxes(roots, 1, 2), slope)[0].T
         noise_root = np.linalg.cholesky(problem.noise_of(k))
         h = np.linalg.solve(noise_root, problem.model.rows[k]) * cloud.scale
@@ -314,7 +314,7 @@ def test_readings_that_are_missing_change_nothing():
     problem = changed(problem, present=present, measurements=np.zeros_like(problem.measurements))
     for weights in ("mixture", "likelihood"):
         generator = rng()
-        cloud = _Cloud(UnscentedParticle(weights=weights), problem, generator)
+        cloud = UnscentedCloud(UnscentedParticle(weights=weights), problem, generator)
         state = generator.bit_generator.state
         begun = cloud.states.copy()
         for k in range(problem.epochs):

@@ -249,8 +249,8 @@ def test_height_counts_from_the_geoid(hilly):
 def test_low_orders_of_the_series_are_visibly_worse(hilly, monkeypatch):
     where = (*at_radians(hilly), [hilly.height_m.max() + 300.0])
     converged, _ = terrain_field(hilly, *where)
-    monkeypatch.setattr(parker, "_CONVERGED", math.inf)
-    monkeypatch.setattr(parker, "_FEWEST_ORDERS", 1)
+    monkeypatch.setattr(parker, "CONVERGED", math.inf)
+    monkeypatch.setattr(parker, "FEWEST_ORDERS", 1)
     errors = [
         np.abs(terrain_field(hilly, *where, TerrainOptions(order=order))[0] - converged).max()
         for order in (1, 2, 4, 8)

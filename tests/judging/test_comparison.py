@@ -15,9 +15,9 @@ from ggbench.judging.comparison import (
     UNFINISHED,
     Comparison,
     ComparisonError,
-    _groups,
-    _unfinished_runs,
     compare,
+    groups_of_runs,
+    unfinished_runs,
 )
 from ggbench.judging.summary import WINDOWS
 
@@ -162,15 +162,15 @@ def test_lost_runs_need_to_be_more_than_one(kind):
 def test_evidence_of_lost_runs_is_that_of_exact_tests(old, new):
     """Fisher's of independent samples of 40 and 90 runs, McNemar's of pairs; both one-sided."""
     before, after = (
-        next(iter(_groups(campaign({"a": squares(1, runs)}, lost=lost)).values()))
+        next(iter(groups_of_runs(campaign({"a": squares(1, runs)}, lost=lost)).values()))
         for runs, lost in ((40, range(old)), (90, range(2, 2 + new)))
     )
-    found = _unfinished_runs(before, after, paired=False)
+    found = unfinished_runs(before, after, paired=False)
     table = [[new, 90 - new], [old, 40 - old]]
     assert (found["before"], found["after"]) == (old, new)
     assert found["p"] == pytest.approx(fisher_exact(table, alternative="greater").pvalue)
     assert found["p_better"] == pytest.approx(fisher_exact(table, alternative="less").pvalue)
-    pairs = _unfinished_runs(before, after, paired=True)
+    pairs = unfinished_runs(before, after, paired=True)
     one, other = set(range(old)), set(range(2, 2 + new))
     differing = len(one ^ other)
     for name, count in (("p", len(other - one)), ("p_better", len(one - other))):

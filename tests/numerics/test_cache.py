@@ -80,4 +80,4 @@ def test_the_newest_folders_of_a_module_are_kept(tmp_path):
         folder.mkdir()
         os.utime(folder, (1e9 - age, 1e9 - age))
     cache.make_code_folder(tmp_path / f"ggbench.ins-{10:016x}")
-    assert [folder for folder in former if folder.exists()] == former[: cache._MOST_KEPT - 1]
+    assert [folder for folder in former if folder.exists()] == former[: cache.MOST_KEPT - 1]

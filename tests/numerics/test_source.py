@@ -134,7 +134,7 @@ def test_a_new_module_counts_and_a_renamed_one(copy):
 def test_what_a_module_imports_is_found(copy):
     """As Python finds it: in a function, of many lines, under another name, beside a comment."""
     files = [PACKAGE / name for name in modules()]
-    assert {file: set(source._imported_directly(file)) for file in files} == {
+    assert {file: set(source.directly_imported(file)) for file in files} == {
         file: as_python_reads(file) for file in files
     }
     odd = copy / "ins" / "odd.py"
@@ -143,13 +143,13 @@ def test_what_a_module_imports_is_found(copy):
         "        ellipsoid as e,\n        field,\n    )\n"
         "from .. import a_name_of_the_package_itself\n"
     )
-    assert copy / "__init__.py" in source._imported_directly(odd)
-    assert set(source._imported_directly(odd)) == as_python_reads(odd) != set()
+    assert copy / "__init__.py" in source.directly_imported(odd)
+    assert set(source.directly_imported(odd)) == as_python_reads(odd) != set()
 
 
 def test_compiled_code_is_known_by_all_that_it_is_made_of(copy, monkeypatch):
     """Whatever a module imports, directly or not, changes its hash, and nothing else does."""
-    monkeypatch.setattr(source, "_VECTORS", copy / "numerics" / "vectors.py")
+    monkeypatch.setattr(source, "VECTORS", copy / "numerics" / "vectors.py")
     file = copy / "ins" / "strapdown.py"
     before, found = module_hash(file), set()
     for other in sorted(copy.rglob("*.py")):

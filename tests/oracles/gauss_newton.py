@@ -42,7 +42,7 @@ class _Smoother(IteratedSmoother):
         starts = across_prior(self.problem, count)
         if len(starts) == 1:
             return [self.from_prior(starts[0])]
-        order = np.argsort(self._screen(starts), kind="stable")
+        order = np.argsort(self.screened_costs(starts), kind="stable")
         return [self.from_prior(starts[i]) for i in order[:keep]]
 
     def from_filter(self) -> Trajectory:
@@ -86,7 +86,7 @@ class _Smoother(IteratedSmoother):
             if place.cost < places[0].cost + NO_RIVAL
         ]
 
-    def _screen(self, starts: np.ndarray) -> np.ndarray:
+    def screened_costs(self, starts: np.ndarray) -> np.ndarray:
         """Return the cost of each start (S, n), from a part of the epochs."""
         problem = self.problem
         shown = shown_epochs(problem.epochs)

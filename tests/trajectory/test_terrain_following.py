@@ -142,8 +142,8 @@ def test_a_gap_in_the_terrain_under_the_flight_is_told(monkeypatch):
     """A void of a terrain model is no height, and a bilinear mean with one is none."""
     grid = np.zeros((3, 4))
     grid[1, 2] = np.nan
-    monkeypatch.setattr(terrain_following, "_terrain", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
-    monkeypatch.setattr(terrain_following, "_version", lambda _: (0, 0))
+    monkeypatch.setattr(terrain_following, "terrain_of", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
+    monkeypatch.setattr(terrain_following, "version_of", lambda _: (0, 0))
     places = np.radians([[10.2, 10.4], [-1.9, -1.6]])
     with pytest.raises(
         TrajectoryError, match=r"no height at 10\.4\d*° N, -1\.6\d*° E, .* gaps first"
@@ -195,8 +195,8 @@ def test_a_terrain_written_anew_is_read_anew(tmp_path):
 def test_terrain_heights_are_those_of_the_grid(monkeypatch):
     """Bilinear between the points, in either notation of longitudes, and nothing beyond them."""
     grid = np.arange(12.0).reshape(3, 4) ** 2
-    monkeypatch.setattr(terrain_following, "_terrain", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
-    monkeypatch.setattr(terrain_following, "_version", lambda _: (0, 0))
+    monkeypatch.setattr(terrain_following, "terrain_of", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
+    monkeypatch.setattr(terrain_following, "version_of", lambda _: (0, 0))
 
     def at(latitude: float, longitude: float) -> float:
         place = np.radians([latitude]), np.radians([longitude])
