@@ -14,6 +14,7 @@ from problems import SMALL
 
 from ggbench.campaign import execution, running
 from ggbench.campaign.campaign import Campaign
+from ggbench.results.columns import BLANK, WINDOW_COLUMNS
 from ggbench.results.folder import Results, write_tables
 from ggbench.spec import scenario
 
@@ -50,6 +51,23 @@ def ran(
     results = Results(work.folder, store)
     write_tables(results)
     return results
+
+
+def failed(run: int = 0, **known: Any) -> dict[str, Any]:
+    """The record of a run that has failed."""
+    head = {"name": "a", "causality": "filter", "seed": 1, "status": "failed", "reason": "none"}
+    return BLANK | head | {"run": run} | known
+
+
+def finished(run: int = 0, **known: Any) -> dict[str, Any]:
+    """The record of a run that has finished, with a metric of each window after the other."""
+    numbers = {
+        "seconds": 0.1, "bound": "filter", "map_evaluations": 20, "peak_memory_mb": 100.0,
+        "diverged": False, "final_position_error_m": 2.0, "final_ins_error_m": 9.0,
+        "required_m": 3.0, "converged_s": 4.0, "false_fix": False, "info": {"rounds": 3},
+    }  # fmt: skip
+    windows = {name: 1.0 + number / 7.0 for number, name in enumerate(WINDOW_COLUMNS)}
+    return failed(run, status="ok", reason="") | numbers | windows | known
 
 
 def records(results: Results) -> dict[tuple[str, str, int], dict[str, Any]]:

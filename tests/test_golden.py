@@ -101,13 +101,12 @@ def fingerprint(name: str, label: str) -> list[float | None] | str:
     record = result.record
     if record["status"] != "ok":
         return "failed"
-    whole = record["windows"]["whole"]
     assert result.detail is not None
     sigma = float(np.linalg.norm(result.detail[-1, 6:9]))
-    numbers = math.sqrt(whole["position_ms"]), math.sqrt(whole["velocity_ms"]), whole["nees"]
+    numbers = math.sqrt(record["whole_position_ms"]), math.sqrt(record["whole_velocity_ms"])
     return [
         None if math.isnan(number) else float(f"{number:.12g}")
-        for number in (*numbers, whole["nis"], sigma)
+        for number in (*numbers, record["whole_nees"], record["whole_nis"], sigma)
     ]
 
 

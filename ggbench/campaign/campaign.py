@@ -230,11 +230,6 @@ class Campaign:
         remarks = [*unusual_values(self.plan.scenario), *left_out, *self._seeking()]
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
-        if damaged := store.discard_damaged():
-            remarks.append(
-                f"{self.folder} holds {damaged} records that cannot be read: they are discarded, "
-                "and those that are asked for are run again"
-            )
         if (self.folder / "manifest.json").exists():
             finished = store.finished().keys()
             plan = plan.joined(read_manifest(self.folder), self.scenario, finished)

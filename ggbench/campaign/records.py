@@ -22,6 +22,7 @@ from ..judging.bounds import squared_bounds
 from ..judging.judgement import OUTSIDE
 from ..judging.references import CaseBound
 from ..problem import Causality, Fixes, Problem
+from ..results.columns import BLANK, WINDOW_COLUMNS
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
 from ..simulation.bound import Bound
@@ -32,7 +33,7 @@ from ..spec.case import CaseSpec
 from .registry import Choice
 
 _LONGEST_INFO = 100_000
-_METRICS = (*run_errors.METRICS, *references.METRICS)
+_LARGEST_COUNT = 2**63 - 1
 BORDER = 0.1
 """How far outside a map is still its border, in distances of its nodes."""
 
@@ -79,7 +80,7 @@ def peak_memory_mb() -> float:
 
 def new_record(choice: Choice, run: int, seed: int) -> dict[str, Any]:
     """Return what a record says of its run before it is known how it went."""
-    return {
+    return BLANK | {
         "name": choice.estimator.name,
         "parameters": choice.spec.listed,
         "causality": choice.estimator.causality,
@@ -128,7 +129,7 @@ def evaluate_runs(
     )
     name = _bound_of(case, estimated.causality, estimated.lag)
     compared = references.metrics(name, bound, oracle(name))
-    windows = np.concatenate([means, compared], axis=2).tolist()
+    windows = np.concatenate([means, compared], axis=2).reshape(len(blanks), -1).tolist()
     peak = peak_memory_mb()
     kept = kept_epochs(len(times))
     curves = (
@@ -140,8 +141,8 @@ def evaluate_runs(
     results = []
     for r, begun in enumerate(blanks):
         record = begun | {"seconds": estimated.seconds}
-        if flaws[r]:
-            results.append(Result(key, record | {"reason": f"ValueError: {flaws[r]}"}))
+        if flaw := flaws[r] or _flaw_of_count(estimated.evaluations[r]):
+            results.append(Result(key, record | {"reason": f"ValueError: {flaw}"}))
             continue
         record |= {
             "status": "ok",
@@ -153,12 +154,14 @@ def evaluate_runs(
             "final_position_error_m": final[r],
             "final_ins_error_m": ins[r],
             "diverged": run_errors.has_diverged(final[r], bound.final_m, ins[r]),
-            "converged_s": None if math.isnan(converged[r]) else float(converged[r]),
+            "converged_s": float(converged[r]),
             "false_fix": bool(false[r]),
-            "windows": run_errors.named_metrics(windows[r], _METRICS),
+            **dict(zip(WINDOW_COLUMNS, windows[r], strict=True)),
         }
+        fixes: list[dict[str, Any]] = []
         if estimated.fixes is not None:
-            record["fixes"] = fix_metrics.judge(estimated.fixes, error_state[r], times)
+            fixes = fix_metrics.judge(estimated.fixes, error_state[r], times)
+            record["fixes"] = len(fixes)
         if outside[r]:
             record["remark"] = OUTSIDE
         series = detail = None
@@ -166,8 +169,15 @@ def evaluate_runs(
             series = _narrowed(np.stack([values[r, kept] for values in curves], axis=-1))
         if record["run"] == DETAILED_RUN:
             detail = _narrowed(_detail(flight, error_state[r], estimated, evaluation, r))
-        results.append(Result(key, record, series, detail))
+        results.append(Result(key, record, series, detail, fixes))
     return results
+
+
+def _flaw_of_count(evaluations: int) -> str:
+    """Return what is wrong with an estimator's own count of its evaluations of the map, or ""."""
+    if 0 <= evaluations <= _LARGEST_COUNT:
+        return ""
+    return "the estimate's info has map_evaluations below zero, or beyond 64 bits"
 
 
 def _detail(
@@ -222,8 +232,7 @@ def remarks(info: Any) -> dict[str, Any]:
     if len(text) > _LONGEST_INFO:
         raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
     try:
-        # By what reads records, and as deep in one as it will be.
-        found: dict[str, Any] = from_json(f'[{{"info":{text}}}]')[0]["info"]
+        found: dict[str, Any] = from_json(text)  # as it will be read
     except ValueError as error:
         raise ValueError(f"the estimate's info cannot be stored: {error}") from None
     return found

@@ -235,7 +235,7 @@ def _end_run(results: list[Result], output: int, seam: bytes) -> None:
     if left := orphan_processes.kill_descendants():
         remark = f"left {left} process{'es' * (left > 1)} running, ended with the run"
         for result in results:
-            said = result.record.get("remark")
+            said = result.record["remark"]
             result.record["remark"] = f"{said}; {remark}" if said else remark
     for stream in (sys.__stdout__, sys.__stderr__):
         with contextlib.suppress(Exception):  # an estimator may have closed it

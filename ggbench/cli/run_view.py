@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -159,30 +160,29 @@ def _print(
         if record["status"] != "ok":
             table.add_row(view.label, "[red]failed[/]", *[""] * (len(headings) - 1))
             continue
-        settled = record["windows"]["settled"]
         table.add_row(
             view.label,
-            f"{settled['position_ms'] ** 0.5:.3g}",
-            f"{settled['velocity_ms'] ** 0.5:.3g}",
+            f"{record['settled_position_ms'] ** 0.5:.3g}",
+            f"{record['settled_velocity_ms'] ** 0.5:.3g}",
             f"{record['final_position_error_m']:.3g}",
-            f"{settled['nees']:.2f}",
+            f"{record['settled_nees']:.2f}",
             "[red]yes[/]" if record["diverged"] else "no",
             _convergence(record),
-            f"{1e3 * record['seconds']:.1f}{'*' if record.get('cold') else ''}",
+            f"{1e3 * record['seconds']:.1f}{'*' if record['cold'] else ''}",
         )
     table.print(console)
-    if any(view.record["status"] == "ok" and view.record.get("cold") for view in views):
+    if any(view.record["status"] == "ok" and view.record["cold"] for view in views):
         console.print(COLD, markup=False)
     for view in views:
         if view.record["status"] != "ok":
             console.out(f"{view.label} failed: {view.record['reason']}")
-            if "traceback" in view.record:
+            if view.record["traceback"]:
                 console.out(view.record["traceback"].rstrip())
-            if "output" in view.record:
+            if view.record["output"]:
                 console.out(f"It had printed: {view.record['output']}")
-        if "remark" in view.record:
+        if view.record["remark"]:
             console.out(f"{view.label} {view.record['remark']}")
-        if view.record.get("info"):
+        if view.record["info"]:
             console.out(f"{view.label} says: {info_text(view.record['info'])}")
     _print_errors(times, bound, views)
     commands = [view for view in views if view.command]
@@ -204,7 +204,7 @@ def info_text(info: Mapping[str, Any]) -> str:
 
 def _convergence(record: Mapping[str, Any]) -> str:
     """Return when a run converged, or that it ends in a false fix."""
-    if record["converged_s"] is not None:
+    if not math.isnan(record["converged_s"]):
         return f"{record['converged_s']:g}"
     return "[red]false fix[/]" if record["false_fix"] else "never"
 

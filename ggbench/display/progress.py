@@ -118,7 +118,7 @@ class Progress(progress.Progress):
         cell = self._cells.get(key)
         if cell is not None and record["status"] == "ok":
             total, runs = self._sums.get(cell, (0.0, 0))
-            self._sums[cell] = total + record["windows"][_WINDOW]["position_ms"], runs + 1
+            self._sums[cell] = total + record[f"{_WINDOW}_position_ms"], runs + 1
 
     def _mrse(self, case: str, label: str) -> str:
         total, runs = self._sums.get((case, label), (0.0, 0))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 HORIZONTAL = 2
 """Dimensions in which fixes are judged: east and north."""
 ROWS = ("time_s", "error_m", "nees", "statistic", "accepted")
-"""Keys of each fix in a record."""
+"""Columns of each fix."""
 COLUMNS = (
     "fixes", "accepted", "false", "right_share", "right_lo", "right_hi", "false_share", "false_lo",
     "false_hi", "none_share", "none_lo", "none_hi", "right_time_median_s", "right_time_lo",
@@ -65,10 +65,11 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 
 
 def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
-    """Return the :data:`ROWS` of each of a run's fixes, as a record holds them.
+    """Return the :data:`ROWS` of each of a run's fixes, as they are stored.
 
-    Their times [s], horizontal errors [m], NEES of these two errors, statistics (of an infinite one
-    the largest number that can be stored) and whether they were accepted.
+    Their times [s], horizontal errors [m], NEES of these two errors (infinite where a covariance is
+    too small to be inverted), statistics (of an infinite one the largest number that can be stored)
+    and whether they were accepted.
 
     Parameters
     ----------
@@ -79,6 +80,7 @@ def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict
     off = error_state[fixes.epoch, :HORIZONTAL] - fixes.mean[:, :HORIZONTAL]
     cov = fixes.cov[:, :HORIZONTAL, :HORIZONTAL]
     nees = np.einsum("fi,fi->f", off, np.linalg.solve(cov, off[..., np.newaxis])[..., 0])
+    nees = np.where(nees >= 0.0, nees, np.inf)
     found = (
         times[fixes.epoch], np.linalg.norm(off, axis=1), nees, np.nan_to_num(fixes.statistic),
         fixes.accepted,

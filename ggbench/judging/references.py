@@ -13,8 +13,12 @@ from ..spec.case import WindowsSpec
 from .bounds import bound_for, squared_bounds
 from .run_errors import WINDOWS, window_mask
 
-METRICS = ("bound_position_ms", "bound_velocity_ms", "oracle_position_ms", "oracle_velocity_ms")
-"""Mean squares of a window: of the bound, and of the oracle's errors where the model is right."""
+METRICS = {
+    "bound_position_ms": True, "bound_velocity_ms": True,
+    "oracle_position_ms": False, "oracle_velocity_ms": False,
+}  # fmt: skip
+"""Mean squares of a window, and whether every run has them: of the bound; of the oracle's errors,
+where the model is right."""
 DEFAULT_RATIO = 3.0
 """Required final error where a case states none, in RMS filtering bounds over the last window."""
 

@@ -7,7 +7,6 @@ is said of a run depends on no other run of its block: the kernels go through th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,8 +20,10 @@ from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
 
 WINDOWS = ("whole", "settled", "last20")
-METRICS = ("position_ms", "velocity_ms", "nees", "nis", "coverage")
-"""What is said of a run in each window."""
+METRICS = {
+    "position_ms": True, "velocity_ms": True, "nees": False, "nis": False, "coverage": False,
+}  # fmt: skip
+"""Metrics of a run in each window: whether every run has them, which are at least zero then."""
 JUDGED = 6
 """Position and velocity error: the states whose consistency is judged."""
 COVERAGE = 0.95
@@ -316,15 +317,9 @@ def window_metrics(
 ) -> dict[str, dict[str, float]]:
     """Return each window's metrics (:func:`window_means`) of one run, by their names."""
     block = Evaluation(**{name: values[None] for name, values in vars(evaluation).items()})
-    return named_metrics(window_means(block, times, windows)[0].tolist())
-
-
-def named_metrics(
-    means: list[list[float]], names: Sequence[str] = METRICS
-) -> dict[str, dict[str, float]]:
-    """Return metrics (W, F) of one run by the names of window and metric."""
+    means = window_means(block, times, windows)[0].tolist()
     return {
-        window: dict(zip(names, values, strict=True))
+        window: dict(zip(METRICS, values, strict=True))
         for window, values in zip(WINDOWS, means, strict=True)
     }
 

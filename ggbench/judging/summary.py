@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import references
 from .convergence import median_interval
 from .run_errors import COVERAGE, JUDGED, WINDOWS
-from .run_errors import METRICS as ERRORS
 from .statistics import coverage_band, mean_band, root_ratio_intervals, share_interval
 
 if TYPE_CHECKING:
@@ -39,63 +37,6 @@ SMOOTHERS = ("fixed-lag", "batch")
 """Causalities of estimators that see later measurements."""
 LEAST_COVERAGE, UNSAFE_COVERAGE, MOST_FALSE = 0.90, 0.50, 0.05
 """Coverage of 95 % below which an estimator is overconfident, and unsafe; share of false fixes."""
-_OF_A_WINDOW = {
-    f"{window}_{name}": (window, name)
-    for window in WINDOWS
-    for name in (*ERRORS, *references.METRICS)
-}
-WINDOW_COLUMNS = tuple(_OF_A_WINDOW)
-"""Columns of a table of runs that hold the metrics of its windows."""
-_NUMBERS = (
-    "seconds", "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m",
-    "required_m", "converged_s",
-)  # fmt: skip
-"""Columns of a table of runs that hold numbers, NaN where a record has none."""
-_TRUTHS = ("diverged", "cold", "false_fix")
-_NEEDED = (
-    "case", "estimator", "name", "parameters", "causality", "run", "status", *_TRUTHS, *_NUMBERS,
-    *WINDOW_COLUMNS,
-)  # fmt: skip
-
-
-def runs_table(
-    records: Sequence[Mapping[str, Any]],
-    columns: Iterable[str] = (),
-    common: Mapping[str, Any] | None = None,
-) -> pd.DataFrame:
-    """Return the table of the runs of some records, one row each, in their order.
-
-    Parameters
-    ----------
-    records : stored records.
-    columns : names of the first columns; those that metrics need come after them.
-    common : columns that do not come from the records: a value for all, or one for each.
-
-    Returns
-    -------
-    Numbers that a record does not have are NaN.
-    """
-    import pandas as pd  # not at the top: workers judge runs and make no tables
-
-    found: dict[str, Any] = {}
-    # A failed run has a time, perhaps, and no metrics, whatever its record says.
-    finished = [record if record["status"] == "ok" else {} for record in records]
-    windows = [record["windows"] if record else {} for record in finished]
-    for name in dict.fromkeys([*columns, *_NEEDED]):
-        if common and name in common:
-            found[name] = common[name]
-        elif name in _OF_A_WINDOW:
-            window, metric = _OF_A_WINDOW[name]
-            values = [w[window][metric] if w else math.nan for w in windows]
-            found[name] = np.array(values, dtype=float)
-        elif name in _NUMBERS:
-            source = records if name == "seconds" else finished
-            found[name] = np.array([record.get(name) for record in source], dtype=float)
-        elif name in _TRUTHS:
-            found[name] = np.array([record.get(name) is True for record in records], dtype=bool)
-        else:
-            found[name] = [record.get(name) for record in records]
-    return pd.DataFrame(found, index=range(len(records)))
 
 
 def succeeded(runs: pd.DataFrame) -> np.ndarray:
@@ -113,7 +54,7 @@ def metrics(
 
     Parameters
     ----------
-    runs : table of runs (:func:`runs_table`) with a column ``draw``, the number of the cluster.
+    runs : table of runs (:meth:`.results.folder.Results.runs`).
     published : case to published RMS errors of position [m] and velocity [m/s].
     measurements : case to window to (epochs, channels): its epochs with a measurement in one run,
         and the mean number of channels then. Where absent, the mean NIS has no band.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib.util
 import io
-import itertools
 import shlex
 from collections.abc import Iterator
 from functools import cached_property
@@ -23,18 +22,10 @@ from ..judging.run_errors import WINDOWS, window_mask
 from ..judging.verdicts import Verdict
 from ..spec import scenario
 from ..spec.scenario import Scenario
+from .columns import TABLED
 from .store import Store, StoreError, read_manifest
 
-RUN_COLUMNS = (
-    "assumption", "case", "problem", "estimator", "name", "parameters", "causality", "seed",
-    "run", "status", "reason", "remark", "command", "diverged", "seconds", "cold",
-    "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound",
-    "required_m", "converged_s", "false_fix", "draw",
-)  # fmt: skip
-"""Columns of the table of runs, before those of the windows."""
 _Measurements = dict[str, dict[str, tuple[int, float]]]
-_PIECE = 5000
-"""Records that are held at a time on their way into a table."""
 
 
 class ResultsError(GGBenchError):
@@ -49,6 +40,13 @@ class Cell(NamedTuple):
     problem: str
     estimator: str
     key: str
+
+
+RUN_COLUMNS = (
+    "assumption", "case", "problem", "estimator", "command", "draw",
+    *(column.name for column in TABLED),
+)  # fmt: skip
+"""Columns of the table of runs."""
 
 
 class Results:
@@ -169,8 +167,8 @@ class Results:
         rows = []
         for cell in self.cells:
             if cell.assumption == "":
-                told = [r["info"] for r in self._records_of(cell) if r["status"] == "ok"]
-                counts = pd.DataFrame(told).select_dtypes("number").median()
+                infos = [r["info"] for r in self._records_of(cell) if r["status"] == "ok"]
+                counts = pd.DataFrame(infos).select_dtypes("number").median()
                 if len(counts):
                     rows.append({"case": cell.case, "estimator": cell.estimator, **counts})
         return pd.DataFrame(rows)
@@ -182,14 +180,12 @@ class Results:
         ``run`` and :data:`.judging.fix_metrics.ROWS` of each that was tried, accepted or not, in
         a run that finished.
         """
-        found = {}
-        for cell in self.cells:
-            told = [r for r in self._records_of(cell) if cell.assumption == "" and "fixes" in r]
-            if told:
-                rows = [{"run": r["run"]} | fix for r in told for fix in r["fixes"]]
-                table = pd.DataFrame(rows, columns=["run", *fix_metrics.ROWS])
-                found[cell.case, cell.estimator] = table.astype({"accepted": bool})
-        return found
+        found = self.store.fixes({cell.key for cell in self.cells}, self.run_count)
+        return {
+            (cell.case, cell.estimator): found[cell.key]
+            for cell in self.cells
+            if cell.assumption == "" and cell.key in found
+        }
 
     def fix_metrics(self) -> pd.DataFrame:
         """Return the metrics of fixes: case, estimator, runs, :data:`.judging.fix_metrics.COLUMNS`.
@@ -214,33 +210,25 @@ class Results:
     def runs(self) -> pd.DataFrame:
         """Return the table of runs: one row per run and estimator, the cases first, then studies.
 
-        :data:`RUN_COLUMNS`, then for each window its mean squared errors, NEES, NIS and coverage.
+        :data:`RUN_COLUMNS`; numbers that a run does not have are NaN.
         """
         return self._runs.copy()
 
     @cached_property
     def _runs(self) -> pd.DataFrame:
-        tables = [table for cell in self.cells for table in self._tables_of(cell)]
-        if not tables:
-            return summary.runs_table([], RUN_COLUMNS)
-        runs = pd.concat(tables, ignore_index=True)
-        if runs["reason"].str.startswith(self.store.damaged).all():
-            raise StoreError(runs["reason"].iloc[0])
-        return runs
-
-    def _tables_of(self, cell: Cell) -> Iterator[pd.DataFrame]:
-        """Yield the table of the runs of one estimator on one case, piece by piece."""
-        command = self.command(cell, 0).removesuffix("0")
-        case = self.whole_scenario.case(cell.case)
-        records = self._records_of(cell)
-        while piece := list(itertools.islice(records, _PIECE)):
-            common = cell._asdict() | {
-                "draw": [case.cluster(record["run"]) for record in piece],
-                "reason": [record.get("reason", "") for record in piece],
-                "remark": [record.get("remark", "") for record in piece],
-                "command": [f"{command}{record['run']}" for record in piece],
-            }
-            yield summary.runs_table(piece, RUN_COLUMNS, common)
+        campaign, cases = self.whole_scenario.campaign, self.whole_scenario.cases
+        cells = pd.DataFrame(self.cells, columns=Cell._fields)
+        # A study that changes nothing of a case shares its records, of which there may be more.
+        cells["most"] = [campaign.runs_of(cell.assumption, self.run_count) for cell in self.cells]
+        cells["command"] = [self.command(cell, 0).removesuffix("0") for cell in self.cells]
+        most = int(cells["most"].max()) if len(cells) else 0
+        table = cells.merge(self.store.runs(set(cells["key"]), most), on="key")
+        table = table[table["run"] < table["most"]].reset_index(drop=True)
+        table["command"] += table["run"].astype(str)
+        cluster = {case.name: case.cluster for case in cases}
+        runs = zip(table["case"], table["run"].tolist(), strict=True)
+        table["draw"] = np.array([cluster[case](run) for case, run in runs], dtype=int)
+        return table[[*RUN_COLUMNS]]
 
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""

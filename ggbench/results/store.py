@@ -1,9 +1,9 @@
-"""Where a campaign's results live: a folder whose every write happens whole or not at all.
+"""Results folder with atomic writes.
 
 ``manifest.json``   what was run: the scenario's text, versions, machine, seed, date, and the keys
                     under which the results are stored.
-``records.sqlite``  one record per run and estimator, and what all runs of a case share; each is
-                    durable (written through to the disk) when it has been added.
+``records.sqlite``  one record per run and estimator (:mod:`.results.columns`), and what all runs of
+                    a case share; each is durable (written through to the disk) when it was added.
 
 The other files of a folder are made from these two. A results folder is data: nothing in it is
 ever executed.
@@ -11,21 +11,27 @@ ever executed.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import io
 import json
 import os
 import re
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from pydantic_core import from_json
 
 from ..errors import GGBenchError, text_of
 from ..files import reason_of
-from .formats import flaw_of_arrays, flaw_of_manifest, read_records, stand_in
+from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
+from .formats import flaw_of_arrays, flaw_of_manifest
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DETAILED_RUN = 0
 """The run whose errors and claimed deviations are kept component by component, for the figures."""
@@ -35,23 +41,8 @@ SERIES_RUNS = 1000
 """Runs of a case whose time series are kept, the first ones: what figures over time are made of."""
 _APPLICATION_ID = 0x67676231
 """Says in the header of a database that it is one of ours."""
-_SCHEMA = """
-CREATE TABLE IF NOT EXISTS records (
-    key TEXT NOT NULL,
-    run INTEGER NOT NULL,
-    retry_above REAL,
-    record TEXT NOT NULL,
-    series BLOB,
-    detail BLOB,
-    PRIMARY KEY (key, run)
-);
-CREATE INDEX IF NOT EXISTS lost ON records (retry_above) WHERE retry_above IS NOT NULL;
-CREATE TABLE IF NOT EXISTS shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
-"""
-
-
-FORMAT = 5
-"""Version of what a folder holds; another one is refused."""
+FORMAT = 6
+"""Version of what a folder holds besides the columns of records; another one is refused."""
 DATABASE_FILES = (
     "records.sqlite-journal", "records.sqlite-shm", "records.sqlite-wal", "records.sqlite",
 )  # fmt: skip
@@ -65,8 +56,9 @@ RESULT_FILES = (
 LOCK = ".lock"
 _PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")
 _BUSY_S = 60.0
-_CHUNK = 1000
-"""Records read at a time."""
+_CHUNK, _PIECE = 1000, 5000
+"""Records read at a time, one by one and on their way into a table."""
+_TRUTHS = tuple(column.name for column in COLUMNS if column.kind is bool)
 _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 
 
@@ -81,11 +73,12 @@ class Result(NamedTuple):
     ----------
     key : hash of all that the result depends on but the number of the run
         (:mod:`.campaign.result_keys`).
-    record : the judgement, as JSON can hold it.
+    record : what is said of the run, a value for each of :data:`.columns.NAMES`.
     series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
         None.
     detail : (K, 18) float32, errors and their σ of a run kept in detail, see :meth:`Store.detail`;
         or None.
+    fixes : of a matcher, see :func:`.judging.fix_metrics.judge`.
     retry_above : None if the result is final; else the time limit [s] above which another attempt
         is worth it, of a run that died or was too slow.
     """
@@ -94,6 +87,7 @@ class Result(NamedTuple):
     record: dict[str, Any]
     series: np.ndarray | None = None
     detail: np.ndarray | None = None
+    fixes: Sequence[Mapping[str, Any]] = ()
     retry_above: float | None = None
 
 
@@ -129,9 +123,11 @@ class Store:
                 # In the file itself, before there is a log that it could be in instead.
                 self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
                 self._connection.execute("PRAGMA journal_mode = WAL")
-                self._connection.executescript(_SCHEMA)
+                if not _tables(self._connection):
+                    self._connection.executescript(f"BEGIN; {SCHEMA} COMMIT")
             self._connection.execute("PRAGMA synchronous = FULL")
-            self._connection.execute("SELECT record, series FROM records LIMIT 1").fetchone()
+            self._connection.execute("PRAGMA foreign_keys = ON")
+            self._require_sound()
         except OSError as error:
             raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
         except sqlite3.Error as error:
@@ -150,6 +146,23 @@ class Store:
                 " let its owner look at it once with 'ggbench show', or copy it"
             )
         return sqlite3.connect(f"{name}?immutable=1", timeout=_BUSY_S, uri=True)
+
+    def _require_sound(self) -> None:
+        """Raise StoreError unless tables and rows are those that the declared columns allow."""
+        with contextlib.closing(sqlite3.connect(":memory:")) as blank:
+            blank.executescript(SCHEMA)
+            if _tables(blank) != _tables(self._connection):
+                raise StoreError(
+                    f"{self._database} has other columns than this version of ggbench: run the "
+                    "scenario again, with --fresh or into another output folder"
+                )
+        # It checks the constraints of every row, too.
+        (flaw,) = self._connection.execute("PRAGMA quick_check(1)").fetchone()
+        if flaw != "ok":
+            raise StoreError(
+                f"{self._database} is damaged ({' '.join(flaw.split())}): run the scenario again, "
+                "with --fresh or into another output folder"
+            )
 
     def _lock(self) -> None:
         """Take the folder for this process, until it ends however it ends."""
@@ -173,16 +186,19 @@ class Store:
 
         Raise StoreError if they cannot be written (a full disk): then none of them is.
         """
-        self._write(
-            "INSERT OR REPLACE INTO records VALUES (?, ?, ?, ?, ?, ?)",
-            [
-                (
-                    r.key, r.record["run"], r.retry_above,
-                    json.dumps(r.record, separators=(",", ":")), _pack(r.series), _pack(r.detail),
-                )
-                for r in results
-            ],
-        )  # fmt: skip
+        records: list[tuple[Any, ...]] = []
+        fixes: list[tuple[Any, ...]] = []
+        curves: list[tuple[Any, ...]] = []
+        for r in results:
+            run, info = r.record["run"], json.dumps(r.record["info"], separators=(",", ":"))
+            record = r.record | {"info": info}
+            records.append((r.key, r.retry_above, *map(record.__getitem__, NAMES)))
+            for number, fix in enumerate(r.fixes):
+                row = {**fix, "run": run, "number": number}
+                fixes.append((r.key, *(row[column.name] for column in FIX_COLUMNS)))
+            if r.series is not None:
+                curves.append((r.key, run, _pack(r.series), _pack(r.detail)))
+        self._write({"records": records, "fixes": fixes, "curves": curves})
 
     def finished(self, limit: float = np.inf) -> dict[str, np.ndarray]:
         """Return, by key, the runs whose results a time limit [s] leaves as they are."""
@@ -198,45 +214,61 @@ class Store:
         return {key: runs for key, runs in found.items() if len(runs)}
 
     def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
-        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order.
-
-        Of a run whose record cannot be read, one that says so: it has failed.
-        """
-        good: dict[str, Any] = {}
-        for run, text, found in self._read(key, runs, first):
-            if isinstance(found, str):
-                yield stand_in(text, run, f"{self.damaged}: {found}", good)
-            else:
-                good = found
-                yield found
-
-    @property
-    def damaged(self) -> str:
-        """How the reason of a run begins whose record cannot be read."""
-        return f"a record in {self._database} is damaged"
-
-    def discard_damaged(self) -> int:
-        """Remove the records that cannot be read, so that their runs are run; return how many."""
-        keys = self._select("SELECT DISTINCT key FROM records")
-        damaged = [
-            (key, run) for (key,) in keys for run, _, found in self._read(key) if type(found) is str
-        ]
-        if damaged:
-            self._write("DELETE FROM records WHERE key = ? AND run = ?", damaged)
-        return len(damaged)
-
-    def _read(
-        self, key: str, runs: int = 1 << 62, first: int = 0
-    ) -> Iterator[tuple[int, Any, dict[str, Any] | str]]:
-        """Yield runs, their texts as they are stored, and the record or what is wrong with it."""
+        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
         query = (
-            "SELECT run, record FROM records WHERE key = ? AND run >= ? AND run < ? "
+            f"SELECT {', '.join(NAMES)} FROM records WHERE key = ? AND run >= ? AND run < ? "
             "ORDER BY run LIMIT ?"
         )
         while rows := self._select(query, (key, first, runs, _CHUNK)):
-            found = read_records([text for _, text in rows])
-            yield from ((*row, record) for row, record in zip(rows, found, strict=True))
-            first = rows[-1][0] + 1
+            for row in rows:
+                record = BLANK | {n: v for n, v in zip(NAMES, row, strict=True) if v is not None}
+                record |= {name: record[name] == 1 for name in _TRUTHS if record[name] is not None}
+                try:
+                    record["info"] = from_json(record["info"])
+                except ValueError as error:
+                    raise StoreError(
+                        f"the info of a run in {self._database} is damaged: {error}"
+                    ) from None
+                yield record
+            first = record["run"] + 1
+
+    def runs(self, keys: Set[str], runs: int) -> pd.DataFrame:
+        """Return the table of the runs below ``runs`` under some keys, in the order of both.
+
+        ``key``, then the columns of a record that are :data:`.columns.TABLED`, in their order.
+        """
+        return self._table("records", TABLED, keys, runs, "key, run")
+
+    def fixes(self, keys: Set[str], runs: int) -> dict[str, pd.DataFrame]:
+        """Return the fixes of the runs below ``runs``, by the keys of estimators that make fixes.
+
+        Tables of ``run`` and :data:`.judging.fix_metrics.ROWS`, in the order of runs and fixes.
+        """
+        query = "SELECT DISTINCT key FROM records WHERE fixes IS NOT NULL AND run < ?"
+        makers = keys & {key for (key,) in self._select(query, (runs,))}
+        columns = [column for column in FIX_COLUMNS if column.tabled]
+        table = self._table("fixes", columns, makers, runs, "key, run, number")
+        of_key = table.pop("key")
+        return {key: table[of_key == key].reset_index(drop=True) for key in makers}
+
+    def _table(
+        self, name: str, columns: Sequence[Column], keys: Set[str], runs: int, order: str
+    ) -> pd.DataFrame:
+        """Return some columns of a table of the database, with the keys before them."""
+        import pandas as pd  # not at the top: workers and campaigns make no tables
+
+        query = (
+            f"SELECT key, {', '.join(column.selected for column in columns)} FROM {name} "
+            f"WHERE key IN ({', '.join('?' * len(keys))}) AND run < ? ORDER BY {order}"
+        )
+        types = {column.name: column.dtype for column in columns if column.dtype}
+        try:
+            pieces = pd.read_sql(
+                query, self._connection, params=[*keys, runs], dtype=types, chunksize=_PIECE
+            )
+            return pd.concat(pieces, ignore_index=True)
+        except (sqlite3.Error, pd.errors.DatabaseError) as error:
+            raise StoreError(f"{self._database} cannot be read: {text_of(error)}") from None
 
     def series(self, key: str, runs: int) -> np.ndarray:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
@@ -244,11 +276,9 @@ class Store:
         K' are the epochs that ``kept`` of the shared arrays names.
         """
         rows = self._select(
-            "SELECT series FROM records WHERE key = ? AND run < ? AND series IS NOT NULL "
-            "ORDER BY run",
-            (key, runs),
+            "SELECT series FROM curves WHERE key = ? AND run < ? ORDER BY run", (key, runs)
         )
-        found = [self._unpack(blob, 4) for (blob,) in rows]
+        found = [_unpack(blob, 4) for (blob,) in rows]
         if len({len(run) for run in found}) > 1:
             raise StoreError(f"a time series in {self._database} is damaged")
         return np.array(found)
@@ -266,14 +296,14 @@ class Store:
         return self._blob("detail", key, run, 18)
 
     def _blob(self, column: str, key: str, run: int, width: int) -> np.ndarray | None:
-        found = self._select(f"SELECT {column} FROM records WHERE key = ? AND run = ?", (key, run))
-        return None if not found or found[0][0] is None else self._unpack(found[0][0], width)
+        found = self._select(f"SELECT {column} FROM curves WHERE key = ? AND run = ?", (key, run))
+        return None if not found or found[0][0] is None else _unpack(found[0][0], width)
 
     def write_arrays(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Store what all runs of a case share."""
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **arrays)
-        self._write("INSERT OR REPLACE INTO shared VALUES (?, ?)", [(key, content.getvalue())])
+        self._write({"shared": [(key, content.getvalue())]})
 
     def has_arrays(self, key: str) -> bool:
         """Return whether what all runs of a case share is stored."""
@@ -307,20 +337,20 @@ class Store:
         except sqlite3.Error as error:
             raise StoreError(f"{self._database} cannot be read: {text_of(error)}") from None
 
-    def _write(self, query: str, rows: list[tuple[Any, ...]]) -> None:
+    def _write(self, rows: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
+        """Write rows of tables in one transaction, in place of those of the same keys."""
         try:
             with self._connection:
-                self._connection.executemany(query, rows)
-        except sqlite3.Error as error:
+                for table, values in rows.items():
+                    if values:
+                        marks = ", ".join("?" * len(values[0]))
+                        query = f"INSERT OR REPLACE INTO {table} VALUES ({marks})"
+                        self._connection.executemany(query, values)
+        except (sqlite3.Error, ValueError) as error:  # of a text with half a character
             raise StoreError(
                 f"cannot write to {self.folder}: {error}; what it holds is kept, and the same "
                 "command goes on from there"
             ) from None
-
-    def _unpack(self, blob: Any, columns: int) -> np.ndarray:
-        if not isinstance(blob, bytes) or len(blob) % (4 * columns):
-            raise StoreError(f"a time series in {self._database} is damaged")
-        return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
         """Write the manifest, and next to it the scenario's text for a human reader."""
@@ -418,3 +448,13 @@ def _pack(array: np.ndarray | None) -> bytes | None:
     if array is None:
         return None
     return np.ascontiguousarray(array, dtype="<f4").tobytes()
+
+
+def _unpack(blob: bytes, columns: int) -> np.ndarray:
+    return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
+
+
+def _tables(connection: sqlite3.Connection) -> set[str]:
+    """Return the definitions of the tables and indices of a database."""
+    found = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+    return {sql for (sql,) in found}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.resources
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -20,25 +20,27 @@ import pandas as pd
 from ..errors import GGBenchError, text_of
 from ..files import written_whole
 from ..judging.run_errors import WINDOWS
-from ..judging.summary import runs_table
 from ..results.folder import RUN_COLUMNS, Results
-from ..spec import scenario
 
 SUITE = "suite"
 FILE = "data/suite_runs.npz"
 REFERENCE = "ekf"
 """The estimator that every other one is compared with."""
-_OF_A_WINDOW = ("position_ms", "velocity_ms", "nees", "coverage")
-FIGURES = (
-    "final_position_error_m", *(f"{window}_{name}" for window in WINDOWS for name in _OF_A_WINDOW)
+_OF_A_WINDOW = (
+    "position_ms", "velocity_ms", "nees", "coverage", "bound_position_ms", "bound_velocity_ms",
+    "oracle_position_ms",
 )  # fmt: skip
-"""Numbers of a run of an estimator that are stored, to seven digits."""
-_BOUNDS = ("bound_position_ms", "bound_velocity_ms", "oracle_position_ms")
-SHARED = (
-    "required_m", "final_ins_error_m", *(f"{window}_{n}" for window in WINDOWS for n in _BOUNDS)
+NUMBERS = (
+    "final_position_error_m", "final_ins_error_m", "required_m",
+    *(f"{window}_{name}" for window in WINDOWS for name in _OF_A_WINDOW),
 )  # fmt: skip
-"""Numbers of a run that estimators of one bound share."""
-TRUTHS = ("diverged", "false_fix")
+"""Numbers of a run that are stored, to seven digits."""
+_TYPES = dict.fromkeys(NUMBERS, np.float32) | {
+    "diverged": bool, "false_fix": bool, "failed": bool, "run": np.uint32, "draw": np.uint32,
+    "cell": np.uint32,
+}  # fmt: skip
+"""Columns of the file and their types; ``cell`` is the place of case and estimator in a list."""
+_CELL = ["case", "estimator"]
 
 
 class ScoreError(GGBenchError):
@@ -51,9 +53,9 @@ class StoredRuns:
 
     Attributes
     ----------
-    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``; ``estimators``
-        with name, parameters, causality and bound of each; ``recommended``, by case and kind of
-        estimators; ``seconds``, by case and estimator.
+    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``; ``cells`` with
+        name, parameters, causality, bound and seconds of every case and estimator; ``recommended``,
+        by case and kind of estimators.
     runs : table of runs as a results folder has it, NaN where nothing is stored.
     """
 
@@ -74,42 +76,35 @@ def write(results: Results, path: Path) -> None:
             f"{results.folder} holds {len(runs)} runs; {len(labels)} estimators in {len(names)} "
             f"cases of {count} runs each would be {len(labels) * len(names) * count}"
         )
-    ordered = runs.set_index(["case", "estimator", "run"]).sort_index()
-    index = pd.MultiIndex.from_product([names, labels, range(count)], names=ordered.index.names)
-    table = ordered.loc[index]
-    shape = (len(names), len(labels), count, -1)
-    made = table.groupby(level="estimator")[["name", "parameters", "causality", "bound"]].first()
-    bounds = made["bound"][labels].tolist()
-    kinds = sorted(set(bounds))
-    owners = [bounds.index(kind) for kind in kinds]
-    truths = [table["status"] == "ok", *(table[name] for name in TRUTHS)]
-    settled = metrics[metrics["window"] == "settled"].set_index(["case", "estimator"])
+    groups = runs.groupby(_CELL, sort=False)
+    cells = groups[["name", "parameters", "causality", "bound"]].first()
+    settled = metrics[metrics["window"] == "settled"].set_index(_CELL)
+    # One digit: the times of one machine.
+    seconds = settled["seconds_per_run"].loc[cells.index]
+    cells["seconds"] = [float(f"{value:.0e}") for value in seconds]
     header = {
         "scenario_hash": results.manifest["scenario_hash"],
         "results_version": results.manifest["results_version"],
         "ggbench": results.manifest["ggbench"],
         "seed": results.manifest["seed"],
         "runs": count,
-        "cases": names,
-        "bounds": kinds,
-        "estimators": made.loc[labels].to_dict("index"),
+        "cells": cells.reset_index().to_dict("records"),
         "recommended": {row.case: _recommended(row) for row in cases.itertuples()},
-        # One digit: the times of one machine.
-        "seconds": {
-            name: {
-                label: float(f"{settled['seconds_per_run'][name, label]:.0e}") for label in labels
-            }
-            for name in names
-        },
     }
-    shared = table[list(SHARED)].to_numpy(np.float32).reshape(shape)
+    table = runs.assign(failed=runs["status"] != "ok", cell=groups.ngroup())
+    save(StoredRuns(header, table), path)
+
+
+def save(stored: StoredRuns, path: Path) -> None:
+    """Write a header, and the table of runs column by column.
+
+    Raise ScoreError if the file cannot be written.
+    """
     with written_whole(path, ScoreError) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
-            header=np.frombuffer(json.dumps(header).encode(), np.uint8),
-            figures=table[list(FIGURES)].to_numpy(np.float32).reshape(shape),
-            truths=np.stack(truths, axis=-1).reshape(shape),
-            shared=shared[:, owners],
+            header=np.frombuffer(json.dumps(stored.header).encode(), np.uint8),
+            **{name: stored.runs[name].to_numpy(kind) for name, kind in _TYPES.items()},
         )
 
 
@@ -126,7 +121,7 @@ def header() -> dict[str, Any]:
 
     Raise ScoreError if the file cannot be read.
     """
-    return _stored(None, ())[0]
+    return _stored(None, columns=False)[0]
 
 
 def read(file: Traversable | Path | None = None) -> StoredRuns:
@@ -134,46 +129,27 @@ def read(file: Traversable | Path | None = None) -> StoredRuns:
 
     Raise ScoreError if the file cannot be read.
     """
-    found, parts = _stored(file, ("figures", "truths", "shared"))
-    return StoredRuns(found, _table(found, **parts))
+    found, columns = _stored(file, columns=True)
+    cells = pd.DataFrame(found["cells"])
+    kinds = dict.fromkeys(NUMBERS, float) | {"run": int, "draw": int}
+    runs = pd.DataFrame(columns).astype(kinds).join(cells, on="cell")
+    runs["status"] = np.where(runs["failed"], "failed", "ok")
+    texts = dict.fromkeys(("assumption", "problem", "command", "reason", "remark"), "")
+    runs = runs.assign(seed=found["seed"], cold=False, **texts)
+    return StoredRuns(found, runs.reindex(columns=[*RUN_COLUMNS]))
 
 
 def _stored(
-    file: Traversable | Path | None, names: Iterable[str]
+    file: Traversable | Path | None, columns: bool
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the header of a file, the shipped one by default, and some of its arrays."""
+    """Return the header of a file, the shipped one by default, and its columns if wanted."""
     file = file or importlib.resources.files("ggbench.scenarios") / FILE
     try:
         with file.open("rb") as opened, np.load(opened) as stored:
-            return json.loads(stored["header"].tobytes()), {name: stored[name] for name in names}
+            found = json.loads(stored["header"].tobytes())
+            return found, {name: stored[name] for name in _TYPES} if columns else {}
     except (OSError, ValueError, KeyError) as error:
         raise ScoreError(f"cannot read the stored runs in {file}: {text_of(error)}") from None
-
-
-def _table(
-    header: Mapping[str, Any], figures: np.ndarray, truths: np.ndarray, shared: np.ndarray
-) -> pd.DataFrame:
-    """Return the table of runs of arrays (cases, estimators, runs, columns)."""
-    suite = scenario.load(SUITE)
-    labels, count = list(header["estimators"]), int(header["runs"])
-    numbers, tables = range(count), []
-    for c, name in enumerate(header["cases"]):
-        draws = [suite.case(name).cluster(run) for run in numbers]
-        for e, label in enumerate(labels):
-            held = header["estimators"][label]
-            columns = dict(zip(FIGURES, figures[c, e].T.astype(float), strict=True))
-            own = shared[c, header["bounds"].index(held["bound"])]
-            columns |= dict(zip(SHARED, own.T.astype(float), strict=True))
-            columns |= dict(zip(TRUTHS, truths[c, e, :, 1:].T, strict=True))
-            columns |= {
-                "assumption": "", "case": name, "estimator": label, "seed": header["seed"],
-                "run": numbers, "draw": draws, "reason": "", "remark": "", "command": "",
-                "problem": "", "cold": False, "seconds": header["seconds"][name][label],
-                "status": np.where(truths[c, e, :, 0], "ok", "failed"), **held,
-            }  # fmt: skip
-            tables.append(pd.DataFrame(columns))
-    found = pd.concat(tables, ignore_index=True)
-    return found.reindex(columns=list(runs_table([], RUN_COLUMNS).columns))
 
 
 if __name__ == "__main__":

@@ -168,7 +168,7 @@ def test_innovations_that_an_engine_delivers_are_those_of_the_record(many, tmp_p
     label = f"{many}[way=nis]"
     results = ran(tmp_path, labels=(label,), runs=2)
     for record in results.records():
-        assert [record["windows"][w]["nis"] for w in ("whole", "settled")] == [3.0, 3.0]
+        assert [record[f"{w}_nis"] for w in ("whole", "settled")] == [3.0, 3.0]
     assert np.isnan(results.series("base", label)[:, :2, 3]).all()
 
 

@@ -160,7 +160,7 @@ def test_what_a_run_prints_belongs_to_it(wild, capfd):
     ways = ("way=native", "way=escapes,fails=yes", "way=native,fails=yes", "fails=yes")
     results = tried(wild, *ways, "way=last words")
     assert capfd.readouterr() == ("", "")
-    quiet, escapes, native, silent, last, _ = (r.get("output") for r in results.records())
+    quiet, escapes, native, silent, last, _ = (r["output"] for r in results.records())
     assert (quiet, silent) == (None, None)
     assert escapes == r"\x1b[2J\x1b]0;title\x07"
     assert sorted(native.splitlines()) == ["said by C", "said by Python", "said by a child"]

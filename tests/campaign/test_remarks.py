@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-import sqlite3
-from pathlib import Path
-
 import pytest
-from campaigns import plan, ran
+from campaigns import failed
 
-from ggbench.campaign import execution, running
 from ggbench.campaign.records import remarks
-from ggbench.report import render
-from ggbench.results.folder import Results
 from ggbench.results.store import Result, Store
-
-RECORD = {
-    "name": "x", "parameters": "", "causality": "none", "run": 0, "seed": 1, "status": "failed",
-    "reason": "none",
-}  # fmt: skip
 
 
 def nested(depth: int) -> dict:
@@ -48,7 +37,7 @@ def test_remarks_that_are_accepted_can_be_read_again(info, tmp_path):
     except (ValueError, RecursionError):
         return
     store = Store(tmp_path, create=True)
-    store.add([Result("key", RECORD | {"info": kept})])
+    store.add([Result("key", failed(info=kept))])
     (found,) = store.records("key", 1)
     assert found["reason"] == "none"
     assert str(found["info"]) == str(kept)
@@ -58,49 +47,3 @@ def test_halves_of_characters_cost_no_run():
     """A remark with the name of a file in other bytes is kept, with what can be said of it."""
     assert remarks({"file": "a\udc80b", "\ud83d": 1}) == {"file": "a?b", "?": 1}
     assert remarks({"smile": "😀", "nul": "\0"}) == {"smile": "😀", "nul": "\0"}
-
-
-@pytest.fixture
-def damaged(tmp_path) -> Path:
-    """A folder of nine results of each of two cases, one of which cannot be read."""
-    results = ran(tmp_path, labels=("ins", "ekf"), runs=3)
-    key = next(cell.key for cell in results.cells if cell.estimator == "ekf")
-    results.store.close()
-    with sqlite3.connect(tmp_path / "out" / "records.sqlite") as connection:
-        changed = connection.execute(
-            "UPDATE records SET record = json_set(record, '$.info', json(?)) "
-            "WHERE key = ? AND run = 1",
-            (r'{"file": "\udc80"}', key),
-        )
-        assert changed.rowcount == 1
-    connection.close()
-    return tmp_path / "out"
-
-
-@pytest.mark.long
-def test_a_damaged_record_does_not_hide_the_others(damaged, tmp_path):
-    """It is a run that failed, with the reason; tables and report are of all the others."""
-    results = Results(damaged)
-    table = results.runs()
-    bad = table[table["status"] != "ok"]
-    assert len(table) == 12
-    assert bad[["case", "estimator", "name", "causality", "run"]].to_numpy().tolist() == [
-        ["base", "ekf", "ekf", "filter", 1]
-    ]
-    assert "records.sqlite is damaged: lone" in bad["reason"].iloc[0]
-    results.store.close()
-    text = render.write(damaged, tmp_path / "reports")[0].read_text()
-    assert "1 failed run" in text
-    failures = tmp_path / "reports" / "small" / "data" / "failures.csv"
-    assert "a record in " in failures.read_text()
-
-
-def test_the_same_command_replaces_damaged_records(damaged, tmp_path):
-    """What cannot be read is run again, and said; nothing else is."""
-    work = plan(tmp_path, "out", ("ins", "ekf"), runs=3)
-    store, remarks = work.open()
-    assert len(remarks) == 1 and "holds 1 records that cannot be read" in remarks[0]
-    tasks = work.tasks(store)
-    assert tasks.results == 1
-    running.execute(execution.in_process(tasks), store, lambda batch: None)
-    assert (Results(damaged, store).runs()["status"] == "ok").all()

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sqlite3
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import ran, small
+from campaigns import finished, ran, small
 from problems import SMALL
 
 from ggbench.judging import fix_metrics
 from ggbench.judging.statistics import wilson
 from ggbench.problem import Fixes
-from ggbench.results import formats
+from ggbench.results.store import Result, Store, StoreError
 
 TIMES = np.arange(10.0, 60.0, 10.0)
 FOUND = Fixes(
@@ -174,14 +172,33 @@ def test_broken_fixes_fail_their_run_alone(results):
     assert failed["reason"].str.contains("fixes.statistic has shape").all()
 
 
-def test_damaged_fixes_of_a_record_are_found(results):
-    """A record may come from anyone."""
-    stored = sqlite3.connect(results.folder / "records.sqlite").execute(
-        "SELECT record FROM records WHERE record LIKE '%fixes%' AND record LIKE '%\"ok\"%'"
-    )
-    plain = json.loads(stored.fetchone()[0])
-    assert formats.flaw_of_record(plain) is None
-    for bad in ({"error_m": -1.0}, {"accepted": 1}, {"statistic": None}):
-        broken = [plain["fixes"][0] | bad]
-        assert "fixes" in formats.flaw_of_record(plain | {"fixes": broken})
-    assert "fixes" in formats.flaw_of_record(plain | {"fixes": [{"time_s": 1.0}]})
+def test_fixes_go_with_the_record_that_they_are_of(tmp_path):
+    """Of a run that is stored again only the new ones are there; runs without any are a matcher's.
+
+    They are of the columns that are judged.
+    """
+    fixes = fix_metrics.judge(FOUND, np.zeros((5, 15)), TIMES)
+    store = Store(tmp_path / "out", create=True)
+    store.add([Result("k", finished(run, fixes=2), fixes=fixes) for run in range(2)])
+    store.add([Result("none", finished(fixes=0)), Result("other", finished())])
+    store.add([Result("k", finished(1, fixes=1), fixes=fixes[1:])])
+    found = store.fixes({"k", "none", "other"}, 9)
+    assert {key: table["run"].tolist() for key, table in found.items()} == {
+        "k": [0, 0, 1], "none": []
+    }  # fmt: skip
+    assert found["k"].columns.tolist() == ["run", *fix_metrics.ROWS]
+    assert found["k"].iloc[1:, 1:].to_dict("records") == [fixes[1], fixes[1]]
+    store.close()
+
+
+@pytest.mark.parametrize(
+    "bad", [{"error_m": -1.0}, {"accepted": 2}, {"statistic": None}, {"time_s": "soon"}]
+)
+def test_fixes_that_are_none_are_not_stored(bad, tmp_path):
+    """A wrong type or an impossible number: the database refuses it with its record."""
+    fix = fix_metrics.judge(FOUND, np.zeros((5, 15)), TIMES)[0] | bad
+    store = Store(tmp_path / "out", create=True)
+    with pytest.raises(StoreError, match=next(iter(bad))):
+        store.add([Result("k", finished(fixes=1), fixes=[fix])])
+    assert list(store.records("k", 1)) == []
+    store.close()

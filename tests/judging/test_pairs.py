@@ -12,13 +12,14 @@ import pytest
 from ggbench.judging import verdicts
 from ggbench.judging.pairs import PAIRS, pair_of, pairs
 from ggbench.judging.run_errors import WINDOWS
-from ggbench.judging.summary import WINDOW_COLUMNS, metrics
+from ggbench.judging.summary import metrics
 from ggbench.judging.verdicts import (
     UnequalRunsError,
     Verdict,
     require_equal_runs,
     with_equal_runs,
 )
+from ggbench.results.columns import WINDOW_COLUMNS
 
 
 def flown(

@@ -20,8 +20,9 @@ from ggbench.judging.run_errors import (
     window_mask,
     window_metrics,
 )
-from ggbench.judging.summary import METRICS, consistency, metrics, ordered, runs_table
+from ggbench.judging.summary import METRICS, consistency, metrics, ordered
 from ggbench.problem import Estimate, Problem, StateBlock
+from ggbench.results.columns import BLANK
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.runs import Truth
 from ggbench.spec.case import WindowsSpec
@@ -197,28 +198,31 @@ def test_the_bound_goes_with_the_causality(causality, lag):
 
 
 def record(run: int, position: float, diverged: bool = False, status: str = "ok") -> dict:
-    metrics = {
+    """A row of a table of runs."""
+    metrics_of = {
         "position_ms": position, "velocity_ms": 0.01 * position, "nees": 6.0, "nis": 1.0,
         "coverage": 0.95, "bound_position_ms": 4.0, "bound_velocity_ms": 0.04,
         "oracle_position_ms": position / 1.21, "oracle_velocity_ms": 1.0,
     }  # fmt: skip
-    out = {
+    row = BLANK | {
         "case": "c", "estimator": "e[a=1]", "name": "e", "parameters": "a=1",
-        "causality": "filter", "run": run, "status": status,
+        "causality": "filter", "run": run, "status": status, "diverged": diverged,
+        "false_fix": False, "map_evaluations": math.nan,
     }  # fmt: skip
     if status == "ok":
-        out |= {
-            "seconds": 0.1 * (run + 1), "map_evaluations": 10, "diverged": diverged,
-            "windows": {name: dict(metrics) for name in WINDOWS}, "required_m": 2.5,
+        row |= {
+            "seconds": 0.1 * (run + 1), "map_evaluations": 10, "required_m": 2.5,
             "final_position_error_m": math.sqrt(position), "final_ins_error_m": 9.0,
-            "converged_s": 3.0 + run if position <= 6.25 else None, "false_fix": position > 6.25,
+            "converged_s": 3.0 + run if position <= 6.25 else math.nan,
+            "false_fix": position > 6.25,
+            **{f"{window}_{name}": v for window in WINDOWS for name, v in metrics_of.items()},
         }  # fmt: skip
-    return out
+    return row
 
 
-def table_of(records: list[dict], *arguments, draws: int | None = None) -> pd.DataFrame:
-    """The metrics of records; with draws, run r belongs to cluster r modulo their number."""
-    runs = runs_table(records)
+def table_of(rows: list[dict], *arguments, draws: int | None = None) -> pd.DataFrame:
+    """The metrics of runs; with draws, run r belongs to cluster r modulo their number."""
+    runs = pd.DataFrame(rows, columns=["case", "estimator", *BLANK])
     return metrics(runs.assign(draw=runs["run"] % (draws or 10**6)), *(arguments or ({},)))
 
 
@@ -263,8 +267,7 @@ def test_a_wrong_model_has_no_efficiency():
     """Without an oracle the model is wrong: there is an RMS error, and no ratio to the bound."""
     records = [record(run, 4.0) for run in range(3)]
     for entry in records:
-        for metrics_of in entry["windows"].values():
-            metrics_of["oracle_position_ms"] = math.nan
+        entry |= dict.fromkeys((f"{window}_oracle_position_ms" for window in WINDOWS), math.nan)
     table = table_of(records)
     assert table["efficiency"].isna().all() and table["oracle_ratio"].isna().all()
     assert (table["rms_m"] == 2.0).all() and (table["bound_m"] == 2.0).all()
@@ -379,7 +382,7 @@ def test_the_band_of_the_innovations_counts_the_measurements():
         assert band == statistics.mean_band(2 * epochs, 5)
     assert math.isnan(table.loc["last20", "nis_lo"])
     for entry in records:
-        entry["windows"]["whole"]["nis"] = math.nan
+        entry["whole_nis"] = math.nan
     table = table_of(records, {}, sizes).set_index("window")
     assert math.isnan(table.loc["whole", "nis_lo"])
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import ran, small
+from campaigns import failed, ran, small
 from problems import SMALL
 
 from ggbench.judging.run_errors import WINDOWS, window_mask
@@ -221,31 +221,10 @@ def test_the_epochs_of_a_series_are_spread_over_the_flight(epochs):
     assert np.ptp(np.diff(kept)) <= 1 if epochs > 1 else True
 
 
-HEAD = {"name": "a", "parameters": "", "causality": "filter", "seed": 1, "status": "failed",
-        "reason": "none"}  # fmt: skip
-
-
-def test_only_damaged_records_are_discarded(tmp_path):
-    """Neither the runs before and after one nor the same run of another estimator are run again.
-
-    Until then it is a run of its estimator that has failed.
-    """
-    store = Store(tmp_path / "out", create=True)
-    store.add(Result(key, HEAD | {"run": run}) for key in ("k", "l") for run in range(4))
-    store.add([Result("k", {"run": 1})])
-    spoilt = list(store.records("k", 4))[1]
-    assert (spoilt["name"], spoilt["run"], spoilt["status"]) == ("a", 1, "failed")
-    assert spoilt["reason"].startswith(store.damaged)
-    assert store.discard_damaged() == 1
-    left = {key: runs.tolist() for key, runs in store.finished().items()}
-    assert left == {"k": [0, 2, 3], "l": [0, 1, 2, 3]}
-    store.close()
-
-
 def test_a_run_that_is_missing_has_no_series(tmp_path):
     """Nor that of the next one that is there."""
     store = Store(tmp_path / "out", create=True)
-    store.add([Result("k", HEAD | {"run": 3}, np.ones((2, 4)), np.ones((2, 18)))])
+    store.add([Result("k", failed(3), np.ones((2, 4)), np.ones((2, 18)))])
     assert store.series_of("k", 3).shape == (2, 4) and store.detail("k", 3).shape == (2, 18)
     assert store.series_of("k", 2) is None and store.detail("k", 2) is None
     store.close()
@@ -254,7 +233,7 @@ def test_a_run_that_is_missing_has_no_series(tmp_path):
 def test_what_runs_share_is_not_their_records(tmp_path):
     """What is stored of a case's runs does not tell that its arrays are."""
     store = Store(tmp_path / "out", create=True)
-    store.add([Result("k", HEAD | {"run": 0})])
+    store.add([Result("k", failed())])
     store.write_arrays("other", {"times": np.ones(2)})
     assert store.has_arrays("other") and not store.has_arrays("k")
     store.close()
@@ -264,7 +243,7 @@ def test_results_are_added_together_or_not_at_all(tmp_path):
     """Where one of them cannot be stored, none is."""
     store = Store(tmp_path / "out", create=True)
     with pytest.raises(StoreError, match=r"cannot write to .* the same command goes on from there"):
-        store.add([Result("k", HEAD | {"run": 0}), Result("k", HEAD | {"run": None})])
+        store.add([Result("k", failed()), Result("k", failed(-1))])
     assert store.finished() == {}
     store.close()
 
@@ -273,9 +252,7 @@ def test_as_many_runs_are_read_as_are_asked_for(tmp_path):
     """In order, none left out between two pieces that are read, and none beyond those asked for."""
     store = Store(tmp_path / "out", create=True)
     held = 2600
-    store.add(
-        Result("k", HEAD | {"run": run}, np.full((2, 4), float(run))) for run in range(held)[::-1]
-    )
+    store.add(Result("k", failed(run), np.full((2, 4), float(run))) for run in range(held)[::-1])
     for runs, first in ((held + 9, 0), (2000, 0), (2300, 7), (1, 0)):
         found = [record["run"] for record in store.records("k", runs, first)]
         assert found == list(range(first, min(runs, held)))
@@ -323,16 +300,6 @@ def key_of(results: Results, case: str) -> str:
     return key
 
 
-def test_one_damaged_record_is_one_failed_run(copied):
-    """The others are read as they are."""
-    copied.store.add([Result(key_of(copied, "base"), {"run": 1})])
-    runs = Results(copied.folder, copied.store).runs()
-    runs = runs[runs["estimator"] == "ekf"].reset_index()
-    assert runs["status"].tolist() == ["ok", "failed", "ok", "ok"]
-    assert runs.loc[1, "reason"].startswith(copied.store.damaged)
-    assert runs.loc[1, "estimator"] == runs.loc[1, "name"] == "ekf"
-
-
 def test_only_the_first_run_is_kept_in_detail(results):
     """Its errors and deviations at every epoch; of another run there are none, nor another's."""
     assert results.detail("base", "ekf", 0).shape == (20, 18)
@@ -364,8 +331,7 @@ def test_series_that_are_not_of_the_flight_are_refused(copied, spoilt):
 def test_failures_are_listed_with_reason_and_command(copied):
     """The run that failed and no other, the first in the table."""
     key = key_of(copied, "noisy")
-    record = {"name": "ekf", "parameters": "", "causality": "filter", "seed": 5, "run": 1}
-    copied.store.add([Result(key, record | {"status": "failed", "reason": "it was tired"})])
+    copied.store.add([Result(key, failed(1, name="ekf", reason="it was tired"))])
     failures = Results(copied.folder, copied.store).failures()
     assert failures.to_dict("index") == {
         0: {"assumption": "", "case": "noisy", "estimator": "ekf", "run": 1,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import LABELS, plan, ran, small
+from campaigns import LABELS, failed, plan, ran, small
 from problems import SMALL
 from thinning import thinned
 
@@ -43,9 +43,9 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
 def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
     """What was lost at a limit stays lost at that limit; a higher one leaves it to be run again."""
     store = Store(tmp_path / "out", create=True)
-    store.add([Result("k", {"run": 0}), Result("k", {"run": 1}, retry_above=60.0),
-               Result("k", {"run": 2}, retry_above=60.0),
-               Result("lost", {"run": 0}, retry_above=0.0)])  # fmt: skip
+    store.add([Result("k", failed(0)), Result("k", failed(1), retry_above=60.0),
+               Result("k", failed(2), retry_above=60.0),
+               Result("lost", failed(0), retry_above=0.0)])  # fmt: skip
     kept = {
         limit: {key: runs.tolist() for key, runs in store.finished(limit).items()}
         for limit in (1.0, 60.0, 60.5, np.inf)
@@ -53,7 +53,7 @@ def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
     assert kept == {
         1.0: {"k": [0, 1, 2]}, 60.0: {"k": [0, 1, 2]}, 60.5: {"k": [0]}, np.inf: {"k": [0]}
     }  # fmt: skip
-    store.add([Result("k", {"run": 1}, series=np.ones((3, 4)))])  # it takes the lost one's place
+    store.add([Result("k", failed(1), series=np.ones((3, 4)))])  # it takes the lost one's place
     assert store.finished()["k"].tolist() == [0, 1]
     np.testing.assert_array_equal(store.series_of("k", 1), 1.0)
     store.close()
@@ -194,15 +194,11 @@ class Trap:
 
 
 QUERIES = {
-    "record that is no JSON": "UPDATE records SET record = '{'",
-    "record without its content": "UPDATE records SET record = '{}'",
+    "info that is no JSON": "UPDATE records SET info = '{'",
     "arrays gone": "DELETE FROM shared",
     "arrays cut": "UPDATE shared SET arrays = substr(arrays, 1, 300)",
-    "run below 0": "UPDATE records SET record = replace(record, '\"run\":', '\"run\":-1')",
-    "series cut": "UPDATE records SET series = x'0011'",
-    "series a number short": "UPDATE records SET series = substr(series, 1, length(series) - 4)",
-    "one series an epoch short": "UPDATE records SET series = substr(series, 17) WHERE run = 1",
-    "database of something else": "ALTER TABLE records RENAME COLUMN record TO something",
+    "one series an epoch short": "UPDATE curves SET series = substr(series, 17) WHERE run = 1",
+    "database of something else": "ALTER TABLE records RENAME COLUMN info TO something",
 }
 TEXTS = {
     "manifest cut": ("manifest.json", '{"scenario": '),
@@ -226,7 +222,7 @@ EDITS = {
     "scenario of something else": ("scenario_text", SMALL.replace("250.0", "251.0")),
     "cells spoilt": ("cells", [{"key": 1}]),
     "format of old": ("format", 2),
-    "format to come": ("format", 6),
+    "format to come": ("format", 7),
     "no runs": ("runs", 0),
     "seed below 0": ("seed", -1),
 }
@@ -294,14 +290,10 @@ DAMAGES = {
     "database overwritten": "records.sqlite",
     "database spoilt inside": "records.sqlite",
     "database cut": "records.sqlite",
-    "database empty": "records.sqlite|no finished run",
-    "database of something else": "records.sqlite",
+    "database empty": "records.sqlite has other columns",
+    "database of something else": "records.sqlite has other columns",
     "database gone": "holds no results: it has no records.sqlite",
-    "record that is no JSON": "records.sqlite",
-    "record without its content": "records.sqlite",
-    "run below 0": r"records\.sqlite is damaged: .*run",
-    "series cut": "records.sqlite",
-    "series a number short": "a time series in .*records.sqlite is damaged",
+    "info that is no JSON": "the info of a run in .*records.sqlite is damaged",
     "one series an epoch short": "a time series in .*records.sqlite is damaged",
     "manifest cut": "manifest.json.* is damaged",
     "manifest of something else": "manifest.json is damaged",
@@ -310,8 +302,8 @@ DAMAGES = {
     "scenario spoilt": "scenario.* is not valid TOML",
     "scenario of something else": "is not the one that was run: its hash differs",
     "cells spoilt": "manifest.json is damaged: it has no cells.0.assumption",
-    "format of old": "manifest.json has format 2, and this version of ggbench reads format 5",
-    "format to come": "manifest.json has format 6, and this version of ggbench reads format 5",
+    "format of old": "manifest.json has format 2, and this version of ggbench reads format 6",
+    "format to come": "manifest.json has format 7, and this version of ggbench reads format 6",
     "no runs": "manifest.json is damaged: its runs is not what it should be",
     "seed below 0": "manifest.json is damaged: its seed is not what it should be",
     "arrays gone": "does not hold what the runs of case base share.*goes on from there",

@@ -1,0 +1,160 @@
+"""Columns of a record: all that is stored of one run of one estimator, besides its time series.
+
+The one declaration of these columns: the tables of the database with their checks, blank records
+and the table of runs follow from it.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..judging import references, run_errors
+from ..judging.run_errors import WINDOWS
+from ..spec.limits import MOST_RUNS, MOST_SEED
+
+_TYPES = {str: "TEXT", int: "INTEGER", bool: "INTEGER", float: "REAL"}
+_COUNT = ">= 0"
+_POSITIVE = ">= 0.0"
+"""Of a number that may be infinite: the error of a filter that has diverged may be."""
+_FINITE = f"BETWEEN 0.0 AND {sys.float_info.max!r}"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table of the database.
+
+    Attributes
+    ----------
+    name, kind : its name, and the type of its values.
+    check : condition on the values besides their type, as SQL that follows the name.
+    finished : whether it is of finished runs only; of failed ones it is NULL.
+    defined : whether it has a value in every row; a float without one is NaN, in SQL NULL.
+    tabled : whether the table of runs has it.
+    """
+
+    name: str
+    kind: type
+    check: str = ""
+    finished: bool = False
+    defined: bool = True
+    tabled: bool = True
+
+    @property
+    def blank(self) -> Any:
+        """Value in the record of a run that has failed, if nothing is known of it."""
+        if self.kind is float:
+            return math.nan
+        return None if self.finished else self.kind()
+
+    @property
+    def schema(self) -> str:
+        """Definition of the column, as SQL."""
+        name, sql_type = self.name, _TYPES[self.kind]
+        rule = f"typeof({name}) = '{sql_type.lower()}'"
+        if self.check:
+            rule += f" AND {name} {self.check}"
+        if self.kind is bool:
+            rule += f" AND {name} IN (0, 1)"
+        if not self.defined:
+            rule = f"{name} IS NULL OR {rule}"
+        if self.finished:
+            rule = f"CASE status WHEN 'ok' THEN {rule} ELSE {name} IS NULL END"
+        return f"{name} {sql_type} CONSTRAINT {name} CHECK ({rule})"
+
+    @property
+    def selected(self) -> str:
+        """Expression of the column in a query of a table, as SQL."""
+        return f"{self.name} IS 1 AS {self.name}" if self.kind is bool else self.name
+
+    @property
+    def dtype(self) -> type | None:
+        """Type of the column of a table; text keeps the one that pandas gives it."""
+        if self.kind is str:
+            return None
+        return float if self.kind is int and self.finished else self.kind
+
+
+_METRICS = {**run_errors.METRICS, **references.METRICS}
+_OF_WINDOWS = [
+    Column(f"{window}_{name}", float, _POSITIVE if defined else "", True, defined)
+    for window in WINDOWS
+    for name, defined in _METRICS.items()
+]
+WINDOW_COLUMNS = tuple(column.name for column in _OF_WINDOWS)
+"""Columns of the metrics of each window: one window after the other."""
+COLUMNS = (
+    Column("name", str),
+    Column("parameters", str),
+    Column("causality", str, "IN ('none', 'filter', 'fixed-lag', 'batch')"),
+    Column("seed", int, f"BETWEEN 0 AND {MOST_SEED}"),
+    Column("run", int, f"BETWEEN 0 AND {MOST_RUNS}"),
+    Column("status", str, "IN ('ok', 'failed')"),
+    Column("reason", str),
+    Column("remark", str),
+    Column("diverged", bool, finished=True),
+    Column("seconds", float, _FINITE, defined=False),
+    Column("cold", bool),
+    Column("map_evaluations", int, _COUNT, finished=True),
+    Column("peak_memory_mb", float, _FINITE, finished=True),
+    Column("final_position_error_m", float, _POSITIVE, finished=True),
+    Column("final_ins_error_m", float, _POSITIVE, finished=True),
+    Column("bound", str, finished=True),
+    Column("required_m", float, _FINITE, finished=True),
+    Column("converged_s", float, _FINITE, finished=True, defined=False),
+    Column("false_fix", bool, finished=True),
+    *_OF_WINDOWS,
+    Column("fixes", int, _COUNT, finished=True, defined=False, tabled=False),
+    Column("traceback", str, tabled=False),
+    Column("output", str, tabled=False),
+    Column("info", str, tabled=False),
+)
+"""Of a record. ``fixes`` is the number of fixes that a matcher tried; ``info`` is JSON."""
+NAMES = tuple(column.name for column in COLUMNS)
+BLANK: dict[str, Any] = {column.name: column.blank for column in COLUMNS} | {"info": {}}
+"""Record of a run of which nothing is known yet, to be filled."""
+TABLED = tuple(column for column in COLUMNS if column.tabled)
+FIX_COLUMNS = (
+    Column("run", int, f"BETWEEN 0 AND {MOST_RUNS}"),
+    Column("number", int, _COUNT, tabled=False),
+    Column("time_s", float, _FINITE),
+    Column("error_m", float, _POSITIVE),
+    Column("nees", float, _POSITIVE),
+    Column("statistic", float),
+    Column("accepted", bool),
+)
+"""Of the fixes of a run: their number in the run, and :data:`.judging.fix_metrics.ROWS`."""
+
+
+def _definitions(columns: Sequence[Column]) -> str:
+    return ",\n    ".join(column.schema for column in columns)
+
+
+SCHEMA = f"""
+CREATE TABLE records (
+    key TEXT NOT NULL,
+    retry_above REAL,
+    {_definitions(COLUMNS)},
+    PRIMARY KEY (key, run)
+);
+CREATE INDEX lost ON records (retry_above) WHERE retry_above IS NOT NULL;
+CREATE TABLE fixes (
+    key TEXT NOT NULL,
+    {_definitions(FIX_COLUMNS)},
+    PRIMARY KEY (key, run, number),
+    FOREIGN KEY (key, run) REFERENCES records ON DELETE CASCADE
+);
+CREATE TABLE curves (
+    key TEXT NOT NULL,
+    run INTEGER NOT NULL,
+    series BLOB NOT NULL CHECK (typeof(series) = 'blob' AND length(series) % 16 = 0),
+    detail BLOB CHECK (detail IS NULL OR typeof(detail) = 'blob' AND length(detail) % 72 = 0),
+    PRIMARY KEY (key, run),
+    FOREIGN KEY (key, run) REFERENCES records ON DELETE CASCADE
+);
+CREATE TABLE shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
+"""
+"""Tables of the database; what goes with a record goes when the record is replaced."""
