@@ -30,7 +30,8 @@ from ggbench.files import written_whole
 from ggbench.maps import archive, netcdf
 from ggbench.recorded.columns import write_text
 from ggbench.report import html_page
-from ggbench.results.store import Store, StoreError
+from ggbench.results.database import StoreError
+from ggbench.results.store import Store
 
 _LIMIT = 16384
 _NUMBERS = np.random.default_rng(1).normal(size=(4000, 3))

@@ -20,7 +20,7 @@ from small_cases import rough_map
 from ggbench.campaign import registry, result_keys
 from ggbench.campaign.flights import case_bounds, flight_of
 from ggbench.campaign.runner import Task, run_task
-from ggbench.results.store import Result
+from ggbench.results.database import Result
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec

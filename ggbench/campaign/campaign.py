@@ -22,7 +22,8 @@ import numpy as np
 
 from ..errors import GGBenchError
 from ..problem import Problem
-from ..results.store import FORMAT, Store, StoreError, read_manifest, require_ours
+from ..results.database import StoreError
+from ..results.store import FORMAT, Store, read_manifest, require_ours
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from ..spec.unusual_values import unusual_values

@@ -19,7 +19,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import GGBenchError, text_of
-from ..results.store import Result
+from ..results.database import Result
 from .execution import WorkerSlot, drive
 from .runner import OtherSourceError, Task, failure
 

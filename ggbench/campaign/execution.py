@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import wait
 
 from ..errors import GGBenchError
-from ..results.store import Result
+from ..results.database import Result
 from .runner import Started, Task, failure, run_task
 from .worker import Ready, Worker, WorkerDiedError, kill_surely
 

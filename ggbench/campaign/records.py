@@ -23,7 +23,8 @@ from ..judging.judgement import OUTSIDE
 from ..judging.references import CaseBound
 from ..problem import Causality, Fixes, Problem
 from ..results.columns import BLANK, WINDOW_COLUMNS
-from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
+from ..results.database import Result
+from ..results.store import DETAILED_RUN, SERIES_RUNS, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
 from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight

@@ -25,7 +25,7 @@ from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
 from ..problem import CountingModel, Estimate, Estimator
-from ..results.store import Result
+from ..results.database import Result
 from ..spec.case import CaseSpec
 from . import result_keys
 from .flights import SimulatedRuns, groups_of_runs, simulated

@@ -8,7 +8,8 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from ..results.store import Result, Store
+from ..results.database import Result
+from ..results.store import Store
 from .campaign import Campaign, Tasks
 from .execution import in_process, in_processes
 

@@ -27,7 +27,7 @@ from .captured_output import CapturedOutput
 from .messages import GarbledError, Inbox, packed
 
 if TYPE_CHECKING:
-    from ..results.store import Result
+    from ..results.database import Result
 
 _WATCH_S = 1.0
 _PATIENCE_S = 2.0

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .database import StoreError
 from .folder import Results
-from .store import StoreError
 
 FOLDER = "data"
 """Name of the folder, in that of a report's figures."""

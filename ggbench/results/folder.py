@@ -23,7 +23,8 @@ from ..judging.verdicts import Verdict
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from .columns import TABLED
-from .store import Store, StoreError, read_manifest
+from .database import StoreError
+from .store import Store, read_manifest
 
 _Measurements = dict[str, dict[str, tuple[int, float]]]
 
@@ -146,7 +147,7 @@ class Results:
         return None if found is None else self._of_length(found, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
-        """Return (K, 18) of a run kept in detail, see :meth:`.store.Store.detail`."""
+        """Return (K, 18) of a run kept in detail, see :meth:`.database.Database.detail`."""
         key = self._keys.get(("", case, estimator))
         found = None if key is None else self.store.detail(key, run)
         return None if found is None else self._of_length(found, case, "times")

@@ -16,7 +16,7 @@ from ggbench.block import ProblemBlock, joined
 from ggbench.campaign import flights, result_keys
 from ggbench.campaign.registry import choose
 from ggbench.campaign.runner import Task, run_task
-from ggbench.results.store import Result
+from ggbench.results.database import Result
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec.case import CaseSpec

@@ -23,7 +23,8 @@ from ggbench.engines.innovations import innovations_squared
 from ggbench.estimator_spec import EstimatorSpec
 from ggbench.judging.references import CaseBound
 from ggbench.judging.run_errors import WINDOWS
-from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS, Result
+from ggbench.results.database import Result
+from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.spec.trajectory import TrajectorySpec

@@ -6,7 +6,8 @@ import pytest
 from campaigns import failed
 
 from ggbench.campaign.records import remarks
-from ggbench.results.store import Result, Store
+from ggbench.results.database import Result
+from ggbench.results.store import Store
 
 
 def nested(depth: int) -> dict:

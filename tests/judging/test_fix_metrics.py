@@ -14,7 +14,8 @@ from problems import SMALL
 from ggbench.judging import fix_metrics
 from ggbench.judging.statistics import wilson
 from ggbench.problem import Fixes
-from ggbench.results.store import Result, Store, StoreError
+from ggbench.results.database import Result, StoreError
+from ggbench.results.store import Store
 
 TIMES = np.arange(10.0, 60.0, 10.0)
 FOUND = Fixes(

@@ -14,8 +14,8 @@ from problems import SMALL
 
 from ggbench.judging.field_scale import correlation_m
 from ggbench.results import digest
+from ggbench.results.database import StoreError
 from ggbench.results.folder import Results
-from ggbench.results.store import StoreError
 
 LABELS = ("ins", "ekf", "ukf[points=merwe]")
 NAMED = SMALL.replace('name = "base"', 'name = "1e3"').replace('name = "noisy"', 'name = "null"')

@@ -16,8 +16,9 @@ from problems import SMALL
 
 from ggbench.judging.run_errors import WINDOWS, window_mask
 from ggbench.judging.summary import METRICS
+from ggbench.results.database import Result, StoreError
 from ggbench.results.folder import Results, as_argument, write_tables
-from ggbench.results.store import MOST_KEPT, Result, Store, StoreError, kept_epochs
+from ggbench.results.store import MOST_KEPT, Store, kept_epochs
 
 STUDIED = (
     SMALL.replace("last_s = 5.0", "last_s = 5.0\nrequired_m = 6.0").replace(

@@ -11,7 +11,8 @@ from campaigns import failed, finished
 
 from ggbench.judging import fix_metrics
 from ggbench.results.columns import BLANK, FIX_COLUMNS, WINDOW_COLUMNS
-from ggbench.results.store import Result, Store, StoreError
+from ggbench.results.database import Result, StoreError
+from ggbench.results.store import Store
 
 
 @pytest.fixture

@@ -20,8 +20,9 @@ from ggbench.errors import GGBenchError
 from ggbench.judging import statistics
 from ggbench.judging.summary import METRICS
 from ggbench.report import render
+from ggbench.results.database import Result, StoreError
 from ggbench.results.folder import Results
-from ggbench.results.store import RESULT_FILES, Result, Store, StoreError, require_ours
+from ggbench.results.store import RESULT_FILES, Store, require_ours
 
 
 def test_a_folder_of_other_things_is_left_alone(tmp_path):

@@ -1,0 +1,315 @@
+"""Database of a results folder: records, fixes, time series, and what the runs of a case share.
+
+Each result is durable (written through to the disk) when it has been added. What is read is sound:
+SQLite refuses a row that the declared columns do not allow (:mod:`.results.columns`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from pydantic_core import from_json
+
+from ..errors import GGBenchError, text_of
+from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
+from .formats import flaw_of_arrays
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+APPLICATION_ID = 0x67676231
+"""Says in the header of a database that it is one of ours."""
+_BUSY_S = 60.0
+_CHUNK, _PIECE = 1000, 5000
+"""Records read at a time, one by one and on their way into a table."""
+_TRUTHS = tuple(column.name for column in COLUMNS if column.kind is bool)
+
+
+class StoreError(GGBenchError):
+    """A results folder cannot be used."""
+
+
+class Result(NamedTuple):
+    """What one run of one estimator leaves behind.
+
+    Attributes
+    ----------
+    key : hash of all that the result depends on but the number of the run
+        (:mod:`.campaign.result_keys`).
+    record : what is said of the run, a value for each of :data:`.columns.NAMES`.
+    series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
+        None.
+    detail : (K, 18) float32, errors and their σ of a run kept in detail, see :meth:`Database.detail`;
+        or None.
+    fixes : of a matcher, see :func:`.judging.fix_metrics.judge`.
+    retry_above : None if the result is final; else the time limit [s] above which another attempt
+        is worth it, of a run that died or was too slow.
+    """
+
+    key: str
+    record: dict[str, Any]
+    series: np.ndarray | None = None
+    detail: np.ndarray | None = None
+    fixes: Sequence[Mapping[str, Any]] = ()
+    retry_above: float | None = None
+
+
+class Database:
+    """The records of a results folder.
+
+    Parameters
+    ----------
+    path : of its file.
+    create : make it if it does not exist, to be written.
+
+    Raises
+    ------
+    StoreError
+        If it has other columns than this version of the package, or is damaged.
+    """
+
+    def __init__(self, path: Path, create: bool = False) -> None:
+        self.path = path
+        try:
+            self._connection = self._connect(create)
+            if create:
+                # In the file itself, before there is a log that it could be in instead.
+                self._connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                if not _tables(self._connection):
+                    self._connection.executescript(f"BEGIN; {SCHEMA} COMMIT")
+            self._connection.execute("PRAGMA synchronous = FULL")
+            self._connection.execute("PRAGMA foreign_keys = ON")
+            self._require_sound()
+        except sqlite3.Error as error:
+            raise StoreError(f"{path} is not a usable database: {text_of(error)}") from None
+
+    def _connect(self, write: bool) -> sqlite3.Connection:
+        """Open the database; a folder in which nothing may be written is read as it is."""
+        name = self.path.absolute().as_uri()
+        if write or os.access(self.path.parent, os.W_OK):
+            return sqlite3.connect(name, timeout=_BUSY_S, uri=True)
+        log = self.path.with_name(f"{self.path.name}-wal")
+        if log.exists() and log.stat().st_size:
+            # What the log holds can be read only where its index can be made.
+            raise StoreError(
+                f"{self.path.parent} may not be written to and its campaign was stopped (or is "
+                "running): let its owner look at it once with 'ggbench show', or copy it"
+            )
+        return sqlite3.connect(f"{name}?immutable=1", timeout=_BUSY_S, uri=True)
+
+    def _require_sound(self) -> None:
+        """Raise StoreError unless tables and rows are those that the declared columns allow."""
+        with contextlib.closing(sqlite3.connect(":memory:")) as blank:
+            blank.executescript(SCHEMA)
+            if _tables(blank) != _tables(self._connection):
+                raise StoreError(
+                    f"{self.path} has other columns than this version of ggbench: run the "
+                    "scenario again, with --fresh or into another output folder"
+                )
+        # It checks the constraints of every row, too.
+        (flaw,) = self._connection.execute("PRAGMA quick_check(1)").fetchone()
+        if flaw != "ok":
+            raise StoreError(
+                f"{self.path} is damaged ({' '.join(flaw.split())}): run the scenario again, "
+                "with --fresh or into another output folder"
+            )
+
+    def close(self) -> None:
+        """Close the database, whose log is merged into it."""
+        self._connection.close()
+
+    def add(self, results: Iterable[Result]) -> None:
+        """Store results in one transaction.
+
+        Raise StoreError if they cannot be written (a full disk): then none of them is.
+        """
+        records: list[tuple[Any, ...]] = []
+        fixes: list[tuple[Any, ...]] = []
+        curves: list[tuple[Any, ...]] = []
+        for r in results:
+            run, info = r.record["run"], json.dumps(r.record["info"], separators=(",", ":"))
+            record = r.record | {"info": info}
+            records.append((r.key, r.retry_above, *map(record.__getitem__, NAMES)))
+            for number, fix in enumerate(r.fixes):
+                row = {**fix, "run": run, "number": number}
+                fixes.append((r.key, *(row[column.name] for column in FIX_COLUMNS)))
+            if r.series is not None:
+                curves.append((r.key, run, _pack(r.series), _pack(r.detail)))
+        self._write({"records": records, "fixes": fixes, "curves": curves})
+
+    def finished(self, limit: float = np.inf) -> dict[str, np.ndarray]:
+        """Return, by key, the runs whose results a time limit [s] leaves as they are."""
+        lost: dict[str, list[int]] = {}
+        query = "SELECT key, run FROM records WHERE retry_above < ?"
+        for key, run in self._select(query, (limit,)):
+            lost.setdefault(key, []).append(run)
+        found = {}
+        for (key,) in self._select("SELECT DISTINCT key FROM records"):
+            rows = self._select("SELECT run FROM records WHERE key = ?", (key,))
+            runs = np.fromiter((run for (run,) in rows), dtype=np.int64, count=len(rows))
+            found[key] = np.setdiff1d(runs, lost.get(key, []))
+        return {key: runs for key, runs in found.items() if len(runs)}
+
+    def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
+        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
+        query = (
+            f"SELECT {', '.join(NAMES)} FROM records WHERE key = ? AND run >= ? AND run < ? "
+            "ORDER BY run LIMIT ?"
+        )
+        while rows := self._select(query, (key, first, runs, _CHUNK)):
+            for row in rows:
+                record = BLANK | {n: v for n, v in zip(NAMES, row, strict=True) if v is not None}
+                record |= {name: record[name] == 1 for name in _TRUTHS if record[name] is not None}
+                try:
+                    record["info"] = from_json(record["info"])
+                except ValueError as error:
+                    raise StoreError(
+                        f"the info of a run in {self.path} is damaged: {error}"
+                    ) from None
+                yield record
+            first = record["run"] + 1
+
+    def runs(self, keys: Set[str], runs: int) -> pd.DataFrame:
+        """Return the table of the runs below ``runs`` under some keys, in the order of both.
+
+        ``key``, then the columns of a record that are :data:`.columns.TABLED`, in their order.
+        """
+        return self._table("records", TABLED, keys, runs, "key, run")
+
+    def fixes(self, keys: Set[str], runs: int) -> dict[str, pd.DataFrame]:
+        """Return the fixes of the runs below ``runs``, by the keys of estimators that make fixes.
+
+        Tables of ``run`` and :data:`.judging.fix_metrics.ROWS`, in the order of runs and fixes.
+        """
+        query = "SELECT DISTINCT key FROM records WHERE fixes IS NOT NULL AND run < ?"
+        makers = keys & {key for (key,) in self._select(query, (runs,))}
+        columns = [column for column in FIX_COLUMNS if column.tabled]
+        table = self._table("fixes", columns, makers, runs, "key, run, number")
+        of_key = table.pop("key")
+        return {key: table[of_key == key].reset_index(drop=True) for key in makers}
+
+    def _table(
+        self, name: str, columns: Sequence[Column], keys: Set[str], runs: int, order: str
+    ) -> pd.DataFrame:
+        """Return some columns of a table of the database, with the keys before them."""
+        import pandas as pd  # not at the top: workers and campaigns make no tables
+
+        query = (
+            f"SELECT key, {', '.join(column.selected for column in columns)} FROM {name} "
+            f"WHERE key IN ({', '.join('?' * len(keys))}) AND run < ? ORDER BY {order}"
+        )
+        types = {column.name: column.dtype for column in columns if column.dtype}
+        try:
+            pieces = pd.read_sql(
+                query, self._connection, params=[*keys, runs], dtype=types, chunksize=_PIECE
+            )
+            return pd.concat(pieces, ignore_index=True)
+        except (sqlite3.Error, pd.errors.DatabaseError) as error:
+            raise StoreError(f"{self.path} cannot be read: {text_of(error)}") from None
+
+    def series(self, key: str, runs: int) -> np.ndarray:
+        """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
+
+        K' are the epochs that ``kept`` of the shared arrays names.
+        """
+        rows = self._select(
+            "SELECT series FROM curves WHERE key = ? AND run < ? ORDER BY run", (key, runs)
+        )
+        found = [_unpack(blob, 4) for (blob,) in rows]
+        if len({len(run) for run in found}) > 1:
+            raise StoreError(f"a time series in {self.path} is damaged")
+        return np.array(found)
+
+    def series_of(self, key: str, run: int) -> np.ndarray | None:
+        """Return (K', 4) of one run, or None if it has none."""
+        return self._blob("series", key, run, 4)
+
+    def detail(self, key: str, run: int) -> np.ndarray | None:
+        """Return (K, 18) of a run kept in detail.
+
+        Errors of position and velocity, their σ, and those of the gravity disturbance [m/s²], NaN
+        where it is no state.
+        """
+        return self._blob("detail", key, run, 18)
+
+    def _blob(self, column: str, key: str, run: int, width: int) -> np.ndarray | None:
+        found = self._select(f"SELECT {column} FROM curves WHERE key = ? AND run = ?", (key, run))
+        return None if not found or found[0][0] is None else _unpack(found[0][0], width)
+
+    def write_arrays(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Store what all runs of a case share."""
+        content = io.BytesIO()
+        np.savez_compressed(content, allow_pickle=False, **arrays)
+        self._write({"shared": [(key, content.getvalue())]})
+
+    def has_arrays(self, key: str) -> bool:
+        """Return whether what all runs of a case share is stored."""
+        return bool(self._select("SELECT 1 FROM shared WHERE key = ?", (key,)))
+
+    def arrays(self, key: str, case: str) -> dict[str, np.ndarray]:
+        """Return what all runs of a case share; ``case`` names it in messages."""
+        found = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
+        if not found:
+            raise StoreError(
+                f"{self.path.parent} does not hold what the runs of case {case} share: it was "
+                "stopped while it was prepared; the same command goes on from there"
+            )
+        try:
+            with np.load(io.BytesIO(found[0][0]), allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+        except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
+            raise StoreError(
+                f"what the runs of case {case} share, in {self.path}, "
+                f"cannot be read: {text_of(error)}"
+            ) from None
+        if flaw := flaw_of_arrays(arrays):
+            raise StoreError(
+                f"what the runs of case {case} share, in {self.path}, is damaged: {flaw}"
+            )
+        return arrays
+
+    def _select(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+        try:
+            return self._connection.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"{self.path} cannot be read: {text_of(error)}") from None
+
+    def _write(self, rows: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
+        """Write rows of tables in one transaction, in place of those of the same keys."""
+        try:
+            with self._connection:
+                for table, values in rows.items():
+                    if values:
+                        marks = ", ".join("?" * len(values[0]))
+                        query = f"INSERT OR REPLACE INTO {table} VALUES ({marks})"
+                        self._connection.executemany(query, values)
+        except (sqlite3.Error, ValueError) as error:  # of a text with half a character
+            raise StoreError(
+                f"cannot write to {self.path.parent}: {error}; what it holds is kept, and the same "
+                "command goes on from there"
+            ) from None
+
+
+def _pack(array: np.ndarray | None) -> bytes | None:
+    if array is None:
+        return None
+    return np.ascontiguousarray(array, dtype="<f4").tobytes()
+
+
+def _unpack(blob: bytes, columns: int) -> np.ndarray:
+    return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
+
+
+def _tables(connection: sqlite3.Connection) -> set[str]:
+    """Return the definitions of the tables and indices of a database."""
+    found = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+    return {sql for (sql,) in found}
