@@ -96,9 +96,9 @@ def test_the_data_are_described_as_they_are() -> None:
         if cells[0] in INTENSITIES:
             rows[cells[0]] = [float(x) for cell in cells[1:] for x in re.findall(r"[\d.]+", cell)]
     assert set(rows) == set(INTENSITIES)
-    for intensity, figures in rows.items():
+    for intensity, numbers in rows.items():
         acceleration = flown(str(committed(intensity)))
         track = np.loadtxt(committed(intensity), delimiter=",", skiprows=1)
         found = [*np.sqrt((acceleration**2).mean(axis=0)), np.abs(acceleration[:, 2]).max(),
                  np.abs(track[:, 6]).max(), track[:, 3].min(), track[:, 3].max()]  # fmt: skip
-        assert figures == pytest.approx(found, abs=0.051, rel=0.0005)
+        assert numbers == pytest.approx(found, abs=0.051, rel=0.0005)

@@ -47,8 +47,8 @@ class Result(NamedTuple):
     record : what is said of the run, a value for each of :data:`.columns.NAMES`.
     series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
         None.
-    detail : (K, 18) float32, errors and their σ of a run kept in detail, see :meth:`Database.detail`;
-        or None.
+    detail : (K, 18) float32, errors and their σ of a run kept in detail
+        (:meth:`Database.detail`); or None.
     fixes : of a matcher, see :func:`.judging.fix_metrics.judge`.
     retry_above : None if the result is final; else the time limit [s] above which another attempt
         is worth it, of a run that died or was too slow.

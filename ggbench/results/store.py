@@ -56,7 +56,7 @@ def kept_epochs(epochs: int) -> np.ndarray:
 
 
 class Store(Database):
-    """A results folder: its database, and the files beside it.
+    """A results folder: its database and its other files.
 
     Parameters
     ----------

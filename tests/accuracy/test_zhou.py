@@ -64,7 +64,7 @@ def test_the_response_is_that_of_the_linear_theory(flight):
     ],
 )
 def test_what_the_disturbance_can_do_within_two_hours(flight, column, factor, at_end, largest):
-    """The figures of an independent linear calculation, to 5 %."""
+    """The numbers of an independent linear calculation, to 5 %."""
     response = factor * np.abs(flight.gravity_response[:, column])
     assert response[-1] == pytest.approx(at_end, rel=0.05)
     assert response.max() == pytest.approx(largest, rel=0.05)

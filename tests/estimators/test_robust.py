@@ -1,4 +1,4 @@
-"""Outliers, wrong noise figures and missing readings: what the robust estimators promise."""
+"""Outliers, wrong noise levels and missing readings: what the robust estimators promise."""
 
 from __future__ import annotations
 

@@ -104,9 +104,9 @@ def test_errors_against_a_reference_are_those_of_the_judgement(tmp_path, flown):
     judged = gg.judge(problem, gg.estimate(problem, "ekf"), truth, flown.case.windows)
     assert found.states == 6
     np.testing.assert_allclose(found.nees, judged.nees, rtol=1e-6)
-    for name, figures in judged.windows.items():
+    for name, metrics in judged.windows.items():
         for key in ("position_mrse_m", "velocity_mrse_mps", "nees_mean"):
-            assert found.windows[name][key] == pytest.approx(figures[key], rel=1e-6)
+            assert found.windows[name][key] == pytest.approx(metrics[key], rel=1e-6)
 
 
 def test_a_reference_of_positions_alone_judges_those(tmp_path, flown):
