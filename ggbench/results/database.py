@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 APPLICATION_ID = 0x67676231
 """Says in the header of a database that it is one of ours."""
 _BUSY_S = 60.0
-_CHUNK, _PIECE = 1000, 5000
-"""Records read at a time, one by one and on their way into a table."""
+_PIECE = 5000
+"""Rows that are held at a time on their way into a table."""
 _TRUTHS = tuple(column.name for column in COLUMNS if column.kind is bool)
 
 
@@ -163,20 +163,16 @@ class Database:
         """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
         query = (
             f"SELECT {', '.join(NAMES)} FROM records WHERE key = ? AND run >= ? AND run < ? "
-            "ORDER BY run LIMIT ?"
+            "ORDER BY run"
         )
-        while rows := self._select(query, (key, first, runs, _CHUNK)):
-            for row in rows:
-                record = BLANK | {n: v for n, v in zip(NAMES, row, strict=True) if v is not None}
-                record |= {name: record[name] == 1 for name in _TRUTHS if record[name] is not None}
-                try:
-                    record["info"] = from_json(record["info"])
-                except ValueError as error:
-                    raise StoreError(
-                        f"the info of a run in {self.path} is damaged: {error}"
-                    ) from None
-                yield record
-            first = record["run"] + 1
+        for row in self._select(query, (key, first, runs)):
+            record = BLANK | {n: v for n, v in zip(NAMES, row, strict=True) if v is not None}
+            record |= {name: record[name] == 1 for name in _TRUTHS if record[name] is not None}
+            try:
+                record["info"] = from_json(record["info"])
+            except ValueError as error:
+                raise StoreError(f"the info of a run in {self.path} is damaged: {error}") from None
+            yield record
 
     def runs(self, keys: Set[str], runs: int) -> pd.DataFrame:
         """Return the table of the runs below ``runs`` under some keys, in the order of both.

@@ -38,6 +38,8 @@ ARRAYS = {
         ("kept", np.array([0.0, 3.0]), "its kept holds float64"),
         ("kept", np.array([], dtype=int), "other epochs"),
         ("kept", np.array([-1, 3]), "other epochs"),
+        ("kept", np.array([0, EPOCHS]), "other epochs"),
+        ("bound-filter", np.full((EPOCHS, 2), np.nan), "its bound-filter is not finite"),
         ("present", np.linspace(-0.1, 1.0, EPOCHS), "more than shares"),
         ("noisy", np.full(EPOCHS, np.inf), "its noisy is not finite"),
         ("map_vertical", np.ones((7, 4)), "its map has another size"),

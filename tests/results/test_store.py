@@ -208,16 +208,6 @@ TEXTS = {
     "database overwritten": ("records.sqlite", "not a database" * 1000),
     "database empty": ("records.sqlite", ""),
 }
-ONE_NAN = np.ones((20, 2))
-ONE_NAN[7, 1] = np.nan
-SHARED = {
-    "kept epochs beyond the last": ("kept", np.array([0, 5, 20])),
-    "one number missing": ("bound-filter", ONE_NAN),
-    "readings of other epochs": ("present", np.ones(3)),
-    "readings beyond all": ("present", np.full(20, 1.5)),
-    "fewer channels than none": ("channels", np.full(20, -1.0)),
-    "channels of other epochs": ("channels", np.ones(6)),
-}
 EDITS = {
     "scenario spoilt": ("scenario_text", "[[["),
     "scenario of something else": ("scenario_text", SMALL.replace("250.0", "251.0")),
@@ -243,13 +233,6 @@ def archive(**arrays: np.ndarray) -> bytes:
     return content.getvalue()
 
 
-def spoil_arrays(connection: sqlite3.Connection, name: str, value: np.ndarray) -> None:
-    """Give one of the arrays that a case's runs share another value, in every case."""
-    for key, content in connection.execute("SELECT key, arrays FROM shared").fetchall():
-        arrays = dict(np.load(io.BytesIO(content))) | {name: value}
-        connection.execute("UPDATE shared SET arrays = ? WHERE key = ?", (archive(**arrays), key))
-
-
 def damage(folder: Path, kind: str) -> None:
     """Spoil one thing in a results folder."""
     database = folder / "records.sqlite"
@@ -266,9 +249,6 @@ def damage(folder: Path, kind: str) -> None:
     elif kind in arrays:
         with sqlite3.connect(database) as connection:
             connection.execute("UPDATE shared SET arrays = ?", (arrays[kind],))
-    elif kind in SHARED:
-        with sqlite3.connect(database) as connection:
-            spoil_arrays(connection, *SHARED[kind])
     elif kind in TEXTS:
         name, text = TEXTS[kind]
         (folder / name).write_text(text)
@@ -311,12 +291,6 @@ DAMAGES = {
     "arrays cut": "case base share.* cannot be read",
     "arrays of something else": "case base share.* is damaged: it has no times",
     "arrays not zipped": "case base share.* cannot be read",
-    "readings of other epochs": r"case base share.* is damaged: its present has the shape \(3,\)",
-    "readings beyond all": "case base share.* is damaged: its present holds more than shares",
-    "kept epochs beyond the last": "case base share.* is damaged: its kept names other epochs",
-    "one number missing": "case base share.* is damaged: its bound-filter is not finite",
-    "fewer channels than none": "case base share.* is damaged: its channels holds less than none",
-    "channels of other epochs": r"case base share.* is damaged: its channels has the shape \(6,\)",
     "arrays pickled": "case base share.* cannot be read.*allow_pickle=False",
     "arrays a bare pickle": "case base share.* cannot be read",
 }
