@@ -29,7 +29,7 @@ from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
 from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight
 from ..simulation.flight_bounds import bounds, unfiltered_bound
-from ..simulation.random_streams import random_streams
+from ..simulation.random_streams import RandomStreams
 from ..spec.case import CaseSpec
 from .registry import Choice
 
@@ -307,7 +307,7 @@ def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str,
 
     Where the whole tensor was measured, the measurement is in place of that noise.
     """
-    streams, vertical = random_streams(seed, DETAILED_RUN), COMPONENTS.index("zz")
+    streams, vertical = RandomStreams(seed, DETAILED_RUN), COMPONENTS.index("zz")
     # Coloured noise is of the channels that there are: another one shows white noise of its RMS.
     instrument = replace(true, components=COMPONENTS, colour=None)
     at, measured = flight.epochs[flight.gradient_epochs], flight.measured
@@ -315,8 +315,8 @@ def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str,
         at, measured = at[~flight.absent], measured[~flight.absent]
     enu, count = flight.field.tensor(*flight.trajectory.positions[at].T), len(at)
     arrays = {"gradient_times": flight.trajectory.times[at], "vertical": enu[:, vertical]}
-    noise = instrument.noise(count, streams.gradiometer)[:, vertical]
-    behind = instrument.noise_behind(count, streams.behind_filter)[:, vertical]
+    noise = instrument.noise(count, streams["gradiometer/"])[:, vertical]
+    behind = instrument.noise_behind(count, streams["gradiometer/behind_filter"])[:, vertical]
     arrays["noisy"] = arrays["vertical"] + noise
     if measured is not None and true.whole:
         arrays["noisy"] = true.tensors(measured)[:, vertical]

@@ -9,7 +9,6 @@ import click
 
 from ..figures.numbers import short, some, span
 from ..spec.aiding import GnssSpec
-from ..spec.named_sensors import aiding_of
 from ..trajectory.manoeuvres import BANK_GRAVITY
 from .flight_limits import Examined, FlightExtremes
 from .map_margins import length, narrow_margins
@@ -74,7 +73,7 @@ def _ins(each: Examined) -> str:
     )
     noises = [
         sensor.position_noise_m
-        for sensor in aiding_of(each.case.side("truth")).values()
+        for sensor in each.case.side("truth").sensor.values()
         if isinstance(sensor, GnssSpec) and sensor.position_noise_m is not None
     ]
     allowed = min(noises, default=SECOND_ORDER_M)

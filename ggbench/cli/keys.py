@@ -115,10 +115,10 @@ def named(name: str) -> str:
 
 def find(name: str) -> list[tuple[KeyTable, Key]]:
     """Return the key of a dotted name, or every key that is called so, each with its table."""
-    from ..spec.aiding import AIDING
+    from ..spec.aiding import KINDS
 
     table, _, key = named(name).rpartition(".")
-    names = AIDING if table == NAMED and key != "kind" else [table] if table else tables()
+    names = KINDS if table == NAMED and key != "kind" else [table] if table else tables()
     places = [tables()[place] for place in names if place in tables()]
     return [(place, found) for place in places for found in place.all_keys() if found.name == key]
 
@@ -138,7 +138,7 @@ def _below(
                 "enum": [*item["additionalProperties"]["discriminator"]["mapping"]],
                 "description": "Kind of the sensor; its other keys are those of its kind's table.",
             }
-            about = "A sensor with a name of its own, of one of four kinds."
+            about = "A sensor with a name of its own, of any of the kinds above."
             sensor = {"description": about, "properties": {"kind": kind}, "required": ["kind"]}
             yield NAMED, sensor, False
 

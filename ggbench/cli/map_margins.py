@@ -15,7 +15,6 @@ from ..gravity.meridians import turns
 from ..simulation.ins_error import InsError
 from ..spec.aiding import BarometerSpec, GnssSpec
 from ..spec.case import CaseSpec
-from ..spec.named_sensors import aiding_of
 from ..trajectory.truth import Trajectory
 
 DEVIATIONS = 3.0
@@ -115,7 +114,7 @@ def shortfalls(
     Not where a receiver gives the position, or a barometer the height: estimates then stay near.
     """
     aided: set[str] = set()
-    for sensor in aiding_of(case.side("truth")).values():
+    for sensor in case.side("truth").sensor.values():
         if isinstance(sensor, BarometerSpec):
             aided.add("up")
         if isinstance(sensor, GnssSpec) and sensor.position_noise_m is not None:

@@ -44,7 +44,7 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
     if case.measured_sensors():
         return "measured"
     wrong = _set_apart(case)
-    receivers = ["gnss", *(name for name, spec in case.sensor if isinstance(spec, GnssSpec))]
+    receivers = [name for name, spec in case.sensor.items() if isinstance(spec, GnssSpec)]
     if any(
         key.startswith(f"truth.{table_of(name)}.dropout") for key in wrong for name in receivers
     ):

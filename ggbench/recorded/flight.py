@@ -7,6 +7,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,15 +33,15 @@ from ..simulation.replay import Replays
 from ..simulation.runs import Truth
 from ..simulation.sensor_suite import SensorSuite
 from ..simulation.suites import suite_of
+from ..spec.aiding import RecordedGnss
 from ..spec.flight import (
     FlightError,
     FlightSpec,
     RecordedField,
-    RecordedGnss,
     ReferenceTrack,
     load,
 )
-from ..spec.named_sensors import aiding_of, sensors_of
+from ..spec.named_sensors import sensors_of
 from . import columns as files
 from .inertial import Inertial, inertial
 from .motion import (
@@ -92,10 +93,12 @@ class RecordedFlight:
         Raises FlightError or MapError if one cannot be read any more.
         """
         spec, folder = self.spec, self.path.parent
-        tables = {name: getattr(spec, name) for name in type(spec).model_fields}
+        tables: dict[str, Any] = {}
+        for name in type(spec).model_fields:
+            tables |= spec.sensor if name == "sensor" else {name: getattr(spec, name)}
         named = [("flight", self.path)] + [
             (role.replace("_", " "), folder / table.file)
-            for role, table in (tables | dict(spec.sensor)).items()
+            for role, table in tables.items()
             if getattr(table, "file", None)
         ]
         found = [(role, path.name, sha256_of(path, FlightError)) for role, path in named]
@@ -147,7 +150,7 @@ def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:
     if spec.reference is None:
         return ""
     key = sha256_of(folder / spec.reference.file, FlightError)
-    for sensor, table in aiding_of(spec).items():
+    for sensor, table in spec.sensor.items():
         record = folder / table.file
         if isinstance(table, RecordedGnss) and sha256_of(record, FlightError) == key:
             return sensor

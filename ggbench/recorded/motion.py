@@ -9,8 +9,8 @@ import numpy as np
 
 from ..gravity.ellipsoid import metres_along
 from ..sensors.aiding import Motion
-from ..spec.flight import Frame
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
+from ..spec.recordings import Frame
 from ..trajectory.truth import attitudes_of
 from .columns import Columns
 

@@ -12,12 +12,8 @@ from ..gravity.meridians import turns
 from ..sensors.aiding import Motion, position_error
 from ..sensors.gnss import Gnss
 from ..simulation.sensor_suite import SensorSuite
-from ..spec.flight import (
-    FlightSpec,
-    RecordedBarometer,
-    RecordedGnss,
-    RecordedLog,
-)
+from ..spec.aiding import RecordedGnss
+from ..spec.flight import FlightSpec
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..spec.named_sensors import sensors_of, table_of
 from . import columns as files
@@ -31,14 +27,16 @@ from .motion import (
 )
 from .time_base import TimeBase, clocked, require_period
 
-_LOG = {"E": "east", "N": "north", "U": "up"}
+_AXES = {"E": "east", "N": "north", "U": "up"}
+_ENDS = {"mGal": "mgal", "m/s": "mps", "m": "m"}
+"""Ends of the names of columns, by the units of channels."""
 _LIMITS = {
     "eotvos": (-1e7, 1e7),
     "mgal": (-1e7, 1e7),
     "mps": (-FASTEST_MPS, FASTEST_MPS),
     "m": (LOWEST_M, HIGHEST_M),
 }
-"""Of readings, by their units: beyond any field, speed or height."""
+"""Of readings, by the ends of the names of columns: beyond any field, speed or height."""
 _FARTHEST = 20_000.0
 """How far from the INS a receiver may be at first, beyond what the prior allows [m]."""
 
@@ -61,7 +59,10 @@ class Series(NamedTuple):
 
 
 def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str, ...]:
-    """Return the columns that a sensor's file has, in the order of its channels."""
+    """Return the columns that a sensor's file has, in the order of its channels.
+
+    Those of a receiver and a gradiometer have names of their own; others have the channels' names.
+    """
     table = sensors_of(spec)[sensor]
     if sensor == "gradiometer":
         assert model.gradiometer is not None
@@ -71,12 +72,11 @@ def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str
         if table.frame is not None and table.velocity_noise_mps is not None:
             names += velocity_columns(table.frame)
         return names
-    channels = [c.name.split() for c in model.channels if c.sensor == sensor]
-    if isinstance(table, RecordedLog):
-        return tuple(f"velocity_{_LOG.get(name, name)}_mps" for _, name in channels)
-    if isinstance(table, RecordedBarometer):
-        return ("height_m",)
-    return tuple(f"gravity_{name}_mgal" for _, name in channels)
+    return tuple(
+        "_".join([*(_AXES.get(word, word) for word in c.name.split()), _ENDS[c.unit]])
+        for c in model.channels
+        if c.sensor == sensor
+    )
 
 
 def read_series(

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..problem import Problem
 from ..sensors.aiding import position_error
-from ..spec.flight import RecordedGnss
-from ..spec.named_sensors import aiding_of, table_of
+from ..spec.aiding import RecordedGnss
+from ..spec.named_sensors import table_of
 from .corrected import Residuals
 from .flight import RecordedFlight
 
@@ -60,7 +60,7 @@ def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Itera
             "contradict one another or the tables' noise is far too small; likely causes are units "
             "(degrees for radians, knots for m/s), axes or frames, and clocks (18 s is GPS - UTC)"
         )
-    for name, table in aiding_of(flight.spec).items() if beyond else ():
+    for name, table in flight.spec.sensor.items() if beyond else ():
         if isinstance(table, RecordedGnss) and (fit := clock_fit(flight.problem, name)):
             yield (
                 f"{table_of(name)}.clock_offset_s = {table.clock_offset_s + fit.offset:g} fits the "

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import pandas as pd
 
 from ..figures.numbers import counted, span
-from ..spec.aiding import BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from ..spec.case import CaseSpec
-from ..spec.named_sensors import aiding_of
 from ..spec.presets import grade_of
 from .columns import significant
 
@@ -108,25 +105,13 @@ def _gradiometer(case: CaseSpec) -> list[str]:
 
 def _others(cases: Sequence[CaseSpec]) -> str:
     """Return the sensors of all cases, then those of some."""
-    held = [[_aiding(spec) for spec in aiding_of(case).values()] for case in cases]
+    held = [
+        [f"{spec.in_words} every {spec.period_s:g} s" for spec in case.sensor.values()]
+        for case in cases
+    ]
     every = [name for name in held[0] if all(name in names for names in held)]
     some = [name for name in dict.fromkeys(itertools.chain(*held)) if name not in every]
     return ", ".join([*every, *(f"in some cases {name}" for name in some[:_MOST_VALUES])])
-
-
-def _aiding(spec: Any) -> str:
-    every = f"every {spec.period_s:g} s"
-    if isinstance(spec, GravimeterSpec):
-        size = f"{spec.noise_mgal:g} mGal" if spec.readings == "simulated" else "measured"
-        return f"gravimeter {size} {every}"
-    if isinstance(spec, LogSpec):
-        return f"velocity log {spec.noise_mps:g} m/s {every}"
-    if isinstance(spec, BarometerSpec):
-        return f"height {spec.noise_m:g} m {every}"
-    assert isinstance(spec, GnssSpec)
-    noise = spec.position_noise_m
-    size = f"{noise:g} m" if noise is not None else f"{spec.velocity_noise_mps:g} m/s"
-    return f"GNSS {size} {every}"
 
 
 def _map(case: CaseSpec) -> list[str]:

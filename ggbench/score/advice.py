@@ -117,10 +117,11 @@ def _halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
     if key := _noise_key(case):
         yield "noise of the gradiometer", _with_half(case, [key])
     for sensor, name in _SENSORS.items():
-        spec = getattr(case, sensor)
+        spec = case.sensor.get(sensor)
         if spec is not None and getattr(spec, name) is not None:
             words = sensor.replace("_", " ").replace("gnss", "GNSS receiver")
-            yield f"noise of the {words}", _with_half(case, [f"{sensor}.{name}"])
+            half = case.changed(f"{sensor}.{name}", 0.5 * getattr(spec, name))
+            yield f"noise of the {words}", half
     if case.model.field.standard_error:
         yield "error of the map (removed)", case.changed("model.field.standard_error", False)
     prior = [f"initial_error.{name}" for name in ("position_m", "velocity_mps", "attitude_arcmin")]

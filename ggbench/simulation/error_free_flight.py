@@ -19,6 +19,7 @@ from ..sensors.aiding import Motion, corrected_positions, metres_of
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
+from ..spec.aiding import GravimeterSpec
 from ..spec.case import CaseSpec
 from ..spec.trajectory import file_versions
 from ..trajectory.truth import Trajectory
@@ -306,7 +307,7 @@ def prepare(case: CaseSpec) -> Flight:
     if measured is not None:
         # Where nothing was measured, as in a turn, no map is needed.
         there = ~np.isnan(measured).any(axis=1)
-        if case.gravimeter is None:
+        if not any(isinstance(spec, GravimeterSpec) for spec in case.sensor.values()):
             needed = np.setdiff1d(epochs, at[~there])
     require_within((field, model_field), trajectory.positions[needed], case.trajectory)
     noise_free = np.zeros((len(at), 6))

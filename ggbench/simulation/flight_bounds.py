@@ -11,7 +11,7 @@ import numpy as np
 from ..numerics.lanes import groups
 from ..sensors.aiding import Motion
 from ..sensors.model import SensorModel, Taken
-from .aiding import aiding_about
+from .aiding import aiding_model
 from .bound import Bound, posterior_bound
 from .formulation import arrays_along
 from .sensor_suite import SensorSuite
@@ -99,7 +99,7 @@ def _bound(
         arrays_along(
             true, flight.field, when, motion, Taken(delays, positions, attitudes, rows),
             np.zeros(len(when.gradients), dtype=bool),
-            aiding_about(true, true.weighed(flight.field), when.aiding, motion, flight.turning),
+            aiding_model(true, true.weighed(flight.field), when.aiding, motion, flight.turning),
             true.whitening(when.times[when.gradients], flight.absent),
         )
     )  # fmt: skip

@@ -25,7 +25,7 @@ from ..sensors.aiding import Motion
 from ..sensors.aiding_kernels import Aiding
 from ..sensors.model import Taken, model_arrays
 from ..sensors.model_arrays import ModelArrays
-from .aiding import aiding_about
+from .aiding import aiding_model
 from .sensor_suite import SensorSuite
 
 
@@ -237,7 +237,7 @@ def build_problems(
         output = whitening.apply(output)
     # Zero where a reading is missing, as the model predicts it then, whatever the state.
     gradients[:, at] = np.where(there[:, at], output, 0.0)
-    aiding, offset = aiding_about(model, model.weighed(field), when.aiding, motion, ins.turning)
+    aiding, offset = aiding_model(model, model.weighed(field), when.aiding, motion, ins.turning)
     offset += ins.integrated @ aiding.gravity.T
     # Zero where nothing is delivered, as h is then.
     offset *= read.present

@@ -68,38 +68,40 @@ def _with_errors(
     for run, of_run in enumerate(streams):
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
-            tensors = _mistimed(flight, of_run.timing)
+            tensors = _mistimed(flight, of_run["gradiometer/timing"])
         if faults.tilt > 0.0:
-            tensors = faults.tilted(tensors, times, of_run.gradiometer_tilt)
+            tensors = faults.tilted(tensors, times, of_run["gradiometer/tilt"])
         if tensors is not flight.noise_free:
             exact = tensors @ channels.T
         if instrument.mounting_sigma > 0.0:
-            turned[run] = instrument.mounting_sigma * of_run.gradiometer_mounting.standard_normal(3)
+            turned[run] = instrument.mounting_sigma * of_run[
+                "gradiometer/mounting"
+            ].standard_normal(3)
         if faults.distorts or flight.disks is not None or turned[run].any():
-            turned[run] += faults.mounting(of_run.gradiometer_errors)
-            exact = faults.distort(tensors, channels, turned[run], of_run.gradiometer_errors)
+            turned[run] += faults.mounting(of_run["gradiometer/errors"])
+            exact = faults.distort(tensors, channels, turned[run], of_run["gradiometer/errors"])
         if flight.disks is not None:
             exact = exact + flight.disks.errors(
-                instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
+                instrument.components, tensors, *flight.motion, of_run["gradiometer/errors"]
             )
         if faults.scale_drift > 0.0:
-            exact = exact * faults.drifted(times, len(channels), of_run.gradiometer_scale)
+            exact = exact * faults.drifted(times, len(channels), of_run["gradiometer/scale"])
         if instrument.biased:
             biases[run] = gradiometer_biases(
-                instrument, len(channels), flight.times, of_run.gradiometer_biases
+                instrument, len(channels), flight.times, of_run["gradiometer/biases"]
             )
-        noise = instrument.noise(len(times), of_run.gradiometer)
+        noise = instrument.noise(len(times), of_run["gradiometer/"])
         if math.isfinite(faults.freedom):
-            noise *= faults.tails(noise.shape, of_run.gradiometer_tails)
+            noise *= faults.tails(noise.shape, of_run["gradiometer/tails"])
         noise *= flight.noise_growth[:, np.newaxis]
         output[run] = exact + biases[run, at] + noise
         if faults.outlier_share > 0.0:
-            output[run] += faults.outliers(times, len(channels), of_run.outliers)
+            output[run] += faults.outliers(times, len(channels), of_run["gradiometer/outliers"])
     if instrument.lowpass is not None:
         output = instrument.lowpass.apply(output)
     if instrument.noise_behind_filter > 0.0:
         for run, of_run in enumerate(streams):
-            output[run] += instrument.noise_behind(len(times), of_run.behind_filter)
+            output[run] += instrument.noise_behind(len(times), of_run["gradiometer/behind_filter"])
     return Gradients(output, _missing(flight, streams), biases, turned)
 
 
@@ -107,7 +109,9 @@ def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:
     """Return which readings (R, G) of the gradiometer drop out."""
     faults, times = flight.faults, flight.times[flight.gradient_epochs]
     if faults.dropout_share > 0.0:
-        return np.stack([faults.missing(times, of_run.dropouts) for of_run in streams])
+        return np.stack(
+            [faults.missing(times, of_run["gradiometer/dropouts"]) for of_run in streams]
+        )
     return np.tile(faults.in_dropouts(times), (len(streams), 1))
 
 

@@ -105,11 +105,20 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
         whitened = lowpass is not None and spec.filter_treatment == "whitened"
         behind = spec.whitening_regularization * noise if whitened else 0.0
     return Gradiometer(
-        noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
-        spec.drift_eotvos_per_sqrt_h / 60.0, behind,
-        spec.latency_s, spec.period_s, spec.filter_treatment, spec.whitening_regularization, colour,
-        math.radians(spec.mounting_sigma_arcmin / 60.0),
-    )  # fmt: skip
+        noise_eotvos=noise,
+        lowpass=lowpass,
+        components=channel_names(spec),
+        instrument=spec.instrument,
+        bias_eotvos=spec.bias_eotvos,
+        drift=spec.drift_eotvos_per_sqrt_h / 60.0,
+        noise_behind_filter=behind,
+        latency=spec.latency_s,
+        period=spec.period_s,
+        treatment=spec.filter_treatment,
+        regularisation=spec.whitening_regularization,
+        colour=colour,
+        mounting_sigma=math.radians(spec.mounting_sigma_arcmin / 60.0),
+    )
 
 
 def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:

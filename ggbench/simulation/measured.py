@@ -10,7 +10,6 @@ from ..gravity.field import Field
 from ..maps.survey_lines import DISTURBANCE
 from ..sensors.aiding import MGAL
 from ..spec.case import CaseSpec
-from ..spec.named_sensors import aiding_of
 from ..trajectory.manoeuvres import TrajectoryError
 from .instruments import gradiometer_of
 
@@ -57,7 +56,7 @@ def measured_errors(
     for name in case.measured_sensors():
         if name != "gradiometer":
             gravity = -MGAL * field.gravity_disturbance(*positions[name].T)[:, 2]
-            period = aiding_of(case)[name].period_s
+            period = case.sensor[name].period_s
             found[name] = _on_line(case, name, period, (DISTURBANCE,))[:, 0] - gravity
     return found
 

@@ -1,80 +1,90 @@
-"""The random numbers of a run: a generator for each source of error."""
+"""Random numbers of a run: a generator for each source of error, by the name of the source."""
 
 from __future__ import annotations
 
 import hashlib
-from typing import Literal
 
 import numpy as np
 
-_FIRST_SENSORS = ("gnss", "velocity_log", "barometer", "gravimeter")
-"""Aiding sensors whose sources have places in the list, and keep them."""
-Source = Literal["", "biases", "outliers", "dropouts", "lever_arm"]
-"""Sources of errors of an aiding sensor; "" is its noise."""
+FIRST_KEYS = {
+    "initial_error": 0,
+    "imu/biases": 1,
+    "imu/": 2,
+    "gradiometer/": 3,
+    "imu/bias_walks": 4,
+    "imu/errors": 5,
+    "altimeter/": 6,
+    "gradiometer/biases": 7,
+    "gradiometer/errors": 8,
+    "gradiometer/outliers": 9,
+    "gradiometer/dropouts": 10,
+    "gradiometer/timing": 11,
+    "gradiometer/behind_filter": 12,
+    "gnss/": 13,
+    "gnss/biases": 14,
+    "gnss/outliers": 15,
+    "gnss/dropouts": 16,
+    "velocity_log/": 17,
+    "velocity_log/biases": 18,
+    "velocity_log/outliers": 19,
+    "velocity_log/dropouts": 20,
+    "barometer/": 21,
+    "barometer/biases": 22,
+    "barometer/outliers": 23,
+    "barometer/dropouts": 24,
+    "gravimeter/": 25,
+    "gravimeter/biases": 26,
+    "gravimeter/outliers": 27,
+    "gravimeter/dropouts": 28,
+    "gradiometer/scale": 29,
+    "gradiometer/tilt": 30,
+    "gradiometer/tails": 31,
+    "gnss/lever_arm": 32,
+    "gradiometer/mounting": 33,
+}
+"""Keys of the sources that were numbered, before all others followed from their names.
+
+Stored results have their random numbers. The table is complete: a new source needs no row.
+"""
 _KEY_WORDS = 4
-"""Length of the spawn key of a named sensor's source; longer than one, which a place has."""
+"""Length of the key of any other source, so that it is none of the table's, which have one."""
+
+
+def spawn_key(source: str) -> tuple[int, ...]:
+    """Return the spawn key of a source of error, which its name alone determines.
+
+    Parameters
+    ----------
+    source : str
+        ``SENSOR/ERROR``; ``SENSOR/`` is the white noise of a sensor.
+    """
+    if source in FIRST_KEYS:
+        return (FIRST_KEYS[source],)
+    digest = hashlib.sha256(source.encode()).digest()
+    return tuple(np.frombuffer(digest, dtype="<u4", count=_KEY_WORDS).tolist())
 
 
 class RandomStreams:
-    """The generators of a run, one per source of error, each made when it is first used."""
+    """The generators of a run by the names of the sources of error, each made when first used.
 
-    SOURCES = (
-        "initial",
-        "biases",
-        "imu",
-        "gradiometer",
-        "bias_walks",
-        "imu_errors",
-        "altimeter",
-        "gradiometer_biases",
-        "gradiometer_errors",
-        "outliers",
-        "dropouts",
-        "timing",
-        "behind_filter",
-        *(
-            f"{sensor}{source}"
-            for sensor in _FIRST_SENSORS
-            for source in ("", "_biases", "_outliers", "_dropouts")
-        ),
-        "gradiometer_scale",
-        "gradiometer_tilt",
-        "gradiometer_tails",
-        "gnss_lever_arm",
-        "gradiometer_mounting",
-    )
-    """New sources come last: the number of a source is part of its seed."""
+    They are children of the seed of the campaign and the number of the run
+    (:class:`numpy.random.SeedSequence`). A source's stream depends on no other source.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the campaign.
+    run : int
+        Number of the run.
+    """
 
     def __init__(self, seed: int, run: int) -> None:
         self._entropy = [seed, run]
-        self._named: dict[tuple[str, str], np.random.Generator] = {}
+        self._generators: dict[str, np.random.Generator] = {}
 
-    def __getattr__(self, source: str) -> np.random.Generator:
-        if source not in self.SOURCES:
-            raise AttributeError(f"there is no source of errors {source!r}")
-        # The child that SeedSequence.spawn would give in this place.
-        generator = self._generator(self.SOURCES.index(source))
-        setattr(self, source, generator)
-        return generator
-
-    def _generator(self, *key: int) -> np.random.Generator:
-        return np.random.default_rng(np.random.SeedSequence(self._entropy, spawn_key=key))
-
-    def of_sensor(self, sensor: str, source: Source = "") -> np.random.Generator:
-        """Return the generator of an aiding sensor, of its noise or another source.
-
-        That of a named sensor follows from its name, whatever else is on board.
-        """
-        if sensor in _FIRST_SENSORS:
-            found: np.random.Generator = getattr(self, f"{sensor}_{source}" if source else sensor)
-            return found
-        if (sensor, source) not in self._named:
-            digest = hashlib.sha256(f"{sensor}/{source}".encode()).digest()
-            key = np.frombuffer(digest, dtype="<u4", count=_KEY_WORDS)
-            self._named[sensor, source] = self._generator(*key.tolist())
-        return self._named[sensor, source]
-
-
-def random_streams(seed: int, run: int) -> RandomStreams:
-    """Return the generators of a run, spawned from the campaign's seed and the run's number."""
-    return RandomStreams(seed, run)
+    def __getitem__(self, source: str) -> np.random.Generator:
+        """Return the generator of a source, named as in :func:`spawn_key`."""
+        if source not in self._generators:
+            child = np.random.SeedSequence(self._entropy, spawn_key=spawn_key(source))
+            self._generators[source] = np.random.default_rng(child)
+        return self._generators[source]

@@ -23,12 +23,12 @@ from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
 from ..problem import Problem
 from ..sensors.aiding import Motion, corrected_motion
-from .aiding import aiding_readings
+from .aiding_readings import aiding_readings
 from .error_free_flight import Flight
 from .flight_bounds import require_together
 from .formulation import InsSolution, Readings, build_problems, propagate_errors
 from .gradients import Gradients, gradients
-from .random_streams import RandomStreams, random_streams
+from .random_streams import RandomStreams
 from .replay import Recording, Replays
 
 
@@ -89,7 +89,7 @@ def simulate_flights(
     for flight in flights:
         require_together(first, flight)
     model, when = first.model, first.schedule
-    streams = [random_streams(seed, run) for run in runs]
+    streams = [RandomStreams(seed, run) for run in runs]
     parts = [slice(0, len(runs))]
     if any(flight is not first for flight in flights):
         parts = [slice(r, r + 1) for r in range(len(runs))]
@@ -166,7 +166,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     flight : the case.
     seed, run : the campaign's seed and the run's number.
     """
-    streams = [random_streams(seed, run)]
+    streams = [RandomStreams(seed, run)]
     seen = gradients(flight, streams)
     gravity = flight.added_gravity(flight.model_field, seen[:2])
     scratch = _Scratch.of(flight)
@@ -224,7 +224,7 @@ def _navigate(
     true, increments = flights[0].true, scratch.increments
     biases = _inertial_readings(flights, streams, scratch.noise, increments)
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
-    errors = [sigma * of_run.initial.standard_normal((1, STATES)) for of_run in streams]
+    errors = [sigma * of_run["initial_error"].standard_normal((1, STATES)) for of_run in streams]
     starts = [Motion.of(flight.trajectory).at([0]) for flight in flights]
     initial = np.concatenate(
         [
@@ -255,15 +255,15 @@ def _inertial_readings(
     noise = noise[: len(streams)]
     exact, biases, same = [], [], all(flight is first for flight in flights)
     for run, (flight, of_run) in enumerate(zip(flights, streams, strict=True)):
-        of_run.imu.standard_normal(out=noise[run])
-        start = imu.draw_biases(of_run.biases)
+        of_run["imu/"].standard_normal(out=noise[run])
+        start = imu.draw_biases(of_run["imu/biases"])
         if imu.wanders:
-            biases.append(np.hstack(imu.bias_histories(start, count, dt, of_run.bias_walks)))
+            biases.append(np.hstack(imu.bias_histories(start, count, dt, of_run["imu/bias_walks"])))
         else:
             biases.append(np.concatenate(start)[np.newaxis])
         readings = flight.delta_angles, flight.delta_velocities
         if imu.distorts:
-            exact.append(np.hstack(imu.distort(*readings, of_run.imu_errors)))
+            exact.append(np.hstack(imu.distort(*readings, of_run["imu/errors"])))
         elif run == 0 or not same:
             exact.append(np.hstack(readings))
     histories = np.stack(biases)
@@ -283,7 +283,7 @@ def _altimeter_readings(
     sigma = math.sqrt(psd / flights[0].trajectory.dt)
     heights = [
         flight.trajectory.mean_heights
-        + sigma * of_run.altimeter.standard_normal(len(flight.delta_angles))
+        + sigma * of_run["altimeter/"].standard_normal(len(flight.delta_angles))
         for flight, of_run in zip(flights, streams, strict=True)
     ]
     return in_lanes(np.stack(heights)[:, :, np.newaxis]), gains

@@ -8,7 +8,7 @@ from typing import Literal
 from ..ins.strapdown import altimeter_gains
 from ..spec.case import CaseSpec
 from ..spec.sensors import AltimeterSpec, DisturbanceSpec, Side, TrueImu, TruthSpec
-from .aiding import on_board
+from .aiding import sensors_of_side
 from .field_source import channel_errors
 from .instruments import gradiometer_of, gravity_state, imu_of
 from .sensor_suite import SensorSuite
@@ -22,16 +22,19 @@ def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuit
     MapError
         If the map's standard error is to be assumed, and the map states none.
     """
-    found = suite_of(
-        case.side(name), case.altimeter, case.truth if name == "truth" else None,
+    suite = suite_of(
+        case.side(name),
+        case.altimeter,
+        truth=case.truth if name == "truth" else None,
         # Of both sides, so that the bound is that of an estimator which knows as much of it.
-        case.model.disturbance, case.model.field.compensate,
-    )  # fmt: skip
+        disturbance=case.model.disturbance,
+        compensates=case.model.field.compensate,
+    )
     if name == "truth" or not case.model.field.standard_error:
-        return found
-    assert found.gradiometer is not None  # the scenario checks it
-    error = channel_errors(case.side("model").field, found.gradiometer.components)
-    return replace(found, map_error=error)
+        return suite
+    assert suite.gradiometer is not None  # the scenario checks it
+    error = channel_errors(case.side("model").field, suite.gradiometer.components)
+    return replace(suite, map_error=error)
 
 
 def suite_of(
@@ -63,6 +66,11 @@ def suite_of(
     errors = TrueImu() if truth is None else truth.imu
     gradiometer = None if side.gradiometer is None else gradiometer_of(side.gradiometer)
     return SensorSuite(
-        imu_of(side.imu, errors), gradiometer, on_board(side, truth), side.initial_error, damping,
-        gravity_state(disturbance, gradiometer), compensates,
-    )  # fmt: skip
+        imu=imu_of(side.imu, errors),
+        gradiometer=gradiometer,
+        aiding=sensors_of_side(side, truth),
+        initial_error=side.initial_error,
+        altimeter=damping,
+        disturbance=gravity_state(disturbance, gradiometer),
+        compensates=compensates,
+    )

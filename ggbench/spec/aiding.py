@@ -7,11 +7,12 @@ alone. ``[sensor.<name>]`` has the keys of the table of its kind (:mod:`.named_s
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, model_validator
 
 from . import quantities as q
+from .recordings import Frame, ReadingsRecording
 from .tables import Listed, Section, Several, Three, changes, distinct
 
 Interval = Annotated[Listed[q.Moment], Field(min_length=2, max_length=2)]
@@ -56,6 +57,11 @@ class PeriodicSpec(Section):
     period_s: q.ReadingPeriod
     """Time between readings; a whole multiple of `imu.period_s`."""
 
+    @property
+    def in_words(self) -> str:
+        """The kind and the noise, for the table of conditions of a report."""
+        raise NotImplementedError
+
 
 class GnssSpec(PeriodicSpec):
     """``[gnss]``: position, velocity or both, each with white noise per axis."""
@@ -93,6 +99,13 @@ class GnssSpec(PeriodicSpec):
         if self.position_noise_m is None and self.height_noise_m is not None:
             raise ValueError("height_noise_m needs position_noise_m")
         return self
+
+    @property
+    def in_words(self) -> str:
+        """The receiver and its noise."""
+        if self.position_noise_m is not None:
+            return f"GNSS {self.position_noise_m:g} m"
+        return f"GNSS {self.velocity_noise_mps:g} m/s"
 
 
 @changes(GnssSpec, but=("period_s",))
@@ -132,6 +145,19 @@ class TrueGnss(GnssChange, Interruptions):
         return self
 
 
+class RecordedGnss(GnssSpec, ReadingsRecording):
+    """``[gnss]`` with its readings."""
+
+    frame: Frame | None = None
+    """Frame of the recorded velocities."""
+
+    @model_validator(mode="after")
+    def _check_frame(self) -> RecordedGnss:
+        if self.velocity_noise_mps is not None and self.frame is None:
+            raise ValueError('frame is missing: say "ENU" or "NED", of the recorded velocities')
+        return self
+
+
 class LogSpec(PeriodicSpec):
     """``[velocity_log]``: a Doppler or electromagnetic log, in axes of the body or of ENU."""
 
@@ -147,6 +173,11 @@ class LogSpec(PeriodicSpec):
     components: Annotated[Several[Literal["x", "y", "z"]], distinct("an axis")] = ("x", "y")
     """Axes that are read."""
 
+    @property
+    def in_words(self) -> str:
+        """The log and its noise."""
+        return f"velocity log {self.noise_mps:g} m/s"
+
 
 @changes(LogSpec, but=("period_s", "frame", "components"))
 class LogChange(Section):
@@ -160,6 +191,10 @@ class TrueLog(LogChange, Interruptions):
     """Standard deviation of what an outlier adds to a reading."""
 
 
+class RecordedLog(LogSpec, ReadingsRecording):
+    """``[velocity_log]`` with its readings."""
+
+
 class BarometerSpec(PeriodicSpec):
     """``[barometer]``: a height, from air pressure or from a known sea level."""
 
@@ -170,6 +205,11 @@ class BarometerSpec(PeriodicSpec):
     """Standard deviation of its bias; where estimators assume one, it is a state."""
     bias_time_s: q.TimeConstant | None = None
     """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
+
+    @property
+    def in_words(self) -> str:
+        """The height and its noise."""
+        return f"height {self.noise_m:g} m"
 
 
 @changes(BarometerSpec, but=("period_s",))
@@ -182,6 +222,10 @@ class TrueBarometer(BarometerChange, Interruptions):
 
     outlier_m: q.Outlier = 0.0
     """Standard deviation of what an outlier adds to a reading."""
+
+
+class RecordedBarometer(BarometerSpec, ReadingsRecording):
+    """``[barometer]`` with its readings."""
 
 
 class GravimeterSpec(PeriodicSpec):
@@ -210,6 +254,13 @@ class GravimeterSpec(PeriodicSpec):
             raise ValueError('readings = "measured" are of components = ["scalar"]')
         return self
 
+    @property
+    def in_words(self) -> str:
+        """The gravimeter and its noise, if that is known."""
+        if self.readings == "measured":
+            return "gravimeter measured"
+        return f"gravimeter {self.noise_mgal:g} mGal"
+
 
 @changes(GravimeterSpec, but=("period_s", "components", "readings"))
 class GravimeterChange(Section):
@@ -223,6 +274,20 @@ class TrueGravimeter(GravimeterChange, Interruptions):
     """Standard deviation of what an outlier adds to a reading."""
 
 
+class RecordedGravimeter(GravimeterSpec, ReadingsRecording):
+    """``[gravimeter]`` with its readings."""
+
+
 AidingSpec = GnssSpec | LogSpec | BarometerSpec | GravimeterSpec
-AIDING = ("gnss", "velocity_log", "barometer", "gravimeter")
-"""The kinds of these sensors, and their tables, in the order of their channels and biases."""
+"""All kinds, in the order of the channels and biases of sensors that are called by their kind."""
+AidingChange = GnssChange | LogChange | BarometerChange | GravimeterChange
+TrueAiding = TrueGnss | TrueLog | TrueBarometer | TrueGravimeter
+RecordedAiding = RecordedGnss | RecordedLog | RecordedBarometer | RecordedGravimeter
+KINDS: tuple[str, ...] = tuple(spec.model_fields["kind"].default for spec in get_args(AidingSpec))
+"""Names of the kinds."""
+
+
+def unchanged(kind: str) -> TrueAiding:
+    """Return the table ``[truth.<kind>]`` that changes nothing."""
+    found: TrueAiding = get_args(TrueAiding)[KINDS.index(kind)]()
+    return found

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from . import quantities as q
+from .named_sensors import short_key
 from .tables import Finite, FreeTable, Listed, Section, Title, nested
 
 AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
@@ -77,8 +78,8 @@ class AxisSpec(Section):
         return np.log10(values) if self.scale == "log" else values
 
     def changed_keys(self) -> set[str]:
-        """Return the dotted keys that the axis changes."""
-        return {key for i in range(len(self.values)) for key in _dotted(self.change(i))}
+        """Return the dotted keys that the axis changes, those of sensors in their short forms."""
+        return {short_key(key) for i in range(len(self.values)) for key in _dotted(self.change(i))}
 
 
 class SweepSpec(Section):

@@ -21,17 +21,18 @@ from pydantic import (
 from ..trajectory.manoeuvres import TrajectoryError
 from . import draws
 from . import quantities as q
-from .aiding import AIDING, AidingSpec, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
+from .aiding import KINDS, AidingSpec, GnssSpec, GravimeterSpec
 from .draws import DrawSpec
 from .gradiometer import GradiometerSpec
 from .limits import MOST_RUNS, MOST_SEED
+from .merging import changed, laid_over
 from .named_sensors import (
+    NO_SENSORS,
     NamedSensors,
-    aiding_of,
+    WithSensors,
     not_on_board,
     sensors_of,
     table_of,
-    with_kinds,
 )
 from .rosters import expanded
 from .sensors import (
@@ -43,8 +44,6 @@ from .sensors import (
     ModelSpec,
     Side,
     TruthSpec,
-    changed,
-    merged,
 )
 from .tables import Listed, Section, Title, nested
 from .trajectory import TrajectorySpec
@@ -113,9 +112,9 @@ def require_sensors(tables: Any, mapless: bool) -> None:
     """Raise ValueError without a sensor on board, or with a gravimeter that has no map to read."""
     if not sensors_of(tables):
         raise ValueError(
-            f"no sensor is on board: give at least one of gradiometer, {', '.join(AIDING)}, sensor"
+            f"no sensor is on board: give at least one of gradiometer, {', '.join(KINDS)}, sensor"
         )
-    for name, spec in aiding_of(tables).items():
+    for name, spec in tables.sensor.items():
         if mapless and isinstance(spec, GravimeterSpec):
             raise ValueError(
                 f'{table_of(name)} needs a map: source = "normal" has no disturbance to read'
@@ -148,7 +147,7 @@ def _changed(key: str, table: Any, change: Any) -> Any:
         raise ValueError(f"{key}: {said}") from None
 
 
-class CaseSpec(Section):
+class CaseSpec(WithSensors):
     """``[[case]]``: a flight to compare; any keys of the other tables, laid over those of the file.
 
     The model holds a resolved case: the tables of the file with the case's changes.
@@ -165,17 +164,11 @@ class CaseSpec(Section):
     windows: WindowsSpec
     draw: DrawSpec = DrawSpec()
     gradiometer: GradiometerSpec | None = None
-    gnss: GnssSpec | None = None
-    velocity_log: LogSpec | None = None
-    barometer: BarometerSpec | None = None
-    gravimeter: GravimeterSpec | None = None
-    sensor: NamedSensors[AidingSpec] = NamedSensors()
+    sensor: NamedSensors[AidingSpec] = NO_SENSORS
     altimeter: AltimeterSpec | None = None
     truth: TruthSpec = TruthSpec()
     model: ModelSpec = ModelSpec()
     reference: ReferenceSpec | None = None
-
-    _with_kinds = model_validator(mode="before")(with_kinds)
 
     @model_validator(mode="after")
     def _check(self) -> CaseSpec:
@@ -236,8 +229,7 @@ class CaseSpec(Section):
                     f'{table_of(name)}.readings = "measured" needs survey lines: give '
                     "trajectory.file and trajectory.lines"
                 )
-            true = aiding_of(self.truth).get(name)
-            if true is not None and true.model_dump(exclude_defaults=True):
+            if name in self.truth.sensor:
                 raise ValueError(
                     f"truth.{table_of(name)}: measured readings have the errors that they have; "
                     "remove its keys"
@@ -288,7 +280,7 @@ class CaseSpec(Section):
         ScenarioError
             If there is no such key, or the case would break a rule.
         """
-        whole = merged(self.model_dump(warnings=False), nested(key, value))
+        whole = laid_over(self.model_dump(warnings=False), nested(key, value))
         return validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
 
     def model_copy(
@@ -394,13 +386,14 @@ class CaseSpec(Section):
             for key in Side._fields
             if key != "sensor"
         }
-        named, of_named = dict(self.sensor), dict(changes.sensor)
-        for key in of_named:
-            if key not in named:
-                raise not_on_board(f"{name}.sensor.{key}")
+        for key in changes.sensor:
+            if key not in self.sensor:
+                raise not_on_board(f"{name}.{table_of(key)}")
         tables["sensor"] = NamedSensors(
-            (key, _changed(f"{name}.sensor.{key}", table, of_named.get(key)))
-            for key, table in named.items()
+            {
+                key: _changed(f"{name}.{table_of(key)}", table, changes.sensor.get(key))
+                for key, table in self.sensor.items()
+            }
         )
         return Side(**tables)
 

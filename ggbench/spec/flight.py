@@ -15,10 +15,11 @@ from pydantic import Field, model_validator
 
 from ..errors import GGBenchError
 from . import quantities as q
-from .aiding import BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
+from .aiding import RecordedAiding
 from .case import WindowsSpec, require_sensors
 from .gradiometer import GradiometerSpec
-from .named_sensors import NamedSensors
+from .named_sensors import NO_SENSORS, NamedSensors, WithSensors
+from .recordings import FileName, Frame, ReadingsRecording, Recording
 from .scenario import read_text, read_toml, strip_provenance
 from .sensors import (
     AltimeterSpec,
@@ -31,29 +32,11 @@ from .sensors import (
 from .tables import Listed, Section
 from .validation_messages import ScenarioError, validate
 
-FileName = Annotated[str, Field(min_length=1)]
-Frame = Literal["ENU", "NED"]
 BodyAxes = Literal["right-forward-up", "forward-right-down", "forward-left-up"]
 
 
 class FlightError(GGBenchError):
     """The file of a recorded flight, or one of its records, cannot be used."""
-
-
-class Recording(Section):
-    """A table with a recorded file."""
-
-    file: FileName
-    """Path of the record, relative to the file of the flight."""
-    clock_offset_s: q.TimeShift = 0.0
-    """Added to the file's times: it brings them to the clock of the INS."""
-
-
-class ReadingsRecording(Recording):
-    """A recorded file of readings."""
-
-    outside: Literal["refuse", "drop"] = "refuse"
-    """Treatment of readings before the first sample of the INS or after the last."""
 
 
 class InertialRecording(Recording):
@@ -147,31 +130,6 @@ class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
     """``[gradiometer]`` with its readings."""
 
 
-class RecordedGnss(GnssSpec, ReadingsRecording):
-    """``[gnss]`` with its readings."""
-
-    frame: Frame | None = None
-    """Frame of the recorded velocities."""
-
-    @model_validator(mode="after")
-    def _check_frame(self) -> RecordedGnss:
-        if self.velocity_noise_mps is not None and self.frame is None:
-            raise ValueError('frame is missing: say "ENU" or "NED", of the recorded velocities')
-        return self
-
-
-class RecordedLog(LogSpec, ReadingsRecording):
-    """``[velocity_log]`` with its readings."""
-
-
-class RecordedBarometer(BarometerSpec, ReadingsRecording):
-    """``[barometer]`` with its readings."""
-
-
-class RecordedGravimeter(GravimeterSpec, ReadingsRecording):
-    """``[gravimeter]`` with its readings."""
-
-
 class RecordedAltimeter(AltimeterSpec):
     """``[altimeter]``: with its heights if the mechanization runs here; ``[ins]`` has used them."""
 
@@ -195,7 +153,7 @@ class ReferenceTrack(Recording):
     """Frame of the recorded velocities."""
 
 
-class FlightSpec(Section):
+class FlightSpec(WithSensors):
     """The file of a recorded flight."""
 
     title: str = ""
@@ -210,13 +168,7 @@ class FlightSpec(Section):
     altimeter: RecordedAltimeter | None = None
     disturbance: DisturbanceSpec | None = None
     gradiometer: RecordedGradiometer | None = None
-    gnss: RecordedGnss | None = None
-    velocity_log: RecordedLog | None = None
-    barometer: RecordedBarometer | None = None
-    gravimeter: RecordedGravimeter | None = None
-    sensor: NamedSensors[RecordedGnss | RecordedLog | RecordedBarometer | RecordedGravimeter] = (
-        NamedSensors()
-    )
+    sensor: NamedSensors[RecordedAiding] = NO_SENSORS
     reference: ReferenceTrack | None = None
     windows: WindowsSpec | None = None
 

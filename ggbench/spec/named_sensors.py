@@ -1,29 +1,42 @@
-"""Any number of sensors of a kind: the tables ``[sensor.<name>]``, and a list of all sensors.
+"""Tables of the sensors by their names, ``[sensor.<name>]``, and their short forms.
 
-A case has one gradiometer, and one sensor of each other kind (:data:`.aiding.AIDING`) in the table
-of the kind's name; further ones have names of their own.
+``[gnss]`` is short for ``[sensor.gnss]`` with ``kind = "gnss"``, and so for every kind of
+:data:`.aiding.KINDS`. After validation there are only named sensors. Files, messages and
+:meth:`pydantic.BaseModel.model_dump` write a sensor that is called by its kind in the short form.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import AfterValidator, Field, GetCoreSchemaHandler
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import CoreSchema, core_schema
 
-from .aiding import AIDING
+from .aiding import KINDS
+from .tables import Section
 
 T = TypeVar("T")
 RESERVED = frozenset(
     (
-        *AIDING, "gradiometer", "sensor", "imu", "ins", "imu_record", "altimeter", "initial_error",
+        "gradiometer", "sensor", "imu", "ins", "imu_record", "altimeter", "initial_error",
         "field", "draw", "disturbance", "trajectory", "windows", "truth", "model", "reference",
         "name", "title", "description", "gyro", "accelerometer",
     )
 )  # fmt: skip
-"""Names of tables, records and states, which no sensor of ``[sensor.<name>]`` may have."""
+"""Names of tables, records and states, which no sensor may have."""
+SIDES = ("truth", "model")
+"""Tables of a case that change its sensors for one side."""
 
 
 def _checked_name(name: str) -> str:
@@ -32,16 +45,39 @@ def _checked_name(name: str) -> str:
             "the name of a sensor must consist of letters (without accents), digits and "
             "underscores, begin with a letter, and have at most 30 characters"
         )
-    if name.lower() in RESERVED:
+    taken = name.lower() in RESERVED or (name.lower() in KINDS and name not in KINDS)
+    if taken:
         raise ValueError("a sensor must have a name of its own, and this one is taken")
     return name
 
 
-class NamedSensors(tuple[tuple[str, T], ...]):
-    """Tables of sensors by their names, hashable: in the order of the names.
+class NamedSensors(Mapping[str, T]):
+    """Tables of sensors by their names, hashable, in the order of the sensors' channels.
 
-    ``NamedSensors[GnssSpec | LogSpec]`` has tables of these classes, chosen by their ``kind``.
+    Sensors that are called by their kind come first, in the order of :data:`.aiding.KINDS`, then
+    the others by name. ``NamedSensors[GnssSpec | LogSpec]`` has tables of these classes, chosen
+    by their ``kind``.
     """
+
+    def __init__(self, tables: Mapping[str, T]) -> None:
+        places = {kind: place for place, kind in enumerate(KINDS)}
+        names = sorted(tables, key=lambda name: (places.get(name, len(KINDS)), name))
+        self._tables = {name: tables[name] for name in names}
+
+    def __getitem__(self, name: str) -> T:
+        return self._tables[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._tables)
+
+    def __len__(self) -> int:
+        return len(self._tables)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self._tables.items()))
+
+    def __repr__(self) -> str:
+        return f"NamedSensors({self._tables!r})"
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -61,73 +97,150 @@ class NamedSensors(tuple[tuple[str, T], ...]):
 
     @classmethod
     def _of(cls, tables: Mapping[str, Any]) -> NamedSensors[T]:
-        names = sorted(tables)
-        for name in names:
+        for name in sorted(tables):
+            table = tables[name]
             # Each has a file of its own, and some file systems take both for one.
-            twice = [other for other in names if other != name and other.lower() == name.lower()]
+            twice = [other for other in tables if other != name and other.lower() == name.lower()]
             if twice:
                 raise ValueError(f"{name} and {twice[0]} differ in capitals alone")
+            if name in KINDS and table.kind != name:
+                raise ValueError(
+                    f"a sensor with the name {name} must be of that kind, found '{table.kind}'"
+                )
         # A side that changes nothing of a sensor is the same case as one that does not name it.
-        said = {name: tables[name].model_dump(exclude_defaults=True) for name in names}
-        return cls((name, tables[name]) for name in names if said[name])
+        return cls({
+            name: table for name, table in tables.items() if table.model_dump(exclude_defaults=True)
+        })  # fmt: skip
 
 
-def aiding_of(tables: Any) -> dict[str, Any]:
-    """Return the tables of the aiding sensors, by name, in the order of the channels.
+NO_SENSORS: NamedSensors[Any] = NamedSensors({})
 
-    Those of the kinds' own tables come first, then the named ones in the order of their names.
+
+class WithSensors(Section):
+    """Base of the tables that hold sensors: a field ``sensor`` of :class:`NamedSensors`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_one_mapping(cls, content: Any) -> Any:
+        return in_one_mapping(content)
+
+    @model_serializer(mode="wrap")
+    def _in_short_forms(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = {}
+        for key, value in handler(self).items():
+            if key != "sensor":
+                written[key] = value
+                continue
+            written |= {name: table for name, table in value.items() if name in KINDS}
+            others = {name: table for name, table in value.items() if name not in KINDS}
+            written |= {"sensor": others} if others else {}
+        return written
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the schema of a file, which has a table of each kind besides ``sensor``."""
+        found = handler(schema)
+        own = handler.resolve_ref_schema(found)
+        properties: dict[str, Any] = {}
+        for key, item in own["properties"].items():
+            if key == "sensor":
+                tables = zip(KINDS, item["additionalProperties"]["oneOf"], strict=True)
+                properties |= dict(tables)
+            properties[key] = item
+        own["properties"] = properties
+        return found
+
+
+def keys_of(model: type[BaseModel]) -> list[str]:
+    """Return the keys that a table has in a file, the short forms of sensors among them."""
+    keys = list(model.model_fields)
+    if issubclass(model, WithSensors):
+        place = keys.index("sensor")
+        keys[place:place] = KINDS
+    return keys
+
+
+def in_one_mapping(content: Any) -> Any:
+    """Return a file's tables with all sensors in ``sensor``, each with its kind.
+
+    Changes of one side have the kinds of the sensors that they change. A sensor that is None is
+    left out.
 
     Parameters
     ----------
-    tables : CaseSpec, FlightSpec, Side, TruthSpec or ModelSpec
-        Has the tables as attributes.
-    """
-    found = {name: getattr(tables, name) for name in AIDING} | dict(tables.sensor)
-    return {name: table for name, table in found.items() if table is not None}
-
-
-def sensors_of(tables: Any) -> dict[str, Any]:
-    """Return the tables of all sensors on board but the IMU, by name: the gradiometer's first."""
-    gradiometer = tables.gradiometer
-    own = {} if gradiometer is None else {"gradiometer": gradiometer}
-    return own | aiding_of(tables)
-
-
-def table_of(sensor: str) -> str:
-    """Return the name of a sensor's table in a file."""
-    return sensor if sensor in ("gradiometer", *AIDING) else f"sensor.{sensor}"
-
-
-def with_kinds(content: Any) -> Any:
-    """Return a case's content in which changes of a named sensor have its kind, too.
+    content : Any
+        Tables of a case, of one side of it, or of a recorded flight. What is no table is left to
+        the check of its key.
 
     Raises
     ------
     ValueError
-        If a side changes a sensor that is not on board, or its kind.
+        If a sensor is written in both forms, or a side changes one that is not on board, or its
+        kind.
     """
-    if not isinstance(content, dict):
+    if not isinstance(content, Mapping) or not _is_table(content.get("sensor", {})):
         return content
-    sensors = content.get("sensor")
-    sensors = dict(sensors) if isinstance(sensors, dict | NamedSensors) else {}
-    found = dict(content)
-    for side in ("truth", "model"):
-        changes = content.get(side)
-        if not isinstance(changes, dict) or not isinstance(changes.get("sensor"), dict):
+    tables = {key: value for key, value in content.items() if key not in KINDS}
+    sensors = dict(content.get("sensor", {}))
+    for kind in KINDS:
+        if content.get(kind) is None:
             continue
-        found[side] = changes | {"sensor": dict(changes["sensor"])}
-        for name, change in changes["sensor"].items():
-            if name not in sensors:
-                raise not_on_board(f"{side}.sensor.{name}")
-            kind = _kind_of(sensors[name])
-            if isinstance(change, dict) and kind is not None:
-                if change.get("kind", kind) != kind:
-                    raise ValueError(
-                        f"{side}.sensor.{name}.kind is {change['kind']!r}, and "
-                        f"sensor.{name}.kind {kind!r}"
-                    )
-                found[side]["sensor"][name] = change | {"kind": kind}
-    return found
+        if kind in sensors:
+            raise ValueError(f"[{kind}] and [sensor.{kind}] are the same table: write one of them")
+        sensors[kind] = content[kind]
+    tables["sensor"] = {
+        name: {"kind": name} | table if name in KINDS and _is_table(table) else table
+        for name, table in sensors.items()
+        if table is not None
+    }
+    for side in SIDES:
+        if _is_table(tables.get(side)):
+            tables[side] = _with_kinds(side, tables[side], tables["sensor"])
+    return tables
+
+
+def _with_kinds(side: str, changes: Mapping[str, Any], sensors: Mapping[str, Any]) -> Any:
+    """Return the changes of one side with the kinds of the named sensors."""
+    if not _is_table(changes.get("sensor")):
+        return changes
+    named = dict(changes["sensor"])
+    for name, change in named.items():
+        if name not in sensors:
+            raise not_on_board(f"{side}.{table_of(name)}")
+        kind = _kind_of(sensors[name])
+        if _is_table(change) and kind is not None:
+            if change.get("kind", kind) != kind:
+                raise ValueError(
+                    f"{side}.sensor.{name}.kind is {change['kind']!r}, and "
+                    f"sensor.{name}.kind {kind!r}"
+                )
+            named[name] = {**change, "kind": kind}
+    return {**changes, "sensor": named}
+
+
+def sensors_of(tables: Any) -> dict[str, Any]:
+    """Return the tables of all sensors on board but the IMU, by name: the gradiometer's first.
+
+    Parameters
+    ----------
+    tables : CaseSpec, FlightSpec or Side
+        Has the tables as attributes.
+    """
+    gradiometer = tables.gradiometer
+    own = {} if gradiometer is None else {"gradiometer": gradiometer}
+    return own | dict(tables.sensor)
+
+
+def table_of(sensor: str) -> str:
+    """Return the name of a sensor's table in a file: the short form of one called by its kind."""
+    return sensor if sensor in ("gradiometer", *KINDS) else f"sensor.{sensor}"
+
+
+def short_key(key: str) -> str:
+    """Return a dotted key with a sensor that is called by its kind in the short form."""
+    return re.sub(rf"^(truth\.|model\.)?sensor\.({'|'.join(KINDS)})(?=\.|$)", r"\1\2", key)
 
 
 def not_on_board(table: str) -> ValueError:
@@ -135,5 +248,9 @@ def not_on_board(table: str) -> ValueError:
     return ValueError(f"{table} changes a sensor that is not on board")
 
 
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping)
+
+
 def _kind_of(table: Any) -> Any:
-    return table.get("kind") if isinstance(table, dict) else getattr(table, "kind", None)
+    return table.get("kind") if isinstance(table, Mapping) else getattr(table, "kind", None)

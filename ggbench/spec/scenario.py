@@ -32,7 +32,7 @@ from .axes import MOST_POINTS, SweepSpec
 from .case import CampaignSpec, CaseSpec
 from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
-from .sensors import merged
+from .merging import laid_over
 from .sweep import Sweep
 from .validation_messages import ScenarioError as ScenarioError
 from .validation_messages import suggest, validate
@@ -381,7 +381,7 @@ def _spread(
     laid_out, cells = sweep.lay_out(spec, titles)
     cases = []
     for cell in cells:
-        point = reduce(merged, cell.changes, merged(base, bases.get(cell.base, {})))
+        point = reduce(laid_over, cell.changes, laid_over(base, bases.get(cell.base, {})))
         named = point | {"name": cell.name, "title": cell.title}
         cases.append(validate(CaseSpec, named, f"{origin}: sweep at {cell.title}"))
     return tuple(cases), laid_out
@@ -419,7 +419,7 @@ def _take_changes(document: dict[str, Any], key: str, origin: str) -> list[dict[
 def _resolve(
     base: dict[str, Any], change: dict[str, Any], label: str, study: dict[str, Any]
 ) -> CaseSpec:
-    case = merged(merged(base, change), study)
+    case = laid_over(laid_over(base, change), study)
     flight = case.get("trajectory")
     if isinstance(flight, Mapping) and isinstance(track := flight.get("file"), str) and track:
         # Tracks are found as terrains are: among the shipped data, or where their path says.

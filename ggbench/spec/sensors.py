@@ -7,17 +7,16 @@ models; ``[model.imu]`` and its like change them for the estimators alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
-from . import aiding
 from . import quantities as q
+from .aiding import AidingChange, AidingSpec, TrueAiding
 from .gradiometer import GradiometerChange, GradiometerSpec, TrueGradiometer
-from .named_sensors import NamedSensors
-from .presets import NOISES, Grade, expanded, replaced
+from .named_sensors import NO_SENSORS, NamedSensors, WithSensors
+from .presets import Grade, expanded
 from .tables import Section, Three, changes
 
 FEWEST_STEPS = 10.0
@@ -259,23 +258,17 @@ class DisturbanceSpec(Section):
         return ""
 
 
-class TruthSpec(Section):
+class TruthSpec(WithSensors):
     """``[truth]``: what the simulation does, and no estimator knows."""
 
     imu: TrueImu = TrueImu()
     gradiometer: TrueGradiometer = TrueGradiometer()
     field: TrueField = TrueField()
     initial_error: InitialErrorChange = InitialErrorChange()
-    gnss: aiding.TrueGnss = aiding.TrueGnss()
-    velocity_log: aiding.TrueLog = aiding.TrueLog()
-    barometer: aiding.TrueBarometer = aiding.TrueBarometer()
-    gravimeter: aiding.TrueGravimeter = aiding.TrueGravimeter()
-    sensor: NamedSensors[
-        aiding.TrueGnss | aiding.TrueLog | aiding.TrueBarometer | aiding.TrueGravimeter
-    ] = NamedSensors()
+    sensor: NamedSensors[TrueAiding] = NO_SENSORS
 
 
-class ModelSpec(Section):
+class ModelSpec(WithSensors):
     """``[model]``: what the estimators assume where it is not the truth."""
 
     imu: ImuChange = ImuChange()
@@ -283,13 +276,7 @@ class ModelSpec(Section):
     field: ModelField = ModelField()
     initial_error: InitialErrorChange = InitialErrorChange()
     disturbance: DisturbanceSpec | None = None
-    gnss: aiding.GnssChange = aiding.GnssChange()
-    velocity_log: aiding.LogChange = aiding.LogChange()
-    barometer: aiding.BarometerChange = aiding.BarometerChange()
-    gravimeter: aiding.GravimeterChange = aiding.GravimeterChange()
-    sensor: NamedSensors[
-        aiding.GnssChange | aiding.LogChange | aiding.BarometerChange | aiding.GravimeterChange
-    ] = NamedSensors()
+    sensor: NamedSensors[AidingChange] = NO_SENSORS
 
 
 class Side(NamedTuple):
@@ -299,49 +286,4 @@ class Side(NamedTuple):
     gradiometer: GradiometerSpec | None
     field: FieldSpec
     initial_error: InitialErrorSpec
-    gnss: aiding.GnssSpec | None
-    velocity_log: aiding.LogSpec | None
-    barometer: aiding.BarometerSpec | None
-    gravimeter: aiding.GravimeterSpec | None
-    sensor: NamedSensors[aiding.AidingSpec]
-
-
-S = TypeVar("S", bound=Section)
-
-
-def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with ``change`` laid over it, table by table.
-
-    The ways to state the gradiometer's noise replace each other; a preset replaces its keys.
-    """
-    found = {key: value for key, value in base.items() if key not in replaced(change)}
-    for key, value in change.items():
-        inner: Any = found.get(key)
-        tables = isinstance(value, Mapping) and isinstance(inner, Mapping)
-        found[key] = merged(inner, value) if tables else value
-    of_disks, stated = "accelerometer_noise_ng_per_sqrt_hz", any(n in change for n in NOISES)
-    disks, changed_disks = found.get("rotating"), change.get("rotating")
-    by_disks = isinstance(changed_disks, Mapping) and of_disks in changed_disks
-    if stated or by_disks:
-        for noise in set(NOISES) - set(change):
-            found.pop(noise, None)
-    if stated and not by_disks and isinstance(disks, Mapping):
-        found["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
-    return found
-
-
-def changed(spec: S, change: Section) -> S:
-    """Return a table with the given keys of ``change`` laid over it.
-
-    Raises
-    ------
-    ValueError
-        (pydantic's) if the result breaks a rule of the table.
-    """
-    own = type(spec).model_fields.keys() - {"rotating"}
-    given = {
-        key: value for key, value in change.model_dump(exclude_defaults=True).items() if key in own
-    }
-    if not given:
-        return spec
-    return type(spec).model_validate(merged(spec.model_dump(exclude_unset=True), given))
+    sensor: NamedSensors[AidingSpec]

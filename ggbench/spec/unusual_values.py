@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from .named_sensors import NamedSensors
+from .named_sensors import NamedSensors, table_of
 from .quantities import Within
 from .scenario import Scenario
 
@@ -41,8 +41,8 @@ def unusual_in(table: BaseModel, prefix: str = "") -> Iterator[tuple[str, float,
         if isinstance(value, BaseModel):
             yield from unusual_in(value, f"{key}.")
         elif isinstance(value, NamedSensors):
-            for sensor, item in value:
-                yield from unusual_in(item, f"{key}.{sensor}.")
+            for sensor, item in value.items():
+                yield from unusual_in(item, f"{prefix}{table_of(sensor)}.")
         elif isinstance(value, tuple):
             for i, item in enumerate(value):
                 if isinstance(item, BaseModel):

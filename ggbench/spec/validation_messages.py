@@ -6,14 +6,14 @@ import difflib
 import math
 import re
 import typing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from ..errors import GGBenchError
-from .aiding import AIDING
-from .named_sensors import NamedSensors
+from .aiding import KINDS
+from .named_sensors import NamedSensors, keys_of
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -35,12 +35,16 @@ def validate(model: type[T], content: Any, label: str) -> T:
     except ValidationError as error:
         problems = error.errors()
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise ScenarioError(f"{label}: {sentence(model, problems[0])}{more}") from None
+        raise ScenarioError(f"{label}: {sentence(model, problems[0], content)}{more}") from None
 
 
-def sentence(model: type[BaseModel], problem: Any) -> str:
-    """Return one of pydantic's findings as a sentence: key, what was found, what is allowed."""
-    path = _without_kind([part for part in problem["loc"] if part not in ("float", "int", "[key]")])
+def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
+    """Return one of pydantic's findings as a sentence: key, what was found, what is allowed.
+
+    ``content`` is the table that was validated, as it is written.
+    """
+    parts = [part for part in problem["loc"] if part not in ("float", "int", "[key]")]
+    path = _as_written(parts, content)
     key = re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", ".".join(str(part) for part in path)) or "it"
     found = problem["input"]
     kind = problem["type"]
@@ -55,7 +59,7 @@ def sentence(model: type[BaseModel], problem: Any) -> str:
         tag = found.get("kind")
         said = "missing" if tag is None else repr(tag)
         more = "; a flight has one gradiometer" if tag == "gradiometer" else ""
-        return f"{key}: kind is {said}; allowed: " + ", ".join(f'"{k}"' for k in AIDING) + more
+        return f"{key}: kind is {said}; allowed: " + ", ".join(f'"{k}"' for k in KINDS) + more
     if isinstance(found, float) and math.isnan(found):
         return f"{key} is not a number (NaN)"
     wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
@@ -75,12 +79,19 @@ def sentence(model: type[BaseModel], problem: Any) -> str:
     return f"{key} is {found!r} and {wanted}"
 
 
-def _without_kind(path: list[Any]) -> list[Any]:
-    """Return a path without pydantic's mark of the kind of a named sensor, behind its name."""
-    if "sensor" not in path:
+def _as_written(path: list[Any], content: Any) -> list[Any]:
+    """Return the path of a key as a file has it.
+
+    Pydantic's path of a sensor's key has the kind behind the name, and is never in the short form.
+    """
+    if "sensor" not in path[:-1]:
         return path
-    behind = path.index("sensor") + 2
-    return path[:behind] + path[behind + 1 :]
+    place = path.index("sensor")
+    name, key = path[place + 1], path[place + 3 :]
+    for part in path[: place + 1]:
+        content = content.get(part) if isinstance(content, Mapping) else None
+    short = name in KINDS and not (isinstance(content, Mapping) and name in content)
+    return [*path[:place], *([] if short else ["sensor"]), name, *key]
 
 
 def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
@@ -94,7 +105,7 @@ def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
             tables = typing.get_args(candidates[1])
             candidates = [t for t in tables if t.model_fields["kind"].default == kind]
         model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
-    return list(model.model_fields)
+    return keys_of(model)
 
 
 def suggest(word: str, allowed: list[str]) -> str:

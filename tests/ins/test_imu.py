@@ -17,7 +17,7 @@ from small_cases import QUIET, TINY, small_flight
 from ggbench.ins.imu import Imu, SensorErrors
 from ggbench.numerics.lanes import out_of_lanes, unfilled
 from ggbench.sensors.aiding import Motion
-from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate
 from ggbench.simulation.suites import suite_of_case
 from ggbench.spec.sensors import FEWEST_STEPS
@@ -165,9 +165,9 @@ def test_a_wandering_bias_acts_when_the_truth_has_it():
     assert (changes > 5e-3).all()
     # Body axes are east, north, up here; the rest is gravity's and Coriolis' answer to the error.
     np.testing.assert_allclose(steps, biases[1:], rtol=0.0, atol=1e-3)
-    streams, imu = random_streams(16, 2), flight.true.imu
-    start = imu.draw_biases(streams.biases)
-    history = imu.bias_histories(start, len(biases), 0.1, streams.bias_walks)[1]
+    streams, imu = RandomStreams(16, 2), flight.true.imu
+    start = imu.draw_biases(streams["imu/biases"])
+    history = imu.bias_histories(start, len(biases), 0.1, streams["imu/bias_walks"])[1]
     np.testing.assert_array_equal(biases, history[1:])
 
 

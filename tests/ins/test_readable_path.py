@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ggbench.gravity import ellipsoid
-from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate_block
 
 SEED, RUN = 11, 3
@@ -66,10 +66,10 @@ def navigate(position, velocity, c_nb, angles, velocities, dt):
 def test_an_ins_track_is_that_of_the_readable_mechanization(wang):
     """200 s at 20 Hz with all sensor errors, in a block of eight runs: the same to 1e-9 m."""
     dt, truth, imu = wang.trajectory.dt, wang.trajectory, wang.true.imu
-    streams = random_streams(SEED, RUN)
-    error = np.sqrt(np.diag(wang.true.prior_cov)) * streams.initial.standard_normal(15)
-    biases = streams.biases.standard_normal((2, 3))
-    noise = [streams.imu.standard_normal(wang.delta_angles.shape) for _ in range(2)]
+    streams = RandomStreams(SEED, RUN)
+    error = np.sqrt(np.diag(wang.true.prior_cov)) * streams["initial_error"].standard_normal(15)
+    biases = streams["imu/biases"].standard_normal((2, 3))
+    noise = [streams["imu/"].standard_normal(wang.delta_angles.shape) for _ in range(2)]
     angles = (
         wang.delta_angles + imu.gyro_bias * biases[0] * dt
         + imu.gyro_root_psd * math.sqrt(dt) * noise[0]

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from problems import SMALL
+from small_cases import ON_BOARD, small_case
 
 from ggbench.judging.situations import SITUATIONS, is_right_model, situation_of
 from ggbench.spec import scenario
@@ -78,7 +79,7 @@ def test_what_truth_and_model_disagree_on_makes_a_situation(keys, situation):
         def model_dump(self, **options: Any) -> dict[str, Any]:
             return super().model_dump(**options) | keys
 
-    assert situation_of(Changed(**dict(case()))) == situation
+    assert situation_of(Changed(**dict(small_case(ON_BOARD)))) == situation
 
 
 @pytest.mark.parametrize(

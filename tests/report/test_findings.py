@@ -79,7 +79,7 @@ def test_a_finding_is_printed_where_its_metrics_support_it(finding):
 def test_the_times_of_the_outage_are_those_of_the_suite():
     """Its metrics are of the settled window, which begins and ends some time after the jamming."""
     case = scenario.load(SUITE).case("gnss-outage")
-    jammed = case.truth.gnss.dropouts_s[0][0]
+    jammed = case.truth.sensor["gnss"].dropouts_s[0][0]
     end = sum(part.duration_s for part in case.trajectory.segment)
     hours = [(time - jammed) / 3600.0 for time in (case.windows.settled_from_s, end)]
     assert outage(metrics()).startswith("From {} to {} h after GNSS is jammed".format(*hours))

@@ -22,7 +22,7 @@ from ggbench.sensors.gradiometer.instrument import (
     channel,
 )
 from ggbench.simulation.error_free_flight import Flight
-from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate
 from ggbench.spec.scenario import ScenarioError
 
@@ -178,7 +178,7 @@ def test_the_innovation_of_the_true_error_is_the_noise(instrument, bias, channel
         initial_error__attitude_arcmin=600.0,
     )
     problem, truth = simulate(flight, seed=4, run=2)
-    noise = flight.true.gradiometer.noise(problem.epochs, random_streams(4, 2).gradiometer)
+    noise = flight.true.gradiometer.noise(problem.epochs, RandomStreams(4, 2)["gradiometer/"])
     left = [
         z - problem.model.predict(k, state)
         for k, (z, state) in enumerate(zip(problem.measurements, truth.error_state, strict=True))

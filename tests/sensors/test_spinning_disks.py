@@ -19,7 +19,7 @@ from ggbench.sensors.gradiometer.rotating import (
 )
 from ggbench.sensors.gradiometer.spinning_disks import DISK_CHANNELS
 from ggbench.simulation.error_free_flight import Flight
-from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate
 
 WHOLE = ROTATING | {"gradiometer.rotating.rotation_hz": 1.0}
@@ -53,7 +53,7 @@ def test_a_perfect_instrument_reads_its_channels_and_no_trace():
     problem, _ = simulate(flight, seed=6, run=0)
     assert flight.true.gradiometer.components == ORDER
     exact = problem.measurements - flight.true.gradiometer.noise(
-        20, random_streams(6, 0).gradiometer
+        20, RandomStreams(6, 0)["gradiometer/"]
     )
     xx, xy, xz, yy, yz, zz = flight.noise_free.T
     expected = [xy, xz, yz, (xx - yy) / 2.0, (yy - zz) / 2.0, (zz - xx) / 2.0]

@@ -20,7 +20,6 @@ from ggbench.numerics.kernels import LANES
 from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import Flight, prepare
-from ggbench.simulation.random_streams import RandomStreams, random_streams
 from ggbench.simulation.runs import Truth, simulate, simulate_block
 from ggbench.spec import scenario
 
@@ -146,27 +145,6 @@ def test_a_run_of_a_shipped_scenario_is_the_same_in_any_block(name):
         measured_errors={},  # no gravimeter is read so early
     )
     assert_runs_are_the_same_in_any_block(short)
-
-
-def test_a_source_of_errors_keeps_its_place():
-    """It is part of its seed: in another one, results could not be made again."""
-    first = ("initial", "biases", "imu", "gradiometer", "bias_walks", "imu_errors", "altimeter",
-             "gradiometer_biases", "gradiometer_errors", "outliers", "dropouts", "timing",
-             "behind_filter")  # fmt: skip
-    assert RandomStreams.SOURCES[: len(first)] == first
-
-
-def test_streams_are_the_children_of_a_campaigns_seed():
-    """Each source has the generator that NumPy spawns in its place, whatever else was used.
-
-    So results can be made again.
-    """
-    children = np.random.SeedSequence([SEED, 7]).spawn(len(RandomStreams.SOURCES))
-    streams = random_streams(SEED, 7)
-    for source, child in reversed(list(zip(RandomStreams.SOURCES, children, strict=True))):
-        np.testing.assert_array_equal(
-            getattr(streams, source).random(5), np.random.default_rng(child).random(5)
-        )
 
 
 SYSTEMS = ["strapdown", "altimeter", "wandering biases", "one decay of nothing"]

@@ -11,7 +11,7 @@ from problems import propagated
 from scipy.stats import chi2
 from small_cases import QUIET, rough_map, small_flight
 
-from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate, simulate_block
 
 JITTER = {"truth.gradiometer.timing_jitter_s": 0.02}
@@ -87,9 +87,9 @@ def test_the_truth_of_a_bias_that_wanders_is_that_of_the_epoch():
     """Not of the sample before or after: the IMU's own history, at the times of the readings."""
     wandering = {"imu.gyro_bias_time_s": 5.0, "imu.accelerometer_bias_time_s": 8.0}
     flight = small_flight(wandering)
-    imu, streams = flight.true.imu, random_streams(3, 1)
-    start = imu.draw_biases(streams.biases)
-    histories = imu.bias_histories(start, 200, 0.1, streams.bias_walks)
+    imu, streams = flight.true.imu, RandomStreams(3, 1)
+    start = imu.draw_biases(streams["imu/biases"])
+    histories = imu.bias_histories(start, 200, 0.1, streams["imu/bias_walks"])
     _, truth = simulate(flight, 3, 1)
     np.testing.assert_array_equal(truth.error_state[:, 9:], np.hstack(histories)[10::10])
 

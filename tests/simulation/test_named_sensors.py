@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 import tomllib
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -21,21 +24,20 @@ from ggbench.campaign import records
 from ggbench.errors import GGBenchError
 from ggbench.judging import situations
 from ggbench.problem import Problem
-from ggbench.simulation.random_streams import random_streams
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.spec import scenario
-from ggbench.spec.aiding import AIDING
+from ggbench.spec.aiding import KINDS, AidingSpec
 from ggbench.spec.case import CaseSpec
 from ggbench.spec.flight import FlightSpec
+from ggbench.spec.merging import merged
 from ggbench.spec.named_sensors import RESERVED
 from ggbench.spec.scenario import checked
+from ggbench.spec.tables import nested
 from ggbench.spec.unusual_values import unusual_in
 
 NAMES = ["bow_2", "sea_level", "stern", "water_track"]
 STERN = {key: value for key, value in SEVERAL.items() if ".stern." in key}
 RUNS = 40
-STERN_DRAWN, STERN_BIAS_DRAWN = 0.6790752617505998, 0.8023681955586441
-"""What seed 1 draws first in run 0; results could not be made again if it were another."""
 
 
 def readings(problem: Problem, sensor: str) -> np.ndarray:
@@ -49,7 +51,7 @@ def test_channels_and_biases_are_in_the_order_of_the_kinds_then_of_the_names():
     flight = small_flight(ON_BOARD | SEVERAL)
     problem, _ = simulate(flight, 1, 0)
     sensors = list(dict.fromkeys(channel.sensor for channel in problem.channels))
-    assert sensors == ["gradiometer", *AIDING[:3], *NAMES]
+    assert sensors == ["gradiometer", *KINDS[:3], *NAMES]
     assert [block.name for block in problem.layout][5:] == [
         "velocity log bias", "barometer bias", "sea level bias", "water track bias",
     ]  # fmt: skip
@@ -105,7 +107,7 @@ def test_sensors_change_no_random_number_of_others():
     alone, _ = simulate(small_flight(ON_BOARD), 1, 0)
     every, _ = simulate(small_flight(ON_BOARD | SEVERAL), 1, 0)
     assert np.array_equal(alone.track.positions, every.track.positions)
-    for sensor in ("gradiometer", *AIDING[:3]):
+    for sensor in ("gradiometer", *KINDS[:3]):
         np.testing.assert_array_equal(readings(alone, sensor), readings(every, sensor))
     log = {key: x for key, x in SEVERAL.items() if ".water_track." in key}
     struck = {"dropout_share": 0.3, "outlier_share": 0.3, "outlier_mps": 10.0}
@@ -120,29 +122,6 @@ def test_sensors_change_no_random_number_of_others():
     alone, _ = simulate(small_flight({"gradiometer": None} | log | own), 1, 0)
     every, _ = simulate(small_flight(ON_BOARD | SEVERAL | faults), 1, 0)
     np.testing.assert_array_equal(readings(alone, "water_track"), readings(every, "water_track"))
-
-
-def test_a_named_sensors_streams_follow_from_its_name():
-    """The same in every process and version, and each source, sensor and run has its own."""
-    drawn = {
-        (seed, run, sensor, source): float(
-            random_streams(seed, run).of_sensor(sensor, source).random()
-        )
-        for seed in (1, 2)
-        for run in (0, 1)
-        for sensor in ("stern", "bow", "gnss_biases", *AIDING)
-        for source in ("", "biases", "outliers", "dropouts")
-    }
-    assert len(set(drawn.values())) == len(drawn)
-    assert drawn[1, 0, "stern", ""] == STERN_DRAWN
-    assert drawn[1, 0, "stern", "biases"] == STERN_BIAS_DRAWN
-    for sensor in AIDING:
-        for source in ("", "biases", "outliers", "dropouts"):
-            name = f"{sensor}_{source}" if source else sensor
-            own = getattr(random_streams(1, 0), name).random()
-            assert drawn[1, 0, sensor, source] == own
-    streams = random_streams(1, 0)
-    assert streams.of_sensor("stern") is streams.of_sensor("stern")
 
 
 def test_two_receivers_alike_have_noise_of_their_own():
@@ -224,7 +203,7 @@ def test_faults_strike_the_sensor_whose_they_are():
     plain, _ = simulate(small_flight(ON_BOARD | SEVERAL), 1, 0)
     flight = small_flight(ON_BOARD | SEVERAL | faults)
     struck, _ = simulate(flight, 1, 0)
-    for sensor in ("gradiometer", *AIDING[:3], "bow_2"):
+    for sensor in ("gradiometer", *KINDS[:3], "bow_2"):
         np.testing.assert_array_equal(readings(plain, sensor), readings(struck, sensor))
     outage = (plain.times >= 5.0) & (plain.times <= 9.0)
     there = struck.present[:, places(struck, "stern")[0]]
@@ -286,15 +265,15 @@ def test_a_case_and_a_sweep_change_named_sensors_by_dotted_keys():
         "bow": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0},
     }
     first, second = scenario.parse(document, "small", "small").cases[:2]
-    assert dict(first.sensor)["stern"].position_noise_m == 2.0
-    assert dict(second.sensor)["stern"].position_noise_m == 3.0
-    assert list(dict(second.sensor)) == ["bow", "stern"]
+    assert first.sensor["stern"].position_noise_m == 2.0
+    assert second.sensor["stern"].position_noise_m == 3.0
+    assert list(second.sensor) == ["bow", "stern"]
     document = tomllib.loads(text)
     axis = {"name": "noise", "label": "noise", "values": [1.0, 4.0]}
     for key in ("sensor.stern.position_noise_m", "model.sensor.stern.position_noise_m"):
         document["sweep"] = {"axis": [axis | {"key": key}]}
         swept = scenario.parse(dict(document), "small", "small").cases[:2]
-        found = [dict(case.side("model").sensor)["stern"].position_noise_m for case in swept]
+        found = [case.side("model").sensor["stern"].position_noise_m for case in swept]
         assert found == [1.0, 4.0]
 
 
@@ -326,6 +305,112 @@ def test_a_case_with_named_sensors_is_the_same_whatever_way_it_is_written():
         )
     }
     assert len({case.content_hash, *hashes}) == 4
+
+
+def in_long_form(changes: dict[str, object]) -> dict[str, object]:
+    """Dotted changes with each ``[gnss]`` and its like written as ``[sensor.gnss]``."""
+    kinds = "|".join(KINDS)
+    return {
+        re.sub(rf"^(truth\.|model\.)?({kinds})\.", r"\1sensor.\2.", key): value
+        for key, value in changes.items()
+    } | {
+        f"sensor.{kind}.kind": kind
+        for kind in KINDS
+        if any(key.startswith(f"{kind}.") for key in changes)
+    }
+
+
+SHORT = ON_BOARD | {
+    "truth.gnss.dropouts_s": [[5.0, 9.0]],
+    "model.barometer.bias_m": 0.0,
+    "truth.sensor.stern.position_noise_m": 50.0,
+}
+
+
+def test_the_table_of_a_kind_is_short_for_a_named_sensor():
+    """Equal cases, hashes, keys of stored runs and what is written; short and long may be mixed."""
+    case = small_case(SHORT | SEVERAL)
+    long = in_long_form(SHORT | SEVERAL)
+    assert "gnss" not in {key.partition(".")[0] for key in long}
+    mixed = in_long_form({key: x for key, x in SHORT.items() if "gnss" in key})
+    mixed |= {key: x for key, x in (SHORT | SEVERAL).items() if "gnss" not in key}
+    stern = {key: x for key, x in SEVERAL.items() if "stern" in key}
+    for other in (small_case(long), small_case(mixed | stern)):
+        assert (other, hash(other), other.content_hash) == (case, hash(case), case.content_hash)
+        written = other.model_dump(exclude_none=True)
+        assert {"gnss", "velocity_log", "barometer"} < written.keys()
+        assert set(written["sensor"]) == set(NAMES)
+        assert set(written["truth"]) > {"gnss", "sensor"}
+    assert list(case.sensor) == [*KINDS[:3], *NAMES]
+    assert checked(case) == case
+
+
+@pytest.mark.parametrize("of_base", ["gnss", "sensor.gnss"])
+@pytest.mark.parametrize("of_change", ["gnss", "sensor.gnss"])
+def test_a_change_may_be_written_in_either_form(of_base, of_change):
+    """Of cases, sides, axes of sweeps and cases in Python."""
+    kind = {"kind": "gnss"} if of_base.startswith("sensor") else {}
+    table = kind | {"period_s": 2.0, "position_noise_m": 2.0}
+    document = merged(tomllib.loads(SMALL), nested(of_base, table))
+    first, second = document["case"][:2]
+    document["case"] = [first, merged(second, nested(of_change, {"position_noise_m": 3.0}))]
+    document["model"] = nested(of_change, {"position_noise_m": 9.0})
+    one, other = scenario.parse(dict(document), "small", "small").cases
+    assert [case.sensor["gnss"].position_noise_m for case in (one, other)] == [2.0, 3.0]
+    assert other.side("model").sensor["gnss"].position_noise_m == 9.0
+    changed = one.changed(f"{of_change}.position_noise_m", 4.0)
+    assert changed.sensor["gnss"].position_noise_m == 4.0
+    assert one.changed(f"truth.{of_change}.dropout_share", 0.5).truth.sensor["gnss"]
+    assert not small_case({of_base: table}).changed(of_change, None).sensor
+    axis = {"name": "noise", "label": "noise", "values": [1.0, 4.0]}
+    for side in ("", "truth."):
+        key = f"{side}{of_change}.position_noise_m"
+        document["sweep"] = {"axis": [axis | {"key": key}]}
+        swept = scenario.parse(dict(document), "small", "small").cases[:2]
+        found = [case.side("truth").sensor["gnss"].position_noise_m for case in swept]
+        assert found == [1.0, 4.0]
+    again = {"name": "again", "label": "again", "values": [1.0, 2.0]}
+    document["sweep"]["axis"] += [again | {"key": f"truth.{of_base}.position_noise_m"}]
+    with pytest.raises(GGBenchError, match=r"both change truth\.gnss\.position_noise_m"):
+        scenario.parse(document, "small", "small")
+
+
+@pytest.mark.parametrize("table", ["gnss", "sensor.gnss"])
+def test_messages_name_a_key_as_it_is_written(table):
+    """In the short form or the long one."""
+    receiver = {f"{table}.period_s": 1.0, f"{table}.position_noise_m": 5.0}
+    for changes, message in (
+        ({f"{table}.period_s": -1.0}, f": {table}.period_s is -1.0 and must"),
+        ({f"{table}.period": 1.0}, f": unknown key '{table}.period' .did you mean 'period_s'"),
+        ({f"{table}.height_noise_m": "x"}, f": {table}.height_noise_m is 'x' and must be a plain"),
+        ({f"truth.{table}.outlier_share": 0.1}, f": truth.{table}: outlier_share and outlier_m"),
+        ({f"model.{table}.outlier_m": 0.1}, f": unknown key 'model.{table}.outlier_m'"),
+        ({f"model.{table}": 3}, f": model.{table} is 3 and must be a table of keys"),
+    ):
+        with pytest.raises(GGBenchError) as caught:
+            small_case(receiver | changes)
+        assert re.search(message.replace(".", r"\.", 1), str(caught.value)), caught.value
+    with pytest.raises(GGBenchError, match=f": '{table}.period_s' is missing"):
+        small_case({f"{table}.position_noise_m": 5.0})
+
+
+def test_a_sensor_that_is_written_in_both_forms_is_refused():
+    both = {"gnss.period_s": 1.0, "sensor.gnss.position_noise_m": 5.0}
+    with pytest.raises(GGBenchError, match=r"\[gnss\] and \[sensor.gnss\] are the same table"):
+        small_case(both)
+
+
+def test_the_keys_of_a_named_sensor_tell_its_kind():
+    """The identity of a case has no kinds: no table of one kind may be a table of another."""
+    for one, other in itertools.combinations(get_args(AidingSpec), 2):
+        keys = one.model_fields.keys() & other.model_fields.keys()
+        needed = {
+            key
+            for kind in (one, other)
+            for key, field in kind.model_fields.items()
+            if field.is_required()
+        }
+        assert not needed <= keys, (one, other)
 
 
 def test_names_of_tables_and_states_are_taken():
@@ -373,7 +458,8 @@ BAR = {"sensor.x.kind": "barometer", "sensor.x.period_s": 1.0, "sensor.x.noise_m
                              ("x\n", "the name of a sensor must"),
                              ("", "the name of a sensor must"),
                              ("x" * 31, "at most 30 characters"),
-                             ("gnss", "sensor.gnss: .* this one is taken"),
+                             ("GNSS", "sensor.GNSS: .* this one is taken"),
+                             ("gnss", "sensor: .* gnss must be of that kind, found 'barometer'"),
                              ("IMU", "sensor.IMU: .* this one is taken"),
                              ("gyro", "sensor.gyro: .* this one is taken"))),
         ({"truth.sensor.x.dropout_share": 0.1},

@@ -41,7 +41,7 @@ from ggbench.simulation import field_source
 from ggbench.simulation.error_free_flight import Flight, gradiometer_places
 from ggbench.simulation.runs import simulate
 from ggbench.simulation.sensor_suite import SensorSuite
-from ggbench.spec.aiding import AIDING
+from ggbench.spec.aiding import KINDS
 from ggbench.spec.axes import SweepSpec
 from ggbench.spec.case import CampaignSpec, CaseSpec, WindowsSpec
 from ggbench.spec.named_sensors import NamedSensors
@@ -320,7 +320,7 @@ OF_THE_TRUTH: dict[str, Row] = {
             (WEIGHING if name == "gravimeter" else ON_BOARD)
             | {f"truth.{name}.duty_{other}_s": 9.0},
         )
-        for name in AIDING for at, (this, other) in enumerate((("on", "off"), ("off", "on")))
+        for name in KINDS for at, (this, other) in enumerate((("on", "off"), ("off", "on")))
     },
     "velocity_log.outlier_mps": (
         3.0, outlier("velocity_log", 0), ON_BOARD | struck("velocity_log"),
@@ -337,7 +337,7 @@ OWN = "a_"
 
 
 def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    """Dotted keys of all numbers of a table, and of one named sensor of each kind."""
+    """Dotted keys of all numbers of a table, and of two sensors of each kind, one of its name."""
 
     def parts(annotation: Any) -> Iterator[Any]:
         yield annotation
@@ -349,6 +349,7 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
             for table in get_args(get_args(field.annotation)[0]):
                 kind = table.model_fields["kind"].default
                 yield from keys_of(table, f"{prefix}{name}.{OWN}{kind}.")
+                yield from keys_of(table, f"{prefix}{kind}.")
             continue
         found = list(parts(field.annotation))
         tables = [t for t in found if isinstance(t, type) and issubclass(t, BaseModel)]
@@ -369,7 +370,7 @@ NAMED = {
     )
     for key, row in rows.items()
     for side, sides in ways
-    if key.partition(".")[0] in AIDING and f"{side}{key}" in KEYS
+    if key.partition(".")[0] in KINDS and f"{side}{key}" in KEYS
 }
 """Keys of named sensors: that of the kind's own table, its row, and which sides have it."""
 SENSORS = {
@@ -450,10 +451,10 @@ def test_gradients_are_in_eotvos():
     assert E * flight.noise_free[:, 5] == pytest.approx(expected, rel=0.01)
 
 
-@pytest.mark.parametrize("sensor", ["gradiometer", *AIDING])
+@pytest.mark.parametrize("sensor", ["gradiometer", *KINDS])
 def test_dropouts(sensor, rough):
     key, value = f"truth.{sensor}.dropouts_s", (3.0, 7.5)
-    every = {f"{name}.period_s": 1.0 for name in ("gradiometer", *AIDING)}
+    every = {f"{name}.period_s": 1.0 for name in ("gradiometer", *KINDS)}
     flight = small_flight(
         ON_BOARD | GRAVIMETER | every | {key: [list(value)], "field": {"source": rough}}
     )
@@ -672,9 +673,9 @@ IN_SECONDS = {"campaign.time_limit_s"}
 WITHOUT_UNIT = {
     "gradiometer.filter_order", "gradiometer.whitening_regularization",
     "truth.gradiometer.noise_freedom",
-    *(f"truth.{name}.{what}_share" for name in ("gradiometer", *AIDING)
+    *(f"truth.{name}.{what}_share" for name in ("gradiometer", *KINDS)
       for what in ("outlier", "dropout")), "trajectory.repeat",
-    *(f"truth.sensor.{OWN}{name}.{what}_share" for name in AIDING
+    *(f"truth.sensor.{OWN}{name}.{what}_share" for name in KINDS
       for what in ("outlier", "dropout")),
     "draw.tracks", "draw.maps",
     "campaign.runs", "campaign.seed", "campaign.assumption_runs", "sweep.axis.values",
@@ -686,7 +687,7 @@ def test_every_number_has_a_row():
     """A key that is new names its unit, and has a row above, or is said to have none."""
     rows = {
         *SENSORS, *TRAJECTORY, *TRACK, "trajectory.middle_s",
-        *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *AIDING)),
+        *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *KINDS)),
         "truth.field.constant_disturbance_mgal",
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
@@ -694,7 +695,7 @@ def test_every_number_has_a_row():
         "draw.start_km", "draw.heading_deg",
         *(f"windows.{key}" for key in ("settled_from_s", "last_s", "required_m")),
         *ONLY_SHOWN, *IN_SECONDS, *NAMED,
-        *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in AIDING),
+        *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in KINDS),
     }  # fmt: skip
     assert rows | WITHOUT_UNIT == KEYS
     assert [key for key in rows if unit_of(key) is None] == []

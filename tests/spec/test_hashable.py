@@ -18,8 +18,10 @@ from pydantic import BaseModel, ValidationError
 from small_cases import GRAVIMETER, ON_BOARD, ROTATING, SEVERAL, small_case
 
 from ggbench.spec import scenario
+from ggbench.spec.aiding import GnssSpec
 from ggbench.spec.axes import AxisSpec, SweepSpec
 from ggbench.spec.case import CampaignSpec, CaseSpec
+from ggbench.spec.named_sensors import NamedSensors
 from ggbench.spec.tables import Section
 
 EVERYTHING = (
@@ -41,6 +43,12 @@ EVERYTHING = (
         "truth.sensor.water_track.outlier_share": 0.1,
         "truth.sensor.water_track.outlier_mps": 1.0,
         "model.sensor.stern.position_noise_m": 9.0,
+        "truth.gnss.dropout_share": 0.1,
+        "truth.barometer.bias_m": 1.0,
+        "truth.gravimeter.noise_mgal": 2.0,
+        "model.velocity_log.bias_mps": 0.0,
+        "model.barometer.bias_m": 2.0,
+        "model.gravimeter.bias_mgal": 3.0,
     }
 )
 """Changes of the small case that give it every table that a case may have."""
@@ -89,6 +97,11 @@ def variants(value: Any) -> Iterator[Any]:
         for name in type(value).model_fields:
             for other in variants(getattr(value, name)):
                 yield value.model_copy(update={name: other})
+    elif isinstance(value, NamedSensors):
+        yield NamedSensors({**value, "one_more": GnssSpec(period_s=1.0, position_noise_m=1.0)})
+        for name, table in value.items():
+            for other in variants(table):
+                yield NamedSensors({**value, name: other})
     elif isinstance(value, tuple):
         yield (*value, "one more")
         for i, item in enumerate(value):
@@ -110,13 +123,14 @@ def test_cases_that_differ_in_any_key_are_two():
     while waiting:
         held = [value for _, value in waiting.pop()]
         held += [item for value in held if isinstance(value, tuple) for item in value]
+        held += [t for value in held if isinstance(value, NamedSensors) for t in value.values()]
         waiting += [value for value in held if isinstance(value, BaseModel)]
         used |= {type(value) for value in waiting}
     assert used | {type(small_case().reference)} == tables(CaseSpec)
     others = list(variants(case))
     assert len(others) > 150
     assert case not in others
-    assert {"stern", "water_track"} < dict(case.sensor).keys()
+    assert {"stern", "water_track"} < case.sensor.keys()
     assert len({case, *others}) == len({hash(item) for item in (case, *others)}) == 1 + len(others)
     again = small_case(EVERYTHING)
     assert again is not case

@@ -1,0 +1,81 @@
+"""Changes laid over tables: of a case over its file, of one side over a case."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from .aiding import KINDS
+from .named_sensors import SIDES
+from .presets import NOISES, replaced
+from .tables import Section
+
+S = TypeVar("S", bound=Section)
+
+
+def laid_over(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a case's tables with a change laid over them.
+
+    ``[gnss]`` and ``[sensor.gnss]`` are the same table, which keeps the form that it has in
+    ``base``.
+    """
+    return merged(base, _written_as_in(base, change))
+
+
+def _written_as_in(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a change with its sensors in the forms, short or not, that ``base`` has."""
+    tables = dict(change)
+    for side in SIDES:
+        both = base.get(side), change.get(side)
+        if all(isinstance(table, Mapping) for table in both):
+            tables[side] = _written_as_in(base[side], change[side])
+    sensors, of_base = change.get("sensor", {}), base.get("sensor", {})
+    if not isinstance(sensors, Mapping) or not isinstance(of_base, Mapping):
+        return tables
+    sensors = dict(sensors)
+    for kind in KINDS:
+        if kind in tables and kind in sensors:
+            continue  # a mistake, which validation finds
+        if kind in tables and kind in of_base:
+            sensors[kind] = tables.pop(kind)
+        elif kind in sensors and kind in base:
+            tables[kind] = sensors.pop(kind)
+    return tables | {"sensor": sensors} if sensors or "sensor" in change else tables
+
+
+def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``change`` laid over it, table by table.
+
+    The ways to state the gradiometer's noise replace each other; a preset replaces its keys.
+    """
+    found = {key: value for key, value in base.items() if key not in replaced(change)}
+    for key, value in change.items():
+        inner: Any = found.get(key)
+        tables = isinstance(value, Mapping) and isinstance(inner, Mapping)
+        found[key] = merged(inner, value) if tables else value
+    of_disks, stated = "accelerometer_noise_ng_per_sqrt_hz", any(n in change for n in NOISES)
+    disks, changed_disks = found.get("rotating"), change.get("rotating")
+    by_disks = isinstance(changed_disks, Mapping) and of_disks in changed_disks
+    if stated or by_disks:
+        for noise in set(NOISES) - set(change):
+            found.pop(noise, None)
+    if stated and not by_disks and isinstance(disks, Mapping):
+        found["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
+    return found
+
+
+def changed(spec: S, change: Section) -> S:
+    """Return a table with the given keys of ``change`` laid over it.
+
+    Raises
+    ------
+    ValueError
+        (pydantic's) if the result breaks a rule of the table.
+    """
+    own = type(spec).model_fields.keys() - {"rotating"}
+    given = {
+        key: value for key, value in change.model_dump(exclude_defaults=True).items() if key in own
+    }
+    if not given:
+        return spec
+    return type(spec).model_validate(merged(spec.model_dump(exclude_unset=True), given))

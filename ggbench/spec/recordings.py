@@ -1,0 +1,29 @@
+"""Tables that name a recorded file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from . import quantities as q
+from .tables import Section
+
+FileName = Annotated[str, Field(min_length=1)]
+Frame = Literal["ENU", "NED"]
+
+
+class Recording(Section):
+    """A table with a recorded file."""
+
+    file: FileName
+    """Path of the record, relative to the file of the flight."""
+    clock_offset_s: q.TimeShift = 0.0
+    """Added to the file's times: it brings them to the clock of the INS."""
+
+
+class ReadingsRecording(Recording):
+    """A recorded file of readings."""
+
+    outside: Literal["refuse", "drop"] = "refuse"
+    """Treatment of readings before the first sample of the INS or after the last."""
