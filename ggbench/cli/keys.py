@@ -76,7 +76,8 @@ class KeyTable(NamedTuple):
 def tables() -> dict[str, KeyTable]:
     """Return all tables by their dotted names: those of scenarios, then of recorded flights."""
     from ..spec.axes import SweepSpec
-    from ..spec.case import CampaignSpec, CaseSpec
+    from ..spec.campaign import CampaignSpec
+    from ..spec.case import CaseSpec
     from ..spec.claims import ClaimSpec, ComparisonSpec
     from ..spec.flight import FlightSpec
     from ..spec.json_schema import TOP_TEXTS, models_schema

@@ -18,6 +18,7 @@ from ..display.timing import COLD
 from ..figures.numbers import counted
 from ..judging.bounds import squared_bounds
 from ..results.store import kept_epochs
+from ..simulation.flight_bounds import flight_bound
 from ..spec.scenario import Scenario
 from .screen import console
 
@@ -140,7 +141,7 @@ def repeat_run(
         views = [RunView(label, found[key].record, found[key].series, "") for label, key in pairs]
         flight = flight_of(case)
         kept = kept_epochs(len(flight.times))
-        bound = np.stack(squared_bounds(flight.bound.filtering), axis=-1)[kept]
+        bound = np.stack(squared_bounds(flight_bound(flight).filtering), axis=-1)[kept]
         _print(case.title, run, flight.times[kept], bound, views)
         good &= all(view.record["status"] == "ok" for view in views)
     return good

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import GGBenchError
 from ..simulation.error_free_flight import Flight, prepare
+from ..simulation.flight_bounds import flight_bound
 from ..spec import draws
 from ..spec.case import CaseSpec
 from .bounds import squared_bounds
@@ -29,14 +30,14 @@ def planned(flight: Flight) -> pd.DataFrame:
     ``north_m``, ``up_m``, ``position_m`` (spherical), ``east_mps``, ``north_mps``, ``up_mps``,
     ``velocity_mps`` (spherical); and the spherical ones given the readings of the whole flight,
     ``position_smoothed_m``, ``velocity_smoothed_mps``. What the bound leaves out is said at
-    :attr:`~ggbench.simulation.error_free_flight.Flight.bound`.
+    :func:`ggbench.simulation.flight_bounds.bounds`.
     """
     import pandas as pd  # not at the top: it loads slowly
 
     at = flight.motion_at_epochs.positions
+    bound = flight_bound(flight)
     filtering, smoothing = (
-        np.diagonal(cov[:, :6, :6], axis1=1, axis2=2)
-        for cov in (flight.bound.filtering, flight.bound.smoothing)
+        np.diagonal(cov[:, :6, :6], axis1=1, axis2=2) for cov in (bound.filtering, bound.smoothing)
     )
     columns = {
         "time_s": flight.times,
@@ -61,7 +62,8 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
     smoothed : for a smoother, which uses all readings, instead of a filter.
     """
     flight = prepare(case.of_run(0))
-    squares, _ = squared_bounds(flight.bound.smoothing if smoothed else flight.bound.filtering)
+    bound = flight_bound(flight)
+    squares, _ = squared_bounds(bound.smoothing if smoothed else bound.filtering)
     return math.sqrt(float(squares[window_mask(flight.times, case.windows, "settled")].mean()))
 
 

@@ -23,9 +23,7 @@ from ..spec.aiding import GravimeterSpec
 from ..spec.case import CaseSpec
 from ..spec.trajectory import file_versions
 from ..trajectory.truth import Trajectory
-from .bound import Bound
 from .field_source import beside, make_field
-from .flight_bounds import bounds
 from .formulation import MeasurementTimes, added_gravity, rates, require_short_delays
 from .instruments import faults, spinning_disks
 from .measured import measured_errors, measured_readings
@@ -237,11 +235,6 @@ class Flight:
             for steps in (self.delta_angles, np.diff(self.trajectory.velocities, axis=0))
         ]
         return self.faults.growth(*np.sqrt(squares))
-
-    @cached_property
-    def bound(self) -> Bound:
-        """Posterior Cramér–Rao bound: :func:`.flight_bounds.bounds`."""
-        return bounds([self])[0]
 
     @property
     def absent(self) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +12,9 @@ from ..sensors.aiding import Motion
 from ..sensors.model import SensorModel, Taken
 from .aiding import aiding_model
 from .bound import Bound, posterior_bound
+from .error_free_flight import Flight
 from .formulation import arrays_along
 from .sensor_suite import SensorSuite
-
-if TYPE_CHECKING:
-    from .error_free_flight import Flight
 
 
 def bounds(flights: Sequence[Flight]) -> list[Bound]:
@@ -38,6 +35,11 @@ def bounds(flights: Sequence[Flight]) -> list[Bound]:
         If they do not share epochs and maps.
     """
     return _bounds(flights, flights[0].true)
+
+
+def flight_bound(flight: Flight) -> Bound:
+    """Return the posterior Cramér–Rao bound of a flight, see :func:`bounds`."""
+    return bounds([flight])[0]
 
 
 def unfiltered_bound(flight: Flight) -> Bound:

@@ -1,4 +1,4 @@
-"""Cases and campaigns: pydantic models of a scenario's tables.
+"""Cases: pydantic models of a scenario's tables.
 
 A key carries its unit. A rule on several keys is checked in the table that holds them all.
 """
@@ -9,22 +9,20 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     Field,
     ValidationError,
     model_validator,
 )
 
 from ..trajectory.manoeuvres import TrajectoryError
-from . import draws
 from . import quantities as q
 from .aiding import KINDS, AidingSpec, GnssSpec, GravimeterSpec
-from .draws import DrawSpec
+from .draws import DrawSpec, drawn_track
 from .gradiometer import GradiometerSpec
-from .limits import MOST_RUNS, MOST_SEED
 from .merging import changed, laid_over
 from .named_sensors import (
     NO_SENSORS,
@@ -34,7 +32,6 @@ from .named_sensors import (
     sensors_of,
     table_of,
 )
-from .rosters import expanded
 from .sensors import (
     AltimeterSpec,
     FieldSpec,
@@ -45,7 +42,7 @@ from .sensors import (
     Side,
     TruthSpec,
 )
-from .tables import Listed, Section, Title, nested
+from .tables import Section, Title, nested
 from .trajectory import TrajectorySpec
 from .validation_messages import ScenarioError, validate
 
@@ -79,33 +76,6 @@ class ReferenceSpec(Section):
     """Published root-mean-square position error."""
     velocity_mrse_mps: q.VelocityTarget
     """Published root-mean-square velocity error."""
-
-
-class CampaignSpec(Section):
-    """``[campaign]``: defaults of ``ggbench run``."""
-
-    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
-    """Runs per case; all estimators and cases fly the same random numbers."""
-    seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
-    """Seed of all runs."""
-    assumption_runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
-    """Runs per case of a study of `--assumptions`."""
-    assumption_estimator: str = "ekf"
-    """Estimator of the studies."""
-    estimators: Annotated[Listed[str], AfterValidator(expanded), Field(min_length=1)] = (
-        "ins",
-        "ekf",
-    )
-    """Estimators, with parameters: `"ekf[iterations=5]"`.
-
-    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` takes an estimator out of those before it.
-    """
-    time_limit_s: q.TimeLimit = 600.0
-    """Longest time of one run of one estimator."""
-
-    def runs_of(self, study: str, runs: int) -> int:
-        """Return the number of runs in the cases (""), or in an assumption's study."""
-        return min(runs, self.assumption_runs) if study else runs
 
 
 def require_sensors(tables: Any, mapless: bool) -> None:
@@ -370,7 +340,7 @@ class CaseSpec(WithSensors):
 
     def of_run(self, run: int) -> CaseSpec:
         """Return the case with the track and the map errors of a run."""
-        return draws.of_run(self, run) if self.drawn else self
+        return _of_run(self, run) if self.drawn else self
 
     def side(self, name: Literal["truth", "model"]) -> Side:
         """Return sensors, field and initial errors of the truth or the model.
@@ -409,3 +379,18 @@ class CaseSpec(WithSensors):
             if self.gradiometer.filter != "none" and regularization != _FIRST_REGULARIZATION:
                 content["gradiometer"]["whitening_regularization"] = regularization
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+@lru_cache(maxsize=4096)
+def _of_run(case: CaseSpec, run: int) -> CaseSpec:
+    """Return a case with the track and the map errors of a run."""
+    change: dict[str, Any] = {
+        "draw": DrawSpec(),
+        "trajectory": drawn_track(case.trajectory, case.draw, run),
+    }
+    for side, error in case.map_errors().items() if case.draw.maps > 1 else ():
+        seeded = error.model_copy(update={"seed": error.seed + run % case.draw.maps})
+        tables = getattr(case, side) if side else case
+        field = tables.field.model_copy(update={"error": seeded})
+        change[side or "field"] = tables.model_copy(update={"field": field}) if side else field
+    return case.model_copy(update=change)

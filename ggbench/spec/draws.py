@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -13,9 +12,6 @@ from ..gravity.ellipsoid import metres_per_radian
 from . import quantities as q
 from .tables import Section
 from .trajectory import TrajectorySpec
-
-if TYPE_CHECKING:
-    from .case import CaseSpec
 
 _SEED = 3737
 """Seed of the tracks: those of a case are the same in all campaigns."""
@@ -34,26 +30,15 @@ class DrawSpec(Section):
     """Number of map errors; run r has map error r modulo this number."""
 
 
-@lru_cache(maxsize=4096)
-def of_run(case: CaseSpec, run: int) -> CaseSpec:
-    """Return a case with the track and the map errors of a run."""
-    draw = case.draw
-    change: dict[str, Any] = {"draw": DrawSpec()}
+def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpec:
+    """Return the track of a run: segments moved and turned, or one of several survey lines."""
     if draw.tracks > 1:
         rng = np.random.default_rng([_SEED, run % draw.tracks])
         east, north, turn = rng.uniform(-1.0, 1.0, 3).tolist()
-        change["trajectory"] = moved(
-            case.trajectory, draw.start_km * east, draw.start_km * north, draw.heading_deg * turn
-        )
-    if lines := case.trajectory.drawn_lines:
-        line = lines[run % len(lines)]
-        change["trajectory"] = case.trajectory.model_copy(update={"lines": (line,)})
-    for side, error in case.map_errors().items() if draw.maps > 1 else ():
-        seeded = error.model_copy(update={"seed": error.seed + run % draw.maps})
-        tables = getattr(case, side) if side else case
-        field = tables.field.model_copy(update={"error": seeded})
-        change[side or "field"] = tables.model_copy(update={"field": field}) if side else field
-    return case.model_copy(update=change)
+        spec = moved(spec, draw.start_km * east, draw.start_km * north, draw.heading_deg * turn)
+    if lines := spec.drawn_lines:
+        spec = spec.model_copy(update={"lines": (lines[run % len(lines)],)})
+    return spec
 
 
 def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float) -> TrajectorySpec:

@@ -10,7 +10,8 @@ from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 from pydantic_core import core_schema
 
 from .axes import SweepSpec
-from .case import CampaignSpec, CaseSpec
+from .campaign import CampaignSpec
+from .case import CaseSpec
 from .claims import ClaimSpec, ComparisonSpec
 
 Schema = dict[str, Any]

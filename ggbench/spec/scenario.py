@@ -29,7 +29,8 @@ from ..trajectory.terrain_following import terrain_path as shipped_or_own
 from . import rosters
 from . import sweep as sweep
 from .axes import MOST_POINTS, SweepSpec
-from .case import CampaignSpec, CaseSpec
+from .campaign import CampaignSpec
+from .case import CaseSpec
 from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
 from .merging import laid_over

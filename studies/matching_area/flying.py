@@ -16,6 +16,7 @@ from ggbench.matchability import information as info
 from ggbench.matchability.score import REACH, Cell, score_cell
 from ggbench.problem import Estimator
 from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate_block
 
 from .design import (
@@ -150,7 +151,7 @@ def _matched(name: str, track: Track, flown: Flown, runs: int) -> dict[str, floa
 
 def _horizontal(flight: Flight) -> np.ndarray:
     """Bound of the horizontal position (K,) at the epochs, given the readings so far [m²]."""
-    return np.asarray(np.trace(flight.bound.filtering[:, :2, :2], axis1=1, axis2=2))
+    return np.asarray(np.trace(flight_bound(flight).filtering[:, :2, :2], axis1=1, axis2=2))
 
 
 @cache

@@ -48,6 +48,7 @@ from ggbench.judging.run_errors import (
     window_metrics,
 )
 from ggbench.problem import Problem, jacobian_along, predict_along
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import Truth, simulate_block
 
 PAPER = CASES[:3]
@@ -128,7 +129,7 @@ def judged(case: str, label: str) -> list[dict]:
             for _, truth, linear in flown
         ]
     made, (_, truths) = flight(case), runs_of(case)
-    bound = squared_bounds(made.bound.filtering[-1:])[0][0]
+    bound = squared_bounds(flight_bound(made).filtering[-1:])[0][0]
     out = []
     for run, evaluation in enumerate(evaluations(case, label)):
         metrics = window_metrics(evaluation, truths.times, made.case.windows)
@@ -162,7 +163,7 @@ def column(case: str, label: str, window: str, key: str) -> np.ndarray:
 def mean_squared_bound(case: str, window: str, key: str, causality: str = "filter") -> float:
     """Mean over a window of the bound on the squared error that ``key`` names."""
     made = flight(case)
-    cov = bound_for(made.bound, causality, lag_epochs(case))
+    cov = bound_for(flight_bound(made), causality, lag_epochs(case))
     bound = squared_bounds(cov)[("position_ms", "velocity_ms").index(key)]
     return float(bound[window_mask(made.times, made.case.windows, window)].mean())
 

@@ -21,6 +21,7 @@ from ggbench.ins.known_gravity import integrate
 from ggbench.judging.run_errors import evaluate_block
 from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
 
@@ -78,7 +79,7 @@ def test_a_compensated_filter_is_consistent_and_efficient(noise):
     """
     name, unknown = f"compensated{noise}", f"felt{noise}"
     made = flight(name)
-    bound = made.bound.filtering[made.times >= SETTLED_S][:, :3, :3]
+    bound = flight_bound(made).filtering[made.times >= SETTLED_S][:, :3, :3]
     squared = float(np.einsum("kii->k", bound).mean())
 
     def off(values: np.ndarray, expected: float) -> float:
@@ -100,7 +101,7 @@ def test_integrated_gradients_are_worth_a_map(noise):
     """
     name = f"integrated{noise}"
     made = flight(name)
-    bound = made.bound.filtering[made.times >= SETTLED_S][:, :3, :3]
+    bound = flight_bound(made).filtering[made.times >= SETTLED_S][:, :3, :3]
     print(mrse(name), math.sqrt(np.einsum("kii->k", bound).mean()), judged(name)[1].mean())
     assert mrse(name) == pytest.approx(mrse(f"not-felt{noise}"), rel=0.05)
     assert mrse(name) < 1.05 * math.sqrt(np.einsum("kii->k", bound).mean())
@@ -159,7 +160,7 @@ def test_states_are_consistent_over_flights_and_not_over_runs(name):
         moved = base.trajectory.model_copy(update=places)
         made = prepare(base.model_copy(update={"trajectory": moved}))
         squared, found = judge(made, 16)
-        bound = made.bound.filtering[made.times >= SETTLED_S][:, :3, :3]
+        bound = flight_bound(made).filtering[made.times >= SETTLED_S][:, :3, :3]
         nees.append(float(found.mean()))
         ratios.append(float(squared.mean() / np.einsum("kii->k", bound).mean()))
     print(np.round(nees, 1), np.mean(nees), np.sqrt(ratios), math.sqrt(np.mean(ratios)))

@@ -20,6 +20,7 @@ from ggbench.engines.particles import filtered
 from ggbench.engines.window_search import section
 from ggbench.judging.statistics import mean_band
 from ggbench.problem import Problem
+from ggbench.simulation.flight_bounds import flight_bound
 
 ALIVE = estimator("rao-blackwellised").moves
 """What ships."""
@@ -29,7 +30,7 @@ LOCK, SETTLED = 50.0, 150.0
 
 def bound_of(case: str) -> np.ndarray:
     """The Cramér–Rao bound of the position at each epoch [m]: root of the trace."""
-    return claims(wide(case).bound.filtering)
+    return claims(flight_bound(wide(case)).filtering)
 
 
 def settled_bound(case: str) -> float:

@@ -9,6 +9,7 @@ from thinning import thinned
 from ggbench.campaign.registry import choose
 from ggbench.sensors.aiding import Motion
 from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
@@ -80,7 +81,7 @@ def test_what_the_disturbance_can_do_within_two_hours(flight, column, factor, at
 )
 def test_how_well_it_can_be_told_after_two_hours(name, east, north):
     """σ of the horizontal parts in mGal, of an independent calculation, to 5 %."""
-    bound = to_the_north(name).bound.filtering[-1]
+    bound = flight_bound(to_the_north(name)).filtering[-1]
     sigma = MGAL * np.sqrt(np.diag(bound))[15:17]
     assert sigma == pytest.approx([east, north], rel=0.05)
     correlation = bound[15, 7] / np.sqrt(bound[15, 15] * bound[7, 7])
@@ -105,7 +106,7 @@ def test_the_estimate_is_consistent_where_heading_is_known():
 def test_a_turn_does_not_tell_it_from_tilt():
     """Both are fixed to the Earth: after the second leg most of the east part's σ is left."""
     flight = prepare(LOADED.case("estimated-10s"))
-    sigma = MGAL * np.sqrt(np.diagonal(flight.bound.filtering, axis1=1, axis2=2))[:, 15]
+    sigma = MGAL * np.sqrt(np.diagonal(flight_bound(flight).filtering, axis1=1, axis2=2))[:, 15]
     before = np.searchsorted(flight.times, 7200.0)
     assert sigma[before] > 30.0
     assert sigma[-1] > 20.0

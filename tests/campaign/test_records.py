@@ -26,6 +26,7 @@ from ggbench.judging.run_errors import WINDOWS
 from ggbench.results.database import Result
 from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS
 from ggbench.simulation.error_free_flight import Flight
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.spec.trajectory import TrajectorySpec
 
@@ -108,7 +109,7 @@ def evaluated(
         flight=flight,
         error_state=states,
         estimated=made,
-        bound=CaseBound(flight, flight.bound),
+        bound=CaseBound(flight, flight_bound(flight)),
         oracle=lambda _: np.full((len(blanks), len(WINDOWS), 2), np.nan),
         problem_of=lambda r: simulate(flight, 1, blanks[r]["run"])[0],
     )
@@ -134,7 +135,7 @@ def judged(
 def test_a_run_has_diverged_if_the_ins_alone_ends_nearer():
     """Beyond ten bounds an estimate is lost only if it is beyond the INS of its own run, too."""
     flight = small_flight()
-    limit = 10.0 * np.sqrt(np.trace(flight.bound.filtering[-1, :3, :3]))
+    limit = 10.0 * np.sqrt(np.trace(flight_bound(flight).filtering[-1, :3, :3]))
     ins = np.array([3.0, 3.0, 3.0, 0.0, 0.0]) * limit
     left = np.array([1.1, 2.9, 3.1, 0.9, 1.1]) * limit
     found = [result.record for result in judged(flight, ins, left)]

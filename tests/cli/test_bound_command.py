@@ -14,6 +14,7 @@ from small_cases import rough_map, small_case
 
 from ggbench.judging.planned import AXES, planned
 from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.flight_bounds import flight_bound
 
 TRACK = "time_s,latitude_deg,longitude_deg,height_m\n" + "".join(
     f"{t},{33.5 + 2e-5 * t},{108.0 + 1e-3 * t},10000\n" for t in range(0, 41, 2)
@@ -32,7 +33,7 @@ def test_the_table_is_the_bound_of_the_flight(tmp_path):
     table = pd.read_csv(tmp_path / "out" / "b.csv")
     flight = prepare(small_case())
     assert len(table) == len(flight.times)
-    variances = np.diagonal(flight.bound.filtering, axis1=1, axis2=2)
+    variances = np.diagonal(flight_bound(flight).filtering, axis1=1, axis2=2)
     for unit, first in (("m", 0), ("mps", 3)):
         found = table[[f"{axis}_{unit}" for axis in AXES]].to_numpy() ** 2
         np.testing.assert_allclose(found, variances[:, first : first + 3], rtol=1e-6)

@@ -22,6 +22,7 @@ from ggbench.sensors.gradiometer.instrument import (
     channel,
 )
 from ggbench.simulation.error_free_flight import Flight
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate
 from ggbench.spec.scenario import ScenarioError
@@ -255,13 +256,13 @@ def test_a_local_level_gradiometer_knows_no_clock():
 def test_fewer_channels_never_know_more(rough):
     """The bound of a part of the channels is no less, in any direction of the state."""
     full = mounted("platform", field__source=rough, gradiometer__components=[*COMPONENTS, "xx-yy"])
-    scale, bound = np.sqrt(np.diag(full.true.prior_cov)), full.bound.filtering
-    best = CaseBound(full, full.bound).final_m
+    scale, bound = np.sqrt(np.diag(full.true.prior_cov)), flight_bound(full).filtering
+    best = CaseBound(full, flight_bound(full)).final_m
     for names in (["zz"], ["xy", "zz"], list(COMPONENTS)):
         part = mounted("platform", field__source=rough, gradiometer__components=names)
-        excess = (part.bound.filtering - bound) / np.outer(scale, scale)
+        excess = (flight_bound(part).filtering - bound) / np.outer(scale, scale)
         assert np.linalg.eigvalsh(excess).min() > -1e-9
-        assert CaseBound(part, part.bound).final_m > best
+        assert CaseBound(part, flight_bound(part)).final_m > best
 
 
 def test_a_strapdown_gradiometer_is_an_inclinometer():
@@ -271,7 +272,7 @@ def test_a_strapdown_gradiometer_is_an_inclinometer():
     """
     tilts = {}
     for instrument in ("local-level", "strapdown"):
-        bound = mounted(instrument).bound.filtering[-1]
+        bound = flight_bound(mounted(instrument)).filtering[-1]
         tilts[instrument] = np.sqrt(np.diag(bound)[6:8])
     assert (tilts["strapdown"] < 0.01 / 4600.0).all()
     assert (tilts["strapdown"] > 0.01 / 4600.0 / np.sqrt(2.0 * 20.0)).all()
@@ -309,7 +310,7 @@ def test_a_missing_reading_says_nothing(instrument, bias):
         narrowed = np.abs(answer.cov[k] - cov) / np.outer(sigma, sigma)
         assert (unmoved.max() < 1e-9) == lost
         assert (narrowed.max() < 1e-9) == lost
-        bound = flight.bound
+        bound = flight_bound(flight)
         same = np.allclose(bound.filtering[k], bound.predicted[k], rtol=1e-9, atol=0.0)
         assert same == lost
 
@@ -328,7 +329,9 @@ def test_without_any_reading_there_is_the_ins():
         rtol=0.0,
         atol=1e-9,
     )
-    np.testing.assert_allclose(flight.bound.filtering, flight.bound.predicted, rtol=1e-9)
+    np.testing.assert_allclose(
+        flight_bound(flight).filtering, flight_bound(flight).predicted, rtol=1e-9
+    )
 
 
 # Biases as states.

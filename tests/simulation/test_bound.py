@@ -18,7 +18,7 @@ from ggbench.campaign.registry import choose
 from ggbench.gravity.field import Field
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.error_free_flight import prepare
-from ggbench.simulation.flight_bounds import unfiltered_bound
+from ggbench.simulation.flight_bounds import flight_bound, unfiltered_bound
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 
@@ -157,7 +157,9 @@ def test_the_bound_of_any_sensors_is_what_a_filter_claims_where_all_is_linear():
     flight = small_flight(ON_BOARD | {"gradiometer": None, "truth.gnss.dropouts_s": [[5.0, 12.0]]})
     problem, _ = simulate(flight, 1, 0)
     claimed = choose("ekf").estimator.estimate(problem, np.random.default_rng(0)).cov
-    sigmas = [np.sqrt(np.diagonal(p, axis1=1, axis2=2)) for p in (claimed, flight.bound.filtering)]
+    sigmas = [
+        np.sqrt(np.diagonal(p, axis1=1, axis2=2)) for p in (claimed, flight_bound(flight).filtering)
+    ]
     np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=1e-3)
 
 
@@ -165,11 +167,13 @@ def test_a_bound_knows_only_the_share_of_readings_that_come():
     """Half of them by chance: the information of half as many; none in an outage."""
     half = small_flight(ALONE | {"truth.barometer.dropout_share": 0.5})
     noisier = small_flight(ALONE | {"barometer.noise_m": 3.0 * 2.0**0.5})
-    np.testing.assert_allclose(half.bound.filtering, noisier.bound.filtering, rtol=1e-9)
+    np.testing.assert_allclose(
+        flight_bound(half).filtering, flight_bound(noisier).filtering, rtol=1e-9
+    )
     none = small_flight(ALONE | {"truth.barometer.dropouts_s": [[0.0, 100.0]]})
-    height = none.bound.filtering[:, 2, 2]
-    np.testing.assert_allclose(height, none.bound.predicted[:, 2, 2], rtol=1e-9)
-    assert height[-1] > 2.0 * half.bound.filtering[-1, 2, 2]
+    height = flight_bound(none).filtering[:, 2, 2]
+    np.testing.assert_allclose(height, flight_bound(none).predicted[:, 2, 2], rtol=1e-9)
+    assert height[-1] > 2.0 * flight_bound(half).filtering[-1, 2, 2]
 
 
 def test_bound_of_the_papers_flight_in_the_normal_field():
@@ -189,9 +193,9 @@ def test_readings_that_drop_out_inform_by_their_share():
 
     Information adds up over readings: a share of them is worth that share of 1/σ².
     """
-    missing = small_flight({"truth.gradiometer.dropout_share": 0.75}).bound
-    noisy = small_flight({"gradiometer.noise_eotvos": 0.02}).bound
-    whole = small_flight().bound
+    missing = flight_bound(small_flight({"truth.gradiometer.dropout_share": 0.75}))
+    noisy = flight_bound(small_flight({"gradiometer.noise_eotvos": 0.02}))
+    whole = flight_bound(small_flight())
     np.testing.assert_allclose(missing.filtering, noisy.filtering, rtol=1e-6)
     assert np.trace(noisy.filtering[-1]) > 1.01 * np.trace(whole.filtering[-1])
 
@@ -201,7 +205,7 @@ def test_a_filter_and_the_noise_behind_it_raise_the_bound():
 
     Without a filter, noise behind it is noise as any other.
     """
-    plain = small_flight().bound.filtering
+    plain = flight_bound(small_flight()).filtering
     scale = np.sqrt(np.diag(plain[0]))
     units, below = np.outer(scale, scale), plain
     for behind in (None, 0.001, 0.01 * np.sqrt(3.0)):
@@ -211,13 +215,13 @@ def test_a_filter_and_the_noise_behind_it_raise_the_bound():
         for treatment in ("delayed", "whitened"):
             flown = small_flight(changes | {"gradiometer.filter_treatment": treatment})
             np.testing.assert_array_equal(unfiltered_bound(flown).filtering, plain)
-        found = flown.bound.filtering
+        found = flight_bound(flown).filtering
         assert np.linalg.eigvalsh((found - below) / units).min() > -1e-9
         assert np.trace(found[-1, :3, :3]) > 1.01 * np.trace(below[-1, :3, :3])
         below = found
-    twice = small_flight({"gradiometer.noise_eotvos": 0.02}).bound.filtering
+    twice = flight_bound(small_flight({"gradiometer.noise_eotvos": 0.02})).filtering
     alone = small_flight({"gradiometer.noise_behind_filter_eotvos": 0.01 * np.sqrt(3.0)})
-    np.testing.assert_allclose(alone.bound.filtering, twice, rtol=1e-6)
+    np.testing.assert_allclose(flight_bound(alone).filtering, twice, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -239,7 +243,9 @@ def test_it_is_what_a_filter_near_the_truth_says_of_itself(changes):
     flight = small_flight(changes)
     _, expected, _, _ = kalman(simulate(flight, 1, 0)[0])
     sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
-    difference = (flight.bound.filtering - expected) / (sigma[:, :, None] * sigma[:, None, :])
+    difference = (flight_bound(flight).filtering - expected) / (
+        sigma[:, :, None] * sigma[:, None, :]
+    )
     assert np.abs(difference).max() < 0.01
 
 
@@ -250,7 +256,7 @@ def test_added_gravity_changes_with_the_error_of_the_position(tmp_path):
     plain, adding = (
         small_flight(rough | {"model.field.compensate": compensate}) for compensate in (False, True)
     )
-    change = (adding.bound.predicted - plain.bound.predicted)[0, 3:6, 0:3] / 5.0**2
+    change = (flight_bound(adding).predicted - flight_bound(plain).predicted)[0, 3:6, 0:3] / 5.0**2
     place = adding.trajectory.positions[5]
     xx, xy, xz, yy, yz, zz = adding.field.tensor(*place) - Field.normal().tensor(*place)
     gradient = 1e-9 * np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -266,5 +272,5 @@ def test_what_is_believed_does_not_change_what_can_be_known():
         "model.gradiometer.noise_eotvos": 0.1,
     }
     np.testing.assert_array_equal(
-        small_flight(beliefs).bound.filtering, small_flight().bound.filtering
+        flight_bound(small_flight(beliefs)).filtering, flight_bound(small_flight()).filtering
     )

@@ -13,6 +13,7 @@ from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import ROTATION_RATE
 from ggbench.judging.references import CaseBound
 from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.manoeuvres import TrajectoryError
@@ -60,8 +61,10 @@ def test_a_track_lasts_as_long_as_its_windows(tmp_path):
 def test_the_final_bound_is_that_of_the_position_at_the_end():
     """All readings are known by then."""
     flight, other = small_flight(), small_flight()
-    squared = np.trace(other.bound.smoothing[-1, :3, :3])
-    assert CaseBound(flight, flight.bound).final_m == pytest.approx(np.sqrt(squared), rel=1e-12)
+    squared = np.trace(flight_bound(other).smoothing[-1, :3, :3])
+    assert CaseBound(flight, flight_bound(flight)).final_m == pytest.approx(
+        np.sqrt(squared), rel=1e-12
+    )
 
 
 def test_metres_are_those_of_latitude_longitude_and_height():

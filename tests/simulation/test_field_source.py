@@ -17,6 +17,7 @@ from ggbench.judging.references import CaseBound
 from ggbench.maps.recipe import read, write
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.field_source import make_field
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.spec.sensors import FieldSpec, MapErrorSpec
 
 
@@ -102,7 +103,7 @@ def test_a_flight_is_over_a_map_in_whatever_turn_its_longitudes_are(turn, tmp_pa
     np.testing.assert_array_equal(there.trajectory.positions, here.trajectory.positions)
     np.testing.assert_allclose(there.noise_free, here.noise_free, atol=1e-6)
     np.testing.assert_allclose(there.delta_velocities, here.delta_velocities, atol=1e-13)
-    ours, theirs = (CaseBound(flight, flight.bound).final_m for flight in (here, there))
+    ours, theirs = (CaseBound(flight, flight_bound(flight)).final_m for flight in (here, there))
     assert theirs == pytest.approx(ours, rel=1e-6)
 
 

@@ -7,7 +7,7 @@ import pytest
 from small_cases import rough_map, small_case, small_flight
 
 from ggbench.simulation.error_free_flight import prepare
-from ggbench.simulation.flight_bounds import bounds
+from ggbench.simulation.flight_bounds import bounds, flight_bound
 from ggbench.simulation.runs import simulate_flights
 
 
@@ -18,7 +18,7 @@ def test_bounds_together_are_those_alone():
     found = bounds(flights)
     for flight, bound in zip(flights, found, strict=True):
         assert np.array_equal(bound.filtering, bounds([flight])[0].filtering)
-        assert np.array_equal(bound.smoothing, flight.bound.smoothing)
+        assert np.array_equal(bound.smoothing, flight_bound(flight).smoothing)
     assert not np.array_equal(found[0].filtering, found[1].filtering)
 
 

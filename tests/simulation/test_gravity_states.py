@@ -7,6 +7,7 @@ import pytest
 from small_cases import GRAVIMETER, ON_BOARD, QUIET, rough_map, small_flight
 
 from ggbench.errors import GGBenchError
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 
 CONSTANT = {
@@ -95,7 +96,7 @@ def test_a_gravimeter_reads_the_states(rough, known):
 def test_the_bound_knows_the_states():
     """With them it is wider, as the disturbance is not known, whose σ falls from the prior's."""
     alone = {"gradiometer": None} | ON_BOARD
-    plain, states = (small_flight(alone | CONSTANT | more).bound for more in ({}, STATES))
+    plain, states = (flight_bound(small_flight(alone | CONSTANT | more)) for more in ({}, STATES))
     assert states.filtering.shape[1] == plain.filtering.shape[1] + 3
     sigma = np.sqrt(np.diagonal(states.filtering, axis1=1, axis2=2))
     assert (sigma[-1, 15:18] < [4e-4, 4e-4, 2e-4]).all()

@@ -18,6 +18,7 @@ from small_cases import small_case, small_flight
 from ggbench.errors import GGBenchError
 from ggbench.judging.references import CaseBound
 from ggbench.sensors.gradiometer.faults import Faults
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 
 LEVEL = {"gradiometer.instrument": "local-level", "gradiometer.noise_eotvos": 1e-6}
@@ -133,7 +134,7 @@ def test_the_bound_is_that_of_students_law(freedom):
     finer = small_flight({"truth.gradiometer.noise_eotvos": noise / math.sqrt(gained)})
     normal = small_flight({})
     assert heavy.true.gradiometer.noise_eotvos == noise
-    bounds = [CaseBound(flight, flight.bound).final_m for flight in (heavy, finer, normal)]
+    bounds = [CaseBound(flight, flight_bound(flight)).final_m for flight in (heavy, finer, normal)]
     assert bounds[0] == pytest.approx(bounds[1], rel=1e-5)
     assert bounds[0] < 0.99 * bounds[2]
 

@@ -13,6 +13,7 @@ from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import metres_along
 from ggbench.numerics.rotations import rotation_matrix
 from ggbench.sensors.gradiometer.instrument import readings
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import Truth, simulate, simulate_block
 
 TURNING = {
@@ -199,7 +200,7 @@ def test_a_filter_with_the_states_is_consistent_and_finds_the_arm():
     found = estimator("ekf").estimate_block(block)
     off = (found.mean - truth.error_state)[:, -1, ARM_STATES]
     sigma = np.sqrt(np.diagonal(found.cov, axis1=2, axis2=3))[:, -1, ARM_STATES]
-    bound = small_flight(WINDING | UNKNOWN).bound.filtering[-1, ARM_STATES, ARM_STATES]
+    bound = flight_bound(small_flight(WINDING | UNKNOWN)).filtering[-1, ARM_STATES, ARM_STATES]
     # Horizontal parts: nothing tells the height of the antenna from that of a ship on the level.
     assert np.sqrt((off[:, :2] ** 2).mean()) < 1.0 and (sigma[:, :2] < 1.0).all()
     np.testing.assert_allclose(sigma, np.tile(np.sqrt(np.diag(bound)), (RUNS, 1)), rtol=0.02)

@@ -20,6 +20,7 @@ from ggbench.judging.situations import is_right_model, situation_of
 from ggbench.maps.recipe import write
 from ggbench.report.conditions import _gradiometer, _map, _others
 from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.trajectory.survey_lines import read_lines
 
@@ -118,7 +119,7 @@ def test_a_missing_reading_is_no_reading(folder, keys, tmp_path):
     problem, _ = simulate(flight, 5, 0)
     assert np.flatnonzero(~problem.present.all(axis=1)).tolist() == [9]
     np.testing.assert_array_equal(problem.measurements[9], 0.0)
-    np.testing.assert_array_equal(flight.bound.jacobians[9], 0.0)
+    np.testing.assert_array_equal(flight_bound(flight).jacobians[9], 0.0)
     assert np.isfinite(problem.measurements).all()
     again = NOISE.whitening(flight.times[10:], np.zeros(10, dtype=bool))
     expected = again.apply(flight.measured[10:])

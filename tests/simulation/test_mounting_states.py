@@ -13,6 +13,7 @@ from small_cases import GRAVIMETER, ON_BOARD, TINY, rough_map, small_case, small
 from ggbench.block import ProblemBlock
 from ggbench.errors import GGBenchError
 from ggbench.simulation.error_free_flight import Flight
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import Truth, simulate_block
 
 SIGMA = 3.0
@@ -164,7 +165,7 @@ def test_a_filter_with_the_states_is_consistent_and_finds_the_angles(rough, moun
     prior = np.radians(SIGMA / 60.0)
     rms = np.sqrt((off**2).mean(axis=0)) / prior
     assert (rms < LEFT[mount]).all() and np.median(rms) < 0.7
-    bound = np.sqrt(np.diag(flight.bound.filtering[-1, ANGLES, ANGLES]))
+    bound = np.sqrt(np.diag(flight_bound(flight).filtering[-1, ANGLES, ANGLES]))
     np.testing.assert_allclose(sigma.mean(axis=0), bound, rtol=0.05)
     believed = flown(rough, mount, NOISY | {"model.gradiometer.mounting_sigma_arcmin": 0.0})
     fooled = simulate_block(believed, 5, range(RUNS))

@@ -24,6 +24,7 @@ from ggbench.campaign import records
 from ggbench.errors import GGBenchError
 from ggbench.judging import situations
 from ggbench.problem import Problem
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.spec import scenario
 from ggbench.spec.aiding import KINDS, AidingSpec
@@ -242,13 +243,13 @@ def test_two_receivers_alike_are_worth_one_of_less_noise():
     own = {key: x for key, x in ON_BOARD.items() if key.startswith("gnss")}
     twin = {key.replace("gnss", "sensor.twin"): x for key, x in own.items()}
     better = {key: x / np.sqrt(2.0) for key, x in own.items() if "noise" in key}
-    two = small_flight(own | twin | {"sensor.twin.kind": "gnss"}).bound
-    one = small_flight(own | better).bound
+    two = flight_bound(small_flight(own | twin | {"sensor.twin.kind": "gnss"}))
+    one = flight_bound(small_flight(own | better))
     for found, expected in ((two.filtering, one.filtering), (two.smoothing, one.smoothing)):
         sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
         apart = (found - expected) / (sigma[:, :, None] * sigma[:, None, :])
         assert np.abs(apart).max() < 1e-9
-    alone = small_flight(own).bound
+    alone = flight_bound(small_flight(own))
     assert (np.trace(alone.filtering[:, :3, :3], axis1=1, axis2=2)
             > 1.1 * np.trace(two.filtering[:, :3, :3], axis1=1, axis2=2)).all()  # fmt: skip
 

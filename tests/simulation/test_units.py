@@ -43,7 +43,8 @@ from ggbench.simulation.runs import simulate
 from ggbench.simulation.sensor_suite import SensorSuite
 from ggbench.spec.aiding import KINDS
 from ggbench.spec.axes import SweepSpec
-from ggbench.spec.case import CampaignSpec, CaseSpec, WindowsSpec
+from ggbench.spec.campaign import CampaignSpec
+from ggbench.spec.case import CaseSpec, WindowsSpec
 from ggbench.spec.named_sensors import NamedSensors
 from ggbench.spec.segments import SegmentSpec
 from ggbench.spec.trajectory import TrajectorySpec

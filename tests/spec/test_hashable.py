@@ -10,7 +10,7 @@ import sys
 import tomllib
 import typing
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from problems import SMALL
@@ -18,9 +18,10 @@ from pydantic import BaseModel, ValidationError
 from small_cases import GRAVIMETER, ON_BOARD, ROTATING, SEVERAL, small_case
 
 from ggbench.spec import scenario
-from ggbench.spec.aiding import GnssSpec
+from ggbench.spec.aiding import AidingSpec, GnssSpec
 from ggbench.spec.axes import AxisSpec, SweepSpec
-from ggbench.spec.case import CampaignSpec, CaseSpec
+from ggbench.spec.campaign import CampaignSpec
+from ggbench.spec.case import CaseSpec
 from ggbench.spec.named_sensors import NamedSensors
 from ggbench.spec.tables import Section
 
@@ -43,15 +44,17 @@ EVERYTHING = (
         "truth.sensor.water_track.outlier_share": 0.1,
         "truth.sensor.water_track.outlier_mps": 1.0,
         "model.sensor.stern.position_noise_m": 9.0,
-        "truth.gnss.dropout_share": 0.1,
-        "truth.barometer.bias_m": 1.0,
-        "truth.gravimeter.noise_mgal": 2.0,
-        "model.velocity_log.bias_mps": 0.0,
-        "model.barometer.bias_m": 2.0,
-        "model.gravimeter.bias_mgal": 3.0,
     }
 )
-"""Changes of the small case that give it every table that a case may have."""
+"""Changes of the small case that give it every table that a case may have, but some of sensors."""
+for spec in get_args(AidingSpec):
+    noise = next(key for key in spec.model_fields if "noise" in key)
+    for prefix, change in (
+        ("", {"kind": spec.model_fields["kind"].default, "period_s": 1.0, noise: 1.0}),
+        ("truth.", {"dropout_share": 0.1}),
+        ("model.", {noise: 2.0}),
+    ):
+        EVERYTHING |= {f"{prefix}sensor.a_{spec.__name__}.{key}": x for key, x in change.items()}
 MUTABLE = (list, dict, set, collections.abc.Mapping, collections.abc.Sequence)
 
 

@@ -18,7 +18,8 @@ from ggbench.errors import GGBenchError
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.spec import scenario
 from ggbench.spec.axes import SweepSpec
-from ggbench.spec.case import CampaignSpec, ReferenceSpec
+from ggbench.spec.campaign import CampaignSpec
+from ggbench.spec.case import ReferenceSpec
 from ggbench.spec.unusual_values import limits_of, unusual_values
 
 SMALLEST = 5e-324

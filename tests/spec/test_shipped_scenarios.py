@@ -19,6 +19,7 @@ from ggbench.judging.references import CaseBound
 from ggbench.maps.recipe import checked
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.field_source import map_recipe
+from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.gradiometer import GradiometerChange, TrueGradiometer
@@ -102,7 +103,7 @@ def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
     for array in (problem.measurements, problem.transition, problem.process_cov, problem.prior_cov,
                   truth.error_state):  # fmt: skip
         assert np.isfinite(array).all()
-    assert np.isfinite(CaseBound(flight, flight.bound).final_m)
+    assert np.isfinite(CaseBound(flight, flight_bound(flight)).final_m)
     spec = flight.case
     told = (
         (spec.gradiometer is None or spec.gradiometer.filter == "none")

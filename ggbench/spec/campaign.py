@@ -1,0 +1,39 @@
+"""Defaults of a campaign: who flies a scenario, and how often."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from . import quantities as q
+from .limits import MOST_RUNS, MOST_SEED
+from .rosters import expanded
+from .tables import Listed, Section
+
+
+class CampaignSpec(Section):
+    """``[campaign]``: defaults of ``ggbench run``."""
+
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
+    """Runs per case; all estimators and cases fly the same random numbers."""
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
+    """Seed of all runs."""
+    assumption_runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
+    """Runs per case of a study of `--assumptions`."""
+    assumption_estimator: str = "ekf"
+    """Estimator of the studies."""
+    estimators: Annotated[Listed[str], AfterValidator(expanded), Field(min_length=1)] = (
+        "ins",
+        "ekf",
+    )
+    """Estimators, with parameters: `"ekf[iterations=5]"`.
+
+    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` takes an estimator out of those before it.
+    """
+    time_limit_s: q.TimeLimit = 600.0
+    """Longest time of one run of one estimator."""
+
+    def runs_of(self, study: str, runs: int) -> int:
+        """Return the number of runs in the cases (""), or in an assumption's study."""
+        return min(runs, self.assumption_runs) if study else runs
