@@ -110,7 +110,9 @@ def tables() -> dict[str, KeyTable]:
 
 def named(name: str) -> str:
     """Return a dotted name as the tables have it: without brackets, sensors' names, numbers."""
-    plain = re.sub(r"\[\d+\]", "", name).strip("[] ")
+    from ..spec.named_sensors import short_key
+
+    plain = short_key(re.sub(r"\[\d+\]", "", name).strip("[] "))
     return re.sub(r"^(truth\.|model\.)?sensor\.[^.]+", NAMED, plain)
 
 

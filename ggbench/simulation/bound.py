@@ -157,6 +157,10 @@ def posterior_bound(
     units = np.outer(scale, scale)
     ticks = np.arange(epochs) if ticks is None else ticks
     return Bound(
-        filtering * units, predicted * units, gains * scale[:, None], jacobians,
-        smoother_gain * (scale[:, None] / scale), ticks,
-    )  # fmt: skip
+        filtering * units,
+        predicted * units,
+        gains * scale[:, None],
+        jacobians,
+        smoother_gain * (scale[:, None] / scale),
+        ticks,
+    )

@@ -182,9 +182,16 @@ class Flight:
         if self.true.altimeter is not None:
             heights, gains = truth.mean_heights, self.true.altimeter[0]
         found = strapdown.navigate(
-            truth.positions[0], truth.velocities[0], truth.attitudes[0], self.delta_angles,
-            self.delta_velocities, truth.dt, heights, gains, gravity,
-        )  # fmt: skip
+            position=truth.positions[0],
+            velocity=truth.velocities[0],
+            c_nb=truth.attitudes[0],
+            delta_angles=self.delta_angles,
+            delta_velocities=self.delta_velocities,
+            dt=truth.dt,
+            heights=heights,
+            gains=gains,
+            gravity=gravity,
+        )
         at, states = self.motion_at_epochs, Motion(*found).at(self.epochs).states
         errors = np.empty((1, len(states), 9))
         navigation_errors(states[np.newaxis], *at, errors)
@@ -315,9 +322,17 @@ def prepare(case: CaseSpec) -> Flight:
         case, field, {sensor: trajectory.positions[at] for sensor, at in read_at.items()}
     )
     return Flight(
-        case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
-        measured, errors,
-    )  # fmt: skip
+        case=case,
+        trajectory=trajectory,
+        delta_angles=delta_angles,
+        delta_velocities=delta_velocities,
+        field=field,
+        model_field=model_field,
+        epochs=epochs,
+        noise_free=noise_free,
+        measured=measured,
+        measured_errors=errors,
+    )
 
 
 def gradiometer_places(case: CaseSpec, positions: np.ndarray, attitudes: np.ndarray) -> np.ndarray:

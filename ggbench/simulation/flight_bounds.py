@@ -81,9 +81,11 @@ def _systems(flights: Sequence[Flight], true: SensorSuite) -> tuple[np.ndarray, 
     return true.systems(
         [Motion.of(flight.trajectory) for flight in flights],
         [flight.delta_velocities for flight in flights],
-        first.epochs, first.schedule.delays(true), first.trajectory.dt,
+        first.epochs,
+        first.schedule.delays(true),
+        first.trajectory.dt,
         first.added_gravity(first.field, (np.concatenate(exact), np.concatenate(missing))),
-    )  # fmt: skip
+    )
 
 
 def _bound(
@@ -109,9 +111,13 @@ def _bound(
     jacobians = model.jacobian_along(np.arange(epochs), np.zeros((epochs, true.dimension)))
     jacobians *= np.sqrt(flight.expected)[:, :, np.newaxis]
     return posterior_bound(
-        transition, process_cov, true.prior_cov, jacobians,
-        _noise_cov(flight, true), flight.ticks,
-    )  # fmt: skip
+        transition,
+        process_cov,
+        true.prior_cov,
+        jacobians,
+        _noise_cov(flight, true),
+        flight.ticks,
+    )
 
 
 def _noise_cov(flight: Flight, true: SensorSuite) -> np.ndarray:

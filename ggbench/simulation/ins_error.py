@@ -67,9 +67,12 @@ def ins_error(suite: SensorSuite, trajectory: Trajectory) -> InsError:
     count, alone = len(trajectory.times) - 1, inertial_alone(suite)
     samples = np.unique(np.linspace(0, count, _STEPS + 1).astype(int))
     _, delta_velocities = strapdown.error_free_increments(
-        trajectory.positions, trajectory.velocities, trajectory.attitudes, np.zeros((count, 3)),
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.attitudes,
+        np.zeros((count, 3)),
         trajectory.dt,
-    )  # fmt: skip
+    )
     system = alone.system(Motion.of(trajectory), delta_velocities, samples[1:], trajectory.dt)
     cov = alone.prior_cov
     found = [np.diag(cov)[POSITION]]

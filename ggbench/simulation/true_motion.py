@@ -105,9 +105,16 @@ def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
     if spec.file is None:
         start = spec.start()
         return fly(
-            start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
-            banks=banks, size=len(spec.segment),
-        )  # fmt: skip
+            position=start.position,
+            speed=start.speed,
+            heading=start.heading,
+            pitch=pitch,
+            roll=roll,
+            segments=spec.manoeuvres(),
+            dt=dt,
+            banks=banks,
+            size=len(spec.segment),
+        )
     track = spec.track()
     try:
         return along(track, dt, pitch, roll, banks)

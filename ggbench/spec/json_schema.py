@@ -104,9 +104,8 @@ def _written(schema: Schema) -> Schema:
     """Return the schema of a key: a table, or a value, plain or with its provenance."""
     if "oneOf" in schema.get("additionalProperties", ()):
         # A change of a named sensor may leave out its kind, and then fit several.
-        return {"type": "object", "additionalProperties": {
-            "anyOf": schema["additionalProperties"]["oneOf"]
-        }}  # fmt: skip
+        tables = {"anyOf": schema["additionalProperties"]["oneOf"]}
+        return {"type": "object", "additionalProperties": tables}
     if "$ref" in schema or "$ref" in schema.get("items", ()):
         return schema
     words = {key: schema[key] for key in ("description", "default") if key in schema}

@@ -108,9 +108,8 @@ class NamedSensors(Mapping[str, T]):
                     f"a sensor with the name {name} must be of that kind, found '{table.kind}'"
                 )
         # A side that changes nothing of a sensor is the same case as one that does not name it.
-        return cls({
-            name: table for name, table in tables.items() if table.model_dump(exclude_defaults=True)
-        })  # fmt: skip
+        said = {name: table.model_dump(exclude_defaults=True) for name, table in tables.items()}
+        return cls({name: table for name, table in tables.items() if said[name]})
 
 
 NO_SENSORS: NamedSensors[Any] = NamedSensors({})

@@ -311,11 +311,20 @@ def parse(
     _check_unique("case", [case.name for case in cases], origin)
     _check_unique("assumption", [study.name for study in assumptions], origin)
     return Scenario(
-        name, title, description, cases, assumptions, campaign, provenance,
-        content_hash.hexdigest(), source, notes, laid_out,
-        _claims(ClaimSpec, "claim", claimed, cases, origin),
-        _comparisons(compared, cases, campaign, origin),
-    )  # fmt: skip
+        name=name,
+        title=title,
+        description=description,
+        cases=cases,
+        assumptions=assumptions,
+        campaign=campaign,
+        provenance=provenance,
+        content_hash=content_hash.hexdigest(),
+        source=source,
+        notes=notes,
+        sweep=laid_out,
+        claims=_claims(ClaimSpec, "claim", claimed, cases, origin),
+        comparisons=_comparisons(compared, cases, campaign, origin),
+    )
 
 
 def _claims(

@@ -80,9 +80,12 @@ def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]],
 
     def decorated(table: type[S]) -> type[S]:
         return create_model(
-            table.__name__, __base__=table, __module__=table.__module__, __doc__=table.__doc__,
+            table.__name__,
+            __base__=table,
+            __module__=table.__module__,
+            __doc__=table.__doc__,
             **fields,
-        )  # fmt: skip
+        )
 
     return decorated
 

@@ -142,6 +142,8 @@ def test_a_table_tells_its_keys(tmp_path):
         ("trajectory.segment[2].bank_deg", ["trajectory.segment.bank_deg"]),
         ("truth.sensor.stern.outlier_m", []),
         ("sensor.stern.noise_mps", ["velocity_log.noise_mps"]),
+        ("sensor.gnss.period_s", ["gnss.period_s"]),
+        ("truth.sensor.gnss.outlier_m", ["truth.gnss.outlier_m"]),
         ("required_m", ["windows.required_m"]),
         ("dropout_share", [f"truth.{s}.dropout_share" for s in ("gradiometer", "gnss")]),
     ],
@@ -151,6 +153,13 @@ def test_a_key_is_told_wherever_it_stands(name, headings, tmp_path):
     assert (told.returncode == 0) == bool(headings)
     for heading in headings:
         assert f"\n{heading}\n" in f"\n{told.stdout}"
+
+
+def test_a_sensor_that_is_called_by_its_kind_has_the_keys_of_that_kind_alone(tmp_path):
+    assert "barometer.period_s" in invoke(["keys", "sensor.stern.period_s"], tmp_path).stdout
+    assert "barometer.period_s" not in invoke(["keys", "sensor.gnss.period_s"], tmp_path).stdout
+    table = invoke(["keys", "truth.sensor.gnss"], tmp_path).stdout
+    assert table == invoke(["keys", "truth.gnss"], tmp_path).stdout != ""
 
 
 @pytest.mark.parametrize(
