@@ -24,7 +24,7 @@ from .. import estimation
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
-from ..problem import CountingModel, Estimate, Estimator
+from ..problem import CountingModel, Estimate, Estimator, Problem
 from ..results.database import Result
 from ..spec.case import CaseSpec
 from . import result_keys
@@ -189,10 +189,20 @@ def _evaluated(
                 error_state=truth[some],
                 estimated=estimated.of_runs(own),
                 bound=bound,
-                oracle=lambda name, some=some: flown.oracle_means(name, truth)[some],
-                problem_of=lambda r, some=some: flown.block.problem(some.start + r),
+                oracle=partial(_oracle_means, flown, some, truth),
+                problem_of=partial(_problem, flown, some),
             )
     return results
+
+
+def _oracle_means(
+    flown: SimulatedRuns, some: slice, error_state: np.ndarray, name: str
+) -> np.ndarray:
+    return flown.oracle_means(name, error_state)[some]
+
+
+def _problem(flown: SimulatedRuns, some: slice, r: int) -> Problem:
+    return flown.block.problem(some.start + r)
 
 
 def failure(
