@@ -39,6 +39,7 @@ class ClosedLoop(Estimator):
     interval_s: Positive = 60.0
 
     name = "closed-loop"
+    family = "kalman"
     causality = "filter"
 
     def skip(self, problem: Problem) -> str | None:

@@ -86,6 +86,7 @@ class Correlation(Estimator):
     odds: Annotated[float, Field(ge=0.0)] = 3.0
 
     name = "correlation"
+    family = "matching"
     causality = "filter"
     exact_if_linear_gaussian = False  # between its fixes it takes no reading
 

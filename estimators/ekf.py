@@ -36,6 +36,7 @@ class ExtendedKalmanFilter(GatedUpdate):
     noise_memory: Annotated[int, Field(ge=0)] = 0
 
     name = "ekf"
+    family = "kalman"
 
     def conflict(self) -> str | None:
         """Refuse a memory of one measurement, and gates of other updates than the plain one."""

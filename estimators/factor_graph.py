@@ -40,6 +40,8 @@ class GraphParameters(RobustLoss):
     max_iterations : limit of the batch optimizer (Levenberg–Marquardt).
     """
 
+    family = "smoother"
+
     mode: Literal["batch", "isam2", "fixed-lag"] = "isam2"
     lag: Positive = 20.0
     relinearize_threshold: Positive = 1.0

@@ -14,6 +14,7 @@ class FilterpyExtended(Estimator):
     """``filterpy.kalman.ExtendedKalmanFilter`` on any measurement model."""
 
     name = "filterpy-ekf"
+    family = "kalman"
     causality = "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

@@ -54,6 +54,7 @@ class GaussNewton(RobustLoss, BlockEstimator):
     max_iterations: AtLeastOne = 30
 
     name = "gauss-newton"
+    family = "smoother"
     causality = "batch"
 
     def estimate_block(

@@ -46,6 +46,7 @@ class GaussianParticle(Estimator):
     proposal: Literal["prior", "ekf", "ukf"] = "prior"
 
     name = "gaussian-particle"
+    family = "sampled"
     causality = "filter"
     exact_if_linear_gaussian = False  # moments of particles scatter
 

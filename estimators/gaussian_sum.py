@@ -42,6 +42,7 @@ class GaussianSum(RobustLoss, BlockEstimator):
     iterations: AtLeastOne = 3
 
     name = "gaussian-sum"
+    family = "mixture"
     causality = "filter"
 
     def conflict(self) -> str | None:

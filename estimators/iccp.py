@@ -65,6 +65,7 @@ class Iccp(Estimator):
     misfit: Annotated[float, Field(gt=0.0)] = 25.0
 
     name = "iccp"
+    family = "matching"
     causality = "filter"
     exact_if_linear_gaussian = False  # of one channel, and of points that are taken as nearest
 

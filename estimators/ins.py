@@ -16,6 +16,7 @@ class InertialOnly(BlockEstimator):
     """Propagate the prior without a single measurement (the open-loop INS)."""
 
     name = "ins"
+    family = "inertial"
     causality = "none"
 
     def skip(self, problem: Problem) -> str | None:

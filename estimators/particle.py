@@ -47,6 +47,7 @@ Tempering = Annotated[float, Field(ge=0.0, lt=1.0)]
 class CloudFilter(Estimator):
     """Base of the particle filters of one cloud."""
 
+    family = "sampled"
     causality = "filter"
     exact_if_linear_gaussian = False  # the answer scatters with the random numbers
 

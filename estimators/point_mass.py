@@ -55,6 +55,7 @@ class PointMass(Estimator):
     resolution: Annotated[float, Field(ge=1.0, le=20.0)] = 2.0
 
     name = "point-mass"
+    family = "sampled"
     causality = "filter"
     exact_if_linear_gaussian = False  # in the limit of small cells only
 

@@ -80,6 +80,7 @@ class ReducedStates(Estimator):
     weights: Literal["mixture", "likelihood", "exact"] | None = None
 
     name = "reduced"
+    family = "kalman"
     causality = "filter"
     exact_if_linear_gaussian = False  # of another problem
 

@@ -67,6 +67,7 @@ class Sitan(Estimator):
     ratio: Annotated[float, Field(ge=1.0, allow_inf_nan=False)] = 1.3
 
     name = "sitan"
+    family = "matching"
     causality = "filter"
 
     @property

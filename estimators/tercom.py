@@ -70,6 +70,7 @@ class Tercom(RobustLoss):
     odds: Annotated[float, Field(ge=0.0)] = 10.0
 
     name = "tercom"
+    family = "matching"
     causality = "filter"
     exact_if_linear_gaussian = False  # between its fixes it takes no reading
     _hands_over: ClassVar[bool] = False

@@ -33,6 +33,8 @@ class SigmaPoints(Estimator):
     alpha, beta : spread and prior-knowledge parameters of the scaled set.
     """
 
+    family = "sigma-point"
+
     points: Literal["julier", "merwe", "cubature"] = "julier"
     kappa: float | None = None
     alpha: Positive = 0.5

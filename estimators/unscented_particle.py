@@ -79,6 +79,7 @@ class UnscentedParticle(Estimator):
     beta: Annotated[float, Field(ge=1.0)] = 1.0
 
     name = "unscented-particle"
+    family = "sampled"
     causality = "filter"
 
     @property

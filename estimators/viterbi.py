@@ -64,6 +64,7 @@ class Viterbi(Estimator):
     drift: Positive = 4.0
 
     name = "viterbi"
+    family = "matching"
     exact_if_linear_gaussian = False  # of another problem
 
     @property

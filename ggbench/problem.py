@@ -20,6 +20,10 @@ from .numerics.positive import ranked_root
 from .parameters import Positive, require_valid
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
+Family = Literal[
+    "inertial", "kalman", "sigma-point", "mixture", "sampled", "matching", "smoother", "own"
+]
+"""Kinds of estimators, by how they represent the posterior; figures have a colour for each."""
 
 
 class MeasurementModel(Protocol):
@@ -326,6 +330,7 @@ class Estimator(ABC):
     noise_scale: Positive = field(default=1.0, kw_only=True)
 
     name: ClassVar[str]
+    family: ClassVar[Family] = "own"
 
     def __post_init__(self) -> None:
         require_valid(self)

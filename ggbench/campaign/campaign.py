@@ -208,7 +208,9 @@ class Campaign:
     def __post_init__(self) -> None:
         # Once: a file that is edited later changes nothing of what is run and how it is stored.
         scenario = self.scenario.select(self.cases) if self.cases else self.scenario
-        contents = {label: choose(label).content for label in self.labels}
+        choices = {label: choose(label) for label in self.labels}
+        contents = {label: choice.content for label, choice in choices.items()}
+        self.families: dict[str, str] = {k: choice.family for k, choice in choices.items()}
         studied = choose(self.scenario.campaign.assumption_estimator)
         label = next((k for k, v in contents.items() if v == studied.content), studied.label)
         self.left_out: dict[str, str] = {}
@@ -232,8 +234,9 @@ class Campaign:
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
         if (self.folder / "manifest.json").exists():
-            finished = store.finished().keys()
-            plan = plan.joined(read_manifest(self.folder), self.scenario, finished)
+            finished, held = store.finished().keys(), read_manifest(self.folder)
+            self.families = held["families"] | self.families
+            plan = plan.joined(held, self.scenario, finished)
         self._share(store, plan)
         manifest = self._manifest(plan)
         store.write_manifest(manifest)
@@ -343,6 +346,7 @@ class Campaign:
             "seed": self.seed,
             "runs": plan.runs,
             "estimators": dict(plan.estimators),
+            "families": {label: self.families[label] for label in plan.estimators},
             "left_out": dict(self.left_out),
             "cases": [case.name for case in plan.scenario.cases],
             "assumptions": bool(plan.scenario.assumptions),

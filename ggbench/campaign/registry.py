@@ -22,7 +22,7 @@ from typing import Any
 from ..errors import GGBenchError
 from ..estimator_spec import EstimatorSpec
 from ..parameters import parameters_of
-from ..problem import Causality, Estimator
+from ..problem import Causality, Estimator, Family
 from ..spec.rosters import expanded
 from .truth_isolation import suspicious_names
 
@@ -49,6 +49,12 @@ class Choice:
     def label(self) -> str:
         """The text by which results name it, ``ukf[points=merwe]``."""
         return str(self.spec)
+
+    @property
+    def family(self) -> Family:
+        """The family of its class; a file of the user's own is none of the shipped ones."""
+        cls = type(self.estimator)
+        return "own" if cls.__module__.startswith(_OWN_MODULE) else cls.family
 
     @property
     def content(self) -> dict[str, Any]:

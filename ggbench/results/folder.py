@@ -101,6 +101,11 @@ class Results:
         return dict(self.manifest["estimators"])
 
     @property
+    def families(self) -> dict[str, str]:
+        """The family of each estimator (:data:`ggbench.problem.Family`)."""
+        return dict(self.manifest["families"])
+
+    @property
     def seeking(self) -> dict[str, str]:
         """Estimators whose source looks where truth could be found, each with what it uses."""
         found = {name: held.get("seeks") for name, held in self.estimators.items()}

@@ -47,6 +47,7 @@ class _Manifest(_Part):
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)]
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
     estimators: dict[str, dict[str, Any]]
+    families: dict[str, str]
     cases: Annotated[list[str], Field(min_length=1)]
     assumptions: bool
     cells: list[_Cell]
