@@ -86,5 +86,5 @@ def digest(name: str, title: str = "A title", **tables: Any) -> Digest:
 def scenario(**attributes: Any) -> SimpleNamespace:
     """As much of a scenario as views need."""
     return SimpleNamespace(
-        **({"sweep": None, "comparisons": (), "claims": (), "cases": ()} | attributes)
+        **({"sweep": None, "comparisons": (), "claims": (), "cases": (), "shown": {}} | attributes)
     )

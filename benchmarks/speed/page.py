@@ -11,7 +11,7 @@ import pandas as pd
 from ggbench.errors import GGBenchError
 from ggbench.figures.numbers import short
 from ggbench.figures.style import Drawing, legend_below, save, styled, subplots
-from ggbench.report import render
+from ggbench.report import page_templates
 
 FOLDER = "speed"
 TABLES = ("implementations", "rounds", "estimators", "streams", "machine")
@@ -62,7 +62,7 @@ def page(tables: dict[str, pd.DataFrame]) -> str:
         If an implementation that the answer names was not timed.
     """
     measured, estimators = tables["implementations"], tables["estimators"]
-    return render.markdown(
+    return page_templates.markdown(
         "speed.md.j2",
         Path(__file__).parent,
         engines=_engines(tables["rounds"]),

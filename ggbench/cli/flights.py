@@ -74,7 +74,8 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         raise GGBenchError("no estimator gave an estimate: nothing is written")
     for suspicion in suspicions(recorded, by_label):
         click.echo(f"Warning: {suspicion}.")
-    path = flight_report.write(recorded, found, output)
+    families = {choice.label: choice.family for choice in choices}
+    path = flight_report.write(recorded, found, families, output)
     click.echo(f"Wrote {path}, and tracks and residuals in the folders next to it.")
     sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)
 

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from .line_styles import line_styles
+from .line_styles import line_styles, stacked
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 WIDTH = 7.3
 """Width of a figure [in], 800 pixels."""
 _FILLED = {"-": "full", "--": "none", "-.": "left", ":": "bottom"}
-"""Filling of markers by the line of a variant."""
+"""Filling of markers by the line of an estimator."""
 _TITLES = 84
 """Characters in a line of the titles of all panels."""
 _NAME = 30
@@ -42,11 +42,16 @@ class Panel(NamedTuple):
 
 
 @styled()
-def over_cases(names: Sequence[str], panel: Panel) -> Drawing:
+def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) -> Drawing:
     """Draw RMS errors by case, a row for each, with the bound and the INS as lines.
 
-    A second column shows success rates if any is below 100 %. ``names`` are the titles of the n
-    cases, from the top; the abscissae of the panel are not used.
+    A second column shows success rates if any is below 100 %.
+
+    Parameters
+    ----------
+    names : titles of the n cases, from the top.
+    panel : errors; its abscissae are not used.
+    families : family of each estimator.
     """
     curves, count = panel.curves, len(names)
     columns = _columns(panel)
@@ -55,69 +60,79 @@ def over_cases(names: Sequence[str], panel: Panel) -> Drawing:
         1, columns, figsize=(WIDTH, 0.9 + max(row, 0.4) * count), sharey=True, squeeze=False,
         width_ratios=(2.6, 1.0)[:columns],
     )  # fmt: skip
-    left: Axes = grid[0, 0]
+    errors: Axes = grid[0, 0]
     middle = np.arange(count, dtype=float)
-    drawn = line_styles(curves)
-    handles: dict[str, Any] = {}
+    styles = line_styles(families)
     for number, (label, curve) in enumerate(curves.items()):
         at = middle + 0.7 * ((number + 0.5) / len(curves) - 0.5)
-        look = drawn[label]
+        style = styles[label]
         marks: dict[str, Any] = {
-            "color": look.color, "marker": look.marker, "fillstyle": _FILLED[look.ls],
+            "color": style.color, "marker": style.marker, "fillstyle": _FILLED[style.ls],
             "ms": 5.5, "ls": "",
         }  # fmt: skip
-        left.hlines(at, curve.low, curve.high, color=look.color, lw=1.4)
-        (handles[label],) = left.plot(curve.rms, at, **marks)
+        figure.attribute(label, *errors.plot(curve.rms, at, **marks))
+        figure.attribute(label, errors.hlines(at, curve.low, curve.high, color=style.color, lw=1.4))
         if columns == 2:
-            grid[0, 1].plot(100.0 * curve.success, at, **marks)
-    for name, values, line in (("bound of filters", panel.bound, "-"), ("INS", panel.ins, "--")):
+            figure.attribute(label, *grid[0, 1].plot(100.0 * curve.success, at, **marks))
+    for name, values, colour, line in (
+        ("bound of filters", panel.bound, BOUND, "-"),
+        ("INS", panel.ins, INS, "--"),
+    ):
         if np.isfinite(values).any():
-            colour = INS if name == "INS" else BOUND
-            handles[name] = left.vlines(
-                values, middle - 0.42, middle + 0.42, color=colour, ls=line, lw=1.8
-            )
-    left.set(xscale="log", xlabel="RMS position error [m], 95 % interval")
-    left.set_yticks(middle, [fill(name, _NAME) for name in names])
-    left.set_ylim(count - 0.5, -0.5)
-    plain_numbers(left, "x")
+            ends = middle - 0.42, middle + 0.42
+            figure.attribute(name, errors.vlines(values, *ends, color=colour, ls=line, lw=1.8))
+    errors.set(xscale="log", xlabel="RMS position error [m], 95 % interval")
+    errors.set_yticks(middle, [fill(name, _NAME) for name in names])
+    errors.set_ylim(count - 0.5, -0.5)
+    plain_numbers(errors, "x")
     if columns == 2:
         grid[0, 1].set(xlabel="success [%]", xlim=(-4.0, 104.0))
     for axis in grid[0]:
         axis.grid(False, axis="y")
         for edge in range(1, count):
             axis.axhline(edge - 0.5, color="0.85", lw=0.8, zorder=0)
-    legend_below(figure, handles)
+    legend_below(figure, figure.handles)
     return figure
 
 
 @styled()
-def over_axis(panels: Sequence[Panel], label: str, log: bool) -> Drawing:
+def over_axis(
+    panels: Sequence[Panel], label: str, log: bool, families: Mapping[str, str]
+) -> Drawing:
     """Draw RMS errors against the axis of a sweep, with the bound and the INS as lines.
 
-    A second row shows success rates if any is below 100 %. Panels are the parts of the sweep, from
-    left to right; ``label`` and ``log`` are of the abscissae.
+    A second row shows success rates if any is below 100 %.
+
+    Parameters
+    ----------
+    panels : parts of the sweep, from left to right.
+    label, log : name of the abscissae, and whether their axis is logarithmic.
+    families : family of each estimator.
     """
     rows = max(map(_columns, panels))
     figure, grid = subplots(
         rows, len(panels), figsize=(WIDTH, 3.3 + 1.5 * (rows - 1)), sharex=True, sharey="row",
         squeeze=False, height_ratios=(2.2, 1.0)[:rows],
     )  # fmt: skip
-    drawn = line_styles(dict.fromkeys(key for panel in panels for key in panel.curves))
-    handles: dict[str, Any] = {}
+    styles = line_styles(families)
     for column, panel in enumerate(panels):
         top: Axes = grid[0, column]
-        for number, (name, curve) in enumerate(panel.curves.items()):
-            look = drawn[name]._asdict() | {"fillstyle": _FILLED[drawn[name].ls], "ms": 4.5}
-            # Thinner from line to line: equal curves stay visible at the sides.
-            width = max(3.0 - 0.4 * number, 1.0)
-            (handles[name],) = top.plot(panel.places, curve.rms, lw=width, **look)
-            top.fill_between(
-                panel.places, curve.low, curve.high, color=look["color"], alpha=0.15, lw=0.0
+        for name, width in stacked(panel.curves, families):
+            curve, style = panel.curves[name], styles[name]
+            look: dict[str, Any] = style._asdict() | {
+                "fillstyle": _FILLED[style.ls], "ms": 4.5, "lw": width,
+            }  # fmt: skip
+            figure.attribute(name, *top.plot(panel.places, curve.rms, **look))
+            interval = top.fill_between(
+                panel.places, curve.low, curve.high, color=style.color, alpha=0.15, lw=0.0
             )
+            figure.attribute(name, interval)
             if rows == 2:
-                grid[1, column].plot(panel.places, 100.0 * curve.success, lw=width, **look)
-        (handles["bound of filters"],) = top.plot(panel.places, panel.bound, color=BOUND, lw=1.6)
-        (handles["INS"],) = top.plot(panel.places, panel.ins, color=INS, lw=1.6, ls="--")
+                success = grid[1, column].plot(panel.places, 100.0 * curve.success, **look)
+                figure.attribute(name, *success)
+        bound = top.plot(panel.places, panel.bound, color=BOUND, lw=1.6)
+        figure.attribute("bound of filters", *bound)
+        figure.attribute("INS", *top.plot(panel.places, panel.ins, color=INS, lw=1.6, ls="--"))
         top.set(xscale="log" if log else "linear", yscale="log")
         top.set_title(fill(panel.title, _TITLES // len(panels)), fontsize=9)
         grid[-1, column].set_xlabel(fill(label, _TITLES // len(panels)))
@@ -128,7 +143,7 @@ def over_axis(panels: Sequence[Panel], label: str, log: bool) -> Drawing:
     if log:
         for axis in grid[-1]:
             plain_numbers(axis, "x")
-    legend_below(figure, handles)
+    legend_below(figure, figure.handles)
     return figure
 
 

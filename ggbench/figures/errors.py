@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from textwrap import fill
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from .line_styles import line_styles
+from .line_styles import line_styles, stacked
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 AXES = ("east", "north", "up")
@@ -16,34 +17,48 @@ _TITLE = 70
 """Characters of titles that fit in a line above all panels."""
 
 
+class Flight(NamedTuple):
+    """Errors of a case over time.
+
+    Attributes
+    ----------
+    title : of the case.
+    times : (K,) [s].
+    errors : RMS errors of position [m] and velocity [m/s] by estimator, each (K, 2).
+    bounds : the same of each bound by its name.
+    """
+
+    title: str
+    times: np.ndarray
+    errors: Mapping[str, np.ndarray]
+    bounds: Mapping[str, np.ndarray]
+
+
 @styled()
-def error_over_time(
-    panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
-) -> Drawing:
+def error_over_time(flights: Sequence[Flight], families: Mapping[str, str]) -> Drawing:
     """Draw RMS position and velocity errors over runs against time, and the bounds.
 
-    At most three panels: title; times (K,); RMS errors of position and velocity by label, and
-    bounds by name, each (K, 2).
+    ``flights`` are at most three, a column for each; ``families`` the family of each estimator.
     """
-    count = len(panels)
+    count = len(flights)
     figure, grid = subplots(2, count, figsize=(7.3, 5.2), sharex="col", squeeze=False)
-    drawn = line_styles(name for _, _, curves, _ in panels for name in curves)
-    handles = {}
-    for column, (title, times, curves, bounds) in enumerate(panels):
+    styles = line_styles(families)
+    for column, (title, times, errors, bounds) in enumerate(flights):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
             axis: Axes = grid[row, column]
-            for number, (name, curve) in enumerate(curves.items()):
-                look = drawn[name]
-                # Thinner from line to line: equal curves stay visible at the sides.
-                (handles["INS" if name == "ins" else name],) = axis.semilogy(
-                    times, curve[:, row], ls=look.ls, color=look.color, label=name,
-                    lw=max(3.4 - 0.45 * number, 1.0),
+            for label, width in stacked(errors, families):
+                style, name = styles[label], "INS" if label == "ins" else label
+                line = axis.semilogy(
+                    times, errors[label][:, row], ls=style.ls, color=style.color, lw=width,
+                    label=name,
                 )  # fmt: skip
+                figure.attribute(name, *line)
             for number, (name, bound) in enumerate(bounds.items()):
-                (handles[name],) = axis.semilogy(
+                line = axis.semilogy(
                     times, bound[:, row], color=BOUND, lw=1.1, ls=("-", ":", "--")[number % 3],
                     label=name,
                 )  # fmt: skip
+                figure.attribute(name, *line)
             plain_numbers(axis)
             axis.tick_params(which="both", labelsize=8)
             if row == 0:
@@ -52,7 +67,7 @@ def error_over_time(
                 axis.set_xlabel("time [s]")
             if column == 0:
                 axis.set_ylabel(f"RMS {quantity}")
-    legend_below(figure, handles)
+    legend_below(figure, figure.handles)
     return figure
 
 
@@ -64,15 +79,16 @@ def component_errors(
     first: int,
     unit: str,
     label: str,
+    families: Mapping[str, str],
 ) -> Drawing:
     """Draw ENU errors of one run: with the pure INS on the left, aided with ±3σ on the right.
 
     ``aided`` and ``ins`` are (K, 18): six errors and their six standard deviations, NaN if none are
     claimed, and others; ``first`` is the first of the three columns shown (0: position, 3:
-    velocity).
+    velocity); ``families`` has the family of each estimator.
     """
     claims = bool(np.isfinite(aided[:, 6:12]).any())
-    colour = line_styles([label])[label].color
+    colour = line_styles(families)[label].color
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for axis in range(3):
         error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]

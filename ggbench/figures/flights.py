@@ -19,6 +19,7 @@ def ground_track(
     ins: np.ndarray,
     tracks: Mapping[str, np.ndarray],
     reference: np.ndarray | None,
+    families: Mapping[str, str],
 ) -> Drawing:
     """Draw tracks from above and their heights, about where the INS begins.
 
@@ -28,12 +29,13 @@ def ground_track(
     ins : (K, 3) what it indicates, ENU [km, km, m].
     tracks : of each estimator, the same.
     reference : the same, NaN where there is none.
+    families : family of each estimator.
     """
     figure, (plan, height) = subplots(1, 2, figsize=(9.0, 4.4), width_ratios=(3, 2))
-    drawn = line_styles(tracks)
+    styles = line_styles(families)
     shown = [("INS", ins, {"color": INS, "lw": 1.5})]
     shown += [
-        (label, track, {"color": drawn[label].color, "ls": drawn[label].ls, "lw": 1.2})
+        (label, track, {"color": styles[label].color, "ls": styles[label].ls, "lw": 1.2})
         for label, track in tracks.items()
     ]
     if reference is not None:
@@ -53,20 +55,26 @@ def ground_track(
 
 
 @styled()
-def deviations(times: np.ndarray, claimed: Mapping[str, np.ndarray]) -> Drawing:
+def deviations(
+    times: np.ndarray, claimed: Mapping[str, np.ndarray], families: Mapping[str, str]
+) -> Drawing:
     """Draw the spherical standard deviations that estimates claim, of position and velocity.
 
-    ``claimed`` : of each estimator (K, 6) σ of position [m] and velocity [m/s], ENU.
+    Parameters
+    ----------
+    times : (K,) [s].
+    claimed : of each estimator (K, 6) σ of position [m] and velocity [m/s], ENU.
+    families : family of each estimator.
     """
     figure, axes = subplots(2, 1, figsize=(7.0, 5.0), sharex=True)
-    drawn = line_styles(claimed)
+    styles = line_styles(families)
     step = 1 + len(times) // _MOST_POINTS
     for row, (first, unit) in enumerate(((0, "position [m]"), (3, "velocity [m/s]"))):
         for label, sigmas in claimed.items():
             size = np.sqrt(np.sum(sigmas[:, first : first + 3] ** 2, axis=1))
-            look = drawn[label]
+            style = styles[label]
             axes[row].semilogy(
-                times[::step], size[::step], color=look.color, ls=look.ls, lw=1.4, label=label
+                times[::step], size[::step], color=style.color, ls=style.ls, lw=1.4, label=label
             )
         plain_numbers(axes[row])
         axes[row].set_ylabel(f"1σ of {unit}")

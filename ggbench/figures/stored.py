@@ -15,42 +15,39 @@ from .style import Drawing
 Quantity = Literal["position", "velocity"]
 _COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (3, "m/s")}
 """First column of an error's components in a detailed run, and its unit."""
-
-
 _BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
 """Words for the bounds that are drawn, by their stored names without a lag."""
 
 
-def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Drawing:
-    """Draw the RMS errors over all runs against time, and the bounds: a panel for each case.
+def error_over_time(
+    results: Results, shown: Mapping[str, Sequence[str]], most: int | None = None
+) -> Drawing:
+    """Draw the RMS errors over all runs against time, and the bounds: a column for each case.
 
-    ``shown`` are the estimators by the name of a case.
+    ``shown`` are the estimators by the name of a case; ``most`` limits the epochs.
     """
-    return errors.error_over_time(
-        [
-            (results.scenario.case(name).title, *errors_over_time(results, name, labels))
-            for name, labels in shown.items()
-        ]
-    )
+    flights = [flight(results, case, labels, most) for case, labels in shown.items()]
+    return errors.error_over_time(flights, results.families)
 
 
-def errors_over_time(
-    results: Results, case: str, labels: Iterable[str]
-) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return times (K',) [s], and RMS errors and bounds of a case at them, each (K', 2).
+def flight(results: Results, case: str, labels: Iterable[str], most: int | None) -> errors.Flight:
+    """Return RMS errors and bounds of a case over the runs that are stored.
 
-    Errors of position [m] and velocity [m/s] over the runs that are stored; an estimator without a
-    finished run has none.
+    Evenly spread epochs, if there are more than ``most``. An estimator without a finished run has
+    no errors.
     """
-    curves = {}
-    for label in labels:
-        series = results.series(case, label)
-        if len(series):
-            curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
-    stored = results.arrays(case)
-    kept = stored["kept"]
-    bounds = {name: np.sqrt(stored[key][kept]) for key, name in drawn_bounds(stored).items()}
-    return stored["times"][kept], curves, bounds
+    arrays = results.arrays(case)
+    count = len(arrays["kept"])
+    epochs = np.unique(np.linspace(0, count - 1, min(most or count, count)).astype(int))
+    kept = arrays["kept"][epochs]
+    series = {label: results.series(case, label) for label in labels}
+    rms = {
+        label: np.sqrt(np.mean(errors_of_runs[:, epochs, :2] ** 2, axis=0))
+        for label, errors_of_runs in series.items()
+        if len(errors_of_runs)
+    }
+    bounds = {name: np.sqrt(arrays[key][kept]) for key, name in drawn_bounds(arrays).items()}
+    return errors.Flight(results.scenario.case(case).title, arrays["times"][kept], rms, bounds)
 
 
 def drawn_bounds(arrays: Iterable[str]) -> dict[str, str]:
@@ -76,7 +73,10 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
     ins = results.detail(case, "ins", DETAILED_RUN)
     first, unit = _COLUMNS[quantity]
     times = results.arrays(case)["times"]
-    return errors.component_errors(times, aided, ins, first, unit, label)
+    return errors.component_errors(
+        times=times, aided=aided, ins=ins, first=first, unit=unit, label=label,
+        families=results.families,
+    )  # fmt: skip
 
 
 def field_map(results: Results, case: str) -> Drawing:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import matplotlib.style
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -33,6 +34,8 @@ _SETTINGS = {
     "legend.frameon": False,
     "savefig.bbox": "tight",
     "svg.hashsalt": "ggbench",
+    "svg.fonttype": "none",  # text stays text; Verdana has the widths of Matplotlib's own font
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
     "text.parse_math": False,  # a $ in somebody's title is a $
 }
 
@@ -58,7 +61,24 @@ class Drawing(Figure):
     """A Matplotlib figure that is drawn in the package's style whenever it is drawn.
 
     Ticks and numbers come into being only then, long after the function that made the figure.
+
+    Attributes
+    ----------
+    series : names of what the figure shows, each with the artists that show it.
     """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.series: dict[str, list[Artist]] = {}
+
+    @property
+    def handles(self) -> dict[str, Artist]:
+        """The artist that stands for each series in a legend, its first one."""
+        return {name: artists[0] for name, artists in self.series.items()}
+
+    def attribute(self, name: str, *artists: Artist) -> None:
+        """State that artists show the series of a name."""
+        self.series.setdefault(name, []).extend(artists)
 
     def draw(self, renderer: Any) -> None:
         """Draw the figure."""

@@ -51,7 +51,12 @@ def of_the_reference(flight: RecordedFlight) -> str:
     )
 
 
-def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Path) -> Path:
+def write(
+    flight: RecordedFlight,
+    estimates: Mapping[str, Estimate],
+    families: Mapping[str, str],
+    output: Path,
+) -> Path:
     """Write what estimators make of a recorded flight.
 
     ``LABEL/corrected.csv``, ``LABEL/residuals.csv``, ``report.md`` and its figures.
@@ -60,6 +65,7 @@ def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Pat
     ----------
     flight : as it was read.
     estimates : of each estimator, by its label, at least one.
+    families : family of each estimator.
     output : folder to write into.
 
     Returns
@@ -90,7 +96,7 @@ def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Pat
             _what_there_is(flight),
             _estimators(problem, estimates, told),
             *_errors(flight, judged),
-            _figures(flight, estimates, told, judged, output),
+            _figures(flight, estimates, families, told, judged, output),
             "Times in the files are on the clock of the INS; in the figures they are since its "
             "first sample. `residuals.csv` has, of each channel, the reading as the estimators "
             "take it (a receiver's position is relative to what the INS indicates, filtered "
@@ -217,6 +223,7 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
 def _figures(
     flight: RecordedFlight,
     estimates: Mapping[str, Estimate],
+    families: Mapping[str, str],
     told: Mapping[str, Residuals],
     judged: Mapping[str, AgainstReference],
     output: Path,
@@ -230,14 +237,14 @@ def _figures(
         shown.append(f"![{caption}](figures/{name})\n\n*{caption}*")
 
     caption = "Tracks from above, relative to where the INS begins, and their heights."
-    show("track.png", _tracks(flight, estimates), caption)
+    show("track.png", _tracks(flight, estimates, families), caption)
     claimed = {
         label: np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2)[:, :6])
         for label, found in estimates.items()
         if found.cov is not None
     }
     if claimed:
-        figure = flights.deviations(problem.times, claimed)
+        figure = flights.deviations(problem.times, claimed, families)
         show("deviations.png", figure, "Spherical standard deviations that the estimates claim.")
     aided = [label for label, found in estimates.items() if found.causality != "none"]
     label = next((name for name in aided if told[name].innovations), next(iter(estimates)))
@@ -252,13 +259,16 @@ def _figures(
             covered = np.isin(problem.times, found.times)
             pure = flight.reference.error_state[covered, :6]
         figure = errors.component_errors(
-            found.times, np.hstack([found.components, found.sigmas]), pure, 0, "m", label
-        )
+            times=found.times, aided=np.hstack([found.components, found.sigmas]), ins=pure, first=0,
+            unit="m", label=label, families=families,
+        )  # fmt: skip
         show("errors.png", figure, f"Position errors of `{label}` against the reference.")
     return "\n\n".join(shown)
 
 
-def _tracks(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> Drawing:
+def _tracks(
+    flight: RecordedFlight, estimates: Mapping[str, Estimate], families: Mapping[str, str]
+) -> Drawing:
     problem = flight.problem
     assert problem.track is not None  # a recorded flight has one
     indicated = problem.track.positions
@@ -271,7 +281,8 @@ def _tracks(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> Drawin
     if flight.reference is not None:
         true = corrected_positions(indicated, flight.reference.error_state[:, :3])
         reference = _local(true, indicated[0])
-    return flights.ground_track(problem.times, _local(indicated, indicated[0]), tracks, reference)
+    ins = _local(indicated, indicated[0])
+    return flights.ground_track(problem.times, ins, tracks, reference, families)
 
 
 def _local(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:

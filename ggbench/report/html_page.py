@@ -1,33 +1,34 @@
 """The HTML page of a scenario: all tables and figures in one file that needs no network.
 
-The data are in the page as numbers. Its script formats, sorts and draws them, a case at a time.
+The tables are in the page as numbers, which its script formats and sorts. The figures are those of
+the markdown page and of the Python interface, as SVG; the script shows their values.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Set
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ..figures import stored
+from ..figures import interactive
 from ..files import written_whole
-from ..results.folder import Results
-from . import charts, columns, libraries, render, views
+from . import columns, libraries, page_templates, pictures, sweeps, views
 from .answers import answer
 from .conditions import conditions
 from .libraries import PageError
+from .pictures import Picture
+from .reported import Reported
 
 MOST_BYTES = 3_000_000
 """Size of a page at most."""
 _MOST_POINTS = 40_000
 """Points of all figures over time together; of longer flights fewer epochs are drawn."""
-_LEAST_EPOCHS = 40
-"""Fewest epochs of a figure over time; with more cases than that allows, no figure is drawn."""
+_MOST_DRAWN = 30
+"""Cases with a figure over time, evenly spread; each takes a second and 50 kB."""
 _WINDOWS = ("settled", "whole", "last20")
 _SIZES = ((True, True), (False, True), (False, False))
 """Whether a page has pairs, and all windows: the fullest first."""
@@ -37,8 +38,10 @@ _DROPPED = ("name", "parameters")
 """Columns of the metrics that repeat the estimator's label."""
 
 
-def write(results: Results, path: Path, notes: str) -> Path:
-    """Write the page of a results folder, with notes in markdown, and return its path.
+def write(results: Reported, picture: Picture, path: Path, notes: str) -> Path:
+    """Write the page of a results folder and return its path.
+
+    ``picture`` answers the scenario's question; ``notes`` are in markdown.
 
     A page that would be too large has no pairs; if need be, metrics of the settled window alone.
 
@@ -47,9 +50,9 @@ def write(results: Results, path: Path, notes: str) -> Path:
     PageError
         If the page would have more than :data:`MOST_BYTES` even so, or cannot be written.
     """
-    content = b""
+    figures, content = _figures(results, picture), b""
     for most_tables in _SIZES:
-        content = text(results, notes, *most_tables).encode()
+        content = text(results, figures, notes, *most_tables).encode()
         if len(content) <= MOST_BYTES:
             break
     else:
@@ -62,8 +65,14 @@ def write(results: Results, path: Path, notes: str) -> Path:
     return path
 
 
-def text(results: Results, notes: str, with_pairs: bool = True, all_windows: bool = True) -> str:
-    """Return the page with notes in markdown; with fewer tables if asked for.
+def text(
+    results: Reported,
+    figures: Mapping[str, Any],
+    notes: str,
+    with_pairs: bool = True,
+    all_windows: bool = True,
+) -> str:
+    """Return the page with figures and notes in markdown; with fewer tables if asked for.
 
     Without pairs, or with the settled window alone.
     """
@@ -75,37 +84,36 @@ def text(results: Results, notes: str, with_pairs: bool = True, all_windows: boo
         "metrics": ordered.drop(columns=list(_DROPPED)),
         "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
-    } | render.further_tables(results)  # fmt: skip
+    } | results.further_tables()  # fmt: skip
     data = {
         "cases": [{"case": row.case, "title": row.title} for row in cases.itertuples()],
         "tables": {name: _packed(table) for name, table in tables.items()},
         "columns": _meanings(tables.values()),
-        "curves": _curves(results, cases),
-        "charts": _charts(results, metrics, cases),
+        "figures": figures,
     }
-    environment = render.environment(html=True)
+    environment = page_templates.environment(html=True)
     # Text as it is, whatever letters: the file is UTF-8 throughout.
     environment.policies["json.dumps_kwargs"] = {
         "ensure_ascii": False, "separators": (",", ":"), "allow_nan": False,
     }  # fmt: skip
     table_script, table_style = libraries.datatables()
-    script = (columns.TEMPLATES / "page.js").read_text(encoding="utf-8")
-    scripts = libraries.vega(), script
-    allowed = " ".join(libraries.script_hash(part) for part in scripts)
-    said = render.environment().get_template("answer.j2").render(answer=answer(results))
+    script = "\n".join(
+        (columns.TEMPLATES / name).read_text(encoding="utf-8") for name in ("figure.js", "page.js")
+    )
+    stated = page_templates.environment().get_template("answer.j2").render(answer=answer(results))
     parser = libraries.package("markdown_it").MarkdownIt("commonmark", {"html": False})
     return environment.get_template("scenario.html.j2").render(
         policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-        f"script-src {allowed} 'unsafe-eval' blob:",
+        f"script-src {libraries.script_hash(script)} blob:",
         style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
         table_style=table_style, table_script=table_script,
-        chart_script=scripts[0], script=script,
+        script=script,
         title=loaded.title,
-        answer=parser.render(said),
+        answer=parser.render(stated),
         notes=parser.enable("table").render(notes),
         conditions=conditions(loaded.cases, cases).to_dict("records"),
         definitions=[columns.COLUMNS[key] for key in columns.DEFINED],
-        command=render.command(results),
+        command=results.rerun(),
         manifest=results.manifest,
         data=data,
     )  # fmt: skip
@@ -147,36 +155,21 @@ def _meanings(tables: Any) -> dict[str, dict[str, str]]:
     return found
 
 
-def _curves(results: Results, cases: pd.DataFrame) -> dict[str, Any]:
-    """Return RMS position errors over time by case; nothing where there are too many cases."""
-    names = cases["case"].tolist()
-    lines = len(results.labels) + 2
-    most = _MOST_POINTS // (lines * len(names))
-    if most < _LEAST_EPOCHS:
-        return {}
-    found = {}
-    for case in names:
-        times, errors, bounds = stored.errors_over_time(results, case, results.labels)
-        kept = np.unique(np.linspace(0, len(times) - 1, min(most, len(times))).astype(int))
-        found[case] = {
-            "times": [_number(time) for time in times[kept]],
-            "lines": {
-                label: [_number(value) for value in values[kept, 0]]
-                for label, values in {**errors, **bounds}.items()
-            },
-        }
-    return found
+def _figures(results: Reported, answer: Picture) -> dict[str, Any]:
+    """Return the figures of the page: over time of each case by its name, of all cases by "".
+
+    Over time, estimators that are not in the answer's figure are switched off at first.
+    """
+    cases = views.few_cases(results.cases(), _MOST_DRAWN)
+    labels = views.drawn_estimators(results.metrics(), sweeps.shown_cases(results))
+    hidden = {label for label in results.labels if label not in (*labels, "ins")}
+    most = max(1, _MOST_POINTS // ((len(results.labels) + 2) * len(cases)))
+    drawn = {"": _figure(answer, set())}
+    for case in cases["case"]:
+        over_time = pictures.over_time(results, [case], results.labels, most)
+        drawn[case] = _figure(over_time, hidden)
+    return drawn
 
 
-def _charts(results: Results, metrics: pd.DataFrame, cases: pd.DataFrame) -> dict[str, Any]:
-    shown = views.few_cases(cases)
-    on = ["ins", *views.families(metrics, shown)]
-    labels: Sequence[str] = results.labels
-    drawn = (stored.drawn_bounds(results.arrays(case)).values() for case in cases["case"])
-    bounds = list(dict.fromkeys(itertools.chain.from_iterable(drawn)))
-    return {
-        "byCase": charts.by_case([*labels, *bounds[:1]], [*on, *bounds[:1]]),
-        "bound": bounds[0] if bounds else "",
-        "overTime": charts.over_time([*labels, *bounds], on),
-        "shown": shown["case"].tolist(),
-    }
+def _figure(picture: Picture, hidden: Set[str]) -> dict[str, Any]:
+    return {"picture": interactive.picture(picture.figure, hidden), "caption": picture.caption}

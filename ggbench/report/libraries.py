@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import GGBenchError
 
-_PACKAGES = ("itables", "markdown_it", "vl_convert")
+_PACKAGES = ("itables", "markdown_it")
 
 
 class PageError(GGBenchError):
@@ -38,13 +38,6 @@ def package(name: str) -> Any:
 def installed() -> bool:
     """Return whether the packages of the extra ``page`` are installed."""
     return all(importlib.util.find_spec(name) for name in _PACKAGES)
-
-
-@cache
-def vega() -> str:
-    """Return the script of Vega, Vega-Lite and Vega-Embed, which sets ``window.vegaEmbed``."""
-    bundle = package("vl_convert").javascript_bundle("window.vegaEmbed = vegaEmbed;")
-    return _within_html(f"(() => {{{bundle}}})();")
 
 
 @cache

@@ -13,7 +13,8 @@ from ..results import digest
 from ..results.digest import Digest
 from . import columns
 from .findings import SUITE, findings
-from .render import ReportError, markdown, write_definitions
+from .page_templates import markdown
+from .render import ReportError, write_definitions
 from .tables import MOST_COLUMNS, MOST_ROWS, error_cell
 from .views import require_equal_runs
 

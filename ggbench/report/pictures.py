@@ -1,22 +1,29 @@
-"""The figures of a page as PNG files, drawn from the views of its tables."""
+"""Figures of a page, drawn from the views of its tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from ..figures import answer, stored
 from ..figures.answer import Curve, Panel
-from ..figures.style import save
+from ..figures.style import Drawing
 from ..results.folder import Results
 from . import sweeps
-from .views import comparable, families
+from .views import comparable, drawn_estimators
 
-ANSWER, EXPLANATION = "answer.png", "error_over_time.png"
-"""Files of the figures."""
+MOST_COLUMNS = 3
+"""Cases of a figure over time."""
+
+
+class Picture(NamedTuple):
+    """A figure and its caption."""
+
+    figure: Drawing
+    caption: str
 
 
 def panel(
@@ -41,34 +48,33 @@ def panel(
     return Panel(title, where, curves, bound, values("ins", "rms_m"))
 
 
-def draw(results: Results, shown: pd.DataFrame, folder: Path) -> str:
-    """Draw the figure that answers the scenario's question, and return its caption.
-
-    Parameters
-    ----------
-    results : the folder.
-    shown : cases of the page's table.
-    folder : folder of the figure.
-    """
-    metrics = results.metrics()
-    labels = families(metrics, shown)
+def of_answer(results: Results) -> Picture:
+    """Return the figure that answers the scenario's question."""
+    metrics, shown = results.metrics(), sweeps.shown_cases(results)
+    labels = drawn_estimators(metrics, shown)
     if results.scenario.sweep is not None:
-        found = sweeps.parts(results.scenario, results.cases())
-        panels = [panel(metrics, p.cases, labels, p.title, p.places) for p in found]
+        parts = sweeps.parts(results.scenario, results.cases())
+        panels = [panel(metrics, p.cases, labels, p.title, p.places) for p in parts]
         log = sweeps.is_of_the_prior(results.scenario)
         log = log or results.scenario.sweep.axes[0].scale == "log"
         label = sweeps.label_of(results.scenario)
-        save(answer.over_axis(panels, label, log), folder / ANSWER)
-        return f"RMS position error against {label}"
-    if len(shown) == 1:
-        over_time(results, shown["case"].tolist(), labels, folder / ANSWER)
-        return "RMS error over time"
+        figure = answer.over_axis(panels, label, log, results.families)
+        return Picture(figure, f"RMS position error against {label}")
     names = shown["case"].tolist()
-    save(answer.over_cases(shown["title"].tolist(), panel(metrics, names, labels)), folder / ANSWER)
-    return "RMS position error by case"
+    if len(names) == 1:
+        return over_time(results, names, labels)
+    titles, errors = shown["title"].tolist(), panel(metrics, names, labels)
+    figure = answer.over_cases(titles, errors, results.families)
+    return Picture(figure, "RMS position error by case")
 
 
-def over_time(results: Results, cases: Sequence[str], labels: Sequence[str], path: Path) -> None:
-    """Draw the RMS errors of estimators over time, a column for each case, three at most."""
-    chosen = ["ins", *labels]
-    save(stored.error_over_time(results, dict.fromkeys(cases[:3], chosen)), path)
+def over_time(
+    results: Results, cases: Sequence[str], labels: Sequence[str], most: int | None = None
+) -> Picture:
+    """Return the RMS errors of estimators and of the INS over time, a column for each case.
+
+    At most :data:`MOST_COLUMNS` cases; ``most`` limits the epochs.
+    """
+    chosen = [*dict.fromkeys(["ins", *labels])]
+    figure = stored.error_over_time(results, dict.fromkeys(cases[:MOST_COLUMNS], chosen), most)
+    return Picture(figure, "RMS error over time")

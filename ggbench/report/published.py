@@ -143,7 +143,7 @@ def claimed(results: Any) -> pd.DataFrame:
     rows = []
     for claim in results.scenario.comparisons:
         for value in claim.values:
-            first, second = claim.labels(value)
+            first, second = (results.shown.get(label, label) for label in claim.labels(value))
             if not {(claim.case, first), (claim.case, second)} <= set(settled.index):
                 continue
             if claim.quantity == "time":

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from ..results.folder import Results
 from ..spec.axes import AxisSpec
 from ..spec.scenario import Scenario
 from ..spec.sweep import largest_within
@@ -66,6 +67,16 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
         found.append(Part(", ".join(filter(None, [title, *fixed])), names, places))
     kept = few_cases(pd.DataFrame({"part": range(len(found))}), MOST_PARTS)
     return [found[number] for number in kept["part"]]
+
+
+def shown_cases(results: Results) -> pd.DataFrame:
+    """Return the flown cases that a page lists: of a sweep, those of its figure."""
+    cases = results.cases()
+    cases = cases[cases["case"].isin(results.metrics()["case"])]
+    if results.scenario.sweep is not None:
+        names = [name for part in parts(results.scenario, cases) for name in part.cases]
+        cases = cases.set_index("case").loc[names].reset_index()
+    return few_cases(cases)
 
 
 def label_of(scenario: Scenario) -> str:

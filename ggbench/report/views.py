@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ..estimator_spec import EstimatorSpec
 from ..judging.pairs import pair_of
 from ..judging.verdicts import UnequalRunsError
 from . import columns
@@ -18,8 +17,8 @@ from .tables import error_cell
 
 MOST_CASES = 5
 """Cases of a page's table."""
-MOST_FAMILIES = 6
-"""Families of estimators of a figure."""
+MOST_DRAWN = 6
+"""Estimators of a figure."""
 ALIKE = 1.01
 """Ratio of errors up to which estimators share a row."""
 
@@ -137,11 +136,13 @@ class _Cells:
         return same and 1.0 / ALIKE <= one["rms_m"] / two["rms_m"] <= ALIKE
 
 
-def families(metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILIES) -> list[str]:
+def drawn_estimators(
+    metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_DRAWN
+) -> list[str]:
     """Return the estimators of a figure: the EKF, those that a table names, then the best ones.
 
-    A family is a name with a causality; its estimator with the least mean logarithm of error
-    over the bound stands for it. Only estimators that flew all runs of every case shown count.
+    Of each name and causality one is drawn, with the least mean logarithm of error over the bound.
+    Only estimators that flew all runs of every case shown count.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]
@@ -155,11 +156,11 @@ def families(metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILI
         named += cases[key].value_counts().index.tolist()
     wanted = [label for label in dict.fromkeys(named) if label in table.index]
     order = [*wanted, *table.sort_values("merit").index]
-    held: dict[tuple[str, str], str] = {}
+    drawn: dict[tuple[str, str], str] = {}
     for label in dict.fromkeys(order):
-        family = EstimatorSpec.parse(label).name, table.loc[label, "causality"]
-        held.setdefault(family, label)
-    return list(held.values())[:most]
+        kind = label.partition("[")[0], table.loc[label, "causality"]
+        drawn.setdefault(kind, label)
+    return list(drawn.values())[:most]
 
 
 def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:

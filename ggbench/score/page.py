@@ -8,7 +8,7 @@ import pandas as pd
 
 from ..files import written_whole
 from ..report import columns, tables
-from ..report.render import environment, markdown
+from ..report.page_templates import environment, markdown
 from .card import VERDICTS, Card, Opponent, Question
 from .stored_runs import ScoreError
 

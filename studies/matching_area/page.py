@@ -12,7 +12,7 @@ import pandas as pd
 from ggbench.figures.numbers import short
 from ggbench.figures.style import save
 from ggbench.judging.statistics import wilson
-from ggbench.report import render, tables
+from ggbench.report import page_templates, tables
 from ggbench.report.columns import share, significant
 from ggbench.results import digest
 
@@ -68,7 +68,7 @@ def page(found: Found) -> str:
     ratio = np.percentile(tracks["error_m"] / tracks["bound_m"], [5.0, 95.0])
     judged = found.tables["false_fixes"].query("judged")["predicted_over_found"]
     maps = {index.column for index in OF_MAPS}
-    return render.markdown(
+    return page_templates.markdown(
         "matching_area.md.j2",
         Path(__file__).parent,
         best=_named(near, near.trusted[:1]),

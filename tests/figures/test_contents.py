@@ -9,11 +9,13 @@ import pytest
 
 from ggbench.figures import answer, errors, field, flights, map_components, stored
 from ggbench.figures.answer import Curve, Panel
+from ggbench.figures.errors import Flight
 from ggbench.figures.numbers import short
 from ggbench.figures.style import legend_below, styled, subplots
 from ggbench.maps.netcdf import TENSOR, Nodes
 
 TIMES = np.arange(1.0, 9.0)
+FAMILIES = {"ins": "inertial", "ekf": "kalman", "ukf": "sigma-point", "mine": "own"}
 
 
 def lines(axis) -> dict[str, np.ndarray]:
@@ -32,6 +34,7 @@ def test_errors_over_time_are_root_mean_squares_over_runs():
         series=lambda case, label: series if label == "ekf" else np.empty((0, 0, 4)),
         arrays=lambda case: arrays,
         scenario=SimpleNamespace(case=lambda name: SimpleNamespace(title="A case")),
+        families={"ekf": "kalman", "ukf": "sigma-point"},
     )
     figure = stored.error_over_time(results, {"c": ["ekf", "ukf"]})
     for axis, column, unit in zip(figure.axes, (0, 1), ("[m]", "[m/s]"), strict=True):
@@ -56,7 +59,9 @@ def test_errors_by_case_have_intervals_bound_and_ins():
     """A row for each case, from the top; success has a panel if any run fails."""
     curves = {"ekf": a_curve(1), "ukf": a_curve(2)}
     panel = Panel("", np.arange(2.0), curves, np.array([1.0, 2.0]), np.array([50.0, np.nan]))
-    figure = answer.over_cases(["a case", "a case with a name that is long enough to wrap"], panel)
+    figure = answer.over_cases(
+        ["a case", "a case with a name that is long enough to wrap"], panel, FAMILIES
+    )
     (axis,) = figure.axes
     assert [label.get_text() for label in axis.get_yticklabels()] == [
         "a case", "a case with a name that is\nlong enough to wrap"
@@ -69,7 +74,7 @@ def test_errors_by_case_have_intervals_bound_and_ins():
         "ekf", "ukf", "bound of filters", "INS"
     ]  # fmt: skip
     lost = panel._replace(curves=curves | {"ukf": a_curve(2, 0.5)})
-    _, success = answer.over_cases(["a", "b"], lost).axes
+    _, success = answer.over_cases(["a", "b"], lost, FAMILIES).axes
     assert list(success.get_lines()[1].get_xdata()) == [50.0, 50.0]
 
 
@@ -78,7 +83,7 @@ def test_errors_over_an_axis_have_a_panel_for_each_part():
         Panel(name, np.array([0.1, 1.0]), {"ekf": a_curve(n, 0.5)}, np.ones(2), np.full(2, 9.0))
         for n, name in enumerate(("one", "other"))
     ]
-    figure = answer.over_axis(panels, "noise [E]", log=True)
+    figure = answer.over_axis(panels, "noise [E]", log=True, families=FAMILIES)
     assert len(figure.axes) == 4 and figure.axes[0].get_xscale() == "log"
     for axis, panel in zip(figure.axes[:2], panels, strict=True):
         assert axis.get_title() == panel.title
@@ -91,7 +96,7 @@ def test_long_titles_of_panels_do_not_collide():
     """They go on in another line."""
     long = "severe turbulence, 16 E for the 1 E that is declared: disks that vibrate"
     curve = {"ekf": np.ones((len(TIMES), 2))}
-    figure = errors.error_over_time([(long, TIMES, curve, {})] * 3)
+    figure = errors.error_over_time([Flight(long, TIMES, curve, {})] * 3, FAMILIES)
     boxes = [figure.axes[n].title.get_window_extent() for n in range(3)]
     assert boxes[0].x1 < boxes[1].x0 and boxes[1].x1 < boxes[2].x0
     assert " ".join(figure.axes[0].get_title().split()) == long
@@ -100,10 +105,10 @@ def test_long_titles_of_panels_do_not_collide():
 def test_a_short_flight_is_not_drawn_at_the_scale_of_a_long_one():
     """Each column has its own time; position and velocity of one flight share it."""
     panels = [
-        (name, times, {"ekf": np.ones((8, 2))}, {})
+        Flight(name, times, {"ekf": np.ones((8, 2))}, {})
         for name, times in (("short", TIMES), ("long", 100.0 * TIMES))
     ]
-    short, long, below, _ = errors.error_over_time(panels).axes
+    short, long, below, _ = errors.error_over_time(panels, FAMILIES).axes
     assert short.get_xlim()[1] < 0.02 * long.get_xlim()[1]
     assert below.get_xlim() == short.get_xlim()
 
@@ -119,6 +124,7 @@ def test_components_of_one_run_with_what_it_claims(quantity, first, unit):
         detail=lambda case, label, run: details[label] if run == 0 else None,
         arrays=lambda case: {"times": TIMES},
         folder="out",
+        families=FAMILIES,
     )
     figure = stored.component_errors(results, "c", "ekf", quantity)
     for index, name in enumerate(("east", "north", "up")):
@@ -143,6 +149,7 @@ def test_an_estimate_that_claims_nothing_is_drawn_without_a_region(size):
         detail=lambda case, label, run: errors if label == "mine" else None,
         arrays=lambda case: {"times": TIMES},
         folder="out",
+        families=FAMILIES,
     )
     figure = stored.component_errors(results, "c", "mine", "position")
     for axis in figure.axes[1::2]:
@@ -235,7 +242,9 @@ def test_numbers_of_a_logarithmic_axis_are_plain(span):
     """Within a decade, too, where Matplotlib labels in between: no mathematics is printed."""
     values = np.geomspace(*span, 8)
     with styled():
-        figures = [flights.deviations(TIMES, {"ekf": np.tile(values[:, np.newaxis], (1, 6))})]
+        figures = [
+            flights.deviations(TIMES, {"ekf": np.tile(values[:, np.newaxis], (1, 6))}, FAMILIES)
+        ]
     for figure in figures:
         figure.canvas.draw()
         shown = [

@@ -1,32 +1,41 @@
-"""An estimator has one colour in every figure, and no two labels of a figure share a style."""
+"""A family of estimators has one colour in every figure, and no two estimators share a style."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+import importlib.metadata
+import itertools
+from typing import get_args
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from thinning import thinned
 
 from ggbench.campaign import registry
 from ggbench.figures import answer
 from ggbench.figures.answer import Curve, Panel
-from ggbench.figures.errors import component_errors, error_over_time
-from ggbench.figures.line_styles import line_styles
+from ggbench.figures.errors import Flight, component_errors, error_over_time
+from ggbench.figures.line_styles import COLOURS, line_styles, stacked
 from ggbench.figures.style import BOUND, INS
+from ggbench.problem import Estimator, Family
 from ggbench.spec import scenario
 
 SHIPPED = {name: scenario.load(name).campaign.estimators for name in scenario.shipped()}
 TIMES = np.arange(1.0, 6.0)
+FAMILIES = {"ins": "inertial", "ekf": "kalman", "ukf": "sigma-point", "mine": "own"}
+TWINS = {
+    "filterpy-ekf": "ekf",
+    "filterpy-ukf": "ukf",
+    "gtsam": "factor-graph",
+    "tercom-ekf": "tercom",
+}
 
 
 def over_time(labels: list[str]) -> Figure:
     lines = {label: np.ones((5, 2)) for label in labels}
-    return error_over_time([("a case", TIMES, lines, {"bound": np.ones((5, 2))})])
+    flight = Flight("a case", TIMES, lines, {"bound": np.ones((5, 2))})
+    return error_over_time([flight], FAMILIES)
 
 
 def panel(labels: list[str]) -> Panel:
@@ -35,15 +44,15 @@ def panel(labels: list[str]) -> Panel:
 
 
 def over_cases(labels: list[str]) -> Figure:
-    return answer.over_cases(["a", "b"], panel(labels))
+    return answer.over_cases(["a", "b"], panel(labels), FAMILIES)
 
 
 def over_an_axis(labels: list[str]) -> Figure:
-    return answer.over_axis([panel(labels)], "noise", log=False)
+    return answer.over_axis([panel(labels)], "noise", log=False, families=FAMILIES)
 
 
 def by_component(labels: list[str]) -> Figure:
-    return component_errors(TIMES, np.ones((5, 12)), None, 0, "m", labels[0])
+    return component_errors(TIMES, np.ones((5, 12)), None, 0, "m", labels[0], families=FAMILIES)
 
 
 def colours(figure: Figure, labels: list[str]) -> dict[str, tuple[float, ...]]:
@@ -60,39 +69,109 @@ def colours(figure: Figure, labels: list[str]) -> dict[str, tuple[float, ...]]:
 
 @thinned("draw", [over_time, over_cases, over_an_axis, by_component], every=2)
 def test_every_figure_draws_an_estimator_in_its_colour(draw):
-    for labels in (["ekf", "gauss-newton", "mine"], ["mine", "ukf", "ekf"], ["ekf"]):
+    styles = line_styles(FAMILIES)
+    for labels in (["ekf", "mine"], ["mine", "ukf", "ekf"], ["ekf"]):
         found = colours(draw(labels), labels)
         assert found
-        assert found == {label: to_rgba(line_styles([label])[label].color) for label in found}
+        assert found == {label: to_rgba(styles[label].color) for label in found}
+
+
+def families(labels: list[str]) -> dict[str, str]:
+    return {label: registry.choose(label).family for label in labels}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_no_two_estimators_of_a_scenario_share_a_style(name):
     """No estimator has the bound's colour, and the INS alone is grey."""
-    drawn = line_styles(SHIPPED[name])
-    assert len(set(drawn.values())) == len(SHIPPED[name])
-    for label, style in drawn.items():
+    styles = line_styles(families(SHIPPED[name]))
+    assert len(set(styles.values())) == len(SHIPPED[name])
+    for label, style in styles.items():
         red, green, blue, _ = to_rgba(style.color)
         assert to_rgba(style.color) != to_rgba(BOUND)
         assert (style.color == INS) == (red == green == blue) == (label == "ins")
 
 
-def test_registered_names_differ_in_colour_and_marker():
-    drawn = line_styles(registry.registered())
-    assert len({(style.color, style.marker) for style in drawn.values()}) == len(drawn)
+def test_every_shipped_estimator_has_a_family_with_a_colour_of_its_own():
+    """A new entry point needs no entry in a figure's list: its class states the family."""
+    assert set(COLOURS) == set(get_args(Family)) and len(set(COLOURS.values())) == len(COLOURS)
+    for point in importlib.metadata.entry_points(group=registry.GROUP):
+        if point.value.startswith("ggbench."):
+            assert point.load().family in set(COLOURS) - {"own"}, point.name
 
 
-def test_an_unknown_estimator_keeps_its_style_in_other_processes():
-    """Ten variants differ; the style does not depend on Python's hash of texts."""
-    own = [f"mine[size={size}]" for size in range(10)]
-    assert len(set(line_styles(["ekf", *own]).values())) == 11
-    code = (
-        "from ggbench.figures.line_styles import line_styles\n"
-        "print(tuple(line_styles(['mine'])['mine']))"
+def test_a_twin_shares_the_colour_and_differs_in_line_and_marker():
+    styles = line_styles(families([*TWINS.values(), *TWINS]))
+    for twin, original in TWINS.items():
+        one, other = styles[twin], styles[original]
+        assert one.color == other.color and one.ls != other.ls and one.marker != other.marker
+
+
+@pytest.mark.parametrize("base", ["Estimator", "ExtendedKalmanFilter"])
+def test_an_estimator_of_a_file_has_a_colour_that_no_shipped_one_has(tmp_path, base):
+    """Even one that derives from a shipped estimator."""
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from dataclasses import dataclass\n"
+        "from ggbench.problem import Estimator\n"
+        "from ggbench.estimators.ekf import ExtendedKalmanFilter\n"
+        f"@dataclass(frozen=True)\nclass Mine({base}):\n"
+        "    name = 'mine'\n    causality = 'filter'\n"
+        "    def estimate(self, problem, rng): ...\n"
     )
-    seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
-    printed = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-        env=os.environ | {"PYTHONHASHSEED": seed},
-    ).stdout  # fmt: skip
-    assert printed == f"{tuple(line_styles(['mine'])['mine'])}\n"
+    labels = [str(file), *registry.registered()]
+    styles = line_styles(families(labels))
+    own = styles.pop(str(file)).color
+    assert own == COLOURS["own"] and own not in {style.color for style in styles.values()}
+
+
+def test_an_estimator_of_another_package_states_a_family_or_is_its_own():
+    assert Estimator.family == "own"
+    assert line_styles({"theirs": "of a later version"})["theirs"].color == COLOURS["own"]
+
+
+def test_many_variants_differ():
+    """Fifty variants of one estimator have fifty styles."""
+    styles = line_styles({f"ekf[size={size}]": "kalman" for size in range(50)})
+    assert len(set(styles.values())) == 50
+
+
+def test_an_estimator_of_ones_own_is_drawn_on_top():
+    """Thinnest and last, so that equal curves stay visible; the INS is drawn first."""
+    order = stacked(["mine", "ekf", "ins", "ukf"], FAMILIES)
+    assert [label for label, _ in order] == ["ins", "ekf", "ukf", "mine"]
+    widths = [width for _, width in order]
+    assert widths == sorted(widths, reverse=True) and widths[-1] >= 1.0
+
+
+SIGHT = {
+    "normal": np.eye(3),
+    "protanopia": [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
+    "deuteranopia": [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
+    "tritanopia": [[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]],
+}
+"""What is left of linear RGB (Machado, Oliveira & Fernandes 2009, severity 1)."""
+
+
+def lab(colour: str, sight: str) -> np.ndarray:
+    """CIE L*a*b* of a colour as it is seen."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    to_xyz = np.array(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    )
+    xyz = to_xyz @ np.clip(np.asarray(SIGHT[sight]) @ linear, 0.0, 1.0) / [0.9505, 1.0, 1.089]
+    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16.0 / 116.0)
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+@pytest.mark.parametrize("sight", SIGHT)
+def test_colours_of_families_can_be_told_apart_by_the_colour_blind(sight):
+    """At least 12 apart in L*a*b*, where 2.3 is just noticeable; dark yellow and red are not."""
+    drawn = [*COLOURS.values(), BOUND]
+    distances = [
+        np.linalg.norm(lab(one, sight) - lab(other, sight))
+        for one, other in itertools.combinations(drawn, 2)
+    ]
+    assert min(distances) > 12.0
+    if sight == "deuteranopia":
+        assert np.linalg.norm(lab("#a08a00", sight) - lab("#d55e00", sight)) < 12.0

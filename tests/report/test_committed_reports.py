@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from ggbench.campaign.result_keys import RESULTS_VERSION
-from ggbench.report import render, tables
+from ggbench.report import page_templates, tables
 from ggbench.spec import scenario
 
 REPORTS = Path(__file__).parents[2] / "reports"
@@ -20,7 +20,9 @@ MOST_WORDS, MOST_BYTES = 12_000, 8_000_000
 PAGES = [
     path
     for path in sorted(REPORTS.glob("*.md"))
-    if path.read_text(encoding="utf-8").startswith(f"<!-- ggbench page {render.PAGE_VERSION} -->")
+    if path.read_text(encoding="utf-8").startswith(
+        f"<!-- ggbench page {page_templates.PAGE_VERSION} -->"
+    )
 ]
 CURRENT = bool(PAGES) and (REPORTS / "README.md") in PAGES
 """Whether the whole library is of today's layout."""

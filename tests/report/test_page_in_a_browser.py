@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -61,14 +62,14 @@ def choose(page: Any, title: str) -> None:
 
 
 def test_figures_and_page_fit_the_width(page):
-    """Nothing is cut: neither of all cases, nor of one."""
+    """A figure that is wider than a telephone is scrolled in its frame, and stays legible."""
     for title in ("All cases", "with ten times the noise"):
         choose(page, title)
         width = page.viewport_size["width"]
         assert page.evaluate("document.documentElement.scrollWidth") <= width
-        box = page.locator(".chart svg").first.bounding_box()
-        assert box["x"] >= 0 and box["x"] + box["width"] <= width
-        assert box["width"] > 0.85 * width and box["height"] > 200
+        frame, box = (page.locator(name).first.bounding_box() for name in (".chart", ".chart svg"))
+        assert frame["x"] >= 0 and frame["x"] + frame["width"] <= width
+        assert 500 < box["width"] < 1000 and box["height"] > 100
 
 
 def test_a_table_is_sorted_by_numbers_and_filtered(page):
@@ -87,12 +88,49 @@ def test_a_table_is_sorted_by_numbers_and_filtered(page):
 
 
 def test_an_estimator_is_switched_in_the_legend(page):
+    """Its lines and intervals vanish and come back."""
     choose(page, "as it is")
-    lines = page.locator(".chart g.mark-line.role-mark path")
-    before = lines.count()
-    page.locator(".chart g.role-legend-label text", has_text="ins").first.click()
-    page.wait_for_timeout(300)
-    assert lines.count() == before - 1
+    lines = page.locator(".chart [id^=series-0-]").first
+    name = page.locator(".chart [id=legend-0-0]")
+    assert name.text_content().strip() == "INS" and lines.is_visible()
+    name.click()
+    assert not lines.is_visible()
+    name.click()
+    assert lines.is_visible()
+
+
+VERTEX = """(name) => {
+  const path = document.querySelector(`.chart [id=${name}] path`);
+  const [, x, y] = path.getAttribute("d").match(/^M ([-\\d.]+) ([-\\d.]+)/);
+  const point = new DOMPoint(Number(x), Number(y)).matrixTransform(path.getScreenCTM());
+  return [point.x, point.y];
+}"""
+
+
+def test_the_value_under_the_pointer_is_shown(page):
+    """Name, time and error of the nearest point; nothing away from all lines."""
+    choose(page, "as it is")
+    place = page.evaluate(VERTEX, "series-0-0")
+    page.mouse.move(*place)
+    tip = page.locator(".tip")
+    series, time, error = tip.inner_text().split("\n")
+    assert "INS" in series and time.startswith("time [s]: 1.00")
+    assert re.fullmatch(r"RMS position \[m\]: [\d.]+", error)
+    page.mouse.move(place[0], place[1] - 300)
+    assert not tip.is_visible()
+
+
+def test_a_figure_is_zoomed_and_reset(page):
+    choose(page, "as it is")
+    svg = page.locator(".chart svg")
+    whole = svg.get_attribute("viewBox")
+    page.mouse.move(*page.evaluate(VERTEX, "series-0-0"))
+    page.mouse.wheel(0, -300)
+    page.wait_for_timeout(100)
+    before, after = (float(box.split()[2]) for box in (whole, svg.get_attribute("viewBox")))
+    assert after < 0.7 * before
+    page.mouse.dblclick(*page.evaluate(VERTEX, "series-0-0"))
+    assert svg.get_attribute("viewBox") == whole
 
 
 def test_heads_are_explained(page):

@@ -15,7 +15,17 @@ import pytest
 from campaigns import ran, small
 from problems import SMALL
 
-from ggbench.report import columns, html_page, libraries, library, render
+from ggbench.report import (
+    columns,
+    html_page,
+    libraries,
+    library,
+    markdown_page,
+    pictures,
+    render,
+    reported,
+)
+from ggbench.report.reported import Reported
 from ggbench.results.folder import Results
 
 LABELS = ("ins", "ekf", "ukf", "factor-graph[mode=batch]")
@@ -141,9 +151,8 @@ def test_the_html_page_has_all_windows_and_their_numbers(output):
         assert np.sort(shown) == pytest.approx(np.sort(wanted), rel=1e-3, nan_ok=True)
     windows = held_texts(data, "metrics", "window")
     assert windows == {"settled", "whole", "last20"}
-    assert set(data["curves"]) == {"base", "noisy"}
-    encoding = data["charts"]["overTime"]["layer"][0]["encoding"]
-    assert set(encoding["color"]["scale"]["domain"]) == set(data["curves"]["base"]["lines"])
+    assert set(data["figures"]) == {"", "base", "noisy"}
+    assert {"INS", *LABELS[1:]} <= set(data["figures"]["base"]["picture"]["names"])
     assert {case["title"] for case in data["cases"]} >= {"with ten times the noise"}
     results.store.close()
 
@@ -154,13 +163,14 @@ def held_texts(data: dict, table: str, column: str) -> set[str]:
 
 
 def test_the_html_page_is_small_and_loads_nothing(output):
-    """Its policy allows the two scripts that it carries, and names in it are text."""
+    """Its policy allows the one script that it carries, and names in it are text."""
     text = (output / "small.html").read_text(encoding="utf-8")
     assert len(text.encode()) < html_page.MOST_BYTES
     policy = html.unescape(text.partition("<title>")[0])
-    assert "default-src 'none'" in policy and len(re.findall(r"'sha256-[^']+'", policy)) == 2
+    assert "default-src 'none'" in policy and len(re.findall(r"'sha256-[^']+'", policy)) == 1
+    assert "unsafe-eval" not in policy
     executed = [tag for tag in scripts_of(text) if tag in (None, "module")]
-    assert len(executed) == 2
+    assert len(executed) == 1
     assert HOSTILE not in text.partition("</title>")[2].partition("<script")[0]
     assert not re.findall(r"(?:src|href)=\"(?!#)[^\"]+\"", text.partition("<script")[0])
 
@@ -168,25 +178,46 @@ def test_the_html_page_is_small_and_loads_nothing(output):
 @pytest.mark.long
 def test_a_page_that_is_too_large_loses_pairs_then_windows(output, monkeypatch, tmp_path):
     """What is left out is in the data; a page that is too large even so is refused."""
-    results = Results(output.parent / "out")
-    sizes = [len(html_page.text(results, "", *size).encode()) for size in html_page._SIZES]
+    results = Reported(output.parent / "out")
+    picture = pictures.of_answer(results)
+    monkeypatch.setattr(html_page, "_MOST_DRAWN", 1)
+    figures = html_page._figures(results, picture)
+    sizes = [len(html_page.text(results, figures, "", *size).encode()) for size in html_page._SIZES]
     assert sizes == sorted(sizes, reverse=True) and sizes[0] > sizes[2]
     monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2])
-    data = data_of(html_page.write(results, tmp_path / "page.html", ""))
+    data = data_of(html_page.write(results, picture, tmp_path / "page.html", ""))
     assert held_texts(data, "metrics", "window") == {"settled"}
     monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2] - 1)
     with pytest.raises(libraries.PageError, match="report fewer cases or estimators"):
-        html_page.write(results, tmp_path / "page.html", "")
+        html_page.write(results, picture, tmp_path / "page.html", "")
     results.store.close()
 
 
 def test_a_page_warns_of_an_estimator_that_may_have_seen_the_truth(output, monkeypatch, tmp_path):
     """Above all numbers."""
-    monkeypatch.setattr(Results, "seeking", {"spy.py": "gc"})
-    results = Results(output.parent / "out")
-    text = render.page(results, tmp_path / "small", "", with_cost=False)
+    monkeypatch.setattr(Reported, "seeking", {"spy.py": "gc"})
+    results = Reported(output.parent / "out")
+    picture = pictures.of_answer(results)
+    text = markdown_page.text(results, picture, tmp_path / "small", "", with_cost=False)
     results.store.close()
     assert 0 < text.index("**Read with care.** `spy.py` uses gc and may") < text.index("\n|")
+
+
+def test_an_estimator_has_its_own_name_in_tables_figures_and_data(output, monkeypatch, tmp_path):
+    """Tables, figures and series know the shown name; the command keeps the file."""
+    monkeypatch.setattr(
+        reported, "shown_names", lambda names: {k: "mine" if k == "ekf" else k for k in names}
+    )
+    results = Reported(output.parent / "out")
+    picture = pictures.of_answer(results)
+    text = markdown_page.text(results, picture, tmp_path / "small", "", with_cost=False)
+    results.write_data(tmp_path / "data")
+    assert "`mine`" in text and "`ekf`" not in text.partition("## Conditions")[0]
+    assert "mine" in picture.figure.series and "ekf" not in picture.figure.series
+    assert "mine" in set(pd.read_csv(tmp_path / "data" / "metrics.csv")["estimator"])
+    assert results.families["mine"] == "kalman" and len(results.series("base", "mine")) == 6
+    assert "-e ekf" in results.rerun()
+    results.store.close()
 
 
 def test_without_the_extra_there_is_markdown_alone(output, monkeypatch, tmp_path):

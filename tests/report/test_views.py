@@ -26,8 +26,8 @@ def test_estimators_with_fewer_runs_are_left_out_of_a_comparison():
     """Of tables, figures and groups; a page names them."""
     table = metrics(runs={"gaussian-sum": 10})
     assert "gaussian-sum" not in set(views.comparable(table)["estimator"])
-    assert "gaussian-sum" not in views.families(table, cases())
-    assert "gaussian-sum" in views.families(metrics(), cases())
+    assert "gaussian-sum" not in views.drawn_estimators(table, cases())
+    assert "gaussian-sum" in views.drawn_estimators(metrics(), cases())
     assert views.left_out(table, cases()) == ["gaussian-sum"]
 
 
@@ -97,7 +97,7 @@ def test_a_figure_has_six_families_at_most():
     """One estimator of each name and causality; those of the table come first."""
     errors = {"ins": 9.0, "ekf": 5.0, "ekf[iterations=5]": 4.0, "factor-graph": 3.0}
     errors |= {"factor-graph[mode=batch]": 2.0} | {f"filter-{k}": 10.0 + k for k in range(9)}
-    found = views.families(metrics(errors=errors), cases(best="filter-8"))
+    found = views.drawn_estimators(metrics(errors=errors), cases(best="filter-8"))
     assert found[:3] == ["ekf", "filter-8", "factor-graph[mode=batch]"]
     assert len(found) == 6 and "ins" not in found and "ekf[iterations=5]" not in found
     assert CAUSALITY["factor-graph[mode=batch]"] == "batch" and "factor-graph" in found

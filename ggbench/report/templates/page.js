@@ -46,10 +46,6 @@ function rowsOf(name, wanted) {
   const rows = (values[0] ?? []).map((_, row) => values.map((column) => column[row]));
   return wanted === null || at < 0 ? rows : rows.filter((row) => row[at] === wanted);
 }
-function objectsOf(name, wanted) {
-  const { columns } = data.tables[name];
-  return rowsOf(name, wanted).map((row) => Object.fromEntries(columns.map((key, k) => [key, row[k]])));
-}
 
 const escaped = document.createElement("span");
 function plain(text) { escaped.textContent = text; return escaped.innerHTML; }
@@ -89,63 +85,19 @@ function addTable(parent, name, wanted) {
   });
 }
 
-// Drawn in the width that there is, with as many columns in the legend as fit.
-async function addChart(parent, spec, values, caption, height) {
-  const figure = document.createElement("figure");
-  const place = document.createElement("div");
-  place.className = "chart";
-  const words = document.createElement("figcaption");
-  words.textContent = `${caption} ${HINT}`;
-  figure.append(place, words);
-  parent.append(figure);
-  const width = place.clientWidth;
-  const columns = Math.max(1, Math.min(4, Math.floor(width / 230)));
-  const full = structuredClone(spec);
-  full.config.legend = { ...full.config.legend, columns, labelLimit: width / columns - 40 };
-  full.config.axisY = { labelLimit: Math.max(90, 0.4 * width) };
-  full.data = { values };
-  full.height = height;
-  await vegaEmbed(place, full, { mode: "vega-lite", renderer: "svg", actions: false });
-}
-
-function wrapped(text, letters) {
-  const lines = [""];
-  for (const word of text.split(" ")) {
-    if (lines.at(-1) && lines.at(-1).length + word.length >= letters) lines.push("");
-    lines[lines.length - 1] += (lines.at(-1) ? " " : "") + word;
-  }
-  return lines.join("\n");
-}
-
-const titles = Object.fromEntries(data.cases.map(({ case: name, title }) => [name, title]));
 const panel = document.getElementById("panel");
 const RELATED = ["fixes", "counters", "remarks", "failures", "claims", "studies"];
 
-async function showAll() {
-  const few = new Set(data.charts.shown);
-  const rows = objectsOf("metrics", null)
-    .filter((row) => row.window === "settled" && few.has(row.case))
-    .map((row) => ({ name: row.estimator, case: titles[row.case], rms: row.rms_m, lo: row.rms_lo,
-      hi: row.rms_hi, success: row.success }));
-  for (const row of objectsOf("cases", null)) {
-    if (few.has(row.case)) rows.push({ name: data.charts.bound, case: titles[row.case], rms: row.bound_m });
-  }
-  const letters = Math.max(12, Math.floor(panel.clientWidth / 24));
-  for (const row of rows) row.case = wrapped(row.case, letters);
-  await addChart(panel, data.charts.byCase, rows, "RMS position error in the settled window, by case.",
-    Math.max(220, 80 * few.size));
+function showAll() {
+  addFigure(panel, data.figures[""].picture, `${data.figures[""].caption}. ${HINT}`);
   for (const name of ["cases", ...Object.keys(data.tables).filter((name) => !["cases", "metrics", "pairs"].includes(name))]) {
     addTable(panel, name, null);
   }
 }
 
-async function showCase(name) {
-  const held = data.curves[name];
-  if (held) {
-    const values = Object.entries(held.lines).flatMap(([label, line]) =>
-      line.map((rms, k) => ({ name: label, time: held.times[k], rms })));
-    await addChart(panel, data.charts.overTime, values, "RMS position error over time.", 320);
-  }
+function showCase(name) {
+  const drawn = data.figures[name];
+  if (drawn) addFigure(panel, drawn.picture, `${drawn.caption}. ${HINT}`);
   addTable(panel, "metrics", name);
   addTable(panel, "pairs", name);
   for (const other of RELATED) {
@@ -153,7 +105,7 @@ async function showCase(name) {
   }
 }
 
-async function select(tab) {
+function select(tab) {
   document.body.dataset.ready = "no";
   for (const other of document.querySelectorAll("[role=tab]")) {
     other.setAttribute("aria-selected", String(other === tab));
@@ -162,7 +114,8 @@ async function select(tab) {
   const title = document.createElement("h2");
   title.textContent = tab.textContent;
   panel.append(title);
-  await (tab.dataset.case === undefined ? showAll() : showCase(tab.dataset.case));
+  if (tab.dataset.case === undefined) showAll();
+  else showCase(tab.dataset.case);
   document.body.dataset.ready = "yes";
 }
 
@@ -175,4 +128,4 @@ for (const entry of [{ title: "All cases" }, ...data.cases]) {
   tab.addEventListener("click", () => select(tab));
   list.append(tab);
 }
-await select(list.firstElementChild);
+select(list.firstElementChild);

@@ -1,0 +1,89 @@
+"""Figures for a browser: SVG whose script knows the series and the scales of the axes.
+
+The script ``figure.js`` of the HTML page shows the values under the pointer, switches series in the
+legend, and zooms. The picture itself is the one that :func:`.style.save` writes.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Set
+from typing import Any, Literal
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator
+
+from .style import Drawing
+
+_DECIMALS = re.compile(r"(\.\d\d)\d+")
+
+
+def picture(figure: Drawing, hidden: Set[str] = frozenset()) -> dict[str, Any]:
+    """Return a figure as SVG, with what a script needs to read values from it.
+
+    Groups are named: ``series-2-0`` and ``range-2-1`` are points and an interval of the third
+    series, ``legend-2-0`` is its name in the legend, and ``panel-0`` the first axes.
+
+    Parameters
+    ----------
+    figure : with the series that it shows (:meth:`.style.Drawing.attribute`).
+    hidden : series that are not visible at first.
+
+    Returns
+    -------
+    dict
+        ``svg``; ``names`` of the series; ``hidden``, numbers of those that are not visible at
+        first; ``panels``, of each axes its ``x`` and ``y`` scale.
+    """
+    for number, (name, artists) in enumerate(figure.series.items()):
+        for place, artist in enumerate(artists):
+            # Intervals and bands have no points that can be pointed at.
+            kind = "series" if isinstance(artist, Line2D) or place == 0 else "range"
+            artist.set_gid(f"{kind}-{number}-{place}")
+        for legend in figure.legends:
+            texts = [text.get_text() for text in legend.get_texts()]
+            if name in texts:
+                at = texts.index(name)
+                legend.get_texts()[at].set_gid(f"legend-{number}-0")
+                handle = legend.legend_handles[at]
+                if handle is not None:
+                    handle.set_gid(f"legend-{number}-1")
+    for number, axis in enumerate(figure.axes):
+        axis.patch.set_gid(f"panel-{number}")
+    drawn = io.StringIO()
+    figure.savefig(drawn, format="svg", metadata={"Date": None, "Creator": None})
+    names = list(figure.series)
+    return {
+        "svg": _compact(drawn.getvalue()),
+        "names": names,
+        "hidden": [k for k, name in enumerate(names) if name in hidden],
+        "panels": [{"x": _scale(axis, "x"), "y": _scale(axis, "y")} for axis in figure.axes],
+    }
+
+
+def _scale(axes: Axes, which: Literal["x", "y"]) -> dict[str, Any]:
+    """Return the limits of an axis, left to right or bottom to top, its kind, label and names."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    limits = axes.get_xlim() if which == "x" else axes.get_ylim()
+    sharing = axes.get_shared_x_axes() if which == "x" else axes.get_shared_y_axes()
+    siblings = sharing.get_siblings(axes)
+    labels = [each.get_xlabel() if which == "x" else each.get_ylabel() for each in siblings]
+    named = isinstance(axis.get_major_locator(), FixedLocator)
+    names = [text.get_text() for text in axis.get_ticklabels()] if named else []
+    return {
+        "limits": [float(limit) for limit in limits],
+        "log": axis.get_scale() == "log",
+        "label": max(labels).replace("\n", " "),
+        "names": [name.replace("\n", " ") for name in names],
+    }
+
+
+def _compact(svg: str) -> str:
+    """Return the element of an SVG file, of any size, with coordinates of two decimals."""
+    element = svg[svg.index("<svg") :].strip()
+    element = re.sub(r'^(<svg[^>]*?) width="[^"]*"', r"\1", element)
+    element = re.sub(r'^(<svg[^>]*?) height="[^"]*"', r"\1", element)
+    element = re.sub(r"\n\s*", "\n", element)
+    return re.sub(r' (?:d|x|y)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), element)

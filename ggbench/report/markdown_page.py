@@ -1,0 +1,92 @@
+"""The markdown page of a scenario, of a screen or two."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pandas as pd
+
+from ..figures.style import save
+from . import pictures, published, sweeps, tables, views
+from .answers import answer
+from .conditions import conditions
+from .page_templates import markdown
+from .pictures import Picture
+from .reported import Reported
+
+ANSWER, EXPLANATION = "answer.png", "error_over_time.png"
+"""Files of the figures."""
+_ON_GRAVITY = (
+    "Published improvements by a known gravity disturbance, and the largest error of an "
+    "otherwise perfect INS that the disturbance causes"
+)
+_ON_ESTIMATORS = "Claims of the source on pairs of estimators"
+
+
+def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cost: bool) -> str:
+    """Return the page of a scenario as markdown, and write its figures into a folder.
+
+    Parameters
+    ----------
+    results, picture : what is reported, and the figure that answers the scenario's question.
+    folder : folder of the figures.
+    notes : the scenario's, in markdown.
+    with_cost : whether the page of the suite, which has the column of costs, is next to it.
+    """
+    loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
+    shown = sweeps.shown_cases(results)
+    save(picture.figure, folder / ANSWER)
+    claims, claims_caption = published.gravity_claims(results), _ON_GRAVITY
+    if claims.empty:
+        claims, claims_caption = published.claimed(results), _ON_ESTIMATORS
+    stated = answer(results)
+    return markdown(
+        "scenario.md.j2",
+        name=loaded.name,
+        title=loaded.title,
+        answer=stated,
+        targets=stated["targets"].iloc[: tables.MOST_ROWS],
+        caption=picture.caption,
+        picture=ANSWER,
+        folder=quote(loaded.name),
+        table=tables.text(views.answer_table(metrics, results.pairs(), shown)),
+        seeking=results.seeking,
+        failed=int(metrics.groupby(["case", "estimator"])["failed"].first().sum()),
+        left_out=views.left_out(metrics, shown),
+        below_bound=views.below_bound(metrics, shown),
+        claims_caption=claims_caption,
+        claims=claims.iloc[: tables.MOST_ROWS],
+        hidden_claims=max(0, len(claims) - tables.MOST_ROWS),
+        conditions=conditions(loaded.cases, cases),
+        titles={case.name: case.title for case in loaded.cases},
+        notes=notes,
+        command=results.rerun(),
+        manifest=results.manifest,
+        with_cost=with_cost,
+        **_published(results, stated["allowed"], folder),
+    )
+
+
+def _published(results: Reported, allowed: pd.DataFrame, folder: Path) -> dict[str, Any]:
+    """Return the values of ``published.j2``; nothing without published errors."""
+    metrics = results.metrics()
+    if allowed.empty:
+        return {}
+    references = published.referenced(metrics)
+    titles = {case.name: case.title for case in results.scenario.cases}
+    starts = published.from_starts(results, metrics, "ekf")
+    cases = results.cases()
+    if len(starts):
+        labels = views.drawn_estimators(metrics, cases[cases["case"].isin(references)])
+        save(pictures.over_time(results, references, labels).figure, folder / EXPLANATION)
+    values = {
+        "allowed": allowed,
+        "table": published.published_table(metrics, titles),
+        "starts": starts,
+        "filtered": cases[cases["case"].isin(references) & cases["unfiltered_bound_m"].notna()],
+        "picture": EXPLANATION,
+        "caption": "RMS error and bound over time",
+    }
+    return {"published": values}

@@ -1,0 +1,38 @@
+"""Templates of pages, with the formats of numbers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from ..figures.numbers import counted, span
+from . import columns, tables
+from .columns import TEMPLATES
+
+PAGE_VERSION = 2
+"""Number in the first line of a page; pages of other numbers are of another layout."""
+
+
+def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Environment:
+    """Return the environment of a folder of templates, with the formats of numbers as filters."""
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(templates), autoescape=html,
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    made.filters |= {
+        "metres": columns.metres, "ratio": columns.ratio, "share": columns.share,
+        "table": tables.text,
+    }  # fmt: skip
+    made.globals |= {
+        "names": tables.names, "counted": counted, "span": span, "page_version": PAGE_VERSION,
+    }  # fmt: skip
+    return made
+
+
+def markdown(template: str, templates: Path = TEMPLATES, **values: Any) -> str:
+    """Return a markdown page, without empty lines in a row."""
+    text = environment(templates=templates).get_template(template).render(values)
+    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"

@@ -1,0 +1,116 @@
+"""Results as reports show them: estimators of files by their own names, and all tables by name."""
+
+from __future__ import annotations
+
+import shlex
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..estimator_spec import shown_names
+from ..results import digest
+from ..results.folder import Results, as_argument
+from . import published
+
+_LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother")
+"""Columns of tables that name estimators."""
+
+
+class Reported(Results):
+    """A results folder whose tables name estimators as reports show them.
+
+    An estimator of a file has the name of its class, ``mine[gain=2]`` for ``a/file.py[gain=2]``,
+    unless another one has it, too. Commands keep the file.
+    """
+
+    @cached_property
+    def shown(self) -> dict[str, str]:
+        """The shown name of each estimator by its label."""
+        metrics = super().metrics()
+        names = dict(zip(metrics["estimator"], metrics["name"], strict=True))
+        return {label: label for label in super().labels} | shown_names(names)
+
+    @property
+    def labels(self) -> list[str]:
+        """The shown names, in the order in which the estimators were asked for."""
+        return [self.shown[label] for label in super().labels]
+
+    @property
+    def families(self) -> dict[str, str]:
+        """The family of each estimator by its shown name."""
+        return {self.shown[label]: family for label, family in super().families.items()}
+
+    @property
+    def seeking(self) -> dict[str, str]:
+        """Names that an estimator's source uses to find truth, by its shown name."""
+        return {self.shown[label]: names for label, names in super().seeking.items()}
+
+    def series(self, case: str, estimator: str) -> np.ndarray:
+        """Return the errors of finished runs of a shown estimator."""
+        labels = {name: label for label, name in self.shown.items()}
+        return super().series(case, labels.get(estimator, estimator))
+
+    def runs(self) -> pd.DataFrame:
+        """Return the table of runs."""
+        return self._named(super().runs())
+
+    def metrics(self) -> pd.DataFrame:
+        """Return a row per case, estimator and window."""
+        return self._named(super().metrics())
+
+    def pairs(self) -> pd.DataFrame:
+        """Return every two estimators of a kind in each case."""
+        return self._named(super().pairs())
+
+    def cases(self) -> pd.DataFrame:
+        """Return a row per case: set-up, bounds and verdicts."""
+        return self._named(super().cases())
+
+    def further_tables(self) -> dict[str, pd.DataFrame]:
+        """Return the tables besides metrics, cases and pairs that are not empty, by name."""
+        tables = {
+            "studies": self._named(self.studies()),
+            "claims": published.claimed(self),
+            "gravity_claims": published.gravity_claims(self),
+            "fixes": self._named(self.fix_metrics()),
+            "counters": self._named(self.counters()),
+            "remarks": self._remarks(),
+            "failures": self._named(self.failures()),
+        }
+        return {name: table for name, table in tables.items() if len(table)}
+
+    def write_data(self, folder: Path) -> None:
+        """Write the digest, and the other tables that are not empty, into a folder."""
+        digest.write(self, folder)
+        for name, table in self.further_tables().items():
+            digest.write_csv(table, folder / f"{name}.csv")
+
+    def rerun(self) -> str:
+        """Return the command that runs the campaign again."""
+        m = self.manifest
+        left_out = m.get("left_out", {})
+        flags = ""
+        if tuple(m["estimators"]) != tuple(
+            label for label in self.scenario.campaign.estimators if label not in left_out
+        ):
+            flags += "".join(f" -e {shlex.quote(label)}" for label in m["estimators"])
+        if m["cases"] != [case.name for case in self.whole_scenario.cases]:
+            flags += "".join(f" -c {shlex.quote(name)}" for name in m["cases"])
+        flags += " --assumptions" if m["assumptions"] else ""
+        return f"ggbench run {as_argument(m['argument'])} -n {m['runs']} --seed {m['seed']}{flags}"
+
+    def _remarks(self) -> pd.DataFrame:
+        """Return the remarks on the runs of the cases, and the number of runs that each is on."""
+        runs = self.runs()
+        own = runs[(runs["assumption"] == "") & (runs["remark"] != "")]
+        counted = own.groupby(["case", "estimator", "remark"], sort=False)["run"].count()
+        return counted.rename("runs").reset_index()
+
+    def _named(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Return a table with the shown names of estimators."""
+        changed = {label: name for label, name in self.shown.items() if label != name}
+        for key in set(_LABELS) & set(table) if changed else ():
+            table[key] = table[key].map(lambda cell: changed.get(cell, cell))
+        return table
