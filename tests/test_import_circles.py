@@ -18,11 +18,9 @@ Imports = Mapping[str, set[str]]
 
 
 def module_files(root: Path) -> dict[str, Path]:
-    """The files of the package's modules by their dotted names, with the rooms beside ggbench."""
+    """The files of the package's modules by their dotted names, with the estimators beside it."""
     files = {}
-    for folder, above in (
-        ("ggbench", root / "ggbench"), ("matchability", root), ("estimators", root),
-    ):  # fmt: skip
+    for folder, above in (("ggbench", root / "ggbench"), ("estimators", root)):
         for file in (root / folder).rglob("*.py"):
             parts = file.relative_to(above).with_suffix("").parts
             files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
