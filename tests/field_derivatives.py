@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from shipped_fields import disturbing_field
 
 from ggbench.gravity import ellipsoid
-from ggbench.maps.shipped_regions import disturbing_field
 
 SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # (i, j) -> place in the six components
 

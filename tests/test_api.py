@@ -66,7 +66,7 @@ def lazy(tmp_path) -> str:
 def results(tmp_path_factory) -> gg.Results:
     """Two runs over a rough map, in this process."""
     folder = tmp_path_factory.mktemp("api")
-    text = SMALL.replace('source = "normal"', f'source = "{rough_map(folder / "map.npz")}"')
+    text = SMALL.replace('source = "normal"', f'source = "{rough_map(folder / "map.nc")}"')
     return gg.run(small(folder, text), LABELS, runs=2, jobs=0)
 
 
@@ -362,9 +362,9 @@ BAD_CALLS = {
     "cases of a number": (lambda s: gg.run(s, cases=[1]), "cases must be a list of texts, and is"),
     "truth as a problem": (lambda s: gg.estimate(None, "ekf"), "a Problem is estimated, and not"),
     "nothing stored": (lambda s: gg.Results("nowhere"), "nowhere holds no results"),
-    "map by another name": (lambda s: gg.maps.write("m.map", blank_map()), "must be named .*nc or"),
+    "map by another name": (lambda s: gg.maps.write("m.map", blank_map()), "must be named .*nc"),
     "no map": (lambda s: gg.maps.read("gone.nc"), "cannot read the map gone.nc"),
-    "map below a file": (lambda s: gg.maps.write(f"{__file__}/m.npz", blank_map()), "cannot write"),
+    "map below a file": (lambda s: gg.maps.write(f"{__file__}/m.nc", blank_map()), "cannot write"),
 }  # fmt: skip
 
 
@@ -393,14 +393,13 @@ def test_a_folder_of_someone_else(scenario, tmp_path):
         gg.run(tmp_path / "other.toml", "ins", runs=1, jobs=0, output=tmp_path / "out")
 
 
-@pytest.mark.parametrize("suffix", [".nc", ".npz"])
-def test_a_map_is_read_as_it_was_written(suffix, tmp_path):
-    """Both formats keep every number of a map in memory."""
+def test_a_map_is_read_as_it_was_written(tmp_path):
+    """The file keeps every number of a map in memory."""
     made = blank_map(count=6)
     made.tensor[:] = np.random.default_rng(1).standard_normal(made.tensor.shape)
     made.tensor[..., 5] = -made.tensor[..., 0] - made.tensor[..., 3]  # a field has no trace
-    gg.maps.write(str(tmp_path / f"map{suffix}"), made)
-    found = gg.maps.read(str(tmp_path / f"map{suffix}"))
+    gg.maps.write(str(tmp_path / "map.nc"), made)
+    found = gg.maps.read(str(tmp_path / "map.nc"))
     assert np.array_equal(found.tensor, made.tensor)
     assert found.latitude0 == pytest.approx(made.latitude0, abs=1e-15)
 

@@ -27,7 +27,7 @@ from ggbench.cli.tables import write_csv
 from ggbench.errors import GGBenchError
 from ggbench.figures.style import save
 from ggbench.files import written_whole
-from ggbench.maps import archive, netcdf
+from ggbench.maps import netcdf
 from ggbench.recorded.columns import write_text
 from ggbench.report import html_page
 from ggbench.results.database import StoreError
@@ -73,13 +73,12 @@ def a_page(path, monkeypatch):
 
 WRITERS = {
     "m.nc": lambda path, _: netcdf.write(path, a_map()),
-    "m.npz": lambda path, _: archive.write(path, a_map()),
     "figure.png": lambda path, _: save(a_figure(), path),
     "page.html": a_page,
     "table.csv": lambda path, _: write_csv(pd.DataFrame(_NUMBERS), path),
     "flight.csv": lambda path, _: write_text(path, "x" * 100_000),
 }
-SAYING_SIZES = ("m.nc", "m.npz", "page.html")
+SAYING_SIZES = ("m.nc", "page.html")
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -74,7 +74,7 @@ def case_of(name: str) -> CaseSpec:
     for key in ("notes", "assumption", "claim", "comparison", "campaign"):
         document.pop(key, None)
     document["case"] = [change for change in document["case"] if change["name"] == case]
-    document["field"] = {"source": rough_map(Path(FOLDER.name) / "map.npz")}
+    document["field"] = {"source": rough_map(Path(FOLDER.name) / "map.nc")}
     document["field"]["gravity_disturbance"] = True
     track = {key: document["trajectory"][key] for key in ("speed_mps", "heading_deg")}
     track |= {"latitude_deg": 33.5, "longitude_deg": 108.0, "height_m": 1e4}

@@ -271,7 +271,6 @@ ARRAYS = {
         {"lat": _LATITUDES, "lon": _LONGITUDES, "z": _FIELD},
         gravity_grid("anomaly"),
     ),
-    "map.npz": (vars(blank_map(count=8)), read_map),
     "map.nc": ({}, read_map),
 }  # fmt: skip
 """Arrays in files that a flipped byte only makes unreadable, and their readers."""

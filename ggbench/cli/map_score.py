@@ -70,7 +70,7 @@ def score(
 ) -> None:
     """Score the cells of a MAP: where is it worth matching.
 
-    MAP is a file *.nc or *.npz, or the name of a shipped region or terrain. Each cell gets the
+    MAP is a file *.nc, or the name of a shipped region or terrain. Each cell gets the
     statistics of the literature and their index by principal components; the accuracy that
     Fisher's information of a track through it allows; and A_min, how far the likeliest wrong place
     is from being taken for the right one. None of these has seen an error of a flight.

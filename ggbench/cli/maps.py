@@ -134,24 +134,24 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
         if options[key] is not None and options[key].resolve() == output.resolve():
             raise MapError(f"the map file {output} would overwrite what it is made of.")
     started = time.monotonic()
-    wishes = _wishes(options)
+    request = _request(options)
     survey_maps.require_alone(options, [key for key in _SOURCES if key != "lines"])
     if options["lines"] is not None:
         if options["void"] or options["clearance"] is not None:
             raise MapError("--void and --clearance go with terrains and grids, not with --lines.")
-        made = survey_maps.planned(options, wishes, _command(options))
+        made = survey_maps.planned(options, request, _command(options))
     else:
-        made = plan.plan(_inputs(options), wishes, _command(options))
+        made = plan.plan(_inputs(options), request, _command(options))
     _warn_of_densities(options)
-    watched = plan.Watched(made.layers())
+    layers_with_rms = plan.LayersWithRms(made.layers())
     netcdf.write_layers(
-        output, made.nodes, watched, made.attributes, precision, compression, made.errors
+        output, made.nodes, layers_with_rms, made.attributes, precision, compression, made.errors
     )
     elapsed = time.monotonic() - started
     for remark in made.remarks:
         click.echo(f"Note: {remark}.")
     _describe(made.nodes, made.attributes)
-    _print_rms(made.nodes, watched.rms)
+    _print_rms(made.nodes, layers_with_rms.rms)
     click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
 
 
@@ -184,16 +184,16 @@ def _inputs(options: dict[str, Any]) -> Any:
     )
 
 
-def _wishes(options: dict[str, Any]) -> Any:
+def _request(options: dict[str, Any]) -> Any:
     """Bounds and spacings of a map."""
     from ..gravity.gradient_map import MapError
-    from ..maps.nodes import Wishes
+    from ..maps.nodes import GridRequest
 
     seconds, minutes = options["spacing_arcsec"], options["spacing_arcmin"]
     if seconds is not None and minutes is not None:
         raise MapError("--spacing-arcsec and --spacing-arcmin are the same: give one of them.")
     spacing = minutes / 60.0 if minutes is not None else None
-    return Wishes(
+    return GridRequest(
         south_deg=options["south"],
         north_deg=options["north"],
         west_deg=options["west"],
@@ -233,15 +233,15 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
     wanted = nodes.height_m[0] if height is None else height
     drawn = int(abs(nodes.height_m - wanted).argmin())
     chosen: Any = None
-    watched = plan.Watched(layers)
-    for index, layer in enumerate(watched):
+    layers_with_rms = plan.LayersWithRms(layers)
+    for index, layer in enumerate(layers_with_rms):
         if index == drawn:
             chosen = layer
     _describe(nodes, attributes)
     for key in ("parameters", "source_files", "history", "ggbench_version"):
         if attributes.get(key):
             console.out(f"{key}: {attributes[key]}")
-    _print_rms(nodes, watched.rms)
+    _print_rms(nodes, layers_with_rms.rms)
     if output is not None and chosen is not None:
         from ..figures.map_components import map_components
         from ..figures.style import save

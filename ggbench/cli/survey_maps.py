@@ -83,10 +83,10 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
         )
 
 
-def planned(options: dict[str, Any], wishes: Any, command: str) -> Any:
+def planned(options: dict[str, Any], request: Any, command: str) -> Any:
     """Return the plan of a map of survey lines; write the model of their noise, if asked for."""
     from ..gravity.gradient_map import MapError
-    from ..maps.survey_fit import Wanted
+    from ..maps.survey_fit import FitOptions
     from ..maps.survey_plan import SurveyInputs, doubts, fit_survey, plan_survey
 
     if options["noise"] is not None and options["noise"].suffix != ".json":
@@ -101,11 +101,11 @@ def planned(options: dict[str, Any], wishes: Any, command: str) -> Any:
         axes=options["axes"],
         quantity=options["quantity"],
         leave_out=options["leave_out"],
-        wanted=Wanted(options["depth"], options["source_spacing"], options["damping"]),
+        fit_options=FitOptions(options["depth"], options["source_spacing"], options["damping"]),
     )
     fit = fit_survey(inputs, click.echo)
     click.echo(f"Chosen: {fit.settings}.")
-    made = plan_survey(inputs, fit, wishes, command)
+    made = plan_survey(inputs, fit, request, command)
     if doubt := doubts(fit):
         click.echo(f"Warning: {doubt}.")
     _print_errors(made.errors, fit.lines.quantity)

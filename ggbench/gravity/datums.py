@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .optional_modules import imported
 from .terrain import TerrainError
 
 _NEAR_M = 5.0
@@ -30,8 +31,6 @@ def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
 
     Raises TerrainError if rasterio is not installed.
     """
-    from .rasters import imported
-
     warp = imported("rasterio.warp", path)
     (east,), (north,) = warp.transform(crs, "EPSG:4326", [longitude], [latitude])[:2]
     off = np.array([(east - longitude + 180.0) % 360.0 - 180.0, north - latitude])
@@ -73,8 +72,6 @@ def require_wgs84(
         )
     if not isinstance(wkt, str) or not wkt.strip():
         return
-    from .rasters import imported
-
     try:
         crs = imported("rasterio.crs", path).CRS.from_wkt(wkt)
         another = crs.is_geographic and is_another(crs, *place, path)

@@ -6,7 +6,6 @@ Rasterio is imported when a file needs it: it is an optional part of the install
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import struct
 import sys
@@ -22,6 +21,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from ..errors import text_of
 from .datums import is_another, name_of, vertical
 from .meridians import Area
+from .optional_modules import imported
 from .regular_grid import Grid, check_size, regular_grid
 from .terrain import FEWEST_NODES, TerrainError
 from .units import HEIGHTS, Units, upward
@@ -30,20 +30,6 @@ from .voids import marks_removed, without_voids
 Array = NDArray[np.floating]
 
 _GEOSOFT_ELEMENTS = {1, 2, 4, 8, 1025, 1026, 1028, 1032}  # bytes, and with compression
-
-
-def imported(module: str, path: Path) -> Any:
-    """Return an optional module that a file needs.
-
-    Raises TerrainError if it is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise TerrainError(
-            f"{path.name} needs the package {module.partition('.')[0]} ({error}): pip install "
-            "'ggbench[terrain]'."
-        ) from None
 
 
 def read_raster(path: Path, area: Area | None, units: Units) -> Grid:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from ..errors import text_of
 from .datums import require_wgs84
 from .meridians import Area
-from .rasters import imported, read_raster
+from .optional_modules import imported
+from .rasters import read_raster
 from .regular_grid import Grid, check_size, is_netcdf, refuse_old_gmt, regular_grid
 from .terrain import Terrain, TerrainError
 from .units import HEIGHTS, Units, upward

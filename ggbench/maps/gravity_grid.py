@@ -24,7 +24,7 @@ from ..gravity.terrain import TerrainError
 from ..gravity.units import GEOID, GRAVITY, Units
 from ..gravity.voids import marks_removed
 from .icgem_grid import ReadGrid, read_icgem
-from .shipped_regions import read_arrays
+from .package_data import read_arrays
 
 if TYPE_CHECKING:
     from ..gravity.terrain import Terrain

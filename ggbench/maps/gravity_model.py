@@ -24,7 +24,7 @@ from ..errors import text_of
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
 from .gravity_epoch import static
-from .shipped_regions import read_arrays
+from .package_data import read_arrays
 
 MOST_DEGREE = 5600
 """Highest degree that is read: arrays of 0.5 GB, and ten of them for a synthesis."""

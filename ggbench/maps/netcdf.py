@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..files import end_if_asked, written_whole
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
-from ..gravity.gradient_map import GradientMap, MapError
+from ..gravity.gradient_map import GradientMap, MapError, unknown
 from ..numerics.source import VERSION
 
 Array = NDArray[np.floating]
@@ -84,6 +84,36 @@ class Nodes:
         """Numbers of latitudes, longitudes and heights."""
         return self.latitude_deg.size, self.longitude_deg.size, self.height_m.size
 
+    def map_of(
+        self,
+        tensor: NDArray[np.float64],
+        gravity_disturbance: NDArray[np.float64],
+        provenance: str,
+        errors: Errors | None = None,
+    ) -> GradientMap:
+        """Return the map of a field on these nodes; the arguments are the map's."""
+        axes = self.latitude_deg, self.longitude_deg, self.height_m
+        latitude_step, longitude_step, height_step = map(step_of, axes)
+        standard_error, error_distance = errors or (unknown(), unknown())
+        return GradientMap(
+            latitude0=math.radians(self.latitude_deg[0]),
+            longitude0=math.radians(self.longitude_deg[0]),
+            height0=float(self.height_m[0]),
+            latitude_step=math.radians(latitude_step),
+            longitude_step=math.radians(longitude_step),
+            height_step=height_step,
+            tensor=tensor,
+            gravity_disturbance=gravity_disturbance,
+            provenance=provenance,
+            standard_error=standard_error,
+            error_distance=error_distance,
+        )
+
+
+def step_of(axis: Array) -> float:
+    """Return the distance between nodes of a regular axis."""
+    return float((axis[-1] - axis[0]) / (axis.size - 1))
+
 
 def write_layers(
     path: Path,
@@ -118,6 +148,7 @@ def write_layers(
     options: dict[str, Any] = {
         "zlib": compression > 0,
         "complevel": compression,
+        "fletcher32": True,  # a damaged value is an error, never another number
         "chunksizes": (1, *map(_chunk, nodes.shape[:2])),
         "fill_value": False,
     }

@@ -18,7 +18,18 @@ from ..errors import text_of
 from ..gravity.gradient_map import GradientMap, MapError, unknown
 from ..gravity.meridians import Area
 from . import checks
-from .netcdf import AXES, ENU, ERROR_KEYS, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
+from .netcdf import (
+    AXES,
+    ENU,
+    ERROR_KEYS,
+    FEWEST_NODES,
+    TENSOR,
+    VECTOR,
+    Layer,
+    Nodes,
+    step_of,
+    variables,
+)
 
 Array = NDArray[np.floating]
 
@@ -52,21 +63,9 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
         checks.require_possible(str(path), tensor, disturbance)
         provenance = _text(file, "source") or path.name
         errors = [_errors(path, file, key) for key in ERROR_KEYS]
-    first, step = {}, {}
-    for name, values in nodes.items():
-        first[name], step[name] = values[keep[name].start], _step(values)
-    return GradientMap(
-        latitude0=math.radians(first["latitude"]),
-        longitude0=math.radians(first["longitude"]),
-        height0=float(first["height"]),
-        latitude_step=math.radians(step["latitude"]),
-        longitude_step=math.radians(step["longitude"]),
-        height_step=step["height"],
-        tensor=tensor,
-        gravity_disturbance=disturbance,
-        provenance=provenance,
-        standard_error=errors[0],
-        error_distance=errors[1],
+    kept = {name: values[keep[name]] for name, values in nodes.items()}
+    return Nodes(kept["latitude"], kept["longitude"], kept["height"]).map_of(
+        tensor, disturbance, provenance, (errors[0], errors[1])
     )
 
 
@@ -93,8 +92,6 @@ def source_files(path: Path) -> dict[str, str]:
 
     Nothing of a map that does not say so, as one from elsewhere. Raises MapError if there is none.
     """
-    if path.suffix == ".npz":
-        return {}
     with opened(path) as file:
         text = _text(file, "source_files")
     try:
@@ -130,6 +127,11 @@ def opened(path: Path) -> Any:
     try:
         file = netCDF4.Dataset(path, "r")
     except (OSError, RuntimeError) as error:
+        if path.suffix == ".npz":
+            raise MapError(
+                f"{path} is a NumPy archive, and maps are netCDF files now: build it again with "
+                "'ggbench map build -o MAP.nc'."
+            ) from None
         raise MapError(
             f"{path} is not a gradient map: it is no whole netCDF file ({text_of(error)})"
         ) from None
@@ -173,7 +175,7 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
         if not (np.isfinite(values).all() and lowest <= values[0] <= values[-1] <= highest):
             raise MapError(f"{path}: {name} must lie between {lowest:g} and {highest:g}.")
         regular = np.linspace(values[0], values[-1], values.size)
-        if _step(values) <= 0.0 or np.abs(values - regular).max() > 1e-4 * _step(values):
+        if step_of(values) <= 0.0 or np.abs(values - regular).max() > 1e-4 * step_of(values):
             raise MapError(f"{path}: {name} must be regular, with one step between all nodes.")
         nodes[name] = regular
     if nodes["longitude"][0] >= 180.0:  # a scenario's longitudes go from -180 to 180
@@ -204,7 +206,7 @@ def _kept(path: Path, nodes: Mapping[str, Array], crop: Area | None) -> dict[str
         return keep
     crop = Area(*crop).about(float(nodes["longitude"].mean()))
     for name, low, high in (("latitude", *crop[:2]), ("longitude", *crop[2:])):
-        values, step = nodes[name], _step(nodes[name])
+        values, step = nodes[name], step_of(nodes[name])
         low = values[0] if low is None else low
         high = values[-1] if high is None else high
         if not (low <= values[-1] + step and high >= values[0] - step and low <= high):
@@ -306,7 +308,3 @@ def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> N
 def _text(holder: Any, key: str) -> str:
     """An attribute of a file or a variable as text, empty if there is none; fit to be shown."""
     return checks.clean_text(str(holder.getncattr(key))) if key in holder.ncattrs() else ""
-
-
-def _step(values: Array) -> float:
-    return float((values[-1] - values[0]) / (values.size - 1))

@@ -32,7 +32,7 @@ _ROUNDING_DEG = 1e-6  # what a bound may lie outside for being typed with few di
 
 
 @dataclasses.dataclass(frozen=True)
-class Wishes:
+class GridRequest:
     """Bounds and spacings that a user asks for; None: derived from the inputs."""
 
     south_deg: float | None = None
@@ -51,7 +51,7 @@ class Wishes:
 
 
 @dataclasses.dataclass
-class Reach:
+class SourceExtent:
     """Where a source can serve, and where it should.
 
     Attributes
@@ -72,20 +72,20 @@ class Reach:
     ground: str = ""
 
 
-def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
+def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes, list[str]]:
     """The nodes, within what all sources can serve, and remarks about them."""
     remarks: list[str] = []
     inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
-    turned = _in_one_turn(reaches)
-    allowed = inner * np.max([inner * (reach.bounds + turn) for reach, turn in turned], axis=0)
-    good = inner * np.max([inner * (reach.good + turn) for reach, turn in turned], axis=0)
+    turned = _in_one_turn(extents)
+    allowed = inner * np.max([inner * (extent.bounds + turn) for extent, turn in turned], axis=0)
+    good = inner * np.max([inner * (extent.good + turn) for extent, turn in turned], axis=0)
     names = ("south", "north", "west", "east")
-    for name, value in vars(wishes).items():
+    for name, value in vars(request).items():
         if value is not None and not math.isfinite(value):
             option = name.removesuffix("_deg").removesuffix("_m").replace("_", "-")
             raise MapError(f"--{option} {value} must be a finite number.")
-    _require_degrees(wishes)
-    asked = _counted_alike(wishes.area, allowed)
+    _require_degrees(request)
+    asked = _counted_alike(request.area, allowed)
     bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
     if None in asked and np.array_equal(good, EVERYWHERE):
         raise MapError(
@@ -106,7 +106,7 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
                 f"{bounds[high]:g}: else nothing is left of what the inputs serve"
                 + (" (across the date line: --west 179 --east -179)." if high == 3 else ".")
             )
-    heights, spacing_deg = _heights_and_spacing(reaches, wishes, remarks)
+    heights, spacing_deg = _heights_and_spacing(extents, request, remarks)
     latitude = _axis(bounds[0], bounds[1], spacing_deg, allowed[1])
     longitude = _axis(bounds[2], bounds[3], spacing_deg, allowed[3])
     counts = (latitude.size, longitude.size, heights.size)
@@ -119,10 +119,10 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
     return Nodes(latitude, longitude, heights), remarks
 
 
-def _require_degrees(wishes: Wishes) -> None:
+def _require_degrees(request: GridRequest) -> None:
     """Raise MapError if a bound is no latitude or longitude."""
     for name, most in (("south", 90.0), ("north", 90.0), ("west", 360.0), ("east", 360.0)):
-        value = getattr(wishes, f"{name}_deg")
+        value = getattr(request, f"{name}_deg")
         if value is not None and abs(value) > most:
             what = "longitude" if most > 90.0 else "latitude"
             raise MapError(
@@ -131,16 +131,16 @@ def _require_degrees(wishes: Wishes) -> None:
             )
 
 
-def _in_one_turn(reaches: list[Reach]) -> list[tuple[Reach, Array]]:
+def _in_one_turn(extents: list[SourceExtent]) -> list[tuple[SourceExtent, Array]]:
     """Reaches with what to add to their bounds, so that all count longitudes alike.
 
     As the first one of a region; what serves the whole Earth serves every turn.
     """
-    middles = [float(reach.bounds[2:].mean()) for reach in reaches]
-    whole = [np.array_equal(reach.bounds, EVERYWHERE) for reach in reaches]
+    middles = [float(extent.bounds[2:].mean()) for extent in extents]
+    whole = [np.array_equal(extent.bounds, EVERYWHERE) for extent in extents]
     first = next((m for m, w in zip(middles, whole, strict=True) if not w), 0.0)
     added = [0.0 if w else turns(m, first) for m, w in zip(middles, whole, strict=True)]
-    return [(r, np.array([0.0, 0.0, a, a])) for r, a in zip(reaches, added, strict=True)]
+    return [(e, np.array([0.0, 0.0, a, a])) for e, a in zip(extents, added, strict=True)]
 
 
 def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
@@ -155,26 +155,26 @@ def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
 
 
 def _heights_and_spacing(
-    reaches: list[Reach], wishes: Wishes, remarks: list[str]
+    extents: list[SourceExtent], request: GridRequest, remarks: list[str]
 ) -> tuple[Array, float]:
-    floor = max(reach.floor_m for reach in reaches)
-    sources = max(reach.sources_m for reach in reaches)
-    lowest = wishes.lowest_m
+    floor = max(extent.floor_m for extent in extents)
+    sources = max(extent.sources_m for extent in extents)
+    lowest = request.lowest_m
     if lowest is None:
-        lowest = max(reach.lowest_m for reach in reaches)
-    nearest = max(reaches, key=lambda reach: reach.sources_m)
+        lowest = max(extent.lowest_m for extent in extents)
+    nearest = max(extents, key=lambda extent: extent.sources_m)
     distance = lowest - sources
     if not lowest >= floor:
-        raise MapError(f"--lowest {lowest:g} {_too_low(reaches, lowest, floor)}")
+        raise MapError(f"--lowest {lowest:g} {_too_low(extents, lowest, floor)}")
     across, upwards = widest_spacings(distance, bool(nearest.ground))
-    spacing_m = wishes.height_spacing_m
+    spacing_m = request.height_spacing_m
     if spacing_m is None:
         spacing_m = _round_down(min(upwards, _WIDEST_HEIGHT_SPACING))
     if not 0.0 < spacing_m < math.inf:
         raise MapError(
             f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"
         )
-    highest = wishes.highest_m
+    highest = request.highest_m
     if highest is None:
         layers = _LAYERS - 1
         if nearest.ground:
@@ -187,7 +187,7 @@ def _heights_and_spacing(
         )
     heights = _axis(lowest, highest, spacing_m, math.inf)
     widest = math.degrees(across / SEMI_MAJOR_AXIS)
-    spacing_deg = wishes.spacing_deg
+    spacing_deg = request.spacing_deg
     if spacing_deg is None:
         spacing_deg = _round_down(3600.0 * widest) / 3600.0
     elif spacing_deg > 1.001 * widest:
@@ -217,10 +217,10 @@ def _share(spacing: float, distance: float) -> str:
     return "a quarter" if abs(share - _SPACING_PER_HEIGHT) < 1e-6 else f"{share:.2g}"
 
 
-def _too_low(reaches: list[Reach], lowest: float, floor: float) -> str:
+def _too_low(extents: list[SourceExtent], lowest: float, floor: float) -> str:
     """What is wrong with a lowest height, after the number."""
     allowed = f"at least {floor:g} m is allowed"
-    deciding = max(reaches, key=lambda reach: reach.floor_m)
+    deciding = max(extents, key=lambda extent: extent.floor_m)
     if not deciding.ground:
         return f"lies below the sources: {allowed}."
     above = lowest - deciding.sources_m

@@ -68,13 +68,21 @@ def summed(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
 
 @dataclasses.dataclass(frozen=True)
 class HarmonicPart:
-    """The field of spherical harmonics, of the disturbing potential."""
+    """The field of spherical harmonics, of the disturbing potential.
+
+    Attributes
+    ----------
+    coefficients : of the disturbing potential.
+    nodes_per_half_wave : of the highest degree, at which the series is summed at most; a spline of
+        degree 5 fills denser nodes. Infinite: at every node.
+    """
 
     coefficients: HarmonicCoefficients
+    nodes_per_half_wave: float = _NODES_PER_HALF_WAVE
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield the synthesis, by a spline of degree 5 where nodes are far denser than waves."""
-        finest = 180.0 / self.coefficients.degree / _NODES_PER_HALF_WAVE
+        """Yield the synthesis, by a spline where nodes are far denser than waves."""
+        finest = 180.0 / self.coefficients.degree / self.nodes_per_half_wave
         latitude, to_latitude = _coarser(nodes.latitude_deg, finest, 89.999)
         # Towards the poles waves get shorter in longitude; orders, which bound them, do not.
         longitude, to_longitude = _coarser(nodes.longitude_deg, finest, math.inf)
@@ -119,25 +127,30 @@ class TerrainPart:
     terrain, options : see :mod:`ggbench.gravity.parker`.
     above_degree : leave out the field of the terrain smoothed to this degree; None: of nothing.
     geoid_height_m : of the terrain's zero level above the ellipsoid [m].
+    dtype : of the field; ``float32`` errs by some 1e-5 E.
     """
 
     terrain: Terrain
     options: TerrainOptions
     above_degree: int | None = None
     geoid_height_m: float = 0.0
+    dtype: str = "float32"
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield the field in float32."""
+        """Yield the field."""
         from ..gravity.parker import terrain_layers
 
         axes = (np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m)
         terrain = _around(self.terrain, nodes)
-        whole = terrain_layers(terrain, *axes, self.options, self.geoid_height_m)
+        rest = (self.options, self.geoid_height_m, self.dtype)
+        whole = terrain_layers(terrain, *axes, *rest)
         if self.above_degree is None:
             yield from whole
             return
         smooth_terrain = smoothed(terrain, self.above_degree, self.options)
-        smooth = terrain_layers(smooth_terrain, *axes, self.options, self.geoid_height_m)
+        smooth = terrain_layers(
+            smooth_terrain, *axes, self.options, self.geoid_height_m, self.dtype
+        )
         for (tensor, vector), (smooth_tensor, smooth_vector) in zip(whole, smooth, strict=True):
             tensor -= smooth_tensor
             vector -= smooth_vector
@@ -213,6 +226,8 @@ def _coarser(fine: Array, finest: float, limit: float) -> tuple[Array, Array | N
 
     None for the matrix: the nodes are ``fine``.
     """
+    if finest == 0.0:
+        return fine, None
     step = (fine[-1] - fine[0]) / (fine.size - 1)
     low, high = fine[0] - _SPLINE_MARGIN * finest, fine[-1] + _SPLINE_MARGIN * finest
     count = math.ceil((high - low) / finest) + 1

@@ -24,9 +24,9 @@ from .gravity_grid import elevation_at, read_grid
 from .gravity_model import read_model
 from .ground import Ground
 from .netcdf import TENSOR, VECTOR, Errors, Layer, Nodes, described
-from .nodes import EVERYWHERE, Reach, Wishes, nodes_for
+from .nodes import EVERYWHERE, GridRequest, SourceExtent, nodes_for
 from .parts import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
-from .shipped_regions import COEFFICIENTS, disturbing_coefficients
+from .shipped_parts import COEFFICIENTS, disturbing_coefficients
 
 if TYPE_CHECKING:
     from ..gravity.terrain import Terrain
@@ -88,7 +88,7 @@ class Plan:
         return summed(self.parts, self.nodes)
 
 
-def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
+def plan(inputs: Inputs, request: GridRequest, command: str) -> Plan:
     """Return the plan of a map.
 
     ``command`` is how the user asked for it, for the history of the file.
@@ -96,8 +96,8 @@ def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
     Raises MapError or TerrainError if a file cannot be used, files do not go together, or bounds
     cannot be served.
     """
-    sources = _Sources(inputs, wishes.area)
-    nodes, remarks = nodes_for(sources.reaches, wishes)
+    sources = _Sources(inputs, request.area)
+    nodes, remarks = nodes_for(sources.extents, request)
     if sources.ground is not None:
         remarks.append(sources.ground.remark(nodes))
     attributes = {
@@ -117,7 +117,7 @@ class _Sources:
         self._area = area
         self.ground: Ground | None = None
         self.parts: list[Part] = []
-        self.reaches: list[Reach] = []
+        self.extents: list[SourceExtent] = []
         self.words: list[str] = []
         self.remarks: list[str] = []
         self.hashes: dict[str, str] = {}
@@ -197,7 +197,7 @@ class _Sources:
         self.words.append(f"{name}, spherical harmonics of degree {lowest} to {whole.degree}")
         self.parts.append(HarmonicPart(whole))
         half_wave = math.pi * SEMI_MAJOR_AXIS / whole.degree
-        self.reaches.append(Reach(EVERYWHERE, EVERYWHERE, -12e3, 0.0, -half_wave))
+        self.extents.append(SourceExtent(EVERYWHERE, EVERYWHERE, -12e3, 0.0, -half_wave))
         return whole
 
     def _grid(self, inputs: Inputs, path: Path, coefficients: HarmonicCoefficients) -> None:
@@ -240,7 +240,8 @@ class _Sources:
         self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
         height = grid.height_m
         step = math.radians(max(grid.latitude_step_deg, grid.longitude_step_deg))
-        self.reaches.append(Reach(good, good, height, height, height - step * SEMI_MAJOR_AXIS))
+        sources = height - step * SEMI_MAJOR_AXIS
+        self.extents.append(SourceExtent(good, good, height, height, sources))
         self.parameters |= {"grid": inputs.grid_kind, "grid_height_m": height}
 
     def _terrain(
@@ -288,17 +289,17 @@ class _Sources:
                 "a terrain alone gives what the ground within it attracts, a plate under it "
                 "included; masses below and beyond it are not in the map (--coefficients adds them)"
             )
-        self._reach_terrain(terrain, inputs)
+        self._add_terrain_extent(terrain, inputs)
 
-    def _reach_terrain(self, terrain: Terrain, inputs: Inputs) -> None:
+    def _add_terrain_extent(self, terrain: Terrain, inputs: Inputs) -> None:
         n_lat, n_lon = terrain.height_m.shape
         south, west = terrain.south_deg, terrain.west_deg
         spans = terrain.latitude_step_deg * (n_lat - 1), terrain.longitude_step_deg * (n_lon - 1)
         bounds = np.array([south, south + spans[0], west, west + spans[1]])
         inset = _INSET * np.repeat(spans, 2) * np.array([1.0, -1.0, 1.0, -1.0])
         ground = Ground(terrain, inputs.geoid_height_m, self._area, inputs.clearance_m)
-        self.reaches.append(
-            Reach(
+        self.extents.append(
+            SourceExtent(
                 bounds, bounds + inset, ground.floor_m(), ground.lowest_m(), ground.highest_m,
                 str(ground),
             )
@@ -329,7 +330,7 @@ class _Sources:
         return terrain
 
 
-class Watched:
+class LayersWithRms:
     """Layers on their way into a file, with the rms of their components."""
 
     def __init__(self, layers: Iterator[Layer]) -> None:

@@ -36,7 +36,7 @@ _DAMPINGS = (0.03, 0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
-class Wanted:
+class FitOptions:
     """Settings that a user asks for; None: chosen on lines that are held back."""
 
     depth_m: float | None = None
@@ -78,7 +78,7 @@ class SurveyFit:
 
 
 def fit(
-    lines: SurveyLines, wanted: Wanted, progress: Callable[[str], None] = lambda _: None
+    lines: SurveyLines, options: FitOptions, progress: Callable[[str], None] = lambda _: None
 ) -> SurveyFit:
     """Return the map of all lines, with the settings whose residuals on lines held back are least.
 
@@ -90,7 +90,7 @@ def fit(
     ties = [index for index, kind in enumerate(lines.kinds) if kind == TIE]
     best: SurveyFit | None = None
     scores: dict[Settings, float] = {}
-    depths, dampings = _candidates(lines, wanted)
+    depths, dampings = _candidates(lines, options)
     for depth, spacing in depths:
         equations = Equations(lines, depth, spacing)
         parts = [equations.of(fold) for fold in folds]
@@ -123,15 +123,15 @@ def _folds(lines: SurveyLines) -> list[list[int]]:
 
 
 def _candidates(
-    lines: SurveyLines, wanted: Wanted
+    lines: SurveyLines, options: FitOptions
 ) -> tuple[list[tuple[float, float]], tuple[float, ...]]:
     """Pairs of depth and spacing, and dampings, to try."""
     east, north, _ = Plane.under(lines).metres(lines)
     area = float(np.ptp(east) * np.ptp(north))
-    depths = [wanted.depth_m] if wanted.depth_m else _depths(lines, area)
+    depths = [options.depth_m] if options.depth_m else _depths(lines, area)
     narrowest = math.sqrt(area / _USUAL_SOURCES)
-    pairs = [(d, wanted.spacing_m or round(max(_SPACING * d, narrowest), -1)) for d in depths]
-    return pairs, (wanted.damping,) if wanted.damping else _DAMPINGS
+    pairs = [(d, options.spacing_m or round(max(_SPACING * d, narrowest), -1)) for d in depths]
+    return pairs, (options.damping,) if options.damping else _DAMPINGS
 
 
 def _depths(lines: SurveyLines, area: float) -> list[float]:

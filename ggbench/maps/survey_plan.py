@@ -13,11 +13,11 @@ from ..files import sha256_of
 from ..gravity.gradient_map import MapError
 from ..numerics.source import VERSION
 from .netcdf import described
-from .nodes import Reach, Wishes, nodes_for
+from .nodes import GridRequest, SourceExtent, nodes_for
 from .plan import Plan
 from .survey_error import map_error
 from .survey_files import read_lines
-from .survey_fit import SurveyFit, Wanted, fit
+from .survey_fit import FitOptions, SurveyFit, fit
 from .survey_lines import Quantity
 
 _STEP_M = 10.0  # to which default heights are rounded
@@ -33,7 +33,7 @@ class SurveyInputs:
     lines : file of the survey.
     columns, components, axes, quantity : of the file, see :func:`.survey_files.read_lines`.
     leave_out : names, patterns or kinds of lines that the map must not know.
-    wanted : settings that are not to be chosen.
+    fit_options : settings that are not to be chosen.
     """
 
     lines: Path
@@ -42,7 +42,7 @@ class SurveyInputs:
     axes: str = "east-north-up"
     quantity: Quantity = "gradient"
     leave_out: tuple[str, ...] = ()
-    wanted: Wanted = dataclasses.field(default_factory=Wanted)
+    fit_options: FitOptions = dataclasses.field(default_factory=FitOptions)
 
 
 def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyFit:
@@ -53,17 +53,17 @@ def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyF
     lines = read_lines(
         inputs.lines, inputs.columns, inputs.components, inputs.axes, inputs.quantity
     )
-    return fit(lines.without(inputs.leave_out), inputs.wanted, progress)
+    return fit(lines.without(inputs.leave_out), inputs.fit_options, progress)
 
 
-def plan_survey(inputs: SurveyInputs, fit: SurveyFit, wishes: Wishes, command: str) -> Plan:
+def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, command: str) -> Plan:
     """Return the plan of a map of survey lines.
 
     Raises MapError if bounds cannot be served.
     """
     lines = fit.lines
-    reach, wishes = _reach(fit), _with_heights(fit, wishes)
-    nodes, remarks = nodes_for([reach], wishes)
+    extent, request = _extent(fit), _with_heights(fit, request)
+    nodes, remarks = nodes_for([extent], request)
     left_out = f", without {', '.join(inputs.leave_out)}" if inputs.leave_out else ""
     errors = map_error(fit)
     rms, readings = fit.rms
@@ -114,25 +114,25 @@ def doubts(fit: SurveyFit) -> str:
     )
 
 
-def _reach(fit: SurveyFit) -> Reach:
+def _extent(fit: SurveyFit) -> SourceExtent:
     """The area of the lines; beyond it, what the masses at its edge make."""
     lines = fit.lines
     sides = (lines.latitude_deg, lines.longitude_deg)
     good = np.array([limit for side in sides for limit in (side.min(), side.max())])
     top = float(fit.sources.places[2].max())
     widened = good + np.array([-1.0, 1.0, -1.0, 1.0])  # degrees, more than is ever of use
-    return Reach(widened, good, top + 0.25 * fit.settings.depth_m, lines.height_m.min(), top)
+    return SourceExtent(widened, good, top + 0.25 * fit.settings.depth_m, lines.height_m.min(), top)
 
 
-def _with_heights(fit: SurveyFit, wishes: Wishes) -> Wishes:
-    """Return wishes whose heights are those of the flights, unless the user says otherwise."""
+def _with_heights(fit: SurveyFit, request: GridRequest) -> GridRequest:
+    """Return a request whose heights are those of the flights, unless the user says otherwise."""
     lowest, highest = fit.lines.height_m.min(), fit.lines.height_m.max()
-    if wishes.lowest_m is None:
-        wishes = dataclasses.replace(wishes, lowest_m=_STEP_M * math.floor(lowest / _STEP_M))
-    if wishes.highest_m is None:
+    if request.lowest_m is None:
+        request = dataclasses.replace(request, lowest_m=_STEP_M * math.floor(lowest / _STEP_M))
+    if request.highest_m is None:
         room = highest + 0.5 * fit.settings.depth_m
-        wishes = dataclasses.replace(wishes, highest_m=_STEP_M * math.ceil(room / _STEP_M))
-    return wishes
+        request = dataclasses.replace(request, highest_m=_STEP_M * math.ceil(room / _STEP_M))
+    return request
 
 
 def provenance_of(inputs: SurveyInputs, fit: SurveyFit, order: int) -> str:

@@ -11,13 +11,10 @@ import numpy as np
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..gravity.meridians import Area
-from ..maps.recipe import Limits, MapRecipe, limits_of, load_or_build, read
-from ..maps.shipped_regions import SOURCES
-from ..maps.shipped_surveys import SURVEYS
-from ..maps.shipped_terrains import TERRAINS
+from ..maps.recipe import MapRecipe, load_or_build, read
+from ..maps.shipped import SOURCES, Limits
 from .score import Bounds, Design, cells_between
 
-_NAMES = {*SOURCES, *TERRAINS, *SURVEYS}
 _LAYERS = 2
 """Layers of nodes below the height of the flights, and above it."""
 _WIDEST_STEP_M = 500.0
@@ -35,7 +32,7 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
     Parameters
     ----------
     name : str
-        Path of a map, ``*.nc`` or ``*.npz``, or the name of a shipped region or terrain.
+        Path of a map, ``*.nc``, or the name of a shipped region or terrain.
     design : Design
         Requirements on the cells. The default height is that of a file's lowest nodes, or the
         lowest that a shipped region allows.
@@ -47,15 +44,15 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
     MapError
         If there is no such map, or a shipped region has no map of that height or size.
     """
-    if name not in _NAMES:
+    if name not in SOURCES:
         if not name.endswith((".nc", ".npz")):
             raise MapError(
-                f"{name} is no map: give a file *.nc or *.npz of 'ggbench map build', or one of "
-                f"{', '.join(sorted(_NAMES))}"
+                f"{name} is no map: give a file *.nc of 'ggbench map build', or one of "
+                f"{', '.join(sorted(SOURCES))}"
             )
         found = read(Path(name))
         return found, found.height0 if design.height_m is None else design.height_m
-    source = limits_of(name)
+    source = SOURCES[name].limits()
     lowest, highest = source.heights
     height = lowest if design.height_m is None else design.height_m
     if not lowest <= height <= highest:
@@ -76,18 +73,22 @@ def _recipe(name: str, source: Limits, height: float, bounds: Bounds, around_m: 
 
     The map reaches ``around_m`` [m] beyond the bounds, as far as the source has data.
     """
-    (lowest, highest), ground = source.heights, source.ground
-    step = _WIDEST_STEP_M
-    if name not in SOURCES:
+    (lowest, highest), rule = source.heights, source.spacing
+
+    def bottom_of(step: float) -> float:
+        return min(max(lowest, height - _LAYERS * step), highest - 2 * _LAYERS * step)
+
+    step, ground = _WIDEST_STEP_M, rule.vertical_ground_m
+    if step > rule.vertical_share * (bottom_of(step) - ground):
         # The lowest layer is high enough for its step, also where it is moved below.
-        share = source.vertical
+        share = rule.vertical_share
         room = share * min(
             (height - ground) / (_LAYERS * share + 1),
             (highest - ground) / (2 * _LAYERS * share + 1),
         )
         step = min(step, _SHRINK * room)
-    bottom = min(max(lowest, height - _LAYERS * step), highest - 2 * _LAYERS * step)
-    spacing = _spacing_arcmin(source.share * (bottom + _LAYERS * step - ground))
+    bottom = bottom_of(step)
+    spacing = _spacing_arcmin(rule.share * (bottom + _LAYERS * step - rule.ground_m))
     south, north, west, east = _sides(source, bounds, around_m, spacing / 60.0)
     if not (south < north and west < east):
         latitudes, longitudes = source.latitudes, source.longitudes

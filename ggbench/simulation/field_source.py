@@ -17,14 +17,15 @@ from ..gravity.field import Field
 from ..gravity.gradient_map import GradientMap, MapError
 from ..gravity.meridians import Area, eastern, turns
 from ..maps.netcdf_reader import source_files
-from ..maps.recipe import MapRecipe, content_key, data_names, load_or_build, read
-from ..maps.shipped_regions import data_bytes
+from ..maps.package_data import data_bytes
+from ..maps.recipe import MapRecipe, content_key, load_or_build, read
+from ..maps.shipped import SOURCES
 from ..maps.survey_lines import COMPONENTS
 from ..sensors.aiding import MGAL
 from ..spec.sensors import FieldSpec, MapErrorSpec
 
 FILE_SUFFIXES = (".nc", ".npz")
-"""Endings by which a source is known as the path of a map's file."""
+"""Endings of the path of a map's file; NumPy archives of earlier versions are refused when read."""
 
 
 def is_file(source: str) -> bool:
@@ -199,7 +200,7 @@ def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
     if spec.source == "normal":
         return
     if not is_file(spec.source):
-        for name in data_names(map_recipe(spec)):
+        for name in SOURCES[spec.source].files:
             yield "data of the map", name, hashlib.sha256(data_bytes(name)).hexdigest()
         return
     path = Path(spec.source)

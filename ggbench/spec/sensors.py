@@ -144,7 +144,7 @@ class FieldSpec(Section):
     """``[field]``: the gradient map over the normal field, and what the accelerometers feel."""
 
     source: str
-    """`"normal"` (no map), a shipped name, or the path of a map (`*.nc`, `*.npz`)."""
+    """`"normal"` (no map), a shipped name, or the path of a map (`*.nc`)."""
     south_deg: q.Latitude = 0.0
     """Bound around the flight and the INS errors. A map's file has its own; else give all four."""
     north_deg: q.Latitude = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.harmonics import HarmonicCoefficients, potential
-from ..maps.shipped_regions import COEFFICIENTS, disturbing_coefficients
+from ..maps.shipped_parts import COEFFICIENTS, disturbing_coefficients
 from .manoeuvres import Array
 
 _ZERO_DEGREE = -0.41

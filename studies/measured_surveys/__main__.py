@@ -17,7 +17,7 @@ from pathlib import Path
 
 from ggbench.maps.equivalent_sources import Settings
 from ggbench.maps.survey_files import read_lines
-from ggbench.maps.survey_fit import Wanted
+from ggbench.maps.survey_fit import FitOptions
 
 from .navigating import print_table
 from .surveys import EAST_VICTORIA, FOSTERVILLE, VINTON, east_victoria, fosterville, vinton
@@ -32,9 +32,9 @@ SURVEYS = {
     "east_victoria2023": (EAST_VICTORIA, east_victoria),
 }
 MAPS = {
-    "vinton2008": (("repeat", "140"), Wanted(320.0, 190.0, 1.0), "gradient"),
-    "fosterville2019": (("even",), Wanted(640.0, 530.0, 0.3), "gradient"),
-    "east_victoria2023": (("repeat",), Wanted(2500.0, 1000.0, 0.3), "disturbance"),
+    "vinton2008": (("repeat", "140"), FitOptions(320.0, 190.0, 1.0), "gradient"),
+    "fosterville2019": (("even",), FitOptions(640.0, 530.0, 0.3), "gradient"),
+    "east_victoria2023": (("repeat",), FitOptions(2500.0, 1000.0, 0.3), "disturbance"),
 }
 """Maps: the lines that they must not know, those of 6 July and those that are flown; settings; and
 what was measured. Those of Vinton Dome navigate best on lines held back: see the README of the
@@ -57,7 +57,7 @@ def main() -> None:
     if options.archive is not None:
         _write_lines(options.archive, options.output)
     for name, (leave_out, wanted, quantity) in MAPS.items():
-        chosen = Wanted() if options.choose and quantity == "gradient" else wanted
+        chosen = FitOptions() if options.choose and quantity == "gradient" else wanted
         write_map(options.output, name, leave_out, chosen, quantity)
 
 

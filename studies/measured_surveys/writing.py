@@ -11,7 +11,7 @@ import pandas as pd
 
 from ggbench.maps.equivalent_sources import Equations, EquivalentSources, Plane, Settings
 from ggbench.maps.survey_error import map_error
-from ggbench.maps.survey_fit import Wanted
+from ggbench.maps.survey_fit import FitOptions
 from ggbench.maps.survey_lines import Quantity, SurveyLines
 from ggbench.maps.survey_noise import noise_of
 from ggbench.maps.survey_plan import SurveyInputs, fit_survey, provenance_of
@@ -68,14 +68,18 @@ def sources_of_a_profile(lines: SurveyLines, settings: Settings) -> EquivalentSo
 
 
 def write_map(
-    folder: Path, name: str, leave_out: tuple[str, ...], wanted: Wanted, quantity: Quantity
+    folder: Path, name: str, leave_out: tuple[str, ...], fit_options: FitOptions, quantity: Quantity
 ) -> None:
     """Write the point masses of a shipped survey's lines, and the noise of its gradients.
 
     The lines are read from the folder, as anybody has them.
     """
     inputs = SurveyInputs(
-        folder / f"{name}.csv.gz", {}, leave_out=leave_out, wanted=wanted, quantity=quantity
+        folder / f"{name}.csv.gz",
+        {},
+        leave_out=leave_out,
+        fit_options=fit_options,
+        quantity=quantity,
     )
     fit = fit_survey(inputs, print)
     lines, sources = fit.lines, fit.sources

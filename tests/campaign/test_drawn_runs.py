@@ -30,7 +30,7 @@ DRAWN = ERROR | {"draw.tracks": 3, "draw.start_km": 0.5, "draw.heading_deg": 20.
 @pytest.fixture(scope="module")
 def rough(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """A map of 100 E, so that measurements depend on their places."""
-    path = Path(tmp_path_factory.mktemp("maps")) / "map.npz"
+    path = Path(tmp_path_factory.mktemp("maps")) / "map.nc"
     return {"field.source": rough_map(path, rms=100.0), "initial_error.position_m": 50.0}
 
 

@@ -49,7 +49,7 @@ def outside(flight, east: float = 0.0, north: float = 0.0, up: float = 0.0) -> b
 
 def test_an_estimate_is_outside_beyond_the_border_by_a_tenth_of_a_nodes_distance(tmp_path):
     """In each direction, whichever epoch it is; nodes are 772, 926 and 200 m apart."""
-    flight = small_flight({"field.source": rough_map(tmp_path / "map.npz")})
+    flight = small_flight({"field.source": rough_map(tmp_path / "map.nc")})
     field, place = flight.model_field, flight.trajectory.positions[flight.epochs][7]
     scale = metres(place)[[1, 0, 2]].diagonal()
     distances = field.step, field.upper - place, place - field.origin
@@ -73,7 +73,7 @@ def scenario(tmp_path, monkeypatch) -> Scenario:
     (tmp_path / "far.py").write_text(FAR)
     return small(
         tmp_path,
-        SMALL.replace('source = "normal"', f'source = "{rough_map(tmp_path / "map.npz")}"'),
+        SMALL.replace('source = "normal"', f'source = "{rough_map(tmp_path / "map.nc")}"'),
     )
 
 

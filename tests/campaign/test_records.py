@@ -251,7 +251,7 @@ def test_figures_show_the_noise_that_the_detailed_run_had():
 
 def test_figures_show_the_map_without_the_normal_field(tmp_path):
     """A map of 10 E rms is some tens of E where it lies; the normal field would be 3000 E."""
-    flight = small_flight({"field.source": rough_map(tmp_path / "rough.npz")})
+    flight = small_flight({"field.source": rough_map(tmp_path / "rough.nc")})
     arrays = recording.shared_arrays(flight, 5, [])
     assert 2.0 < np.std(arrays["map_vertical"]) < 30.0
     assert np.abs(arrays["map_vertical"]).max() < 100.0
@@ -284,7 +284,7 @@ def test_the_map_of_either_side_is_in_the_key(side, tmp_path):
     """Another map of the truth alone, or of the estimators alone, is another result."""
     keys = set()
     for seed in (1, 2):
-        path = rough_map(tmp_path / f"{seed}.npz", seed)
+        path = rough_map(tmp_path / f"{seed}.nc", seed)
         case = small_case({f"{side}.field.source": path})
         keys.add(result_keys.problem_key(case, 1))
     assert len(keys) == 2

@@ -20,6 +20,7 @@ from matplotlib.image import imread
 from problems import SMALL
 from random_harmonics import write_gfc
 from rasterio.transform import from_origin
+from shipped_fields import disturbing_field
 from small_cases import blank_map
 from thinning import thinned
 
@@ -30,7 +31,7 @@ from ggbench.gravity.field import Field
 from ggbench.gravity.harmonics import gravity_and_gradient, without_normal_field
 from ggbench.maps.gravity_model import read_model
 from ggbench.maps.recipe import Path, read, write
-from ggbench.maps.shipped_regions import SOURCES, disturbing_coefficients, disturbing_field
+from ggbench.maps.shipped_parts import COEFFICIENTS, disturbing_coefficients
 
 DATA = files("ggbench.scenarios") / "data"
 GEOID = DATA / "egm2008_geoid_2.5min_qinling.npz"
@@ -89,7 +90,7 @@ def test_coefficients_give_their_synthesis():
 @pytest.mark.parametrize(("kind", "unit"), [("anomaly", "mGal"), ("disturbance", "m s-2")])
 def test_a_grid_of_gravity_gives_the_field_that_it_was_made_of(kind, unit):
     """EGM2008 to degree 120 as a grid, against harmonics to degree 60 removed and restored."""
-    model = disturbing_coefficients(SOURCES["egm2008_qinling"].coefficients)
+    model = disturbing_coefficients(COEFFICIENTS)
     step, shape = 0.25, (57, 61)
     latitude, longitude = (
         np.radians(first + step * np.arange(count))
@@ -327,7 +328,7 @@ def test_cells_of_a_map_are_scored():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["nosuch"], "nosuch is no map: give a file *.nc or *.npz"),
+        (["nosuch"], "nosuch is no map: give a file *.nc of"),
         (["nosuch.nc"], "cannot read the map nosuch.nc: No such file"),
         (["jacksboro"], "holds no cell of 0.5° in the bounds with 15 km around it"),
         (["egm2008_qinling", "--height", "1"], "3000 to 30000 m is"),

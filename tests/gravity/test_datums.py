@@ -13,7 +13,7 @@ from test_terrain_kinds import HEIGHTS, write_raster
 from ggbench.errors import GGBenchError
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.gravity_grid import read_grid
-from ggbench.maps.nodes import Wishes
+from ggbench.maps.nodes import GridRequest
 from ggbench.maps.plan import Inputs, plan
 
 
@@ -49,7 +49,7 @@ def test_a_raster_says_what_datum_it_has(crs, said, tmp_path):
 def test_heights_above_the_ellipsoid_need_no_geoid(tmp_path):
     file = write_raster(tmp_path / "a.tif", HEIGHTS, crs="EPSG:4979")
     with pytest.raises(GGBenchError, match="heights are above the ellipsoid: leave out --geoid-h"):
-        plan(Inputs(terrain=file, geoid_height_m=48.0), Wishes(), "")
+        plan(Inputs(terrain=file, geoid_height_m=48.0), GridRequest(), "")
 
 
 CONTRADICTIONS = {

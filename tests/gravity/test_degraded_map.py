@@ -194,13 +194,13 @@ def test_noise_is_added_after_the_smoothing(noisy):
 
 def test_a_scenarios_error_is_that_of_its_map(tmp_path):
     """[field.error] in kilometres and E is the degraded map; the truth keeps the right one."""
-    path = rough_map(tmp_path / "rough.npz")
+    path = rough_map(tmp_path / "rough.nc")
     error = {"resolution_km": 2.0, "density_factor": 1.2, "correlated_noise_eotvos": 1.0,
              "correlation_km": 4.0, "seed": 9}  # fmt: skip
     case = small_case({"field.source": path, "model.field.error": error})
     right, wrong = (make_field(case.side(name).field) for name in ("truth", "model"))
     expected = degrade(
-        read(tmp_path / "rough.npz"),
+        read(tmp_path / "rough.nc"),
         MapDegradation(2e3, 1.2, 0.0, 1.0, 4e3, 9),
     )
     np.testing.assert_array_equal(
@@ -212,22 +212,22 @@ def test_a_scenarios_error_is_that_of_its_map(tmp_path):
 
 def test_a_map_that_was_written_anew_is_read_anew(tmp_path):
     """A process that goes on after a map's file has changed does not fly over the old one."""
-    path = rough_map(tmp_path / "rough.npz", seed=1)
+    path = rough_map(tmp_path / "rough.nc", seed=1)
     spec = small_case({"field.source": path}).field
     first = make_field(spec)
     assert make_field(spec) is first
-    rough_map(tmp_path / "rough.npz", seed=2)
+    rough_map(tmp_path / "rough.nc", seed=2)
     os.utime(path, ns=(1, 1))
     assert np.abs(make_field(spec).tensor_coefficients - first.tensor_coefficients).max() > 1.0
 
 
 def test_what_is_no_map_has_its_sentence(tmp_path):
     """A file of something else, and the normal field with an error."""
-    path = tmp_path / "odd.npz"
+    path = tmp_path / "odd.nc"
     path.write_bytes(b"no map")
-    with pytest.raises(MapError, match=r"odd.npz is not a gradient map"):
+    with pytest.raises(MapError, match=r"odd.nc is not a gradient map"):
         make_field(small_case({"field.source": str(path)}).field)
-    rough = {"field.source": rough_map(tmp_path / "rough.npz")}
+    rough = {"field.source": rough_map(tmp_path / "rough.nc")}
     for key, value in (("density_kg_m3", 2000.0), ("relief_smoothing_deg", 0.1),
                        ("land_correction", False)):  # fmt: skip
         case = small_case(rough | {f"truth.field.{key}": value})
@@ -253,6 +253,6 @@ def test_what_is_no_map_has_its_sentence(tmp_path):
 )
 def test_lengths_that_do_not_go_with_a_map_are_refused(error, words, tmp_path):
     """Neither hours of filtering nor gigabytes of random numbers, but a sentence."""
-    case = small_case({"field.source": rough_map(tmp_path / "a.npz"), "model.field.error": error})
+    case = small_case({"field.source": rough_map(tmp_path / "a.nc"), "model.field.error": error})
     with pytest.raises(MapError, match=words):
         make_field(case.side("model").field)

@@ -14,7 +14,7 @@ from random_harmonics import random_model
 from ggbench.gravity import ellipsoid
 from ggbench.gravity.harmonics import HarmonicCoefficients, gravity_and_gradient, potential
 from ggbench.maps.gravity_model import read_model
-from ggbench.maps.shipped_regions import SOURCES, disturbing_coefficients
+from ggbench.maps.shipped_parts import COEFFICIENTS, disturbing_coefficients
 
 
 def shipped_model() -> HarmonicCoefficients:
@@ -124,7 +124,7 @@ def test_many_circles_are_the_same_as_few():
 
 
 def test_bands_of_degrees_add_up():
-    model = disturbing_coefficients(SOURCES["egm2008_qinling"].coefficients)
+    model = disturbing_coefficients(COEFFICIENTS)
     place = ([0.5], [1.9], [1e4])
     whole, low, high = (
         gravity_and_gradient(part, *place)[1]

@@ -25,7 +25,7 @@ from ggbench.gravity.ellipsoid import EOTVOS, radii_of_curvature
 from ggbench.gravity.parker import TerrainOptions, terrain_field, terrain_layers
 from ggbench.gravity.terrain import Terrain, TerrainError
 from ggbench.gravity.terrain_files import read_terrain
-from ggbench.maps.shipped_regions import data_bytes
+from ggbench.maps.package_data import data_bytes
 
 G = 6.6743e-11
 STEP_DEG = 4.0 / 3600.0

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from random_harmonics import random_model
 from scipy.interpolate import make_interp_spline
+from shipped_fields import disturbing_field
 
 from ggbench.gravity.ellipsoid import normal_gravity
 from ggbench.gravity.harmonics import gravity_and_gradient, potential
 from ggbench.gravity.remove_restore import GravityGrid, Residual
 from ggbench.maps.recipe import MapError, MapRecipe, build, dataclasses
-from ggbench.maps.shipped_regions import disturbing_field
 
 STEP = 5.0 / 60.0
 SHAPE = (157, 181)

@@ -9,11 +9,11 @@ import xarray
 from rasterio.transform import Affine, from_origin
 from rasterio.warp import transform
 
-from ggbench.gravity import rasters
+from ggbench.gravity import optional_modules
 from ggbench.gravity.meridians import Area
 from ggbench.gravity.terrain import Terrain, TerrainError
 from ggbench.gravity.terrain_files import read_terrain
-from ggbench.maps.shipped_regions import data_bytes
+from ggbench.maps.package_data import data_bytes
 
 SOUTH, WEST, STEP = 45.0, 7.0, 0.01
 N_LAT, N_LON = 12, 16
@@ -509,7 +509,7 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch, name):
         raise ImportError(f"No module named {module!r}")
 
     (tmp_path / name).write_bytes(b"")
-    monkeypatch.setattr(rasters.importlib, "import_module", missing)
+    monkeypatch.setattr(optional_modules.importlib, "import_module", missing)
     with pytest.raises(TerrainError, match=r"needs the package .*pip install 'ggbench\[terrain\]'"):
         read_terrain(tmp_path / name)
 

@@ -21,7 +21,7 @@ START = np.array([np.radians(33.55), np.radians(108.02), 10000.0])
 @pytest.fixture(scope="module")
 def field(tmp_path_factory) -> Field:
     """Gravity that changes by tens of mGal within the flight."""
-    return Field.from_map(read(rough_map(tmp_path_factory.mktemp("map") / "rough.npz", rms=300.0)))
+    return Field.from_map(read(rough_map(tmp_path_factory.mktemp("map") / "rough.nc", rms=300.0)))
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.point_masses import fields, responses
 from ggbench.maps.equivalent_sources import Plane, weights_of
 from ggbench.maps.netcdf import Nodes
-from ggbench.maps.survey_fit import Wanted, fit
+from ggbench.maps.survey_fit import FitOptions, fit
 
-WANTED = Wanted(500.0, 300.0, 1e-3)
+WANTED = FitOptions(500.0, 300.0, 1e-3)
 COMPONENTS = ("ee", "en", "eu", "nn", "nu", "uu", "e", "n", "u")
 
 
@@ -97,4 +97,4 @@ def test_a_survey_wider_than_the_plane_and_too_many_masses_are_refused():
     with pytest.raises(MapError, match="at most 150 km can be taken for flat"):
         fit(wide, WANTED)
     with pytest.raises(MapError, match="widen --source-spacing"):
-        fit(lines, Wanted(500.0, 20.0, 0.1))
+        fit(lines, FitOptions(500.0, 20.0, 0.1))

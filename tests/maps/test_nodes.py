@@ -13,17 +13,19 @@ from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import GradientMap, MapError
 from ggbench.gravity.parker import terrain_field
 from ggbench.gravity.terrain_files import read_terrain
-from ggbench.maps.nodes import Reach, Wishes, nodes_for
+from ggbench.maps.nodes import GridRequest, SourceExtent, nodes_for
 from ggbench.maps.plan import Inputs, plan
 
 
 def reach(
     bounds: tuple[float, ...], inset: float = 0.0, ground: str = "", **heights: float
-) -> Reach:
+) -> SourceExtent:
     """South, north, west and east, of which the edges are poor."""
     given = {"floor_m": 0.0, "lowest_m": 1000.0, "sources_m": 0.0} | heights
     outer = np.array(bounds)
-    return Reach(outer, outer + inset * np.array([1.0, -1.0, 1.0, -1.0]), ground=ground, **given)
+    return SourceExtent(
+        outer, outer + inset * np.array([1.0, -1.0, 1.0, -1.0]), ground=ground, **given
+    )
 
 
 def ends(nodes) -> list[float]:
@@ -33,13 +35,13 @@ def ends(nodes) -> list[float]:
 def test_nodes_lie_within_what_all_inputs_serve():
     """By default within the good parts of all; asked for, up to the bounds of all."""
     one, two = reach((30, 34, 100, 105), 0.5), reach((31, 36, 98, 104), 0.25)
-    wishes = Wishes(spacing_deg=0.25, height_spacing_m=250.0)
-    nodes, _ = nodes_for([one, two], wishes)
+    request = GridRequest(spacing_deg=0.25, height_spacing_m=250.0)
+    nodes, _ = nodes_for([one, two], request)
     assert ends(nodes) == pytest.approx([31.25, 33.5, 100.5, 103.75])
-    nodes, _ = nodes_for([one, two], Wishes(31.0, 34.0, 100.0, 104.0, spacing_deg=0.25))
+    nodes, _ = nodes_for([one, two], GridRequest(31.0, 34.0, 100.0, 104.0, spacing_deg=0.25))
     assert ends(nodes) == pytest.approx([31.0, 34.0, 100.0, 104.0])
     with pytest.raises(MapError, match=r"--south 30.9 lies outside .*: 31° to 34° N, 100° to 104°"):
-        nodes_for([one, two], Wishes(south_deg=30.9))
+        nodes_for([one, two], GridRequest(south_deg=30.9))
 
 
 def test_spacings_are_a_quarter_of_the_distance_to_the_sources():
@@ -52,7 +54,7 @@ def test_spacings_are_a_quarter_of_the_distance_to_the_sources():
             reach((30, 34, 100, 105), sources_m=-500.0, lowest_m=lowest),
             reach((30, 34, 100, 105), sources_m=-2000.0, lowest_m=900.0),
         ]
-        nodes, remarks = nodes_for(held, Wishes())
+        nodes, remarks = nodes_for(held, GridRequest())
         assert nodes.height_m[0] == lowest
         assert np.diff(nodes.height_m) == pytest.approx(quarter)
         assert nodes.height_m.size == 9
@@ -62,24 +64,24 @@ def test_spacings_are_a_quarter_of_the_distance_to_the_sources():
             assert 0.9 * widest < step <= widest
         assert remarks == []
     for factor in (1.01, 4.0):
-        _, (remark,) = nodes_for(held, Wishes(spacing_deg=factor * widest / 3600.0))
+        _, (remark,) = nodes_for(held, GridRequest(spacing_deg=factor * widest / 3600.0))
         assert "a quarter of the 9500 m to the sources" in remark
-    assert nodes_for(held, Wishes(spacing_deg=widest / 3600.0))[1] == []
+    assert nodes_for(held, GridRequest(spacing_deg=widest / 3600.0))[1] == []
 
 
 def test_a_map_begins_above_the_floor_of_every_input():
     """The highest floor counts; at the floor itself nothing is served below it."""
     held = [reach((30, 34, 100, 105), floor_m=700.0), reach((30, 34, 100, 105), floor_m=200.0)]
     with pytest.raises(MapError, match="--lowest 600 lies below the sources: at least 700 m"):
-        nodes_for(held, Wishes(lowest_m=600.0))
+        nodes_for(held, GridRequest(lowest_m=600.0))
 
 
 def test_longitudes_are_counted_as_the_inputs_count_them():
     """Bounds in another turn, or each in another one; two inputs on either side of a turn."""
     held = [reach((36, 37, -85, -84)), reach((36, 37, 275, 276.5))]
-    expected, _ = nodes_for(held, Wishes(36.2, 36.8, -84.8, -84.2, spacing_deg=0.1))
+    expected, _ = nodes_for(held, GridRequest(36.2, 36.8, -84.8, -84.2, spacing_deg=0.1))
     for west, east in ((275.2, 275.8), (-84.8, 275.8), (275.2, -84.2)):
-        nodes, _ = nodes_for(held, Wishes(36.2, 36.8, west, east, spacing_deg=0.1))
+        nodes, _ = nodes_for(held, GridRequest(36.2, 36.8, west, east, spacing_deg=0.1))
         assert ends(nodes) == pytest.approx(ends(expected))
 
 
@@ -88,7 +90,7 @@ def test_a_map_may_cross_the_date_line(around):
     """Of a region that crosses it, however it is counted, and of what serves the whole Earth."""
     south, north = (-90.0, 90.0) if around[1] == 360.0 else (-20.0, -10.0)
     held = [reach((south, north, *around))]
-    nodes, _ = nodes_for(held, Wishes(-16.0, -15.0, 179.5, -179.5, spacing_deg=0.1))
+    nodes, _ = nodes_for(held, GridRequest(-16.0, -15.0, 179.5, -179.5, spacing_deg=0.1))
     assert nodes.longitude_deg.size == 11
     assert nodes.longitude_deg % 360.0 == pytest.approx(179.5 + 0.1 * np.arange(11))
 
@@ -104,7 +106,7 @@ def test_a_map_may_cross_the_date_line(around):
 )
 def test_bounds_that_are_none_are_refused_with_a_sentence(bounds, message):
     with pytest.raises(MapError, match=message):
-        nodes_for([reach((36, 37, -85, -84))], Wishes(*bounds))
+        nodes_for([reach((36, 37, -85, -84))], GridRequest(*bounds))
 
 
 def test_near_the_ground_nodes_are_wider_apart_than_a_quarter():
@@ -113,7 +115,7 @@ def test_near_the_ground_nodes_are_wider_apart_than_a_quarter():
         (50.0, 50.0, 25.0), (100.0, 100.0, 50.0), (300.0, 100.0, 75.0), (800.0, 200.0, 200.0),
     ):  # fmt: skip
         held = [reach((46, 46.1, 8, 8.1), lowest_m=800.0 + distance, sources_m=800.0, ground="it")]
-        nodes, _ = nodes_for(held, Wishes())
+        nodes, _ = nodes_for(held, GridRequest())
         assert np.diff(nodes.height_m) == pytest.approx(upwards)
         step = math.radians(float(np.diff(nodes.latitude_deg).mean())) * SEMI_MAJOR_AXIS
         assert 0.9 * across < step <= across
@@ -123,9 +125,9 @@ def test_near_the_ground_nodes_are_wider_apart_than_a_quarter():
 def test_a_bound_between_two_nodes_is_covered_if_it_may_be():
     """By one node beyond it, unless that would leave the inputs."""
     held = [reach((30, 34, 100, 105))]
-    inner, _ = nodes_for(held, Wishes(31.0, 33.1, 101.0, 104.1, spacing_deg=0.25))
+    inner, _ = nodes_for(held, GridRequest(31.0, 33.1, 101.0, 104.1, spacing_deg=0.25))
     assert ends(inner) == pytest.approx([31.0, 33.25, 101.0, 104.25])
-    outer, _ = nodes_for(held, Wishes(31.1, 34.0, 101.1, 105.0, spacing_deg=0.25))
+    outer, _ = nodes_for(held, GridRequest(31.1, 34.0, 101.1, 105.0, spacing_deg=0.25))
     assert ends(outer) == pytest.approx([31.1, 33.85, 101.1, 104.85])
 
 
@@ -149,7 +151,7 @@ def test_a_terrain_serves_its_inner_part_above_its_highest_ground(tmp_path):
     """
     path = hills(tmp_path / "hills.npz")
     for geoid, lowest in ((0.0, 3030.0), (1000.0, 4030.0)):
-        made = plan(Inputs(terrain=path, geoid_height_m=geoid), Wishes(), "test")
+        made = plan(Inputs(terrain=path, geoid_height_m=geoid), GridRequest(), "test")
         south, north, west, east = ends(made.nodes)
         step = float(made.nodes.latitude_deg[1] - made.nodes.latitude_deg[0])
         assert (south, west) == pytest.approx((47.12, 8.24))
@@ -160,8 +162,8 @@ def test_a_terrain_serves_its_inner_part_above_its_highest_ground(tmp_path):
                 rf"{where} the highest ground .* \({800.0 + geoid:g} m at 47.6000° N, 9.2000° E\)"
             )
             with pytest.raises(MapError, match=words):
-                wishes = Wishes(lowest_m=too_low + geoid)
-                plan(Inputs(terrain=path, geoid_height_m=geoid), wishes, "test")
+                request = GridRequest(lowest_m=too_low + geoid)
+                plan(Inputs(terrain=path, geoid_height_m=geoid), request, "test")
 
 
 def low_hills(path: Path) -> Path:
@@ -181,7 +183,7 @@ def low_hills(path: Path) -> Path:
 
 def test_a_map_begins_low_enough_for_flights_that_follow_the_ground(tmp_path):
     """One cell of the terrain, 93 m, above its highest ground; where that serves them is said."""
-    made = plan(Inputs(terrain=low_hills(tmp_path / "low.npz")), Wishes(), "test")
+    made = plan(Inputs(terrain=low_hills(tmp_path / "low.npz")), GridRequest(), "test")
     assert made.nodes.height_m[0] == 320.0
     remark = made.remarks[-1]
     assert (
@@ -195,7 +197,7 @@ def test_a_map_begins_low_enough_for_flights_that_follow_the_ground(tmp_path):
 def test_the_field_between_the_default_nodes_is_that_of_the_terrain(tmp_path):
     """Half way up the lowest layer: to 0.02 E rms, of some E."""
     path = low_hills(tmp_path / "low.npz")
-    made = plan(Inputs(terrain=path), Wishes(highest_m=620.0), "test")
+    made = plan(Inputs(terrain=path), GridRequest(highest_m=620.0), "test")
     tensor, vector = (np.stack(part, axis=2) for part in zip(*made.layers(), strict=True))
     nodes = made.nodes
     axes = np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m

@@ -9,6 +9,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from random_harmonics import random_model
+from shipped_fields import REGIONS, disturbing_field
 
 from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.harmonics import gravity_and_gradient
@@ -17,7 +18,7 @@ from ggbench.gravity.terrain import Terrain
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.netcdf import Nodes
 from ggbench.maps.parts import HarmonicPart, TerrainPart, _around, smoothed, summed
-from ggbench.maps.shipped_regions import SOURCES, disturbing_coefficients, disturbing_field
+from ggbench.maps.shipped_parts import disturbing_coefficients
 
 STEP = 1.0 / 60.0
 COUNT = 241
@@ -163,7 +164,7 @@ def test_terrain_explains_what_egm2008_has_beyond_degree_120():
     """
     nodes = Nodes(np.arange(33.0, 34.0, 0.1), np.arange(107.0, 109.0, 0.1), np.array([10e3]))
     axes = (np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m)
-    source = SOURCES["egm2008_qinling"]
+    source = REGIONS["egm2008_qinling"]
     harmonics = disturbing_coefficients(source.coefficients)
     geoid, _ = disturbing_field("egm2008_qinling", *axes)
     beyond = (geoid - gravity_and_gradient(harmonics, *axes)[1])[:, :, 0]

@@ -15,10 +15,10 @@ from ggbench.gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.harmonics import gravity_and_gradient, without_normal_field
 from ggbench.maps.gravity_model import read_model
-from ggbench.maps.nodes import Wishes
+from ggbench.maps.nodes import GridRequest
 from ggbench.maps.plan import Inputs, plan
 
-BOX = Wishes(40.0, 41.0, 7.0, 8.0, 3000.0, 6000.0, 0.25, 1000.0)
+BOX = GridRequest(40.0, 41.0, 7.0, 8.0, 3000.0, 6000.0, 0.25, 1000.0)
 
 
 @pytest.fixture
@@ -47,8 +47,8 @@ def test_the_highest_degree_asked_for_is_the_highest_that_is_removed(tmp_path):
 def test_nodes_are_as_dense_as_half_the_shortest_wave_asks(coefficients):
     """Harmonics of degree n vary as if from sources half a wavelength, πR/n, down."""
     for degree in (120, 240):
-        wishes = Wishes(40.0, 45.0, 7.0, 12.0, 1000.0, 9000.0)
-        made = plan(Inputs(coefficients=coefficients, max_degree=degree), wishes, "test")
+        request = GridRequest(40.0, 45.0, 7.0, 12.0, 1000.0, 9000.0)
+        made = plan(Inputs(coefficients=coefficients, max_degree=degree), request, "test")
         quarter = 0.25 * (1000.0 + math.pi * SEMI_MAJOR_AXIS / degree)
         step = math.radians(float(np.diff(made.nodes.latitude_deg).mean())) * SEMI_MAJOR_AXIS
         assert 0.9 * quarter < step <= quarter
@@ -71,8 +71,10 @@ def test_harmonics_of_higher_degree_need_less_of_a_grids_edge(coefficients, tmp_
     edges = {}
     for degree in (60, 120, 240):
         inputs = Inputs(coefficients=coefficients, max_degree=degree, grid=path)
-        wishes = Wishes(lowest_m=3000.0, highest_m=6000.0, spacing_deg=0.1, height_spacing_m=1000.0)
-        nodes = plan(inputs, wishes, "test").nodes
+        request = GridRequest(
+            lowest_m=3000.0, highest_m=6000.0, spacing_deg=0.1, height_spacing_m=1000.0
+        )
+        nodes = plan(inputs, request, "test").nodes
         edges[degree] = float(nodes.latitude_deg[0]) - 36.0
     assert edges[60] == pytest.approx(edges[120])  # never more than what was measured to be enough
     assert edges[240] == pytest.approx(0.5 * edges[120], abs=0.1)

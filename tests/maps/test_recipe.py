@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from field_derivatives import SYMMETRIC, ecef_axes
 from scipy.interpolate import make_interp_spline
+from shipped_fields import REGIONS, disturbing_field
 from thinning import thinned
 
 from ggbench.gravity import ellipsoid
@@ -23,9 +24,9 @@ from ggbench.gravity.harmonics import (
     potential,
     without_normal_field,
 )
-from ggbench.maps import recipe, shipped_regions
+from ggbench.maps import recipe
 from ggbench.maps.recipe import MapRecipe, build, load_or_build
-from ggbench.maps.shipped_regions import SOURCES, disturbing_field
+from ggbench.maps.shipped import SOURCES
 from ggbench.numerics.cache import CACHE_VARIABLE
 
 SOURCE = "egm2008_qinling"
@@ -145,11 +146,14 @@ def test_known_profile_of_the_vertical_gradient():
     known = [-3.8, -3.0, -3.7, -4.4, -3.5, -2.2, -1.8, -0.4, 4.4, 12.1, 21.1, 28.6, 31.5, 29.3]
     longitude = np.radians(108.0 + np.arange(len(known)) * 2.5 / 60.0)
 
-    def difference(*correction):
-        tensor, _ = disturbing_field(SOURCE, [math.radians(33.5)], longitude, [1e4], *correction)
+    def difference(**options):
+        tensor, _ = disturbing_field(SOURCE, [math.radians(33.5)], longitude, [1e4], **options)
         return tensor[0, :, 0, 5] - known
 
-    as_declared, smoothed, uncorrected = difference(), difference(True, 0.06), difference(False)
+    as_declared, smoothed, uncorrected = (
+        difference(**options)
+        for options in ({}, {"relief_smoothing_deg": 0.06}, {"land_correction": False})
+    )
     rms = [math.sqrt(np.mean(d**2)) for d in (as_declared, smoothed, uncorrected)]
     print(f"rms as declared, smoothed, uncorrected [E]: {rms}; max {np.abs(as_declared).max()}")
     assert rms[0] < 0.1
@@ -161,9 +165,9 @@ def test_known_profile_of_the_vertical_gradient():
 def test_no_map_that_is_rebuilt_is_called_egm2008s(qinling):
     """What a map says of itself, and what is written about it: not a field that it is not."""
     assert qinling.provenance.startswith("rebuilt from the EGM2008 geoid")
-    for source in SOURCES.values():
+    for name in REGIONS:
         assert re.search(
-            r"rebuilt from the EGM2008 geoid.* E rms from EGM2008's", source.provenance
+            r"rebuilt from the EGM2008 geoid.* E rms from EGM2008's", SOURCES[name].provenance
         )
     root = Path(__file__).parents[2]
     written = [
@@ -217,7 +221,7 @@ def test_interpolation_at_the_default_spacing_costs_less_than_a_thousandth(qinli
 def test_land_correction_matters_on_land():
     longitude = np.radians(np.linspace(108.0, 109.0, 20))
     corrected, plain = (
-        disturbing_field(SOURCE, [math.radians(33.5)], longitude, [1e4], land)[0]
+        disturbing_field(SOURCE, [math.radians(33.5)], longitude, [1e4], land_correction=land)[0]
         for land in (True, False)
     )
     assert 0.5 < (corrected - plain)[..., 5].std() < 6.0
@@ -225,9 +229,9 @@ def test_land_correction_matters_on_land():
 
 def test_land_has_heights_and_the_sea_has_none():
     """What lies under water is no land that a geoid would have to be corrected for."""
-    source = shipped_regions.SOURCES["egm2008_south_china_sea"]
-    geoid = shipped_regions._geoid(source)
-    elevation = shipped_regions._elevation(source, geoid, 0.0)
+    source = REGIONS["egm2008_south_china_sea"]
+    geoid = source.grid()
+    elevation = source.elevation(geoid, 0.0)
     assert elevation.shape == geoid.values.shape
     assert elevation.min() == 0.0 and elevation.max() > 1000.0
     assert 0.5 < np.mean(elevation == 0.0) < 0.95
@@ -260,18 +264,21 @@ def assert_same(one: GradientMap, other: GradientMap) -> None:
 
 def test_cached_map_equals_the_built_one(cache, monkeypatch):
     built = load_or_build(SMALL)
-    assert len(list(cache.glob("*.npz"))) == 1
+    assert len(list(cache.glob("*.nc"))) == 1
     monkeypatch.setattr(recipe, "build", lambda recipe: pytest.fail("the cache was not used"))
     assert_same(load_or_build(SMALL), built)
 
 
-@thinned("damage", ["truncated", "overwritten", "empty", "flipped", "foreign"])
+@thinned("damage", ["truncated", "overwritten", "empty", "foreign", "another map"])
 def test_damaged_cache_file_is_rebuilt(cache, damage):
     built = load_or_build(SMALL)
-    (file,) = cache.glob("*.npz")
+    (file,) = cache.glob("*.nc")
     content = file.read_bytes()
     if damage == "foreign":
-        np.savez(file, tensor=np.zeros(3))
+        np.savez(file.with_suffix(".npz"), tensor=np.zeros(3))
+        file.with_suffix(".npz").replace(file)
+    elif damage == "another map":
+        recipe.write(file, build(dataclasses.replace(SMALL, land_correction=False)))
     else:
         middle = len(content) // 2
         file.write_bytes(
@@ -279,17 +286,36 @@ def test_damaged_cache_file_is_rebuilt(cache, damage):
                 "truncated": content[:middle],
                 "overwritten": b"not a map" * 1000,
                 "empty": b"",
-                "flipped": content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :],
             }[damage]
         )
     assert_same(load_or_build(SMALL), built)
-    assert [entry.read_bytes() for entry in cache.glob("*.npz")] == [content]
+    assert [entry.read_bytes() for entry in cache.glob("*.nc")] == [content]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_flipped_bit_anywhere_in_the_cache_changes_no_map(cache, seed, monkeypatch):
+    """Values, axes, attributes and the file's own structure."""
+    built = load_or_build(SMALL)
+    monkeypatch.setattr(recipe, "build", lambda _: built)
+    (file,) = cache.glob("*.nc")
+    content = file.read_bytes()
+    rng = np.random.default_rng(seed)
+    # Half of the places within the first and last kilobytes, where the structure is.
+    places = np.concatenate((rng.integers(len(content), size=10), rng.integers(-6000, 6000, 30)))
+    rebuilt = 0
+    for place in places:
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << rng.integers(8)
+        file.write_bytes(damaged)
+        assert_same(load_or_build(SMALL), built)
+        rebuilt += file.read_bytes() == content
+    assert rebuilt > 5  # other bits are those of no value
 
 
 def test_another_recipe_is_another_file(cache):
     changes = [{}, {"land_correction": False}, {"relief_smoothing_deg": 0.06}]
     gradient_maps = [load_or_build(dataclasses.replace(SMALL, **change)) for change in changes]
-    assert len(list(cache.glob("*.npz"))) == 3
+    assert len(list(cache.glob("*.nc"))) == 3
     # Each says of itself which it is.
     notes = ["relief not smoothed", "without land correction", "relief smoothed by 0.06 deg"]
     for gradient_map, note in zip(gradient_maps, notes, strict=True):
@@ -314,7 +340,7 @@ def test_builders_at_the_same_time_leave_one_whole_file(cache):
         several = list(pool.map(load_or_build, [SMALL] * 4))
     for one in several[1:]:
         assert_same(one, several[0])
-    assert {entry.suffix for entry in cache.iterdir()} == {".npz", ".lock"}
+    assert {entry.suffix for entry in cache.iterdir()} == {".nc", ".lock"}
 
 
 def test_cache_that_cannot_be_written_is_not_fatal(tmp_path, monkeypatch):
@@ -361,7 +387,7 @@ def test_impossible_recipe_is_refused_with_what_is_allowed(change, message):
 @pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 not really an archive"])
 def test_missing_or_damaged_data_file_is_named(tmp_path, monkeypatch, content):
     (tmp_path / "data").mkdir()
-    name = SOURCES[SOURCE].geoid
+    name = REGIONS[SOURCE].file
     if content is not None:
         (tmp_path / "data" / name).write_bytes(content)
     monkeypatch.setattr(importlib.resources, "files", lambda package: tmp_path)

@@ -11,35 +11,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 from field_derivatives import derivatives_at
+from shipped_fields import REGIONS, disturbing_field
 from thinning import thinned
 
 from ggbench.gravity.ellipsoid import EOTVOS
 from ggbench.gravity.gradient_map import MapError
+from ggbench.maps.package_data import data_bytes, read_arrays
 from ggbench.maps.recipe import MapRecipe, checked
-from ggbench.maps.shipped_regions import (
-    SOURCES,
-    data_bytes,
-    disturbing_field,
-    extent_deg,
-    read_arrays,
-)
-from ggbench.maps.shipped_terrains import TERRAINS
+from ggbench.maps.shipped import SOURCES
 
 ROOT = Path(__file__).parents[2]
 MOST_BYTES = 500_000
 SHIFT = math.radians(0.02)
 DAILY = ("egm2008_south_china_sea",)
 """Of the region from the surface of the sea up."""
-FILES = sorted(
-    {name for source in SOURCES.values() for name in (source.geoid, source.topography)}
-    | {source.coefficients for source in SOURCES.values()}
-    | {terrain.file for terrain in TERRAINS.values()}
-)
+FILES = sorted({name for source in SOURCES.values() for name in source.files if "/" not in name})
+"""Of regions and terrains; those of surveys lie in a folder with a README of its own."""
+
+
+def extent_deg(source: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return from and to of the latitudes and of the longitudes of a source [deg]."""
+    limits = SOURCES[source].limits()
+    return limits.latitudes, limits.longitudes
 
 
 def inner_axes(source: str, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Latitudes and longitudes [rad] from bound to bound of what a source gives."""
-    south_north, west_east = extent_deg(SOURCES[source])
+    south_north, west_east = extent_deg(source)
     return np.radians(np.linspace(*south_north, count)), np.radians(np.linspace(*west_east, count))
 
 
@@ -52,9 +50,9 @@ def rms_uu(source: str, height: float) -> float:
 # --- the field -------------------------------------------------------------------------------
 
 
-@thinned("source", SOURCES)
+@thinned("source", REGIONS)
 def test_the_trace_vanishes_from_the_lowest_height_up(source):
-    heights = [SOURCES[source].lowest_height_m, 1e4, SOURCES[source].highest_height_m]
+    heights = [REGIONS[source].lowest_m, 1e4, SOURCES[source].highest_m]
     tensor, _ = disturbing_field(source, *inner_axes(source, 15), heights)
     assert np.isfinite(tensor).all()
     assert np.abs(tensor[..., [0, 3, 5]].sum(axis=-1)).max() < 1e-9
@@ -62,7 +60,7 @@ def test_the_trace_vanishes_from_the_lowest_height_up(source):
 
 @pytest.mark.parametrize(
     "source",
-    [pytest.param(source, marks=() if source in DAILY else pytest.mark.long) for source in SOURCES],
+    [pytest.param(source, marks=() if source in DAILY else pytest.mark.long) for source in REGIONS],
 )
 def test_the_tensor_is_the_gradient_of_gravity_and_free_of_curl(source):
     """To 0.3 % of its rms, at the lowest height and at 10 km; so are third derivatives.
@@ -71,8 +69,8 @@ def test_the_tensor_is_the_gradient_of_gravity_and_free_of_curl(source):
     control, the tensor of a place 0.02° away is no gradient of the gravity here.
     """
     rng = np.random.default_rng(3)
-    (south, north), (west, east) = extent_deg(SOURCES[source])
-    for height in (SOURCES[source].lowest_height_m, 1e4):
+    (south, north), (west, east) = extent_deg(source)
+    for height in (REGIONS[source].lowest_m, 1e4):
         errors, sizes, curls, thirds, elsewhere = [], [], [], [], []
         for _ in range(4):
             latitude, longitude = np.radians(
@@ -100,7 +98,7 @@ def test_the_tensor_is_the_gradient_of_gravity_and_free_of_curl(source):
 @pytest.mark.long
 def test_the_regions_differ_in_character():
     """At 10 km: the plains are weak, the Alps strong; the trench decays least with height."""
-    at_ten = {name: rms_uu(name, 1e4) for name in SOURCES}
+    at_ten = {name: rms_uu(name, 1e4) for name in REGIONS}
     print({name: round(value, 1) for name, value in at_ten.items()})
     plains = at_ten.pop("egm2008_great_plains")
     assert plains < 5.0 < 8.0 < min(at_ten.values())
@@ -112,10 +110,10 @@ def test_the_regions_differ_in_character():
 # --- heights and bounds ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", REGIONS)
 def test_heights_outside_of_what_a_region_gives_are_refused(source):
-    (south, _), (west, _) = extent_deg(SOURCES[source])
-    low, high = SOURCES[source].lowest_height_m, SOURCES[source].highest_height_m
+    (south, _), (west, _) = extent_deg(source)
+    low, high = REGIONS[source].lowest_m, SOURCES[source].highest_m
     bounds = (south, south + 0.5, west, west + 0.5)
     spacings = {"spacing_arcmin": 0.3, "height_spacing_m": 400.0}
     assert checked(MapRecipe(source, *bounds, low, low + 4000.0, **spacings)).source == source
@@ -128,22 +126,22 @@ def test_heights_outside_of_what_a_region_gives_are_refused(source):
 @pytest.mark.parametrize("source", ["egm2008_alps", "egm2008_great_plains"])
 def test_a_map_of_land_begins_above_its_ground(source):
     """Half a kilometre and more above the highest cell of the relief."""
-    (south, north), (west, east) = extent_deg(SOURCES[source])
-    relief = read_arrays(data_bytes(SOURCES[source].topography), ("lat", "lon", "z"))
+    (south, north), (west, east) = extent_deg(source)
+    relief = read_arrays(data_bytes(REGIONS[source].topography), ("lat", "lon", "z"))
     rows = (relief["lat"] > south) & (relief["lat"] < north)
     columns = (relief["lon"] > west) & (relief["lon"] < east)
     highest = relief["z"][np.ix_(rows, columns)].max()
-    assert SOURCES[source].lowest_height_m > highest + 500.0
+    assert REGIONS[source].lowest_m > highest + 500.0
 
 
 # --- the data files --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", REGIONS)
 def test_the_relief_covers_the_geoid(source):
     """Nodes of 2.5′, none of them beyond the relief, which would be extrapolated there."""
-    files = SOURCES[source]
-    geoid = read_arrays(data_bytes(files.geoid), ("lat0", "lon0", "step", "N_1e4m"))
+    files = REGIONS[source]
+    geoid = read_arrays(data_bytes(files.file), ("lat0", "lon0", "step", "N_1e4m"))
     relief = read_arrays(data_bytes(files.topography), ("lat", "lon", "z"))
     assert geoid["N_1e4m"].dtype == np.int32 and relief["z"].dtype == np.int16
     assert geoid["step"] == pytest.approx(2.5 / 60.0)

@@ -8,14 +8,16 @@ import math
 
 import numpy as np
 import pytest
+from shipped_fields import TERRAINS, disturbing_field
 
 from ggbench.gravity import parker
 from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import MapError
-from ggbench.gravity.terrain import Terrain
-from ggbench.maps import shipped_terrains
+from ggbench.gravity.terrain import Terrain, TerrainError
+from ggbench.maps import package_data, shipped_parts
 from ggbench.maps.recipe import MapRecipe, build
-from ggbench.maps.shipped_terrains import TerrainSource, terrain_disturbing_field
+from ggbench.maps.shipped import SOURCES, ShippedSource
+from ggbench.maps.shipped_parts import ShippedTerrain
 
 STEP = 3.0 / 3600.0
 
@@ -23,7 +25,7 @@ STEP = 3.0 / 3600.0
 @pytest.fixture(scope="module")
 def summit() -> Terrain:
     """The highest ground of the shipped terrain, 9 km around it: cheap enough for a test."""
-    whole = shipped_terrains._terrain("jacksboro")
+    whole = SOURCES["jacksboro"].parts[0].terrain()
     row, column = np.unravel_index(whole.height_m.argmax(), whole.height_m.shape)
     row = min(max(row - 60, 0), whole.height_m.shape[0] - 120)
     column = min(max(column - 60, 0), whole.height_m.shape[1] - 120)
@@ -38,7 +40,7 @@ def summit() -> Terrain:
 @pytest.fixture
 def small_terrain(summit, monkeypatch) -> Terrain:
     """The same in the place of the whole terrain, whose field takes ten seconds."""
-    monkeypatch.setattr(shipped_terrains, "_terrain", lambda _: summit)
+    monkeypatch.setattr(ShippedTerrain, "terrain", lambda _: summit)
     return summit
 
 
@@ -55,10 +57,10 @@ def shipped(monkeypatch, **arrays: object) -> None:
     file = io.BytesIO()
     np.savez(file, **arrays)
     monkeypatch.setitem(
-        shipped_terrains.TERRAINS, "hill", TerrainSource("hill.npz", 3000.0, "a hill")
+        SOURCES, "hill", ShippedSource("a hill", 3000.0, (ShippedTerrain("hill.npz"),))
     )
-    monkeypatch.setattr(shipped_terrains, "data_bytes", lambda _: file.getvalue())
-    shipped_terrains._terrain.cache_clear()
+    monkeypatch.setattr(package_data, "data_bytes", lambda _: file.getvalue())
+    shipped_parts._terrain.cache_clear()
 
 
 def hill(width_m: float, top_m: float, count: int = 121) -> np.ndarray:
@@ -76,7 +78,7 @@ def test_the_field_is_parkers_of_the_stored_terrain(small_terrain):
     """Nothing is lost between the data file and the series, and both parts come in geodetic ENU."""
     latitude, longitude = inside(small_terrain, 5)
     height = np.array([1200.0, 1500.0])
-    tensor, vector = terrain_disturbing_field("jacksboro", latitude, longitude, height)
+    tensor, vector = disturbing_field("jacksboro", latitude, longitude, height)
     expected, gravity = parker.terrain_field(small_terrain, latitude, longitude, height)
     np.testing.assert_array_equal(tensor, expected)
     np.testing.assert_array_equal(vector, gravity)
@@ -94,10 +96,10 @@ def test_the_field_is_linear_in_the_density(small_terrain):
     latitude, longitude = inside(small_terrain, 5)
     height = np.array([1200.0])
     fields = {
-        density: terrain_disturbing_field("jacksboro", latitude, longitude, height, density)
+        density: disturbing_field("jacksboro", latitude, longitude, height, density_kg_m3=density)
         for density in (1000.0, 2670.0)
     }
-    plain = terrain_disturbing_field("jacksboro", latitude, longitude, height)
+    plain = disturbing_field("jacksboro", latitude, longitude, height)
     for part in (0, 1):
         scale = np.abs(fields[2670.0][part]).max()
         np.testing.assert_allclose(
@@ -121,7 +123,7 @@ def test_a_spline_of_the_maps_spacing_stands_for_the_field(small_terrain):
     field = Field.from_map(build(recipe))
     height = np.array([1200.0, 1225.0])
     where = np.meshgrid(latitude, longitude, height, indexing="ij")
-    exact, gravity = terrain_disturbing_field("jacksboro", latitude, longitude, height)
+    exact, gravity = disturbing_field("jacksboro", latitude, longitude, height)
     error = field.tensor(*where) - Field.normal().tensor(*where) - exact
     assert np.ptp(exact[..., 5]) > 30.0
     assert (rms(error) < 0.05).all(), rms(error)
@@ -143,10 +145,10 @@ def test_a_smoothed_hill_is_a_wider_hill(monkeypatch):
         "latitude_step_deg": STEP, "longitude_step_deg": STEP,
     }  # fmt: skip
     shipped(monkeypatch, **geometry, height_m=hill(width, top))
-    smoothed = terrain_disturbing_field("hill", *where, relief_smoothing_deg=smoothing_deg)[0]
-    rough = terrain_disturbing_field("hill", *where)[0]
+    smoothed = disturbing_field("hill", *where, relief_smoothing_deg=smoothing_deg)[0]
+    rough = disturbing_field("hill", *where)[0]
     shipped(monkeypatch, **geometry, height_m=hill(wide, top * (width / wide) ** 2))
-    expected = terrain_disturbing_field("hill", *where)[0]
+    expected = disturbing_field("hill", *where)[0]
     scale = np.abs(expected).max()
     assert np.abs(smoothed - expected).max() < 0.01 * scale
     assert np.abs(rough - expected).max() > 0.5 * scale
@@ -154,23 +156,24 @@ def test_a_smoothed_hill_is_a_wider_hill(monkeypatch):
 
 def test_the_rocky_mountains_are_where_they_belong():
     """The highest cell holds Longs Peak; at 5 km, half a kilometre above it, the field is rough."""
-    terrain = shipped_terrains._terrain("rocky_mountains")
+    terrain = SOURCES["rocky_mountains"].parts[0].terrain()
     row, column = np.unravel_index(terrain.height_m.argmax(), terrain.height_m.shape)
     summit = terrain.latitudes_deg[row], terrain.longitudes_deg[column]
     assert np.abs(np.subtract(summit, (40.2550, -105.6158))).max() < 0.5 * 0.00275
     where = [np.radians(axis[20:-20:4]) for axis in (terrain.latitudes_deg, terrain.longitudes_deg)]
-    tensor, _ = terrain_disturbing_field("rocky_mountains", *where, [5000.0])
+    tensor, _ = disturbing_field("rocky_mountains", *where, [5000.0])
     assert 50.0 < tensor[..., 5].std() < 75.0
     assert np.abs(tensor[..., [0, 3, 5]].sum(axis=-1)).max() < 1e-6
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", shipped_terrains.TERRAINS)
+@pytest.mark.parametrize("name", sorted(TERRAINS))
 def test_parkers_series_serves_the_lowest_height_of_a_terrain(name):
     """The clearance that is declared is enough: the series ends, and the field is finite."""
-    middle = [[np.radians(np.mean(bounds))] for bounds in shipped_terrains.terrain_extent_deg(name)]
-    lowest, highest = shipped_terrains.terrain_heights_m(name)
-    tensor, _ = terrain_disturbing_field(name, *middle, [lowest, highest])
+    limits = SOURCES[name].limits()
+    middle = [[np.radians(np.mean(side))] for side in (limits.latitudes, limits.longitudes)]
+    lowest, highest = limits.heights
+    tensor, _ = disturbing_field(name, *middle, [lowest, highest])
     assert np.isfinite(tensor).all()
 
 
@@ -190,7 +193,10 @@ JACKSBORO = MapRecipe(
         ({"land_correction": False}, r"land_correction has no meaning for 'jacksboro'"),
         ({"spacing_arcmin": 0.2}, r"spacing_arcmin = 0.2 is too wide .* highest ground, 1076 m"),
         ({"height_spacing_m": 100.0}, r"height_spacing_m = 100.0 is too wide .*: at most 74 is"),
-        ({"density_kg_m3": 2000.0, "source": "egm2008_qinling"}, r"density_kg_m3 belongs to a ter"),
+        (
+            {"density_kg_m3": 2000.0, "source": "egm2008_qinling"},
+            r"density_kg_m3 has no .* for jacksboro",
+        ),
         ({"relief_smoothing_deg": 2.0}, r"relief_smoothing_deg"),
         ({"source": "jacksborough"}, r"Unknown map source 'jacksborough'; allowed: .*jacksboro"),
     ],
@@ -203,14 +209,14 @@ def test_what_a_terrain_cannot_give_is_refused(change, words):
 
 
 def test_positions_that_the_series_cannot_serve_are_refused(small_terrain):
-    """A position beside the terrain, or within the ground, has a MapError, not a number."""
+    """A position beside the terrain, or within the ground, has an error, not a number."""
     latitude, longitude = inside(small_terrain, 3)
     for where in (
         (latitude + 0.1, longitude, np.array([1200.0])),
         (latitude, longitude, np.array([1000.0])),
     ):
-        with pytest.raises(MapError):
-            terrain_disturbing_field("jacksboro", *where)
+        with pytest.raises(TerrainError):
+            disturbing_field("jacksboro", *where)
 
 
 @pytest.mark.parametrize(
@@ -228,5 +234,5 @@ def test_a_damaged_data_file_is_named(arrays, monkeypatch):
     """An installation that lost data says which file, and what to do."""
     shipped(monkeypatch, **arrays)
     with pytest.raises(MapError, match=r"hill.npz") as caught:
-        shipped_terrains.terrain_extent_deg("hill")
+        SOURCES["hill"].limits()
     assert "\n" not in str(caught.value)

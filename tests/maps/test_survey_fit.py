@@ -15,12 +15,12 @@ from ggbench.gravity.gradient_map import MapError
 from ggbench.maps.equivalent_sources import Plane
 from ggbench.maps.survey_error import map_error
 from ggbench.maps.survey_files import read_lines
-from ggbench.maps.survey_fit import Wanted, fit
+from ggbench.maps.survey_fit import FitOptions, fit
 from ggbench.maps.survey_noise import autoregression, innovations, noise_of
 
-WANTED = Wanted(500.0, 300.0)
+WANTED = FitOptions(500.0, 300.0)
 VINTON = files("ggbench.scenarios") / "data" / "measured" / "vinton2008.csv.gz"
-COARSE = Wanted(900.0, 900.0, 0.1)
+COARSE = FitOptions(900.0, 900.0, 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_a_line_held_back_is_not_known_to_its_map(noisy):
     at = lines.samples(spoilt)
     bump = 30.0 * np.sin(np.arange(len(at)) / 5.0)[:, np.newaxis]
     values[at] += bump
-    other = fit(dataclasses.replace(lines, values=values), Wanted(*noisy.settings))
+    other = fit(dataclasses.replace(lines, values=values), FitOptions(*noisy.settings))
     expected = noisy.held_back[spoilt] + bump - bump.mean()
     np.testing.assert_allclose(other.held_back[spoilt], expected, atol=1e-6)
     np.testing.assert_allclose(other.held_back[0], noisy.held_back[0], atol=1e-6)
@@ -105,7 +105,7 @@ def test_the_standard_error_is_that_of_the_map():
     """
     ratios = []
     for seed in range(3):
-        found = fit(survey(noise=3.0, seed=seed), Wanted(500.0, 300.0, 0.1))
+        found = fit(survey(noise=3.0, seed=seed), FitOptions(500.0, 300.0, 0.1))
         claimed = map_error(found)[0][:6]
         middle = Plane.under(found.lines).place(np.array([30.0]), np.array([-93.0]))
         east, north = np.meshgrid(np.arange(600.0, 2800.0, 150.0), np.arange(800.0, 5300.0, 100.0))

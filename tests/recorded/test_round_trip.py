@@ -351,7 +351,7 @@ def test_no_truth_is_in_the_file_of_a_flight(tmp_path, source):
 def test_longitudes_of_a_record_may_be_counted_in_another_turn(tmp_path):
     """The start in another one than the map, the receiver and the reference: the same problem."""
     path = recorded(
-        tmp_path / "flight", ON_BOARD | {"field.source": rough_map(tmp_path / "map.npz")}
+        tmp_path / "flight", ON_BOARD | {"field.source": rough_map(tmp_path / "map.nc")}
     )
     expected = read_flight(path)
     start = tomllib.loads(path.read_text())["imu_record"]["start"]["longitude_rad"]

@@ -130,7 +130,7 @@ def test_a_reading_at_a_wrong_time_is_that_of_another_place(tmp_path):
     component, agree, and scatter as stated (20 readings, false-alarm probability 1e-3).
     """
     rough = {
-        "field.source": rough_map(tmp_path / "rough.npz"),
+        "field.source": rough_map(tmp_path / "rough.nc"),
         "gradiometer.instrument": "local-level",
     }
     right = small_flight(rough)

@@ -44,7 +44,7 @@ FILTERS: dict[str, dict[str, Any]] = {
 @pytest.fixture(scope="module")
 def rough(tmp_path_factory) -> str:
     """A map of 10 E over 3 km."""
-    return rough_map(tmp_path_factory.mktemp("map") / "rough.npz")
+    return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
 
 
 def mounted(instrument: str, **changes: Any) -> Flight:

@@ -27,7 +27,7 @@ def coloured(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     folder = Path(tmp_path_factory.mktemp("coloured"))
     NOISE.write(folder / "noise.json")
     return {
-        "field.source": rough_map(folder / "map.npz", rms=300.0),
+        "field.source": rough_map(folder / "map.nc", rms=300.0),
         "gradiometer.instrument": "local-level",
         "gradiometer.components": ["xx", "xz"],
         "gradiometer.noise_eotvos": None,

@@ -162,7 +162,7 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
     changes = known[what] if what in known else FAULTS[what]
     gravity = NORMAL_GRAVITY
     if what == "map":
-        rough = rough_map(tmp_path / "map.npz", rms=300.0)
+        rough = rough_map(tmp_path / "map.nc", rms=300.0)
         gravity = of_map(Field.from_map(read(rough)).disturbance_map)
     flight = small_flight(changes)
     truth, model, dt = flight.trajectory, flight.model, flight.trajectory.dt

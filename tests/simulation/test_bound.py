@@ -251,7 +251,7 @@ def test_it_is_what_a_filter_near_the_truth_says_of_itself(changes):
 
 def test_added_gravity_changes_with_the_error_of_the_position(tmp_path):
     """An INS that adds the map's gravity falls by its gradient more for each metre it errs."""
-    path = rough_map(tmp_path / "map.npz", rms=300.0)
+    path = rough_map(tmp_path / "map.nc", rms=300.0)
     rough = {"field.source": path, "field.gravity_disturbance": True}
     plain, adding = (
         small_flight(rough | {"model.field.compensate": compensate}) for compensate in (False, True)

@@ -13,7 +13,7 @@ from ggbench.simulation.runs import simulate
 
 def flown(tmp_path: Path, **changes: object) -> tuple[Flight, np.ndarray]:
     """A flight over tens of mGal with the INS's errors (K, 9) in it."""
-    felt = rough_map(tmp_path / "felt.npz", seed=1, rms=300.0)
+    felt = rough_map(tmp_path / "felt.nc", seed=1, rms=300.0)
     flight = small_flight(
         QUIET
         | {
@@ -45,7 +45,7 @@ def test_what_is_added_where_it_is_felt_leaves_nothing(tmp_path):
 
 def test_a_wrong_map_leaves_the_difference_of_the_two(tmp_path):
     """δv' = δg of the estimators' map − δg of the true one."""
-    other = rough_map(tmp_path / "other.npz", seed=2, rms=300.0)
+    other = rough_map(tmp_path / "other.nc", seed=2, rms=300.0)
     flight, errors = flown(tmp_path, model__field__compensate=True, model__field__source=other)
     place = flight.trajectory.positions[flight.epochs].T
     added, felt = (

@@ -26,7 +26,7 @@ def rough(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def readings(rough: Path, changes: dict[str, Any]) -> np.ndarray:
     """Of a flight over a map of hundreds of E, level and nearly without noise."""
     base = {
-        "field.source": rough_map(rough / "map.npz", rms=300.0),
+        "field.source": rough_map(rough / "map.nc", rms=300.0),
         "gradiometer.instrument": "local-level",
         "gradiometer.noise_eotvos": 1e-6,
     }
@@ -65,7 +65,7 @@ def test_a_scale_factor_leaves_the_noise_as_it_is(rough):
 
 def test_a_mistimed_reading_is_of_the_true_field(rough):
     """Whatever map the estimators have."""
-    other = {"model.field.source": rough_map(rough / "other.npz", seed=2)}
+    other = {"model.field.source": rough_map(rough / "other.nc", seed=2)}
     np.testing.assert_array_equal(readings(rough, JITTER | other), readings(rough, JITTER))
 
 

@@ -23,7 +23,7 @@ from ggbench.spec.sensors import FieldSpec, MapErrorSpec
 
 def test_the_estimators_map_must_hold_the_flight(tmp_path):
     """The truth may have no map at all; what the estimators compare with must be there."""
-    there = rough_map(tmp_path / "map.npz")
+    there = rough_map(tmp_path / "map.nc")
     prepare(small_case({"model.field.source": there}))
     with pytest.raises(OutsideMapError, match=r"33\.\d+° N, 108\.\d+° E, 10000 m is outside"):
         prepare(small_case({"model.field.source": there, "trajectory.longitude_deg": 108.2}))
@@ -31,7 +31,7 @@ def test_the_estimators_map_must_hold_the_flight(tmp_path):
 
 def test_a_map_that_is_written_anew_is_read_anew(tmp_path):
     """Within one process, a notebook say: by the time of the file."""
-    path = Path(rough_map(tmp_path / "map.npz", seed=1))
+    path = Path(rough_map(tmp_path / "map.nc", seed=1))
     before = make_field(FieldSpec(source=str(path)))
     assert make_field(FieldSpec(source=str(path))) is before
     rough_map(path, seed=2)
@@ -50,7 +50,7 @@ def test_how_a_map_is_built_means_nothing_without_building_one(key, source):
 
 def test_a_wrong_density_is_a_factor_of_the_whole_disturbing_field(tmp_path):
     """Of the gradients and of the gravity that comes with them."""
-    path = rough_map(tmp_path / "map.npz")
+    path = rough_map(tmp_path / "map.nc")
     right = make_field(FieldSpec(source=path))
     wrong = make_field(FieldSpec(source=path, error=MapErrorSpec(density_factor=1.25)))
     for name in ("tensor_coefficients", "disturbance_coefficients"):
@@ -60,7 +60,7 @@ def test_a_wrong_density_is_a_factor_of_the_whole_disturbing_field(tmp_path):
 
 
 def test_another_seed_is_another_error_of_the_map(tmp_path):
-    path = rough_map(tmp_path / "map.npz")
+    path = rough_map(tmp_path / "map.nc")
     one, two = (
         make_field(FieldSpec(source=path, error=MapErrorSpec(white_noise_eotvos=1.0, seed=seed)))
         for seed in (1, 2)
@@ -69,7 +69,7 @@ def test_another_seed_is_another_error_of_the_map(tmp_path):
 
 
 def test_a_map_is_kept_once_whether_its_gravity_is_felt_or_not(tmp_path):
-    spec = FieldSpec(source=rough_map(tmp_path / "map.npz"))
+    spec = FieldSpec(source=rough_map(tmp_path / "map.nc"))
     assert make_field(spec.model_copy(update={"gravity_disturbance": True})) is make_field(spec)
 
 
@@ -93,13 +93,13 @@ def test_a_region_to_cut_a_map_to_has_ascending_bounds(bounds):
 @pytest.mark.parametrize("turn", [-360.0, 360.0])
 def test_a_flight_is_over_a_map_in_whatever_turn_its_longitudes_are(turn, tmp_path):
     """What is read, felt and bounded is the same; the flight keeps its own longitudes."""
-    felt = {"truth.field.gravity_disturbance": True, "field.source": rough_map(tmp_path / "m.npz")}
+    felt = {"truth.field.gravity_disturbance": True, "field.source": rough_map(tmp_path / "m.nc")}
     here = prepare(small_case(felt))
     found = dataclasses.replace(
         read(Path(felt["field.source"])), longitude0=here.field.lower[1] + math.radians(turn)
     )
-    write(tmp_path / "other.npz", found)
-    there = prepare(small_case(felt | {"field.source": str(tmp_path / "other.npz")}))
+    write(tmp_path / "other.nc", found)
+    there = prepare(small_case(felt | {"field.source": str(tmp_path / "other.nc")}))
     np.testing.assert_array_equal(there.trajectory.positions, here.trajectory.positions)
     np.testing.assert_allclose(there.noise_free, here.noise_free, atol=1e-6)
     np.testing.assert_allclose(there.delta_velocities, here.delta_velocities, atol=1e-13)

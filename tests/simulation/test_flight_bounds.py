@@ -37,4 +37,4 @@ def test_flights_of_other_epochs_or_maps_are_refused(change, rough):
 
 @pytest.fixture(scope="module")
 def rough(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return rough_map(tmp_path_factory.mktemp("maps") / "map.npz", rms=100.0)
+    return rough_map(tmp_path_factory.mktemp("maps") / "map.nc", rms=100.0)

@@ -27,7 +27,7 @@ FAST = {"initial_error.velocity_mps": 2.0, "gradiometer.noise_eotvos": 1e-3}
 @pytest.fixture(scope="module")
 def rough(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """A map of 300 E, so that readings are of their places."""
-    path = Path(tmp_path_factory.mktemp("maps")) / "map.npz"
+    path = Path(tmp_path_factory.mktemp("maps")) / "map.nc"
     return {"field.source": rough_map(path, rms=300.0)}
 
 

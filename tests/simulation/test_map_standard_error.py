@@ -27,7 +27,7 @@ def case(path, **changes):
 
 
 def test_the_model_has_the_error_of_the_map_and_the_truth_has_not(tmp_path):
-    path = tmp_path / "map.npz"
+    path = tmp_path / "map.nc"
     write(path, dataclasses.replace(blank_map(), standard_error=ERROR))
     variances = np.diag(suite_of_case(case(path), "model").noise_cov)
     assert variances == pytest.approx([1.0 + 9.0, 1.0 + 1.0, 1.0 + 0.25 * 18.0])
@@ -35,9 +35,9 @@ def test_the_model_has_the_error_of_the_map_and_the_truth_has_not(tmp_path):
 
 
 def test_a_map_without_a_standard_error_is_named(tmp_path):
-    path = tmp_path / "map.npz"
+    path = tmp_path / "map.nc"
     write(path, blank_map())
-    with pytest.raises(MapError, match=r"map\.npz\" states no standard error"):
+    with pytest.raises(MapError, match=r"map\.nc\" states no standard error"):
         suite_of_case(case(path), "model")
 
 
@@ -50,4 +50,4 @@ def test_a_map_without_a_standard_error_is_named(tmp_path):
 )
 def test_a_case_that_cannot_use_it_gets_a_sentence(tmp_path, changes, said):
     with pytest.raises(Exception, match=f"model.field.standard_error.*{said}"):
-        case(tmp_path / "map.npz", **changes)
+        case(tmp_path / "map.nc", **changes)

@@ -33,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = Path(tmp_path_factory.mktemp("measured"))
     survey(found / "lines.csv")
     NOISE.write(found / "noise.json")
-    write(found / "map.npz", blank_map())
+    write(found / "map.nc", blank_map())
     return found
 
 
@@ -51,7 +51,7 @@ def keys(folder: Path) -> dict[str, Any]:
         "gradiometer.readings": "measured",
         "gradiometer.instrument": "local-level",
         "gradiometer.components": ["xx", "xz"],
-        "field.source": str(folder / "map.npz"),
+        "field.source": str(folder / "map.nc"),
     }
 
 

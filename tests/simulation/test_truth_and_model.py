@@ -54,7 +54,7 @@ def test_a_case_survives_the_store():
                         "gradiometer.rotating.spin_axes": ["y", "z"]}
         ),
         small_case({"truth.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1}),
-        small_case({"field.source": "a.npz", "model.field.error": {"density_factor": 1.1}}),
+        small_case({"field.source": "a.nc", "model.field.error": {"density_factor": 1.1}}),
         small_case(
             SEVERAL | {"truth.sensor.stern.dropouts_s": [[1.0, 2.0]],
                        "model.sensor.sea_level.bias_m": 0.0}
@@ -200,7 +200,7 @@ def test_model_changes_what_is_claimed_alone(what, right):
 
 def test_truth_and_model_may_fly_over_different_maps(tmp_path):
     """Readings come from the truth's map, h from the model's; equal maps are one and the same."""
-    one, two = (rough_map(tmp_path / f"{n}.npz", seed=n) for n in (1, 2))
+    one, two = (rough_map(tmp_path / f"{n}.nc", seed=n) for n in (1, 2))
     both = simulate(small_flight({"field.source": one}), seed=3, run=1)[0]
     split = simulate(
         small_flight({"truth.field.source": one, "model.field.source": two}), seed=3, run=1
@@ -406,7 +406,7 @@ def test_a_mistake_has_its_sentence(kind, tmp_path):
 def test_a_problem_is_its_maps_content_wherever_they_lie(tmp_path):
     """Another place of a map changes no key; another content of truth's or model's map does."""
     one, same, two = (
-        rough_map(Path(tmp_path / f"{name}.npz"), seed=seed)
+        rough_map(Path(tmp_path / f"{name}.nc"), seed=seed)
         for name, seed in (("one", 1), ("same", 1), ("two", 2))
     )
     Path(same).write_bytes(Path(one).read_bytes())

@@ -619,7 +619,7 @@ def test_maps(side, monkeypatch):
 @pytest.mark.parametrize("side", SIDES)
 def test_errors_of_maps(side, monkeypatch, tmp_path):
     """What a map is degraded by."""
-    path = tmp_path / "map.npz"
+    path = tmp_path / "map.nc"
     recipe.write(path, blank_map())
     error = {key: value for key, (value, *_) in ERROR.items()}
     case = small_case({"field.source": str(path), f"{side}field.error": error})

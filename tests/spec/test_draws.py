@@ -81,7 +81,7 @@ def test_a_track_keeps_its_shape():
 def test_map_errors_are_those_of_consecutive_seeds(side):
     """Of the side that states them, and no other."""
     changes = {"draw.maps": 3, f"{side}field.error.density_factor": 1.1}
-    case = small_case(changes | {f"{side}field.error.seed": 7, "field.source": "any.npz"})
+    case = small_case(changes | {f"{side}field.error.seed": 7, "field.source": "any.nc"})
     for run in range(7):
         own = case.of_run(run)
         errors = own.map_errors()

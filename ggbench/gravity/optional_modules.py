@@ -1,0 +1,23 @@
+"""Optional packages, imported when a file needs them."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+from .terrain import TerrainError
+
+
+def imported(module: str, path: Path) -> Any:
+    """Return an optional module that a file needs.
+
+    Raises TerrainError if it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise TerrainError(
+            f"{path.name} needs the package {module.partition('.')[0]} ({error}): pip install "
+            "'ggbench[terrain]'."
+        ) from None

@@ -1,0 +1,50 @@
+"""NumPy archives among the data files of the package."""
+
+from __future__ import annotations
+
+import importlib.resources
+import io
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ..errors import text_of
+from ..gravity.gradient_map import MapError
+
+
+def data_bytes(name: str) -> bytes:
+    """Return the content of a data file. Raises MapError if it cannot be read."""
+    try:
+        return (importlib.resources.files("ggbench.scenarios") / "data" / name).read_bytes()
+    except (OSError, ModuleNotFoundError) as error:
+        raise MapError(
+            f"Data file {name} cannot be read ({text_of(error)}); it belongs into the "
+            "folder data of ggbench.scenarios, where an installation puts it."
+        ) from error
+
+
+def read_arrays(content: bytes, keys: Iterable[str]) -> dict[str, Any]:
+    """Return arrays of a NumPy archive, given its bytes.
+
+    Raises one of a dozen kinds of exceptions, of NumPy, zipfile and zlib, if it is damaged.
+    """
+    with np.load(io.BytesIO(content), allow_pickle=False) as data:
+        return {key: data[key] for key in keys}
+
+
+def data_arrays(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Return arrays of a data file. Raises MapError if it is missing or damaged."""
+    content = data_bytes(name)
+    try:
+        return read_arrays(content, keys)
+    except Exception as error:
+        raise damaged(name, keys, error) from error
+
+
+def damaged(name: str, keys: tuple[str, ...], error: Exception) -> MapError:
+    """Return the error of a data file whose arrays cannot be used."""
+    return MapError(
+        f"Data file {name} of ggbench.scenarios is damaged ({text_of(error)}); it must be "
+        f"a NumPy archive with the arrays {', '.join(keys)}: install the package again."
+    )

@@ -1,0 +1,415 @@
+"""Parts of a map whose data the package carries.
+
+Each kind is a class, an entry of :data:`KINDS`: from the keys of a part in ``shipped.toml`` to the
+:class:`.parts.Part` that a user's data of the kind make, too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
+from ..gravity.remove_restore import (
+    MARGIN_DEG,
+    GravityGrid,
+    Residual,
+    height_anomaly,
+    linear_weights,
+)
+from ..gravity.terrain import Terrain
+from .equivalent_sources import EquivalentSources, Plane
+from .netcdf import Errors
+from .nodes import EVERYWHERE, SourceExtent
+from .package_data import damaged, data_arrays
+from .parts import HarmonicPart, Part, ResidualPart, TerrainPart
+
+Array = NDArray[np.float64]
+
+COEFFICIENTS = "egm2008_degree120.npz"
+_GEOID_KEYS = ("lat0", "lon0", "step", "N_1e4m")
+_TERRAIN_KEYS = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m")
+MASS_KEYS = (
+    "plane", "places", "masses", "standard_error", "error_distance", "bounds", "depth_m",
+)  # fmt: skip
+"""Arrays of a file of point masses.
+
+Latitude and longitude of the plane's point [deg]; see :class:`EquivalentSources` and
+:class:`ggbench.gravity.gradient_map.GradientMap`; south, north, west, east of the lines [deg];
+depth below the flights [m].
+"""
+_LINES_MARGIN_DEG = 0.05  # around lines: there a map is continued by the masses at their edge
+_LEAST_CLEARANCE = 0.25  # of the depth of the masses: below, each of them is seen
+
+
+@dataclasses.dataclass(frozen=True)
+class PartOptions:
+    """Keys of a recipe that change the parts of its source.
+
+    Attributes
+    ----------
+    land_correction : whether to turn a geoid into the height anomaly with the topography.
+    relief_smoothing_deg : standard deviation, in latitude and in longitude, of a Gaussian that
+        smooths a topography or terrain before it is used; 0: none.
+    density_kg_m3 : of the ground of a terrain.
+    """
+
+    land_correction: bool = True
+    relief_smoothing_deg: float = 0.0
+    density_kg_m3: float = 2670.0
+
+    @property
+    def relief(self) -> str:
+        """The smoothing in words."""
+        if self.relief_smoothing_deg > 0.0:
+            return f"relief smoothed by {self.relief_smoothing_deg} deg"
+        return "relief not smoothed"
+
+
+@dataclasses.dataclass(frozen=True)
+class SpacingRule:
+    """Widest distances between nodes.
+
+    Attributes
+    ----------
+    share, vertical_share : of the heights above ``ground_m`` and ``vertical_ground_m``.
+    ground_m, vertical_ground_m : from where the heights of nodes count [m].
+    words, vertical_words : the rule as a message ends.
+    """
+
+    share: float
+    vertical_share: float
+    ground_m: float
+    vertical_ground_m: float
+    words: str
+    vertical_words: str
+
+
+class ShippedPart(Protocol):
+    """One part of a shipped source."""
+
+    options: ClassVar[frozenset[str]]
+    """Fields of :class:`PartOptions` that this kind of part follows."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the data files."""
+        ...
+
+    def part(self, options: PartOptions) -> Part:
+        """Return the part. Raises MapError for data that are missing or damaged."""
+        ...
+
+    def extent(self) -> SourceExtent:
+        """Return where the part has a field. Raises MapError as :meth:`part` does."""
+        ...
+
+    def spacing(self) -> SpacingRule | None:
+        """Return the rule of spacings; None: that of another part."""
+        ...
+
+    def errors(self) -> Errors | None:
+        """Return the standard errors of a map of this part, if they are known."""
+        ...
+
+    def note(self, options: PartOptions) -> str:
+        """Return what the options make of the part, in words; empty if nothing."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class ShippedHarmonics:
+    """Spherical harmonics, summed at every node."""
+
+    options: ClassVar[frozenset[str]] = frozenset()
+    file: str
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The file of the coefficients."""
+        return (self.file,)
+
+    def part(self, options: PartOptions) -> Part:
+        """Return the part, free of interpolation."""
+        return HarmonicPart(disturbing_coefficients(self.file), nodes_per_half_wave=math.inf)
+
+    def extent(self) -> SourceExtent:
+        """Return the whole Earth."""
+        return SourceExtent(EVERYWHERE, EVERYWHERE, -math.inf, -math.inf, -math.inf)
+
+    def spacing(self) -> None:
+        """Return no rule: residuals have the shorter waves."""
+
+    def errors(self) -> None:
+        """Return none: they are not known."""
+
+    def note(self, options: PartOptions) -> str:
+        """Return nothing."""
+        return ""
+
+
+@dataclasses.dataclass(frozen=True)
+class ShippedGeoid:
+    """A geoid less harmonics, with a topography for the land correction.
+
+    Attributes
+    ----------
+    file, coefficients, topography : names of the data files.
+    lowest_m : above the ellipsoid, for which the resolution of the data is adequate [m].
+    source_depth_m : depth below the ellipsoid of sources whose field would be as smooth [m]. Zero
+        for land; at sea, half of the shortest wavelength that the data hold.
+    """
+
+    SHARE: ClassVar[float] = 0.25
+    options: ClassVar[frozenset[str]] = frozenset({"land_correction", "relief_smoothing_deg"})
+    file: str
+    coefficients: str
+    topography: str
+    lowest_m: float
+    source_depth_m: float = 0.0
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files of the geoid, the topography and the coefficients."""
+        return self.file, self.topography, self.coefficients
+
+    def part(self, options: PartOptions) -> Part:
+        """Return what the geoid holds beyond the harmonics."""
+        geoid = self.grid()
+        if options.land_correction:
+            elevation = self.elevation(geoid, options.relief_smoothing_deg)
+            geoid = dataclasses.replace(geoid, values=height_anomaly(geoid.values, elevation))
+        return ResidualPart(Residual(geoid, disturbing_coefficients(self.coefficients)))
+
+    def extent(self) -> SourceExtent:
+        """Return the area of the geoid without its edges."""
+        geoid = self.grid()
+        lat, lon = geoid.latitude_deg, geoid.longitude_deg
+        bounds = np.array(
+            [lat[0] + MARGIN_DEG, lat[-1] - MARGIN_DEG, lon[0] + MARGIN_DEG, lon[-1] - MARGIN_DEG]
+        )
+        return SourceExtent(bounds, bounds, self.lowest_m, self.lowest_m, -self.source_depth_m)
+
+    def spacing(self) -> SpacingRule:
+        """Return a quarter of the height above the sources, at which splines err by 1e-3 E.
+
+        Vertically above half their depth: the error is largest in the lowest layer, where a spline
+        ends.
+        """
+        words = "a quarter of that height"
+        if self.source_depth_m > 0.0:
+            words += (
+                f" above sources {self.source_depth_m:g} m deep (vertically: above half that depth)"
+            )
+        return SpacingRule(
+            share=self.SHARE,
+            vertical_share=self.SHARE,
+            ground_m=0.0 - self.source_depth_m,
+            vertical_ground_m=0.0 - 0.5 * self.source_depth_m,
+            words=words,
+            vertical_words=words,
+        )
+
+    def errors(self) -> None:
+        """Return none: they are not known."""
+
+    def note(self, options: PartOptions) -> str:
+        """Return the correction that turns the geoid into the height anomaly."""
+        if not options.land_correction:
+            return "without land correction"
+        return f"with land correction, {options.relief}"
+
+    def grid(self) -> GravityGrid:
+        """Return the geoid."""
+        grid = data_arrays(self.file, _GEOID_KEYS)
+        step = float(grid["step"])
+        values = 1e-4 * grid["N_1e4m"]
+        return GravityGrid("geoid", float(grid["lat0"]), float(grid["lon0"]), step, step, values)
+
+    def elevation(self, geoid: GravityGrid, smoothing_deg: float) -> Array:
+        """Return heights of the land at the nodes of the geoid [m], 0 at sea."""
+        topography = data_arrays(self.topography, ("lat", "lon", "z"))
+        land = np.maximum(topography["z"], 0.0)
+        if smoothing_deg > 0.0:
+            steps = [float(np.diff(topography[axis]).mean()) for axis in ("lat", "lon")]
+            from scipy.ndimage import gaussian_filter  # not at the top: few reliefs are smoothed
+
+            land = gaussian_filter(land, [smoothing_deg / step for step in steps])
+        at_rows = linear_weights(topography["lat"], geoid.latitude_deg)
+        at_columns = linear_weights(topography["lon"], geoid.longitude_deg)
+        elevation: Array = at_rows @ land @ at_columns.T
+        return elevation
+
+
+@dataclasses.dataclass(frozen=True)
+class ShippedTerrain:
+    """The masses of a terrain, by Parker's series.
+
+    Attributes
+    ----------
+    file : name of the data file.
+    clearance_m : least height of a map above the highest ground [m]: below, Parker's series grows
+        too long. It grows with the relief.
+    """
+
+    SHARE: ClassVar[float] = 0.6  # 0.01 E rms at a tenth of a kilometre above the highest ground
+    options: ClassVar[frozenset[str]] = frozenset({"relief_smoothing_deg", "density_kg_m3"})
+    file: str
+    clearance_m: float = 50.0
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The file of the heights."""
+        return (self.file,)
+
+    def part(self, options: PartOptions) -> Part:
+        """Return the field of the terrain's masses in double precision."""
+        from ..gravity.parker import TerrainOptions  # compiled, which a map in the cache needs not
+
+        terrain = self.terrain()
+        if options.relief_smoothing_deg > 0.0:
+            from scipy.ndimage import gaussian_filter
+
+            steps = (terrain.latitude_step_deg, terrain.longitude_step_deg)
+            sigma = [options.relief_smoothing_deg / step for step in steps]
+            smooth = gaussian_filter(terrain.height_m.astype(float), sigma, mode="nearest")
+            terrain = dataclasses.replace(terrain, height_m=smooth)
+        density = TerrainOptions(density=options.density_kg_m3)
+        return TerrainPart(terrain, density, dtype="float64")
+
+    def extent(self) -> SourceExtent:
+        """Return the area of the terrain, from its clearance up."""
+        terrain = self.terrain()
+        sides = (terrain.latitudes_deg, terrain.longitudes_deg)
+        bounds = np.array([limit for side in sides for limit in (side[0], side[-1])])
+        highest = float(terrain.height_m.max())
+        lowest = float(math.ceil(highest + self.clearance_m))
+        return SourceExtent(bounds, bounds, lowest, lowest, highest)
+
+    def spacing(self) -> SpacingRule:
+        """Return shares of the height above the highest ground."""
+        highest = float(self.terrain().height_m.max())
+        words = f"the height above the highest ground, {highest:g} m"
+        return SpacingRule(
+            share=self.SHARE,
+            vertical_share=1.0,
+            ground_m=highest,
+            vertical_ground_m=highest,
+            words=f"{self.SHARE:g} of {words}",
+            vertical_words=words,
+        )
+
+    def errors(self) -> None:
+        """Return none: they are not known."""
+
+    def note(self, options: PartOptions) -> str:
+        """Return the density, and how the relief is smoothed."""
+        return f"{options.density_kg_m3:g} kg/m³, {options.relief}"
+
+    def terrain(self) -> Terrain:
+        """Return the terrain. Raises MapError if its file is missing or damaged."""
+        return _terrain(self.file)
+
+
+@dataclasses.dataclass(frozen=True)
+class ShippedMasses:
+    """The point masses that reproduce the lines of a survey.
+
+    ``studies/measured_surveys`` finds them from the lines, as ``ggbench map build --lines`` does.
+    """
+
+    SHARE: ClassVar[float] = 0.35  # 0.1 E rms
+    options: ClassVar[frozenset[str]] = frozenset()
+    file: str
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The file of the masses."""
+        return (self.file,)
+
+    def part(self, options: PartOptions) -> EquivalentSources:
+        """Return the masses."""
+        stored = _masses(self.file)
+        plane = Plane(*map(float, stored["plane"]))
+        return EquivalentSources(plane, stored["places"], stored["masses"])
+
+    def extent(self) -> SourceExtent:
+        """Return the area of the lines and a little around it, from above the masses up."""
+        stored = _masses(self.file)
+        bounds = stored["bounds"] + _LINES_MARGIN_DEG * np.array([-1.0, 1.0, -1.0, 1.0])
+        highest = self._highest_m
+        lowest = float(np.ceil(highest + _LEAST_CLEARANCE * float(stored["depth_m"])))
+        return SourceExtent(bounds, bounds, lowest, lowest, highest)
+
+    def spacing(self) -> SpacingRule:
+        """Return a share of the height above the highest mass."""
+        highest = self._highest_m
+        words = f"{self.SHARE:g} of the height above the highest point mass, {highest:.0f} m"
+        return SpacingRule(
+            share=self.SHARE,
+            vertical_share=self.SHARE,
+            ground_m=highest,
+            vertical_ground_m=highest,
+            words=words,
+            vertical_words=words,
+        )
+
+    def errors(self) -> Errors:
+        """Return the standard errors of the map and the distances of their correlation."""
+        stored = _masses(self.file)
+        return stored["standard_error"], stored["error_distance"]
+
+    def note(self, options: PartOptions) -> str:
+        """Return nothing."""
+        return ""
+
+    @property
+    def _highest_m(self) -> float:
+        return float(_masses(self.file)["places"][2].max())
+
+
+KINDS: dict[str, type] = {
+    "harmonics": ShippedHarmonics,
+    "geoid": ShippedGeoid,
+    "terrain": ShippedTerrain,
+    "point-masses": ShippedMasses,
+}
+"""Kinds of parts by their name in ``shipped.toml``."""
+
+
+def disturbing_coefficients(name: str) -> HarmonicCoefficients:
+    """Return coefficients in a data file of the package, less those of the normal field."""
+    data = data_arrays(name, ("cs", "gm", "r"))
+    size = math.isqrt(2 * len(data["cs"]))
+    cosine, sine = np.zeros((2, size, size))
+    cosine[np.tril_indices(size)], sine[np.tril_indices(size)] = data["cs"].T
+    return without_normal_field(
+        HarmonicCoefficients(float(data["gm"]), float(data["r"]), cosine, sine)
+    )
+
+
+@lru_cache(maxsize=4)
+def _terrain(file: str) -> Terrain:
+    arrays = data_arrays(file, _TERRAIN_KEYS)
+    try:
+        south, west, latitude_step, longitude_step = (
+            float(arrays[key]) for key in _TERRAIN_KEYS[:4]
+        )
+        heights = arrays["height_m"].astype(float)
+        return Terrain(south, west, latitude_step, longitude_step, heights, file)
+    except Exception as error:
+        raise damaged(file, _TERRAIN_KEYS, error) from error
+
+
+@lru_cache(maxsize=4)
+def _masses(file: str) -> dict[str, Any]:
+    arrays = data_arrays(file, MASS_KEYS)
+    try:
+        return {key: value.astype(float) for key, value in arrays.items()}
+    except Exception as error:
+        raise damaged(file, MASS_KEYS, error) from error
