@@ -13,7 +13,6 @@ from ..gravity.gradient_map import MapError
 _BYTES_PER_NODE = 9 * 8
 MOST_NODES_READ = 20_000_000
 """Nodes of which the values may be in memory at once: 1.4 GB, and twice that for a spline."""
-MOST_BYTES_READ = MOST_NODES_READ * _BYTES_PER_NODE
 MOST_NODES = 10_000_000_000
 """Nodes of a file that is read layer by layer: 720 GB in double precision."""
 MOST_ON_AXIS = 1_000_000

@@ -181,12 +181,23 @@ def write_layers(
 
 
 def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None:
-    """Write a map that is in memory. Raises MapError if the file cannot be written."""
+    """Write a map that is in memory.
+
+    Longitudes beyond 360° are counted in the turn in which the map's middle is within 180°.
+
+    Raises
+    ------
+    MapError
+        If the file cannot be written.
+    """
     n_lat, n_lon, n_h = gradient_map.tensor.shape[:3]
     south, west = math.degrees(gradient_map.latitude0), math.degrees(gradient_map.longitude0)
+    longitude = west + math.degrees(gradient_map.longitude_step) * np.arange(n_lon)
+    if np.abs(longitude).max() > 360.0:
+        longitude = longitude - 360.0 * round(0.5 * (longitude[0] + longitude[-1]) / 360.0)
     nodes = Nodes(
         south + math.degrees(gradient_map.latitude_step) * np.arange(n_lat),
-        west + math.degrees(gradient_map.longitude_step) * np.arange(n_lon),
+        longitude,
         gradient_map.height0 + gradient_map.height_step * np.arange(n_h),
     )
     layers = (

@@ -90,7 +90,7 @@ def test_a_region_to_cut_a_map_to_has_ascending_bounds(bounds):
         make_field(spec)
 
 
-@pytest.mark.parametrize("turn", [-360.0])
+@pytest.mark.parametrize("turn", [-720.0, -360.0, 360.0])
 def test_a_flight_is_over_a_map_in_whatever_turn_its_longitudes_are(turn, tmp_path):
     """What is read, felt and bounded is the same; the flight keeps its own longitudes."""
     felt = {"truth.field.gravity_disturbance": True, "field.source": rough_map(tmp_path / "m.nc")}
