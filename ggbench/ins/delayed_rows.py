@@ -9,7 +9,7 @@ import numpy as np
 from ..numerics.kernels import compiled, copied
 from ..numerics.lanes import gather_rows, lanes, members
 from ..numerics.vectors import load, store
-from .adjoint import OVER, forward, over, series_terms
+from .adjoint import SCALED, forward, scaled_entries, series_terms
 from .known_gravity import KnownGravity
 from .system_matrix import NAVIGATION_STATES, STATES, entries_between
 from .transitions import entries_of, metres_at, unit_columns
@@ -42,7 +42,7 @@ def delayed_rows_lanes(
     rows : (R, K, 6, 15) output.
     """
     group = members(0, transition.shape[0])
-    columns, terms, f = lanes(len(MOVED), STATES), series_terms(), lanes(1, OVER)
+    columns, terms, f = lanes(len(MOVED), STATES), series_terms(), lanes(1, SCALED)
     late, phi = lanes(len(MOVED), STATES), lanes(STATES, transition.shape[3])
     entries, metres, which = entries_of(epochs), lanes(1, 2), np.array(MOVED)
     for k in range(epochs.shape[0]):
@@ -59,9 +59,9 @@ def delayed_rows_lanes(
         entries_between(track, increments, low, high, dt, constant, gravity, entries)
         for n in range(high - low):
             if earlier:
-                over(entries, high - low - 1 - n, dt if n > 0 else dt - part, f)
+                scaled_entries(entries, high - low - 1 - n, dt if n > 0 else dt - part, f)
             else:
-                over(entries, n, -dt if n > 0 else -part, f)
+                scaled_entries(entries, n, -dt if n > 0 else -part, f)
             forward(f, columns, terms)
         metres_at(track, begun if earlier else end, metres)
         for i in range(len(MOVED)):

@@ -15,7 +15,15 @@ from ..numerics.lane_algebra import add_products, copy
 from ..numerics.lanes import lanes, unfilled
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, store
-from .adjoint import MOST_FACTORS, OVER, back, back_slowly, is_slow, over, series_terms
+from .adjoint import (
+    MOST_FACTORS,
+    SCALED,
+    is_slow,
+    propagate,
+    propagate_short_series,
+    scaled_entries,
+    series_terms,
+)
 from .known_gravity import KnownGravity
 from .noise import Noise
 from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
@@ -78,17 +86,17 @@ def compose(
     which = np.empty(count, dtype=np.int64)
     for i in range(count):
         which[i] = i if i < moving else i + STATES - moving
-    columns, terms, f = unfilled(count, states), series_terms(), unfilled(1, OVER)
+    columns, terms, f = unfilled(count, states), series_terms(), unfilled(1, SCALED)
     factors = unfilled(MOST_FACTORS, count)
     covariance, previous = lanes(count, count), unfilled(count, count)
     slow = is_slow(entries, dt, noise)
     unit_columns(end, which, columns)
     for n in range(entries.shape[0] - 1, -1, -1):
-        over(entries, n, dt, f)
+        scaled_entries(entries, n, dt, f)
         if slow:
-            used = factors[: back_slowly(f, noise, columns, factors)]
+            used = factors[: propagate_short_series(f, noise, columns, factors)]
         else:
-            used = factors[: back(f, noise, columns, terms, factors)]
+            used = factors[: propagate(f, noise, columns, terms, factors)]
         covariance, previous = previous, covariance
         add_products(used, used, 1.0, previous, covariance)
     for run in range(transition.shape[0]):

@@ -161,12 +161,12 @@ def test_fewer_orders_do_where_errors_are_slow():
             noise_roots(error_model.noise_psd(1e-6, 1e-12), False, (1.0, 1.0, 1.0)),
         ):
             assert not adjoint.is_slow(entries, 1e-3, moved)
-        f, columns = lanes(1, adjoint.OVER), lanes(15, 15)
-        adjoint.over(entries, 0, dt, f)
+        f, columns = lanes(1, adjoint.SCALED), lanes(15, 15)
+        adjoint.scaled_entries(entries, 0, dt, f)
         columns[np.arange(15), np.arange(15)] = natural_units(state[0])[:, np.newaxis]
         short, factors = columns.copy(), np.zeros((2, adjoint.MOST_FACTORS, 15, columns.shape[2]))
-        adjoint.back_slowly(f, plain, short, factors[0])
-        adjoint.back(f, plain, columns, adjoint.series_terms(), factors[1])
+        adjoint.propagate_short_series(f, plain, short, factors[0])
+        adjoint.propagate(f, plain, columns, adjoint.series_terms(), factors[1])
         # Blocks of Φ − I, and Q in units of its deviations: nothing that is small goes unseen.
         units = natural_units(state[0])
         change, expected = (

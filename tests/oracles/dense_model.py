@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ggbench.gravity.ellipsoid import metres_per_radian
-from ggbench.ins.adjoint import OVER, forward, over, series_terms
+from ggbench.ins.adjoint import SCALED, forward, scaled_entries, series_terms
 from ggbench.ins.delayed_rows import MOVED, intervals_of
 from ggbench.ins.error_model import GYRO_BIAS, added_by
 from ggbench.ins.imu import Imu
@@ -206,10 +206,10 @@ def _delayed(
     then, now : (1, 2, LANES) metres per radian at t − τ and at t.
     rows : output, of the group's R runs.
     """
-    columns, terms, f = lanes(6, STATES), series_terms(), lanes(1, OVER)
+    columns, terms, f = lanes(6, STATES), series_terms(), lanes(1, SCALED)
     unit_columns(then, np.array(MOVED), columns)
     for n in range(entries.shape[0]):
-        over(entries, n, -(part if n == 0 else dt), f)
+        scaled_entries(entries, n, -(part if n == 0 else dt), f)
         forward(f, columns, terms)
     for run in range(rows.shape[0]):
         for i in range(6):
