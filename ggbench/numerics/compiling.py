@@ -30,6 +30,8 @@ from .cache import code_folder, exclusive_lock, make_code_folder
 class Kernel:
     """A function compiled once for the kernels that call it, and once for Python, if Python does.
 
+    Code of a function without a file, of a notebook or of exec, is not kept on disk.
+
     Code that Python calls has an entry, which takes arguments apart. With one for each function, a
     sixth of all that is compiled would be entries.
     """
@@ -38,16 +40,23 @@ class Kernel:
         """Prepare a function for the compiler; ``jit`` takes numba's options."""
         update_wrapper(self, function)
         self.py_func, self._jit = function, jit
-        # Named by the source as it is imported, not as it is when code is first needed.
-        code_folder(Path(function.__code__.co_filename).resolve())
+        file = Path(function.__code__.co_filename).resolve()
+        self._has_file = file.is_file()  # not in a notebook, nor by exec
+        if self._has_file:
+            # Named by the source as it is imported, not as it is when code is first needed.
+            code_folder(file)
 
     @cached_property
     def _entry(self) -> Any:
-        return _kept_on_disk(self._jit()(self.py_func), Locator)
+        return _compiled_once(self._jit()(self.py_func), self._cache(Locator))
 
     @cached_property
     def _part(self) -> Any:
-        return _kept_on_disk(self._jit(no_cpython_wrapper=True)(self.py_func), PartLocator)
+        function = self._jit(no_cpython_wrapper=True)(self.py_func)
+        return _compiled_once(function, self._cache(PartLocator))
+
+    def _cache(self, locator: type[Locator]) -> _DiskCache | None:
+        return _DiskCache(self.py_func, locator) if self._has_file else None
 
     def __call__(self, *arguments: Any) -> Any:
         """Return what the compiled function does."""
@@ -69,9 +78,12 @@ class Kernel:
         return types.Dispatcher(self._part)
 
 
-def _kept_on_disk(dispatcher: Any, locator: type[Locator]) -> Any:
-    """Return a jitted function whose code is kept on disk, compiled by one process at a time."""
-    cache, compile_now = _DiskCache(dispatcher.py_func, locator), dispatcher.compile
+def _compiled_once(dispatcher: Any, cache: _DiskCache | None) -> Any:
+    """Return a jitted function whose code one process compiles at a time and keeps on disk.
+
+    Without a ``cache`` the code is kept in this process only.
+    """
+    compile_now = dispatcher.compile
 
     def compile_once(signature: Any) -> Any:
         arguments, _ = sigutils.normalize_signature(signature)
@@ -80,10 +92,13 @@ def _kept_on_disk(dispatcher: Any, locator: type[Locator]) -> Any:
         if signature in dispatcher.overloads:
             return compile_now(signature)
         # The compiler's own lock first: threads and processes then wait in one order.
-        with global_compiler_lock, cache.locked(), _without_collections():
+        locked = contextlib.nullcontext() if cache is None else cache.locked()
+        with global_compiler_lock, locked, _without_collections():
             return compile_now(signature)
 
-    dispatcher._cache, dispatcher.compile = cache, compile_once
+    dispatcher.compile = compile_once
+    if cache is not None:
+        dispatcher._cache = cache
     return dispatcher
 
 

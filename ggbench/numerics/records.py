@@ -42,7 +42,8 @@ def record(cls: _Class) -> _Class:
 
     # Kept on disk with the code of the class's own module.
     hold.__qualname__ = f"{made.__qualname__}.hold"
-    hold.__code__ = hold.__code__.replace(co_filename=str(sys.modules[made.__module__].__file__))
+    file = getattr(sys.modules[made.__module__], "__file__", None)  # a notebook has none
+    hold.__code__ = hold.__code__.replace(co_filename=file or f"<{made.__module__}>")
     held = compiled(hold)
     computed = {
         "_memory": lambda value: held(fields_of(value)),

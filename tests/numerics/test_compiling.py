@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import ast
 import gc
+import linecache
 import os
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
 import pytest
 from numba.core.errors import TypingError
+from packaging.requirements import Requirement
 
 import ggbench
 import ggbench.estimators
@@ -208,6 +214,54 @@ def test_bits_do_not_depend_on_the_order_of_calls():
     first, *others = [printed(process) for process in processes]
     assert len(first) == 4
     assert others == [first, first]
+
+
+CELL = """
+import numpy as np
+from ggbench.numerics.kernels import compiled
+from ggbench.numerics.records import record
+
+@record
+class Line:
+    slope: float
+    offsets: np.ndarray
+
+@compiled
+def height(line, x):
+    return line.slope * x + line.offsets[0]
+
+@compiled
+def total(line, x):
+    return height(line, x) + height(line, 2.0 * x)
+"""
+
+
+@pytest.mark.parametrize("name", ["<string>", "<ipython-input-1-0a1b>", "/none/ipykernel_1/2.py"])
+def test_a_notebook_may_define_kernels_and_records(name, monkeypatch):
+    """A cell has no file: its lines are in linecache. Of exec not even these are anywhere."""
+    monkeypatch.setitem(sys.modules, "cell", ModuleType("cell"))
+    for slope in ("line.slope * x", "3.0 * line.slope * x"):  # the cell is changed, and run again
+        source = CELL.replace("line.slope * x", slope)
+        if name != "<string>":
+            lines = source.splitlines(keepends=True)
+            monkeypatch.setitem(linecache.cache, name, (len(source), None, lines, name))
+        cell = {"__name__": "cell"}
+        exec(compile(source, name, "exec"), cell)
+        line = cell["Line"](2.0, np.ones(1))
+        factor = 3.0 if "3.0" in slope else 1.0
+        assert cell["total"](line, 5.0) == 2.0 + factor * 30.0
+
+
+def test_the_installed_numba_is_one_that_was_tested():
+    """Code is kept on disk by a class of numba that may change with any of its releases."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    texts = project["dependencies"]
+    (limits,) = (Requirement(text).specifier for text in texts if text.startswith("numba"))
+    assert any(limit.operator == "<" for limit in limits), "numba needs an upper limit"
+    assert limits.contains(version("numba"), prereleases=True), (
+        f"numba {version('numba')} is installed, and ggbench was tested with numba{limits}: "
+        "run tests/numerics with it, then change the limit in pyproject.toml"
+    )
 
 
 def private_names(text: str) -> list[str]:
