@@ -13,12 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ..campaign import campaign, registry, running
-from ..campaign.campaign import CampaignError
 from ..campaign.compile_ahead import compiling_ahead
 from ..display.compiling import first_use
 from ..problem import Estimator
-from ..results import folder
-from ..results.store import Store
 from ..spec import scenario as scenarios
 from ..spec import written
 from ..spec.case import CaseSpec
@@ -92,7 +89,7 @@ def run(
         def reported(step: running.CampaignProgress) -> None:
             said = step.remarks if step.done == 0 and step.workers is None else ()
             for remark in (*said, *filter(None, [step.waiting])):
-                warnings.warn(remark, stacklevel=4)
+                warnings.warn(remark, stacklevel=5)
             shown.tell(step)
 
         compiled = first_use("ins/strapdown.py", "in a minute or two")
@@ -101,13 +98,20 @@ def run(
             compiling_ahead(bool(compiled), processes) as compile_them,
         ):
             work = campaign.planned(
-                loaded, Path(kept or str(output)), texts, count, start,
-                listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
-            )  # fmt: skip
+                loaded,
+                Path(kept or str(output)),
+                texts,
+                runs=count,
+                seed=start,
+                cases=listed(cases, str, "cases") or chosen_cases,
+                assumptions=assumptions,
+                time_limit=time_limit,
+                fresh=fresh,
+            )
             compile_them(work.labels)
             shown.tell_first_use(compiled, work.plan.scenario)
-            ended = running.run(work, processes, cluster, reported)
-        results = Results(work.folder, ended.store)
+            running.fly(work, processes, cluster, reported)
+        results = Results(work.folder)
         if kept is not None:
             # At the latest when the process ends.
             weakref.finalize(results, shutil.rmtree, kept, ignore_errors=True)
@@ -115,14 +119,6 @@ def run(
         if kept is not None:
             shutil.rmtree(kept, ignore_errors=True)
         raise
-    folder.write_tables(results)
-    # From here on it is only read: another call may go on in the folder.
-    ended.store.close()
-    results.store = Store(work.folder)
-    if ended.interrupted:
-        raise KeyboardInterrupt
-    if ended.missing:
-        raise CampaignError(f"{ended.missing} runs gave no result; the same call goes on")
     return results
 
 

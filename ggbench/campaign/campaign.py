@@ -31,7 +31,7 @@ from . import result_keys
 from .flights import first_problem, flight_of
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
-from .runner import Pairs, Task, by_block_size
+from .runner import EstimatorKeys, Task, by_block_size
 from .texts import exception_text
 
 TASK_RUNS = 128
@@ -81,14 +81,14 @@ class Plan:
     runs: int
     seed: int
 
-    def cells(self) -> list[tuple[str, CaseSpec, Pairs]]:
+    def cells(self) -> list[tuple[str, CaseSpec, EstimatorKeys]]:
         """Return every study ("" for none) and case with its estimators and their keys."""
         return [
             (study, case, self._pairs(case, self.studied if study else self.estimators))
             for study, case in self.scenario.every_case()
         ]
 
-    def _pairs(self, case: CaseSpec, contents: Mapping[str, Mapping[str, Any]]) -> Pairs:
+    def _pairs(self, case: CaseSpec, contents: Mapping[str, Mapping[str, Any]]) -> EstimatorKeys:
         return tuple(
             (label, result_keys.run_key(case, content, self.seed))
             for label, content in contents.items()
@@ -126,12 +126,12 @@ class Plan:
         return replace(joined, runs=max(old["runs"], self.runs)) if stored else joined
 
 
-class _Open(NamedTuple):
+class PendingCell(NamedTuple):
     """A case with its estimators, and which runs (estimators, runs) each of them misses."""
 
     assumption: str
     case: CaseSpec
-    pairs: Pairs
+    pairs: EstimatorKeys
     missing: np.ndarray
 
 
@@ -143,12 +143,12 @@ class Tasks:
     run has a flight of its own, all estimators go through a range at once: it is made only once.
     """
 
-    def __init__(self, cells: Sequence[_Open], seed: int) -> None:
+    def __init__(self, cells: Sequence[PendingCell], seed: int) -> None:
         self._seed = seed
         self.results = sum(int(cell.missing.sum()) for cell in cells)
         """Number of results to come."""
-        self._at_once: list[_Open] = []
-        self._one_by_one: list[_Open] = []
+        self._at_once: list[PendingCell] = []
+        self._one_by_one: list[PendingCell] = []
         for cell in cells:
             sides = (cell.pairs, ()) if cell.case.drawn else by_block_size(cell.pairs)
             for cells_of, pairs in zip((self._at_once, self._one_by_one), sides, strict=True):
@@ -166,7 +166,7 @@ class Tasks:
                 for cell in self._one_by_one:
                     yield from self._blocks(cell, run, run + 1)
 
-    def _blocks(self, cell: _Open, start: int, stop: int) -> Iterator[Task]:
+    def _blocks(self, cell: PendingCell, start: int, stop: int) -> Iterator[Task]:
         """Yield tasks of a range of runs: one of each set of estimators that miss the same runs."""
         patterns: dict[bytes, list[int]] = {}
         for run in range(start, min(stop, cell.missing.shape[1])):
@@ -270,7 +270,7 @@ class Campaign:
             for row, (_, key) in zip(missing, pairs, strict=True):
                 held = finished.get(key, np.empty(0, dtype=np.int64))
                 row[held[held < runs]] = False
-            cells.append(_Open(study, case, pairs, missing))
+            cells.append(PendingCell(study, case, pairs, missing))
         return Tasks(cells, self.seed)
 
     def _require_folder(self) -> None:

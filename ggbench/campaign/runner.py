@@ -38,7 +38,7 @@ class OtherSourceError(GGBenchError):
     """The worker's versions of results, libraries or estimators differ from the campaign's."""
 
 
-Pairs = tuple[tuple[str, str], ...]
+EstimatorKeys = tuple[tuple[str, str], ...]
 """(label, key) of estimators on a case."""
 
 
@@ -58,7 +58,7 @@ class Task:
     assumption: str
     runs: Sequence[int]
     seed: int
-    estimators: Pairs
+    estimators: EstimatorKeys
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,16 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
         yield from _run_block(task, task.estimators, runs)
 
 
-def by_block_size(pairs: Pairs) -> tuple[Pairs, Pairs]:
+def by_block_size(pairs: EstimatorKeys) -> tuple[EstimatorKeys, EstimatorKeys]:
     """Return those of the estimators that take many runs at once, and those that take one."""
     # Read again, not as this process chose it once: a file may change between campaigns.
     together = tuple(p for p in pairs if isinstance(choose(p[0]).estimator, BlockEstimator))
     return together, tuple(pair for pair in pairs if pair not in together)
 
 
-def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Started | list[Result]]:
+def _run_block(
+    task: Task, pairs: EstimatorKeys, runs: Sequence[int]
+) -> Iterator[Started | list[Result]]:
     """Simulate several runs at once; should that fail, one by one: it costs no other run."""
     try:
         flown = simulated(task.case, task.seed, runs)

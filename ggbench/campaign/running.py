@@ -1,4 +1,4 @@
-"""Running a campaign: what its folder does not hold yet, on this machine or on others."""
+"""Runs of a campaign that its folder lacks, on this machine or on others, and their tables."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import contextlib
 import os
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from ..results.database import Result
+from ..results.folder import Results, write_tables
 from ..results.store import Store
-from .campaign import Campaign, Tasks
+from .campaign import Campaign, CampaignError, Tasks
 from .execution import in_process, in_processes
 
 
@@ -38,59 +38,99 @@ class CampaignProgress:
     waiting: str = ""
 
 
-class CampaignOutcome(NamedTuple):
-    """How a campaign ended: its open folder, whether it was stopped, what gave no result."""
+class InterruptedCampaign(KeyboardInterrupt):
+    """Ctrl-C ended a campaign; ``results`` has the runs that finished."""
 
-    store: Store
-    interrupted: bool
-    missing: int
+    def __init__(self, results: Results) -> None:
+        super().__init__()
+        self.results = results
 
 
-def run(
+class MissingRunsError(CampaignError):
+    """Runs gave no result; ``results`` has the others."""
+
+    def __init__(self, missing: int, results: Results) -> None:
+        runs = "1 run" if missing == 1 else f"{missing} runs"
+        super().__init__(f"{runs} gave no result; start the campaign again to continue it")
+        self.results = results
+
+
+def fly(
     work: Campaign,
     jobs: int | None = None,
     cluster: str | None = None,
     progress: Callable[[CampaignProgress], None] = lambda step: None,
-) -> CampaignOutcome:
-    """Run what a campaign's folder does not hold yet. Ctrl-C while runs are running ends it early.
+) -> Results:
+    """Run the runs that a campaign's folder lacks, write its tables and return its results.
 
-    Raise StoreError or CampaignError as :meth:`Campaign.open`, ExecutionError if the runs cannot be
-    run at all.
+    The folder is closed then: another process may continue in it.
 
     Parameters
     ----------
+    work : the campaign, see :func:`.campaign.planned`.
     jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
         in this process, without time limit.
     cluster : address of the Dask scheduler to run on instead.
     progress : is called at every step, first when the folder is open.
+
+    Raises
+    ------
+    StoreError, CampaignError
+        As :meth:`Campaign.open`.
+    ExecutionError
+        If the runs cannot be run at all.
+    InterruptedCampaign
+        If Ctrl-C ended it while runs were running.
+    MissingRunsError
+        If runs gave no result, not even a failure.
     """
     store, remarks = work.open()
     try:
-        tasks = work.tasks(store)
-        step = CampaignProgress(work, store, remarks, tasks.results)
-        progress(step)
-        if tasks.results:
-
-            def told(batch: list[Result]) -> None:
-                nonlocal step
-                step = replace(step, done=step.done + len(batch), new=batch)
-                progress(step)
-
-            def told_of_workers(workers: int, waiting: str) -> None:
-                nonlocal step
-                step = replace(step, new=(), workers=workers, waiting=waiting)
-                progress(step)
-
-            results = _engine(tasks, jobs, cluster, work.limit, told_of_workers)
-
-            try:
-                execute(results, store, told)
-            except KeyboardInterrupt:
-                return CampaignOutcome(store, True, 0)
-        return CampaignOutcome(store, False, work.missing(store))
-    except BaseException:
+        interrupted = _run_missing(work, store, remarks, jobs, cluster, progress)
+        missing = 0 if interrupted else work.missing(store)
+        results = Results(work.folder, store)
+        write_tables(results)
+    finally:
         store.close()  # or no other process could use the folder as long as this process lives
-        raise
+    results.store = Store(work.folder)
+    if interrupted:
+        raise InterruptedCampaign(results)
+    if missing:
+        raise MissingRunsError(missing, results)
+    return results
+
+
+def _run_missing(
+    work: Campaign,
+    store: Store,
+    remarks: Sequence[str],
+    jobs: int | None,
+    cluster: str | None,
+    progress: Callable[[CampaignProgress], None],
+) -> bool:
+    """Run what an open folder lacks; return whether Ctrl-C ended it."""
+    tasks = work.tasks(store)
+    step = CampaignProgress(work, store, remarks, tasks.results)
+    progress(step)
+    if not tasks.results:
+        return False
+
+    def report_results(batch: list[Result]) -> None:
+        nonlocal step
+        step = replace(step, done=step.done + len(batch), new=batch)
+        progress(step)
+
+    def report_workers(workers: int, waiting: str) -> None:
+        nonlocal step
+        step = replace(step, new=(), workers=workers, waiting=waiting)
+        progress(step)
+
+    results = _engine(tasks, jobs, cluster, work.limit, report_workers)
+    try:
+        execute(results, store, report_results)
+    except KeyboardInterrupt:
+        return True
+    return False
 
 
 def _engine(

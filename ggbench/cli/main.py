@@ -211,30 +211,37 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     ):
         # All of it here: an interrupt is not to meet an import once runs are running.
         from ..campaign import campaign, running
-        from ..results.folder import Results
         from ..spec import scenario
         from . import flight_limits, flight_summary
 
         loaded = scenario.load(name)
         work = campaign.planned(
-            loaded, output or Path("results") / loaded.name, asked.estimators, asked.runs,
-            asked.seed, asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
-        )  # fmt: skip
+            loaded,
+            output or Path("results") / loaded.name,
+            asked.estimators,
+            runs=asked.runs,
+            seed=asked.seed,
+            cases=asked.cases,
+            assumptions=asked.assumptions,
+            time_limit=asked.time_limit,
+            fresh=not asked.resume,
+        )
         compile_them(work.labels)
         planned = work.plan.scenario
         flight_summary.warn(flight_limits.examined(planned))  # it tells of maps that it builds
         tell_maps(fields_of(case for _, case in planned.every_case()))
         if len(loaded.cases) > _MANY_CASES:
             click.echo(f"preparing {counted(len(loaded.cases), 'case')}")
-        ended = running.run(work, asked.jobs, asked.cluster, progress.tell)
+        ended: BaseException | None = None
+        try:
+            results = running.fly(work, asked.jobs, asked.cluster, progress.tell)
+        except (running.InterruptedCampaign, running.MissingRunsError) as error:
+            ended, results = error, error.results
     # Of workers elsewhere nothing is known here.
     took = "" if asked.cluster else f"It took {start.since()}."
-    outcome = _finish(Results(work.folder, ended.store), ended.interrupted, took)
-    ended.store.close()
-    if ended.missing:
-        raise campaign.CampaignError(
-            f"{counted(ended.missing, 'run')} gave no result; the same command goes on"
-        )
+    outcome = _finish(results, isinstance(ended, running.InterruptedCampaign), took)
+    if isinstance(ended, running.MissingRunsError):
+        raise ended
     return outcome
 
 
@@ -258,11 +265,11 @@ def _run_library(asked: _Asked, output: Path) -> int:
 
 
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
-    """Write the tables of what is stored, print the metrics, say how to go on."""
-    from ..results.folder import as_argument, write_tables
+    """Print the metrics of what is stored and how to go on."""
+    from ..results.folder import as_argument
     from .terminal import print_metrics
 
-    metrics = write_tables(results)
+    metrics = results.metrics()
     runs, failed = results.runs(), len(results.failures())
     if len(metrics):
         print_metrics(metrics, runs, results.scenario, console)

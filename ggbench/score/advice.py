@@ -12,7 +12,7 @@ import pandas as pd
 
 from ..campaign import campaign, running
 from ..judging.planned import bound_of
-from ..results.folder import Results, write_tables
+from ..results.folder import Results
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from . import stored_runs
@@ -75,7 +75,7 @@ def advise(
     """Fly a few runs of a case of a scenario, and compute what its bound gains.
 
     ``target_m`` is the RMS position error that is wanted [m]. Raise GGBenchError if the case cannot
-    be flown.
+    be flown, or runs gave no result.
     """
     bound = bound_of(case)
     limits = [
@@ -85,13 +85,8 @@ def advise(
     ]
     key = _noise_key(case)
     noise = needed(case, key, target_m) if target_m is not None and key else math.nan
-    work = campaign.planned(scenario, folder, estimators(), runs, cases=[case.name])
-    ended = running.run(work, jobs, None, progress)
-    results = Results(folder, ended.store)
-    write_tables(results)
-    ended.store.close()
-    if ended.interrupted:
-        raise KeyboardInterrupt
+    work = campaign.planned(scenario, folder, estimators(), runs=runs, cases=[case.name])
+    results = running.fly(work, jobs, progress=progress)
     if results.metrics().empty:
         raise ScoreError(f"no run of case {case.name} gave a result")
     ranked = tuple(sorted(limits, key=lambda limit: -limit.gain))

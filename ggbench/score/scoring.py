@@ -18,7 +18,7 @@ from ..judging.pairs import PairedRuns, compared, judged, kind
 from ..judging.statistics import EQUIVALENT
 from ..judging.summary import succeeded
 from ..judging.verdicts import require_equal_runs
-from ..results.folder import Results, write_tables
+from ..results.folder import Results
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from . import card as cards
@@ -90,32 +90,33 @@ def score(
     labels = [choice.label]
     if not public:
         labels += [other for name in taken for other in opponents[name].values()]
-    work = campaign.planned(suite, folder, [*dict.fromkeys(labels)], count, used_seed, cases=taken)
-    ended = running.run(work, jobs, None, progress)
+    work = campaign.planned(
+        suite, folder, [*dict.fromkeys(labels)], runs=count, seed=used_seed, cases=taken
+    )
+    interrupted = False
     try:
-        results = Results(folder, ended.store)
-        write_tables(results)
-        flown = results.runs()
-        flown = flown[(flown["run"] < count) & flown["case"].isin(taken)]
-        own = flown[flown["estimator"] == choice.label]
-        unfinished = own[(own["status"] != "ok") | own["diverged"]]
-        failures = unfinished[["case", "run", "reason", "command"]].reset_index(drop=True)
-        if ended.interrupted:
-            return Score(None, failures)
-        if ended.missing:
-            raise ScoreError(f"{ended.missing} runs gave no result; the same command goes on")
-        others = stored.runs if public else flown
-        others = others[others["run"] < count]
-        matches = {
-            name: _Match(
-                own[own["case"] == name], others[others["case"] == name], opponents[name],
-                _HALVES[judged_runs],
-            )
-            for name in taken
-        }  # fmt: skip
-        questions = _questions(suite, results, matches, skipped)
-    finally:
-        ended.store.close()
+        results = running.fly(work, jobs, progress=progress)
+    except running.InterruptedCampaign as stop:
+        results, interrupted = stop.results, True
+    flown = results.runs()
+    flown = flown[(flown["run"] < count) & flown["case"].isin(taken)]
+    own = flown[flown["estimator"] == choice.label]
+    unfinished = own[(own["status"] != "ok") | own["diverged"]]
+    failures = unfinished[["case", "run", "reason", "command"]].reset_index(drop=True)
+    if interrupted:
+        return Score(None, failures)
+    others = stored.runs if public else flown
+    others = others[others["run"] < count]
+    matches = {
+        name: _Match(
+            own=own[own["case"] == name],
+            others=others[others["case"] == name],
+            opponents=opponents[name],
+            half=_HALVES[judged_runs],
+        )
+        for name in taken
+    }
+    questions = _questions(suite, results, matches, skipped)
     content = choice.content
     seconds = own[own["status"] == "ok"].groupby("case")["seconds"].median()
     return Score(
