@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,6 +76,41 @@ class _Simulation:
         return simulate_block(export.flight(), export.seed(), range(self.runs_per_call))
 
 
+_ENGINES = ("ekf", "ukf", "factor-graph[mode=batch]")
+"""Engines of the campaign that is guarded."""
+
+
+class _Engines:
+    """Engines alone, one after the other on a block of runs."""
+
+    def __init__(self) -> None:
+        self.engines = [_compiled(label) for label in _ENGINES]
+        self.runs_per_call = self.engines[0].runs_per_call
+
+    def solve(self, run: int) -> object:
+        return [engine.solve(run) for engine in self.engines]
+
+
+class _Campaign:
+    """A whole campaign in this process: simulated, estimated, judged, stored, with its tables."""
+
+    runs_per_call = 128
+
+    def solve(self, run: int) -> object:
+        from ggbench.campaign import campaign, running
+        from ggbench.spec import scenario
+
+        with tempfile.TemporaryDirectory() as folder:
+            work = campaign.planned(
+                scenario.load(export.SCENARIO),
+                Path(folder, "results"),
+                _ENGINES,
+                runs=self.runs_per_call,
+                cases=[export.CASE],
+            )
+            return running.fly(work, jobs=0)
+
+
 def guards() -> list[Guard]:
     """Return what is guarded."""
     engines = [
@@ -96,6 +133,8 @@ def guards() -> list[Guard]:
         ),
         Guard("simulation of a run, against a product of matrices of 768 x 768", 4.0,
               _Product, _Simulation),
+        Guard("a whole campaign of three engines, against these engines alone", 0.2,
+              _Engines, _Campaign),
     ]  # fmt: skip
 
 
@@ -125,7 +164,7 @@ def run(rounds: int = 7, seconds: float = 0.15) -> int:
     for guard in guards():
         found = ratio(guard.slow(), guard.fast(), rounds, seconds)
         verdict = "at least" if found >= guard.floor else "BELOW the floor of"
-        print(f"{guard.name}: {found:.1f} times as fast, {verdict} {guard.floor:g}")
+        print(f"{guard.name}: {found:.3g} times as fast, {verdict} {guard.floor:g}")
         low += found < guard.floor
     if low:
         print(f"{low} of the ratios fell below the floor; a change made something slower.")
