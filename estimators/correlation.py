@@ -34,11 +34,11 @@ import numpy as np
 from pydantic import Field
 from scipy.special import softmax
 
+from ..block import ProblemBlock, by_block
 from ..engines.banks import mixture
-from ..engines.fix_fusion import Fused, Fusion
-from ..engines.iterated_smoother import IteratedSmoother
+from ..engines.fix_fusion import FixFusion, Fusion
 from ..engines.position_grid import position_axes
-from ..engines.window_search import MOST, Search, distinct, refined, section, without_position
+from ..engines.window_search import MOST, Search, WindowSearch, distinct, unmatchable
 from ..parameters import AtLeastOne, Positive
 from ..problem import Estimate, Estimator, Problem
 from ..reduced import horizontal
@@ -91,39 +91,51 @@ class Correlation(Estimator):
     exact_if_linear_gaussian = False  # between its fixes it takes no reading
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without a horizontal position."""
-        return without_position(problem)
+        """Refuse problems without a horizontal position, and models without kernels."""
+        return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Match one window after the other; carry along what has been found."""
-        flight = Fused(problem, self.fusion, horizontal(problem, velocity=False))
-        read = np.flatnonzero(problem.present.any(axis=1))
+        return by_block(problem, self._match)
+
+    def _match(self, block: ProblemBlock) -> Estimate:
+        flight = FixFusion(block, self.fusion, horizontal(block.problem(0), velocity=False))
+        read = np.flatnonzero(block.present[0].any(axis=1))
         last = -1  # the last epoch whose readings are spent
-        for end in read[self.window - 1 :: self.window]:
-            part = section(problem, last + 1, int(end) + 1, *flight.before(last))
-            last = int(end)
-            fix = self._match(part)
+        for end in map(int, read[self.window - 1 :: self.window]):
+            fix = self._fix(flight, flight.window(last, end))
+            last = end
             if fix is not None:
                 flight.add(last, fix.mean, fix.cov, fix.accepted, fix.statistic)
         return flight.estimate()
 
-    def _match(self, part: Problem) -> _Fix | None:
+    def _fix(self, flight: FixFusion, window: ProblemBlock) -> _Fix | None:
         """Return the fix of a window; None where there is nothing to compare."""
-        search = Sequences(part, self.spacing_m, self.most, self.differenced, self.descending)
-        search.take(part.epochs)
+        search = Sequences(
+            window.problem(0), self.spacing_m, self.most, self.differenced, self.descending
+        )
+        search.take(window.epochs)
+        flight.evaluations += search.evaluations
         if search.terms == 0 or not len(search.points):
             return None
-        return self._of_nodes(search) if self.candidates == "nodes" else self._of_basins(search)
+        if self.candidates == "nodes":
+            flight.evaluations += self.keep * window.epochs
+            return self._of_nodes(search)
+        smoother = self._search(window)
+        fix = self._of_basins(search, smoother)
+        flight.evaluations += int(smoother.evaluations[0])
+        return fix
 
-    def _of_basins(self, search: Sequences) -> _Fix | None:
-        part, mismatch = search.problem, search.values()
-        smoother = IteratedSmoother(part)
+    def _search(self, window: ProblemBlock) -> WindowSearch:
+        return WindowSearch(window)
+
+    def _of_basins(self, search: Sequences, window: WindowSearch) -> _Fix | None:
+        part, mismatch, basins = search.problem, search.values(), search.best(self.keep)
+        places_of_basins = window.places([search.multipliers(search.points[i]) for i in basins])
         found = [
             (mismatch[index], place)
-            for index in search.best(self.keep)
-            for place in refined(
-                smoother, [search.multipliers(search.points[index])], search.spacing
-            )
+            for index, place in zip(basins, places_of_basins, strict=True)
+            if place is not None
         ]
         if not found:
             return None
@@ -249,16 +261,19 @@ def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
     errors of noise, INS and grid. How they go with the state at the end follows from carrying both
     through the window. That J gives away what the readings tell of other states is thus known.
     """
-    problem, smoother = search.problem, IteratedSmoother(search.problem)
+    problem = search.problem
     variances, gain, *_ = position_axes(problem)
-    scale, point = smoother.scale, search.points[index]
+    # In units of the prior's deviations.
+    scale, point = np.sqrt(np.diag(problem.prior_cov)), search.points[index]
+    units = np.outer(scale, scale)
+    transition = problem.transition * scale / scale[:, np.newaxis]
     n, d = gain.shape
     rows, white = [], []
-    x, moved = smoother.prior_mean + gain @ point, gain
-    for k, phi in enumerate(smoother.transition):
+    x, moved = problem.prior_mean / scale + gain @ point, gain
+    for k, phi in enumerate(transition):
         x, moved = phi @ x, phi @ moved
         h = problem.model.jacobian(k, x * scale) * scale
-        white.append(np.linalg.solve(smoother.noise_root[k], h))
+        white.append(np.linalg.solve(np.linalg.cholesky(problem.noise_of(k)), h))
         rows.append(white[-1] @ moved)
     pull = np.einsum("vcd,cvk->kdc", np.array(rows), search.chi_squared * search.form)
     prior = np.diag(1.0 / variances)
@@ -266,12 +281,12 @@ def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
     pull = np.linalg.solve(normal, pull)
     mean = np.concatenate([-gain @ point, np.zeros(d)])
     cov = np.zeros((n + d, n + d))
-    cov[:n, :n] = smoother.prior_cov
+    cov[:n, :n] = problem.prior_cov / units
     step, add = np.eye(n + d), np.eye(n + d)
     for k, m in enumerate(pull):
-        step[:n, :n], add[n:, :n] = smoother.transition[k], m @ white[k]
+        step[:n, :n], add[n:, :n] = transition[k], m @ white[k]
         cov = step @ cov @ step.T
-        cov[:n, :n] += smoother.process_cov[k]
+        cov[:n, :n] += problem.process_cov[k] / units
         mean, cov = add @ step @ mean, add @ cov @ add.T
         cov[n:, n:] += m @ m.T
     coarse = np.where(variances > search.spacing**2, search.spacing**2 / 12.0, 0.0)
@@ -280,4 +295,4 @@ def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
     least = np.linalg.solve(normal, prior @ point)
     end = x + mean[:n] + weight @ (least - mean[n:])
     left = cov[:n, :n] - weight @ cov[n:, :n]
-    return end * scale, left * np.outer(scale, scale)
+    return end * scale, left * units

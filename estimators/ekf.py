@@ -10,11 +10,9 @@ import numpy as np
 from pydantic import Field
 
 from ..block import CompiledModel, EstimateBlock, ProblemBlock
-from ..engines import filters
-from ..engines.iterated_filter import iterated
+from ..engines.extended_filter import UpdateOptions, extended
 from ..parameters import AtLeastOne
 from ..problem import Estimate, Problem
-from . import textbook
 from .robust import GatedUpdate
 
 
@@ -51,21 +49,50 @@ class ExtendedKalmanFilter(GatedUpdate):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse models without kernels where only the compiled filter has what is asked for."""
-        if self.gate or self.underweighting or self.noise_memory:
-            return super().skip(problem)
-        return None
+        """Refuse models without kernels where more than the plain filter is asked for."""
+        if self == ExtendedKalmanFilter(noise_scale=self.noise_scale):
+            return None
+        return super().skip(problem)
 
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
         """Filter all runs of a block."""
-        if self.iterations == 1 and self.loss == "none" and not self.noise_memory:
-            return filters.extended(block, self.gate, self.underweighting)
-        return iterated(block, self.iterations, self.loss, self.limit, self.noise_memory)
+        return extended(
+            block,
+            UpdateOptions(
+                iterations=self.iterations,
+                loss=self.loss,
+                threshold=self.limit,
+                noise_memory=self.noise_memory,
+                gate=self.gate,
+                underweighting=self.underweighting,
+            ),
+        )
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter one run; of a model without kernels by :mod:`.textbook`."""
+        """Filter one run; the plain filter takes any model."""
         if isinstance(problem.model, CompiledModel):
             return super().estimate(problem, rng)
-        return textbook.extended(problem, self.iterations, self.loss, self.limit)
+        if reason := self.skip(problem):
+            raise TypeError(reason)
+        return plain(problem)
+
+
+def plain(problem: Problem) -> Estimate:
+    """Return the estimate of the plain filter in NumPy, which needs h and its Jacobian alone."""
+    x, p = problem.prior_mean, problem.prior_cov
+    identity = np.eye(problem.dimension)
+    mean = np.empty((problem.epochs, problem.dimension))
+    cov = np.empty((problem.epochs, *p.shape))
+    for k in range(problem.epochs):
+        phi, r = problem.transition[k], problem.noise_of(k)
+        x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
+        h = problem.model.jacobian(k, x)
+        gain = np.linalg.solve(h @ p @ h.T + r, h @ p).T
+        x = x + gain @ (problem.measurements[k] - problem.model.predict(k, x))
+        kept = identity - gain @ h
+        p = kept @ p @ kept.T + gain @ r @ gain.T  # Joseph's form
+        p = 0.5 * (p + p.T)
+        mean[k], cov[k] = x, p
+    return Estimate(mean, cov, "filter", info={"linearisations": problem.epochs})

@@ -1,7 +1,8 @@
 """Factor graph, compiled: batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
 
-The steps of GTSAM (:mod:`.gtsam_smoothers`) to the same solutions, by Kalman smoothers on many runs
-at once.
+The solutions are those of GTSAM (:mod:`.gtsam_smoothers`), found by Kalman smoothers on many runs
+at once. The incremental modes take GTSAM's steps. The batch mode takes Gauss–Newton steps, halved
+until the cost falls (:mod:`ggbench.engines.line_search`), where GTSAM dampens.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from typing import Literal
 import numpy as np
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
-from ..engines import batch_smoother, incremental_smoother
+from ..engines import incremental_smoother
+from ..engines.trajectory_search import from_the_prior
 from ..parameters import AtLeastOne, Positive
 from ..problem import Causality, MeasurementModel, Problem
 from .robust import RobustLoss
@@ -37,7 +39,7 @@ class GraphParameters(RobustLoss):
     relinearize_threshold : iSAM2 and the sliding window linearise a node again from a change on, of
         any one state, that would alone change its measurement by so many standard deviations of the
         noise, see :func:`noticeable_changes`. States that h does not depend on move freely.
-    max_iterations : limit of the batch optimizer (Levenberg–Marquardt).
+    max_iterations : limit of the batch optimizer's steps.
     """
 
     family = "smoother"
@@ -86,16 +88,13 @@ class FactorGraph(GraphParameters, BlockEstimator):
     ) -> EstimateBlock:
         """Solve the problems of all runs of a block."""
         if self.mode == "batch":
-            mean, cov, info = batch_smoother.smoother(
-                block, self.max_iterations, self.loss, self.limit
-            )
-        else:
-            leaving = None if self.mode == "isam2" else self.oldest_nodes(block.times)
-            changes = [noticeable_changes(block.problem(run)) for run in range(block.runs)]
-            limits = self.relinearize_threshold * np.stack(changes)
-            mean, cov, info = incremental_smoother.smoother(
-                block, limits, leaving, self.loss, self.limit
-            )
+            return from_the_prior(block, self.max_iterations, self.loss, self.limit)
+        leaving = None if self.mode == "isam2" else self.oldest_nodes(block.times)
+        changes = [noticeable_changes(block.problem(run)) for run in range(block.runs)]
+        limits = self.relinearize_threshold * np.stack(changes)
+        mean, cov, info = incremental_smoother.smoother(
+            block, limits, leaving, self.loss, self.limit
+        )
         return EstimateBlock(mean, cov, self.causality, self.fixed_lag, info=info)
 
 

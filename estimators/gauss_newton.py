@@ -1,6 +1,6 @@
 """Batch maximum a posteriori by Gauss–Newton as an iterated Kalman smoother, from many starts.
 
-The steps are those of :mod:`ggbench.engines.iterated_smoother`.
+The steps are those of :mod:`ggbench.engines.line_search`.
 
 A field of gravity gradients looks alike in many places, and Gauss–Newton finds the nearest. So the
 cost is looked at from many starts across the prior of the position, and the best are refined.
@@ -63,6 +63,12 @@ class GaussNewton(RobustLoss, BlockEstimator):
         """Refine the best starts of all runs of a block; the mean is NaN where none has a cost."""
         window = self.window if self.starts > 1 else 0
         return multistart(
-            block, self.starts, self.refine, window, self.spacing_m, self.max_iterations,
-            self.loss, self.limit,
-        )  # fmt: skip
+            block,
+            count=self.starts,
+            keep=self.refine,
+            window=window,
+            spacing_m=self.spacing_m,
+            most=self.max_iterations,
+            loss=self.loss,
+            threshold=self.limit,
+        )

@@ -18,7 +18,6 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from ..engines.step_rules import ABSOLUTE_DECREASE, RELATIVE_DECREASE, is_last_step
 from ..problem import Estimate, MeasurementModel, Problem
 from .factor_graph import (
     SAME_TIME,
@@ -30,6 +29,8 @@ from .factor_graph import (
 from .robust import Loss
 
 _Error = partial[np.ndarray]
+_RELATIVE_DECREASE, _ABSOLUTE_DECREASE = 1e-10, 1e-5
+"""Decrease of the cost at which the batch search ends: far above the rounding errors of h."""
 _NO_NOISE = 1e-13
 """Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
 
@@ -58,8 +59,8 @@ class GtsamSmoother(GraphParameters):
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setLinearSolverType("MULTIFRONTAL_QR")
         parameters.setMaxIterations(self.max_iterations)
-        parameters.setRelativeErrorTol(RELATIVE_DECREASE)
-        parameters.setAbsoluteErrorTol(ABSOLUTE_DECREASE)
+        parameters.setRelativeErrorTol(_RELATIVE_DECREASE)
+        parameters.setAbsoluteErrorTol(_ABSOLUTE_DECREASE)
         # The graph is close to linear and well scaled: little damping, so that it takes
         # Gauss-Newton steps until one of them fails.
         parameters.setlambdaInitial(1e-12)
@@ -72,7 +73,10 @@ class GtsamSmoother(GraphParameters):
             raise RuntimeError("Levenberg-Marquardt gave up at its first step")
         linear = graph.linearize(values)
         step = linear.optimize()
-        if is_last_step(linear.error(gtsam.VectorValues.Zero(step)), linear.error(step)):
+        promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)
+        if abs(promised) <= _ABSOLUTE_DECREASE:
+            # One step more, which promises too little for the search to have asked for it: so
+            # rounding that ends a search a step earlier does not matter.
             values = values.retract(step)
         marginals = gtsam.Marginals(linear, values)
         epochs = range(scaled.problem.epochs)

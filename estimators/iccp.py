@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import Field
 
 from ..engines.contours import Contour, contour, feet, fitted_transform, track_metres
-from ..engines.fix_fusion import Attempt, Carried, listed
+from ..engines.fix_fusion import Attempt, PropagatedEstimate, fixes_of
 from ..parameters import Positive
 from ..problem import Estimate, Estimator, Problem
 from ..reduced import horizontal
@@ -86,7 +86,7 @@ class Iccp(Estimator):
         channel = _channel(problem, self.channel)
         assert channel is not None  # else it would have been skipped
         matcher = _Matcher(self, problem, channel)
-        estimate, unaided = Carried(problem), Carried(problem)
+        estimate, unaided = PropagatedEstimate(problem), PropagatedEstimate(problem)
         attempts: list[Attempt] = []
         window: list[int] = []
         contours: list[Contour] = []
@@ -108,7 +108,7 @@ class Iccp(Estimator):
             if fix.accepted:
                 estimate.put(k, *_updated(mean, cov, matcher.position, fix.mean, fix.cov))
         mean, cov = estimate.whole()
-        fixes = listed(attempts)
+        fixes = fixes_of(attempts)
         info = {
             "channel": problem.channels[channel].name,
             "fixes_tried": len(fixes),

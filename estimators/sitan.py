@@ -31,7 +31,7 @@ import numpy as np
 from pydantic import Field
 
 from ..engines.banks import Bank, fitting_spacing, updated_covs
-from ..engines.fix_fusion import Attempt, listed
+from ..engines.fix_fusion import Attempt, fixes_of
 from ..engines.position_grid import position_axes
 from ..parameters import AtLeastOne, Positive
 from ..problem import Estimate, Estimator, Problem
@@ -113,7 +113,7 @@ class Sitan(Estimator):
             info |= {"accepted": bool(np.isfinite(accepted_at)), "accepted_at_s": accepted_at}
         return Estimate(
             mean * scale, cov * np.outer(scale, scale), self.causality, info=info, nis=nis,
-            fixes=listed(attempts) if started > 1 and tuple(filters.places) == (0, 1) else None,
+            fixes=fixes_of(attempts) if started > 1 and tuple(filters.places) == (0, 1) else None,
         )  # fmt: skip
 
 

@@ -20,21 +20,21 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from ..engines.fix_fusion import Fused, Fusion
-from ..engines.iterated_smoother import IteratedSmoother
+from ..block import EstimateBlock, ProblemBlock, by_block
+from ..engines.extended_filter import UpdateOptions, extended
+from ..engines.fix_fusion import FixFusion, Fusion
 from ..engines.window_search import (
     MOST,
     Criterion,
     Place,
     Search,
+    WindowSearch,
     refined,
-    section,
-    without_position,
+    unmatchable,
 )
 from ..parameters import AtLeastOne, Positive
 from ..problem import Estimate, Problem
 from ..reduced import horizontal
-from . import textbook
 from .robust import RobustLoss
 
 _ITERATIONS = 5
@@ -84,44 +84,53 @@ class Tercom(RobustLoss):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without a horizontal position."""
-        return without_position(problem)
+        """Refuse problems without a horizontal position, and models without kernels."""
+        return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Try windows one after the other; carry along what has been found."""
-        position = horizontal(problem, velocity=False)
-        flight = Fused(problem, self.fusion, position, self._hands_over)
-        read = np.flatnonzero(problem.present.any(axis=1))
+        return by_block(problem, self._match)
+
+    def _match(self, block: ProblemBlock) -> Estimate:
+        position = horizontal(block.problem(0), velocity=False)
+        flight = FixFusion(block, self.fusion, position, self._hands_over)
+        read = np.flatnonzero(block.present[0].any(axis=1))
         last = -1  # the last epoch whose readings are spent
         while len(left := read[read > last]) >= self.window and not flight.found:
             last = self._window(flight, left[: self.longest], last)
-        return flight.estimate(
-            lambda rest: textbook.extended(rest, _ITERATIONS, self.loss, self.limit)
-        )
+        return flight.estimate(self._filtered)
 
-    def _window(self, flight: Fused, read: np.ndarray, last: int) -> int:
+    def _search(self, window: ProblemBlock) -> WindowSearch:
+        return WindowSearch(window, self.loss, self.limit)
+
+    def _filtered(self, rest: ProblemBlock) -> EstimateBlock:
+        """Return what an iterated EKF makes of the measurements behind a hand-over."""
+        updates = UpdateOptions(iterations=_ITERATIONS, loss=self.loss, threshold=self.limit)
+        return extended(rest, updates)
+
+    def _window(self, flight: FixFusion, read: np.ndarray, last: int) -> int:
         """Try a fix from readings after epoch ``last``, from more of them while it is refused.
 
         Returns
         -------
         The last epoch whose readings are spent.
         """
-        problem, before = flight.problem, flight.before(last)
-        longest = section(problem, last + 1, read[-1] + 1, *before)
+        longest = flight.window(last, read[-1]).problem(0)
         search = Search(longest, self.spacing_m, self.most, self.criterion)
         end = last
         for size in range(self.window, len(read) + 1, self.window):
             end = int(read[size - 1])
             search.take(end - last)
-            window = section(problem, last + 1, end + 1, *before)
-            smoother = IteratedSmoother(window, self.loss, self.limit)
-            places = refined(smoother, search.starts(self.refine), search.spacing)
+            window = self._search(flight.window(last, end))
+            places = refined(window, search.starts(self.refine), search.spacing)
+            flight.evaluations += int(window.evaluations[0])
             if not places:
                 continue
-            accepted, statistic = self._judged(places, int(window.present.sum()))
+            accepted, statistic = self._judged(places, int(window.block.present.sum()))
             flight.add(end, places[0].mean, places[0].cov, accepted, statistic)
             if accepted:
                 break
+        flight.evaluations += search.evaluations
         return end
 
     def _judged(self, places: list[Place], readings: int) -> tuple[bool, float]:

@@ -7,10 +7,10 @@ so that what a run needs stays in the processor's cache; a campaign is a stream 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -47,6 +47,9 @@ class CompiledModel(MeasurementModel, Protocol):
 class ProblemBlock:
     """The estimation problems of R runs of one case.
 
+    The metadata of a field names the axes of its array: R runs, K epochs, n states, m channels. The
+    first may be missing, where all epochs share a matrix.
+
     Attributes
     ----------
     times, noise_cov, prior_mean, prior_cov, layout, channels, map : as in
@@ -59,18 +62,18 @@ class ProblemBlock:
     replays : of each run, as :class:`.problem.Problem` has it.
     """
 
-    times: np.ndarray
-    measurements: np.ndarray
-    noise_cov: np.ndarray
-    transition: np.ndarray
-    process_cov: np.ndarray
-    prior_mean: np.ndarray
-    prior_cov: np.ndarray
+    times: np.ndarray = field(metadata={"axes": "K"})
+    measurements: np.ndarray = field(metadata={"axes": "RKm"})
+    noise_cov: np.ndarray = field(metadata={"axes": "Kmm"})
+    transition: np.ndarray = field(metadata={"axes": "RKnn"})
+    process_cov: np.ndarray = field(metadata={"axes": "RKnn"})
+    prior_mean: np.ndarray = field(metadata={"axes": "n"})
+    prior_cov: np.ndarray = field(metadata={"axes": "nn"})
     model: ModelArrays
     layout: tuple[StateBlock, ...]
-    present: np.ndarray
+    present: np.ndarray = field(metadata={"axes": "RKm"})
     channels: tuple[Channel, ...] = ()
-    tracks: np.ndarray | None = None
+    tracks: np.ndarray | None = field(default=None, metadata={"axes": "RK-"})
     map: GravityMap | None = None
     replays: Sequence[Replay] | None = None
 
@@ -94,42 +97,70 @@ class ProblemBlock:
 
     def until(self, stop: int) -> ProblemBlock:
         """Return the problems of the epochs before ``stop``, which are not flown again."""
-        model = self.model.mapped(lambda array: read_only(array[:, :stop]))
+        return self.part(0, stop, self.prior_mean, self.prior_cov)
+
+    def part(self, first: int, stop: int, mean: np.ndarray, cov: np.ndarray) -> ProblemBlock:
+        """Return the problems of the epochs from ``first`` to before ``stop``.
+
+        Parameters
+        ----------
+        mean, cov : (n,), (n, n) of the state one epoch before ``first``, or at the start of the
+            flight: what is known without the measurements of these epochs. All runs share it.
+        """
+        epochs = slice(first, stop)
+        arrays = self._with_axis("K", lambda array, axis: array[(slice(None),) * axis + (epochs,)])
         return replace(
             self,
-            times=self.times[:stop],
-            measurements=self.measurements[:, :stop],
-            noise_cov=self.noise_cov if self.noise_cov.ndim == 2 else self.noise_cov[:stop],
-            transition=self.transition[:, :stop],
-            process_cov=self.process_cov[:, :stop],
-            model=replace(model, times=read_only(model.times[:stop])),
-            present=self.present[:, :stop],
-            tracks=None if self.tracks is None else self.tracks[:, :stop],
+            **arrays | {"prior_mean": mean, "prior_cov": cov},
+            model=_part_of(self.model, first, stop),
             replays=None,
         )
 
     def problem(self, run: int) -> Problem:
         """Return one run as every estimator takes it."""
+        values = vars(self) | self._with_axis("R", lambda array, axis: array[run])
+        states, replays = values.pop("tracks"), values.pop("replays")
         track = None
-        if self.tracks is not None:
-            states = self.tracks[run]
+        if states is not None:
             track = Track(states[:, :3], states[:, 3:6], states[:, 6:].reshape(-1, 3, 3))
-        return Problem(
-            times=self.times,
-            measurements=self.measurements[run],
-            noise_cov=self.noise_cov,
-            transition=self.transition[run],
-            process_cov=self.process_cov[run],
-            prior_mean=self.prior_mean,
-            prior_cov=self.prior_cov,
-            model=SensorModel(self.model.of_run(run)),
-            layout=self.layout,
-            present=self.present[run],
-            channels=self.channels,
-            track=track,
-            map=self.map,
-            replay=None if self.replays is None else self.replays[run],
-        )
+        values["model"] = SensorModel(self.model.of_run(run))
+        return Problem(**values, track=track, replay=None if replays is None else replays[run])
+
+    def _with_axis(
+        self, axis: str, change: Callable[..., np.ndarray], *others: ProblemBlock
+    ) -> dict[str, np.ndarray]:
+        """Return the arrays with an axis, changed, by their fields' names.
+
+        ``change`` is given an array, those of the other blocks, and which axis it is.
+        """
+        changed = {}
+        for item in fields(self):
+            array, axes = getattr(self, item.name), item.metadata.get("axes")
+            if axes is None or array is None:
+                continue
+            axes = axes[len(axes) - array.ndim :]
+            if axis in axes:
+                rest = (getattr(other, item.name) for other in others)
+                changed[item.name] = change(array, *rest, axis=axes.index(axis))
+        return changed
+
+
+def _part_of(model: ModelArrays, first: int, stop: int) -> ModelArrays:
+    """Return the arrays of the epochs from ``first`` to before ``stop``.
+
+    Where coloured readings are whitened, h combines those of earlier epochs. The arrays of epochs
+    before ``first`` follow behind the last one: an index below zero finds them there.
+    """
+    before = min(int(model.lags[first:stop].max(initial=0)), first) if len(model.lags) > 1 else 0
+    epochs: slice | np.ndarray = slice(first, stop)
+    if before:
+        epochs = np.r_[first:stop, first - before : first]
+    part = model.mapped(lambda array: read_only(array[:, epochs]))
+    own = {}
+    for name in ("combined", "lags"):
+        array = getattr(model, name)
+        own[name] = array[first:stop] if len(array) > 1 else array
+    return replace(part, times=read_only(model.times[epochs]), **own)
 
 
 def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
@@ -152,23 +183,15 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
         ):
             raise ValueError("blocks of other epochs, maps or gaps cannot be joined")
 
-    def concatenated(*arrays: np.ndarray) -> np.ndarray:
+    def concatenated(*arrays: np.ndarray, axis: int = 0) -> np.ndarray:
         # As those of a block are: kernels of arrays that can be written would be compiled again.
-        return read_only(np.concatenate(arrays))
+        return read_only(np.concatenate(arrays, axis))
 
-    def along(name: str) -> np.ndarray:
-        return concatenated(*(getattr(block, name) for block in blocks))
-
-    replays = [replay for block in blocks for replay in block.replays or ()]
     return replace(
         first,
-        measurements=along("measurements"),
-        transition=along("transition"),
-        process_cov=along("process_cov"),
+        **first._with_axis("R", concatenated, *blocks[1:]),
         model=first.model.mapped(concatenated, *(block.model for block in blocks[1:])),
-        present=along("present"),
-        tracks=None if first.tracks is None else along("tracks"),
-        replays=replays or None,
+        replays=[replay for block in blocks for replay in block.replays or ()] or None,
     )
 
 
@@ -181,56 +204,69 @@ def block_of(problem: Problem) -> ProblemBlock:
         If the problem's model is no :class:`CompiledModel`.
     """
     if not isinstance(problem.model, CompiledModel):
-        raise TypeError(_without_arrays(problem.model))
-    track, tracks = problem.track, None
+        raise TypeError(without_kernels(problem))
+    track, replay = problem.track, problem.replay
+    values: dict[str, Any] = {}
+    for item in fields(ProblemBlock):
+        if item.name in ("tracks", "replays"):
+            continue
+        value = getattr(problem, item.name)
+        values[item.name] = value[np.newaxis] if "R" in item.metadata.get("axes", "") else value
     if track is not None:
         attitudes = track.attitudes.reshape(-1, 9)
-        tracks = np.hstack([track.positions, track.velocities, attitudes])[np.newaxis]
-    return ProblemBlock(
-        problem.times,
-        problem.measurements[np.newaxis],
-        problem.noise_cov,
-        problem.transition[np.newaxis],
-        problem.process_cov[np.newaxis],
-        problem.prior_mean,
-        problem.prior_cov,
-        problem.model.arrays.as_block(),
-        problem.layout,
-        problem.present[np.newaxis],
-        problem.channels,
-        tracks,
-        problem.map,
-        None if problem.replay is None else (problem.replay,),
-    )
+        values["tracks"] = np.hstack([track.positions, track.velocities, attitudes])[np.newaxis]
+    values["model"] = problem.model.arrays.as_block()
+    return ProblemBlock(**values, replays=None if replay is None else (replay,))
 
 
-def _with_idle_states(problem: Problem) -> Problem:
-    """Return a problem of as many states as kernels take at least, the added ones without effect.
+def _with_idle_states(block: ProblemBlock) -> ProblemBlock:
+    """Return a block of as many states as kernels take at least, the added ones without effect.
 
     They have unit variance and stay as they are; no measurement depends on them.
     """
-    n, more = problem.dimension, max(FEWEST_STATES - problem.dimension, 0)
-    if not more or not isinstance(problem.model, SensorModel):
-        return problem
-    idle = (*[(0, 0)] * (problem.transition.ndim - 2), (0, more), (0, more))
-    transition, prior_cov = np.pad(problem.transition, idle), np.pad(problem.prior_cov, (0, more))
-    for i in range(n, n + more):
-        transition[..., i, i] = prior_cov[i, i] = 1.0
-    arrays = problem.model.arrays
-    rows = np.pad(arrays.rows, (*[(0, 0)] * (arrays.rows.ndim - 1), (0, more)))
+    n, more = block.dimension, max(FEWEST_STATES - block.dimension, 0)
+    if not more:
+        return block
+
+    def padded(array: np.ndarray, axis: int) -> np.ndarray:
+        return np.pad(array, [(0, 0)] * axis + [(0, more)] * (array.ndim - axis))
+
+    arrays = block._with_axis("n", padded)
+    for name in ("transition", "prior_cov"):
+        for i in range(n, n + more):
+            arrays[name][..., i, i] = 1.0
+    rows = np.pad(block.model.rows, (*[(0, 0)] * (block.model.rows.ndim - 1), (0, more)))
     return replace(
-        problem,
-        transition=transition,
-        process_cov=np.pad(problem.process_cov, idle),
-        prior_mean=np.pad(problem.prior_mean, (0, more)),
-        prior_cov=prior_cov,
-        model=SensorModel(replace(arrays, dimension=n + more, rows=rows)),
-        layout=(*problem.layout, StateBlock("idle", slice(n, n + more), "1")),
+        block,
+        **arrays,
+        model=replace(block.model, dimension=n + more, rows=read_only(rows)),
+        layout=(*block.layout, StateBlock("idle", slice(n, n + more), "1")),
     )
 
 
-def _without_arrays(model: MeasurementModel) -> str:
-    return f"a compiled engine needs the package's own model, not {type(model).__name__}"
+def by_block(problem: Problem, solve: Callable[[ProblemBlock], Estimate]) -> Estimate:
+    """Return the estimate of one run by a function of a block of one run.
+
+    The block has the states that kernels need at least; the estimate has those of the problem.
+
+    Raises
+    ------
+    TypeError
+        If the problem's model is no :class:`CompiledModel`.
+    """
+    n, estimate = problem.dimension, solve(_with_idle_states(block_of(problem)))
+    if estimate.mean.shape[-1] == n:
+        return estimate
+    cov = None if estimate.cov is None else estimate.cov[:, :n, :n]
+    return replace(estimate, mean=estimate.mean[:, :n], cov=cov)
+
+
+def without_kernels(problem: Problem) -> str | None:
+    """Return that a problem's measurement model has no kernels, or None if it has."""
+    if isinstance(problem.model, CompiledModel):
+        return None
+    name = type(problem.model).__name__
+    return f"a compiled engine needs the package's own model, not {name}"
 
 
 @dataclass(frozen=True)
@@ -287,15 +323,8 @@ class BlockEstimator(Estimator):
         TypeError
             If the problem's model is no :class:`CompiledModel`.
         """
-        found = self.estimate_block(block_of(_with_idle_states(problem)), (rng,)).estimate(0)
-        n = problem.dimension
-        if found.mean.shape[-1] == n:
-            return found
-        cov = None if found.cov is None else found.cov[:, :n, :n]
-        return replace(found, mean=found.mean[:, :n], cov=cov)
+        return by_block(problem, lambda block: self.estimate_block(block, (rng,)).estimate(0))
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse the models that no compiled engine can take."""
-        if not isinstance(problem.model, CompiledModel):
-            return _without_arrays(problem.model)
-        return None
+        return without_kernels(problem)

@@ -1,6 +1,6 @@
-"""Extended and unscented Kalman filters on many runs at once, compiled.
+"""Unscented Kalman filter on many runs at once, compiled.
 
-A test holds them to filterpy.
+A test holds it to filterpy.
 """
 
 from __future__ import annotations
@@ -26,61 +26,6 @@ from .whitened_measurements import (
     readings_of,
     scatter_squares,
 )
-
-
-@compiled
-def _extended(
-    batch: Batch,
-    gating: GateOptions,
-    mean: np.ndarray,
-    cov: np.ndarray,
-    nis: np.ndarray,
-    rejected: np.ndarray,
-) -> None:
-    """Fill the extended Kalman filter's mean (R, K, n), cov (R, K, n, n), NIS (R, K).
-
-    And how many readings were ``rejected`` (R,).
-    """
-    runs, epochs, n = batch.transition.shape[:3]
-    expected = lanes.moving_states(batch.transition, batch.process_cov)
-    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
-    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(batch)
-    m = reading.rows.shape[0]
-    hp, gain, change = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
-    s, white = lanes.lanes(m, m), lanes.lanes(1, m)
-    weighed, spread, squared = lanes.lanes(m, m), lanes.lanes(m, m), lanes.lanes(1, 1)
-    noise_cov = np.zeros((m, m))
-    for c in range(m):
-        noise_cov[c, c] = 1.0
-    for first in lanes.starts(runs):
-        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        lanes.spread(batch.prior_mean, x)
-        lanes.spread(batch.prior_cov, p)
-        for k in range(epochs):
-            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
-            lane_algebra.predict(phi, q, moving, x, p, scratch)
-            linearise(batch, group, count, k, x, reading)
-            lane_algebra.project(reading.rows, p, m, hp, s)
-            if gating.underweighting > 0.0:
-                lane_algebra.copy(s, weighed)
-                underweight(weighed, noise_cov, gating.underweighting, spread)
-            lane_algebra.copy(reading.squared, squared)
-            lane_algebra.factorise(s, m, s)
-            lane_algebra.whiten(s, m, reading.innovation, white)
-            lane_algebra.add_squares(white, m, reading.squared)
-            if gating.underweighting > 0.0:
-                lane_algebra.factorise(weighed, m, s)
-                lane_algebra.whiten(s, m, reading.innovation, white)
-            lane_algebra.solve_lower(s, m, hp, change)
-            if gating.limits.shape[0] > 0:
-                lane_algebra.add_squares(white, m, squared)
-                reject(squared, gating.limits, first, count, k, change, rejected)
-            lane_algebra.correct(change, white, m, x)
-            lane_algebra.solve_upper(s, m, change, gain)
-            lane_algebra.joseph(gain, hp, reading.rows, m, p, scratch, change)
-            scatter_squares(reading, first, count, k, nis)
-            lanes.scatter(x, p, first, count, k, mean, cov)
 
 
 class SigmaWeights(NamedTuple):
@@ -260,26 +205,6 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
         if bias >= 0 and c < reading.slope.shape[0]:
             total -= load(reading.context.gain, 0, 0) * load(x, 0, bias + c)
         store(reading.z, 0, c, total)
-
-
-def extended(block: ProblemBlock, gate: float, underweighting: float) -> EstimateBlock:
-    """Run the extended Kalman filter. The NIS is of all readings, with the given noise.
-
-    Parameters
-    ----------
-    block : the runs.
-    gate, underweighting : see :mod:`.innovation_gating`; 0 for none.
-    """
-    runs, epochs, n = block.runs, block.epochs, block.dimension
-    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    nis, rejected = np.empty((runs, epochs)), np.zeros(runs, dtype=np.int64)
-    gating = gate_options(block, gate, underweighting)
-    _extended(batch_of(block), gating, mean, cov, nis, rejected)
-    once = np.full(runs, epochs)
-    info = {"linearisations": once, "map_evaluations": once}
-    if gate:
-        info["rejected"] = rejected
-    return EstimateBlock(mean, cov, "filter", nis=nis, info=info)
 
 
 def unscented(

@@ -17,14 +17,14 @@ from typing import Literal
 
 import numpy as np
 
+from ..block import EstimateBlock, ProblemBlock
 from ..problem import Estimate, Fixes, Problem
-from .window_search import section
 
 Fusion = Literal["none", "kalman"]
 
 
-class Carried:
-    """An estimate that the INS carries along between fixes.
+class PropagatedEstimate:
+    """An estimate that is propagated between fixes.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ Attempt = tuple[int, np.ndarray, np.ndarray, bool, float]
 """Epoch, position errors (d,), covariance (d, d), acceptance, statistic of a fix, see Fixes."""
 
 
-def listed(attempts: Sequence[Attempt]) -> Fixes:
+def fixes_of(attempts: Sequence[Attempt]) -> Fixes:
     """Return the fixes of a flight; of two dimensions where there is none."""
     if not attempts:
         empty = np.zeros(0)
@@ -79,34 +79,49 @@ def listed(attempts: Sequence[Attempt]) -> Fixes:
         )
     epochs, means, covs, accepted, statistics = zip(*attempts, strict=True)
     return Fixes(
-        np.array(epochs), np.array(means), np.array(covs), np.array(accepted),
-        np.array(statistics),
-    )  # fmt: skip
+        epoch=np.array(epochs),
+        mean=np.array(means),
+        cov=np.array(covs),
+        accepted=np.array(accepted),
+        statistic=np.array(statistics),
+    )
 
 
-class Fused:
+class FixFusion:
     """The estimate of a flight that is matched window by window, with what becomes of its fixes.
 
     Parameters
     ----------
-    problem : the flight.
+    block : the flight, one run.
     fusion : what becomes of fixes.
     position : the states that a fix contains.
     hands_over : whether the first accepted fix ends the search.
 
     Attributes
     ----------
+    problem : the flight.
     found : whether the search has ended.
+    evaluations : how often h was evaluated so far; searches add to it.
     """
 
     def __init__(
-        self, problem: Problem, fusion: Fusion, position: Sequence[int], hands_over: bool = False
+        self,
+        block: ProblemBlock,
+        fusion: Fusion,
+        position: Sequence[int],
+        hands_over: bool = False,
     ) -> None:
-        self.problem, self.fusion, self.found = problem, fusion, False
+        self.block, self.fusion, self.found = block, fusion, False
+        self.problem, self.evaluations = block.problem(0), 0
         self._hands_over = hands_over
-        self._estimate, self._unaided = Carried(problem), Carried(problem)
+        self._estimate = PropagatedEstimate(self.problem)
+        self._unaided = PropagatedEstimate(self.problem)
         self._attempts: list[Attempt] = []
         self._position, self._last = list(position), -1
+
+    def window(self, last: int, end: int) -> ProblemBlock:
+        """Return the problem of the epochs behind ``last`` up to ``end``."""
+        return self.block.part(last + 1, end + 1, *self.before(last))
 
     def before(self, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Return what a window that begins behind epoch ``last`` may know: mean and covariance."""
@@ -122,15 +137,18 @@ class Fused:
             self._estimate.put(epoch, mean, cov)
             self.found, self._last = self._hands_over, epoch
 
-    def estimate(self, behind: Callable[[Problem], Estimate] | None = None) -> Estimate:
+    def estimate(self, behind: Callable[[ProblemBlock], EstimateBlock] | None = None) -> Estimate:
         """Return the estimate, with what a filter makes of the measurements behind a hand-over."""
         if behind is not None and self.found and self._last + 1 < self.problem.epochs:
             start = self._estimate.at(self._last)
-            rest = section(self.problem, self._last + 1, self.problem.epochs, *start)
-            found = behind(rest)
-            assert found.cov is not None  # a Kalman filter has one
-            self._estimate.put(self._last + 1, found.mean, found.cov)
+            filtered = behind(self.block.part(self._last + 1, self.problem.epochs, *start))
+            self.evaluations += int(filtered.info["map_evaluations"][0])
+            self._estimate.put(self._last + 1, filtered.mean[0], filtered.cov[0])
         mean, cov = self._estimate.whole()
-        fixes = listed(self._attempts)
-        info = {"fixes_tried": len(fixes), "fixes_accepted": int(fixes.accepted.sum())}
+        fixes = fixes_of(self._attempts)
+        info = {
+            "fixes_tried": len(fixes),
+            "fixes_accepted": int(fixes.accepted.sum()),
+            "map_evaluations": self.evaluations,
+        }
         return Estimate(mean, cov, "filter", info=info, fixes=fixes)

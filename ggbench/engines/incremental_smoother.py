@@ -22,15 +22,21 @@ import numpy as np
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
-from .linear_problems import Path, Problems, gather_motion, judge, smoother_of
+from .linear_problems import (
+    BatchProblem,
+    Linearisation,
+    gather_motion,
+    relinearise_epoch,
+    smoother_of,
+)
 from .robust_weights import number_of
-from .smoother_passes import covariances, filter_epoch, resume, smooth_back
+from .smoother_passes import covariances, filter_epoch, restore_filter_state, smooth_back
 from .whitened_measurements import batch_of, linearise
 
 
 @compiled
 def _smooth(
-    problems: Problems,
+    problems: BatchProblem,
     limits: np.ndarray,
     leaving: np.ndarray,
     mean: np.ndarray,
@@ -54,7 +60,15 @@ def _smooth(
         for k in range(epochs):
             if windowed and leaving[k] > oldest:
                 covariances(
-                    path, path.trial, k - 1, oldest, leaving[k] - 1, first, count, mean, cov
+                    path,
+                    path.trial,
+                    newest=k - 1,
+                    oldest=oldest,
+                    final=leaving[k] - 1,
+                    first=first,
+                    count=count,
+                    mean=mean,
+                    cov=cov,
                 )
             gather_motion(solver, group, k)
             if k == 0:
@@ -69,24 +83,38 @@ def _smooth(
                 fixed = j == oldest and oldest > 0
                 if j == k or (not fixed and _moved(path, j, limits, group, count, relinearized)):
                     linearise(problems.batch, group, count, j, path.trial[j], solver.reading)
-                    judge(solver, j)
+                    relinearise_epoch(solver, j)
                     begin = j
-            resume(solver, begin - 1)
+            restore_filter_state(solver, begin - 1)
             for j in range(begin, k + 1):
-                filter_epoch(solver, j, False)
+                filter_epoch(solver, j)
             if windowed:
                 oldest = leaving[k]
             else:
                 lanes.scatter(work.x, work.p, first, count, k, mean, cov)
             smooth_back(solver, k, oldest)
         if windowed:
-            last = epochs - 1
-            covariances(path, path.trial, last, oldest, last, first, count, mean, cov)
+            covariances(
+                path,
+                path.trial,
+                newest=epochs - 1,
+                oldest=oldest,
+                final=epochs - 1,
+                first=first,
+                count=count,
+                mean=mean,
+                cov=cov,
+            )
 
 
 @compiled
 def _moved(
-    path: Path, j: int, limits: np.ndarray, group: np.ndarray, count: int, relinearized: np.ndarray
+    path: Linearisation,
+    j: int,
+    limits: np.ndarray,
+    group: np.ndarray,
+    count: int,
+    relinearized: np.ndarray,
 ) -> bool:
     """Take the estimates of a node that have moved as its points, and return if there are any.
 
@@ -136,7 +164,7 @@ def smoother(
     relinearized = np.zeros(runs, dtype=np.int64)
     if leaving is None:
         leaving = np.empty(0, dtype=np.int64)
-    problems = Problems(batch_of(block), number_of(loss, threshold), threshold)
+    problems = BatchProblem(batch_of(block), number_of(loss, threshold), threshold)
     _smooth(problems, limits, leaving, mean, cov, relinearized)
     evaluations = relinearized + epochs
     return mean, cov, {"relinearized": relinearized, "map_evaluations": evaluations}

@@ -95,11 +95,27 @@ def search_of(batch: Batch, rules: Rules, reading: Readings) -> Search:
     weights[:] = 1.0
     seeking = flags()
     return Search(
-        batch, rules, reading, lanes(1, n), lanes(1, n), lanes(1, n), lanes(1, n),
-        lanes(equations, n), lanes(1, equations), lanes(equations, n), lanes(equations, equations),
-        lanes(1, equations), lanes(equations, n), lanes(equations, n), numbers(0.0), seeking,
-        flags(), weights, np.zeros(equations), np.zeros((len(seeking), 2), dtype=np.int64),
-    )  # fmt: skip
+        batch=batch,
+        rules=rules,
+        reading=reading,
+        start=lanes(1, n),
+        dual=lanes(1, n),
+        step=lanes(1, n),
+        tried=lanes(1, n),
+        rows=lanes(equations, n),
+        innovation=lanes(1, equations),
+        hp=lanes(equations, n),
+        s=lanes(equations, equations),
+        white=lanes(1, equations),
+        half=lanes(equations, n),
+        gain=lanes(equations, n),
+        cost=numbers(0.0),
+        seeking=seeking,
+        trying=flags(),
+        weights=weights,
+        weight=np.zeros(equations),
+        counts=np.zeros((len(seeking), 2), dtype=np.int64),
+    )
 
 
 @compiled
@@ -186,7 +202,14 @@ def _take(out: Search, x: np.ndarray, p: np.ndarray, first: bool) -> None:
         if out.seeking[r]:
             if rules.settled or first:
                 reweigh(
-                    out.s, out.innovation, m, r, rules.loss, rules.threshold, rounds, out.weight
+                    out.s,
+                    out.innovation,
+                    m,
+                    r,
+                    loss=rules.loss,
+                    threshold=rules.threshold,
+                    rounds=rounds,
+                    weight=out.weight,
                 )
             for c in range(m):
                 if not (rules.settled or first):

@@ -1,8 +1,11 @@
-"""Many searches for the most probable trajectory at once, compiled: Gauss–Newton with halvings.
+"""Gauss–Newton searches for most probable trajectories, with halved steps, compiled.
 
-The equations are those of :class:`.iterated_smoother.IteratedSmoother`, which remains the
-reference. The searches of all runs of a block go through the lanes together, whatever run each is
-of; one that has ended stays where it is.
+Each step linearises h about the whole trajectory and solves the linear problem with a Kalman
+filter and smoother (Bell 1994), and goes only as far towards its solution as the cost falls: the
+line-search iterated extended Kalman smoother of Särkkä & Svensson 2020.
+
+The searches of all runs of a block go through the lanes together, whatever run each is of; one that
+has ended stays where it is.
 
 Between a trajectory a and the minimum b of the linear problem about it the cost of the motion,
 ½ M(x, x), is quadratic: M(a, a), M(a, b) and M(b, b) are all there is to know. At b the linear
@@ -13,25 +16,32 @@ problem has no slope, M(b, a − b) = (y − H b)ᵀ H (a − b), so that no mul
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
-from .iterated_smoother import CONVERGED, HALVINGS
 from .linear_problems import (
-    Costs,
-    Path,
-    Problems,
+    BatchProblem,
+    CostTerms,
+    Linearisation,
     Smoother,
     gather_motions,
-    judge,
     linearise_track,
+    relinearise_epoch,
     smoother_of,
 )
 from .robust_weights import NONE, loss_of
-from .smoother_passes import covariances, filter_epoch, filter_track, go_back, resume
+from .smoother_passes import (
+    backward_pass,
+    covariances,
+    filter_epoch,
+    filter_track,
+    restore_filter_state,
+)
 from .whitened_measurements import (
     Batch,
     Readings,
@@ -41,10 +51,14 @@ from .whitened_measurements import (
     whiten_residuals,
 )
 
+HALVINGS = 15
+CONVERGED = 1e-6
+"""Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
+
 
 @record
-class Searches:
-    """Trajectories of J searches, before and after them.
+class MapSearches:
+    """Trajectories of J searches for the maximum a posteriori, before and after them.
 
     Attributes
     ----------
@@ -56,7 +70,7 @@ class Searches:
     cost : (J,) of the trajectory.
     iterations : (J,) steps.
     evaluations : (J,) of h.
-    converged : (J,) whether the last step gained too little.
+    converged : (J,) whether the last step gained too little, and could have gained no more.
     """
 
     runs: np.ndarray
@@ -71,7 +85,7 @@ class Searches:
 
 
 @record
-class _Slots:
+class TrialSlots:
     """What is tried at once: in each lane a share of the way of a search, maybe of another lane.
 
     Attributes
@@ -90,7 +104,7 @@ class _Slots:
 
 
 @compiled
-def _evaluate(smoother: Smoother, count: int, slots: _Slots) -> None:
+def _evaluate(smoother: Smoother, count: int, slots: TrialSlots) -> None:
     """Fill what is left of the readings along what ``count`` slots try."""
     problems, path, reading = smoother.problems, smoother.path, smoother.reading
     n = path.states.shape[2]
@@ -108,13 +122,13 @@ def _evaluate(smoother: Smoother, count: int, slots: _Slots) -> None:
 
 
 @compiled
-def _left(costs: Costs, r: int) -> float:
+def _left(costs: CostTerms, r: int) -> float:
     """Return Σ ρ of the residuals along the trajectory that a lane is linearised about."""
     return 0.5 * (costs.unexplained[0, 0, r] + costs.explained[0, 0, r])
 
 
 @compiled
-def _add_losses(problems: Problems, reading: Readings, left: np.ndarray) -> None:
+def _add_losses(problems: BatchProblem, reading: Readings, left: np.ndarray) -> None:
     """Add Σ ρ of the residuals of a reading (lanes,)."""
     for c in range(reading.residual.shape[1]):
         for r in lanes.each():
@@ -126,7 +140,7 @@ def _add_losses(problems: Problems, reading: Readings, left: np.ndarray) -> None
 
 
 @compiled
-def _mixed_motion(path: Path, costs: Costs, mixed: np.ndarray) -> None:
+def _mixed_motion(path: Linearisation, costs: CostTerms, mixed: np.ndarray) -> None:
     """Fill M(a, b) of the trajectories a and the trials b of a group, as 1, 1, lanes."""
     total = load(costs.motion, 0, 0) + load(costs.promised, 0, 0)
     for k in range(path.moving.shape[0]):
@@ -142,7 +156,9 @@ def _mixed_motion(path: Path, costs: Costs, mixed: np.ndarray) -> None:
 
 
 @compiled
-def _deal(trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: _Slots) -> int:
+def assign_trials(
+    trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: TrialSlots
+) -> int:
     """Give the slots the next shares of those that still try, as many to each; return how many."""
     share, used = len(trying) // trying.sum(), 0
     for r in lanes.each():
@@ -152,9 +168,8 @@ def _deal(trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: _Slo
                 slots.share[used] = 0.5 ** (halved[r] + e)
                 used += 1
     for s in range(used, len(trying)):
-        slots.lane[s], slots.group[s], slots.share[s] = (
-            slots.lane[0], slots.group[0], slots.share[0]
-        )  # fmt: skip
+        slots.lane[s], slots.group[s] = slots.lane[0], slots.group[0]
+        slots.share[s] = slots.share[0]
     return used
 
 
@@ -177,17 +192,21 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 
 
 @compiled
-def search(problems: Problems, most: int, found: Searches) -> None:
+def search(problems: BatchProblem, most: int, found: MapSearches) -> None:
     """Follow the searches to their ends, in at most so many steps each."""
     searches, epochs, n = found.states.shape
     smoother = smoother_of(problems)
     path, work, costs = smoother.path, smoother.work, smoother.costs
     mixed, cost, moved = lanes.lanes(1, 1), lanes.numbers(0.0), lanes.numbers(0.0)
     share, before = lanes.numbers(0.0), lanes.numbers(0.0)
-    slots = _Slots(
-        lanes.integers(), lanes.numbers(0.0), lanes.integers(), lanes.numbers(0.0),
-        lanes.lanes(1, n),
-    )  # fmt: skip
+    promise = lanes.numbers(0.0)  # of the linear problem: by how much the cost falls
+    slots = TrialSlots(
+        lane=lanes.integers(),
+        share=lanes.numbers(0.0),
+        group=lanes.integers(),
+        left=lanes.numbers(0.0),
+        x=lanes.lanes(1, n),
+    )
     seeking, trying = lanes.flags(), lanes.flags()
     halved, group = lanes.integers(), lanes.integers()
     for first in lanes.starts(searches):
@@ -209,9 +228,12 @@ def search(problems: Problems, most: int, found: Searches) -> None:
                 for k in range(epochs):
                     lane_algebra.copy(path.states[k], path.trial[k])
                 linearise_track(smoother, group, count)
-            filter_track(smoother, False)
-            go_back(smoother, False)
+            filter_track(smoother)
+            backward_pass(smoother)
             _mixed_motion(path, costs, mixed)
+            for r in lanes.each():
+                linear = costs.motion[0, 0, r] + costs.promised[0, 0, r]
+                promise[r] = 0.5 * (moved[r] + costs.weighted[0, 0, r] - linear)
             # Most often the whole step is taken: its end is where h is to be linearised next.
             linearise_track(smoother, group, count)
             for r in lanes.each():
@@ -222,7 +244,7 @@ def search(problems: Problems, most: int, found: Searches) -> None:
                 trying[r] = seeking[r] and share[r] == 0.0
             fresh = not trying.any()
             while trying.any():
-                used = _deal(trying, halved, group, slots)
+                used = assign_trials(trying, halved, group, slots)
                 _evaluate(smoother, used, slots)
                 for s in range(used):
                     r, part = slots.lane[s], slots.share[s]
@@ -242,7 +264,8 @@ def search(problems: Problems, most: int, found: Searches) -> None:
                     found.iterations[job] += 1
                     found.evaluations[job] += epochs * (1 + halved[r])
                     seeking[r] = not before[r] - cost[r] < CONVERGED
-                    found.converged[job] = not seeking[r]
+                    stuck = share[r] == 0.0 and not promise[r] < CONVERGED
+                    found.converged[job] = not seeking[r] and not stuck
                     _step(path, share[r], r, found.about[job])
                     for j in range(n):
                         start = found.start[job, j]
@@ -254,7 +277,7 @@ def search(problems: Problems, most: int, found: Searches) -> None:
 
 
 @compiled
-def _step(path: Path, share: float, r: int, about: np.ndarray) -> None:
+def _step(path: Linearisation, share: float, r: int, about: np.ndarray) -> None:
     """Go a share of the way in a lane; keep where it was (K, n)."""
     for k in range(path.moving.shape[0]):
         states, trial = path.states[k], path.trial[k]
@@ -267,7 +290,7 @@ def _step(path: Path, share: float, r: int, about: np.ndarray) -> None:
 
 
 @compiled
-def undisturbed(batch: Batch, found: Searches) -> None:
+def undisturbed(batch: Batch, found: MapSearches) -> None:
     """Fill the undisturbed motions from prior_mean + P_0 λ, and what these cost."""
     n = batch.prior_cov.shape[0]
     x, moved = np.empty(n), np.empty(n)
@@ -290,23 +313,23 @@ def undisturbed(batch: Batch, found: Searches) -> None:
 
 
 @compiled
-def filtered_tracks(batch: Batch, found: Searches) -> None:
+def filtered_tracks(batch: Batch, found: MapSearches) -> None:
     """Fill the smoothed tracks of an extended Kalman filter of all runs."""
     runs, epochs, n = found.states.shape
-    smoother = smoother_of(Problems(batch, NONE, np.inf))
+    smoother = smoother_of(BatchProblem(batch, NONE, np.inf))
     path, work = smoother.path, smoother.work
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         gather_motions(smoother, group)
-        resume(smoother, -1)
+        restore_filter_state(smoother, -1)
         for k in range(epochs):
             predicted = path.trial[k]
             lane_algebra.copy(work.x, predicted)
             lane_algebra.move(path.phi[k], path.moving[k], predicted, work.scratch)
             linearise(batch, group, count, k, predicted, smoother.reading)
-            judge(smoother, k)
-            filter_epoch(smoother, k, False)
-        go_back(smoother, False)
+            relinearise_epoch(smoother, k)
+            filter_epoch(smoother, k)
+        backward_pass(smoother)
         for r in range(count):
             found.motion[first + r] = smoother.costs.motion[0, 0, r]
             for j in range(n):
@@ -315,27 +338,77 @@ def filtered_tracks(batch: Batch, found: Searches) -> None:
 
 
 @compiled
-def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarray) -> None:
+def answer(problems: BatchProblem, found: MapSearches, mean: np.ndarray, cov: np.ndarray) -> None:
     """Fill mean (J, K, n) and smoothed covariance (J, K, n, n), linearised as the search was."""
     searches, last = found.states.shape[0], found.states.shape[1] - 1
     smoother = smoother_of(problems)
     path = smoother.path
-    group = lanes.integers()
     for first in lanes.starts(searches):
-        count, own = lanes.count_from(first, searches), lanes.members(first, searches)
-        for r in lanes.each():
-            group[r] = found.runs[own[r]]
-        _to_lanes(found.states, own, path.states)
-        _to_lanes(found.about, own, path.trial)
-        gather_motions(smoother, group)
-        linearise_track(smoother, group, count)
-        filter_track(smoother, False)
-        covariances(path, path.states, last, 0, last, first, count, mean, cov)
+        count = lanes.count_from(first, searches)
+        _filter_again(smoother, found, first)
+        covariances(
+            path,
+            path.states,
+            newest=last,
+            oldest=0,
+            final=last,
+            first=first,
+            count=count,
+            mean=mean,
+            cov=cov,
+        )
+
+
+@compiled
+def ends(
+    problems: BatchProblem,
+    found: MapSearches,
+    mean: np.ndarray,
+    cov: np.ndarray,
+    log_width: np.ndarray,
+) -> None:
+    """Fill mean (J, 1, n) and covariance (J, 1, n, n) of the last epochs, and log widths (J,).
+
+    A log width is ½ ln of the determinant of a trajectory's covariance over that of the prior: that
+    is −½ Σ ln det of the covariances of the innovations, in units of the noise.
+    """
+    searches = found.states.shape[0]
+    smoother = smoother_of(problems)
+    path, lower = smoother.path, smoother.path.updates.lower
+    for first in lanes.starts(searches):
+        count = lanes.count_from(first, searches)
+        _filter_again(smoother, found, first)
+        last = path.states[path.states.shape[0] - 1]
+        lanes.scatter(last, smoother.work.p, first, count, 0, mean, cov)
+        for r in range(count):
+            total = 0.0
+            for k in range(lower.shape[0]):
+                for c in range(lower.shape[1]):
+                    total += math.log(lower[k, c, c, r])  # of the inverse of the root's diagonal
+            log_width[first + r] = total
+
+
+@compiled
+def _filter_again(smoother: Smoother, found: MapSearches, first: int) -> None:
+    """Filter the linear problems of a group of searches, as they were linearised last."""
+    searches, path, group = found.states.shape[0], smoother.path, lanes.integers()
+    count, own = lanes.count_from(first, searches), lanes.members(first, searches)
+    for r in lanes.each():
+        group[r] = found.runs[own[r]]
+    _to_lanes(found.states, own, path.states)
+    _to_lanes(found.about, own, path.trial)
+    gather_motions(smoother, group)
+    linearise_track(smoother, group, count)
+    filter_track(smoother)
 
 
 @compiled
 def screen(
-    problems: Problems, along: np.ndarray, shown: np.ndarray, places: np.ndarray, out: np.ndarray
+    problems: BatchProblem,
+    along: np.ndarray,
+    shown: np.ndarray,
+    places: np.ndarray,
+    out: np.ndarray,
 ) -> None:
     """Add what is left of the readings of some epochs to out (R, S).
 

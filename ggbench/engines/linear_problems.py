@@ -1,8 +1,4 @@
-"""The linear problems of eight runs about their trajectories, and what smooths them.
-
-Damping with λ is one more reading of every state, in units of the prior's deviation and with the
-variance 1/λ: whitened, rows of √λ/σ. Where nothing is damped they are zero, and change nothing.
-"""
+"""Linear problems of eight runs about their trajectories, and the arrays of a smoother."""
 
 from __future__ import annotations
 
@@ -19,7 +15,7 @@ from .whitened_measurements import Batch, Readings, linearise, readings_of
 
 
 @record
-class Problems:
+class BatchProblem:
     """A block of runs, and the loss of whitened residuals, see :mod:`.robust_weights`."""
 
     batch: Batch
@@ -43,7 +39,7 @@ class Updates:
 
 
 @record
-class Path:
+class Linearisation:
     """The linear problems of a group about its trajectories, and what the filter leaves of them.
 
     Attributes
@@ -51,12 +47,9 @@ class Path:
     moving : (K,) how many states Φ moves.
     phi, q : (K, n, n, lanes) their rows of Φ and Q.
     rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
-    old_rows, old_target : those of the step before.
     states, trial : (K, 1, n, lanes) the trajectory and the one that is tried.
     filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
     updates : with the readings.
-    damping_rows : (n, n, lanes) √λ/σ on the diagonal.
-    damping : updates with the readings of the states; of no epoch as long as nothing is damped.
     """
 
     moving: np.ndarray
@@ -64,19 +57,15 @@ class Path:
     q: np.ndarray
     rows: np.ndarray
     target: np.ndarray
-    old_rows: np.ndarray
-    old_target: np.ndarray
     states: np.ndarray
     trial: np.ndarray
     filtered: np.ndarray
     half_cov: np.ndarray
     updates: Updates
-    damping_rows: np.ndarray
-    damping: Updates
 
 
 @record
-class Work:
+class Scratch:
     """Scratch for one epoch and readings of m equations, named as what it holds for a while."""
 
     x: np.ndarray
@@ -93,7 +82,7 @@ class Work:
 
 
 @record
-class Costs:
+class CostTerms:
     """Sums along the trial trajectories, (1, 1, lanes) each.
 
     Attributes
@@ -122,78 +111,64 @@ class Smoother:
     expected : how many states move, see :func:`.lanes.gather`.
     reading : the latest to be linearised.
     path, costs : of the group.
-    work, damping_work : scratch for the equations of readings, and of damping.
+    work : scratch for the equations of readings.
     """
 
-    problems: Problems
+    problems: BatchProblem
     expected: int
     reading: Readings
-    path: Path
-    costs: Costs
-    work: Work
-    damping_work: Work
+    path: Linearisation
+    costs: CostTerms
+    work: Scratch
 
 
 @compiled
-def _updates_of(epochs: int, n: int, m: int) -> Updates:
-    """Return arrays for updates of n states with m equations."""
-    new = lanes.series
-    return Updates(new(epochs, m, n), new(epochs, m, m), new(epochs, m, 1))
-
-
-@compiled
-def work_of(n: int, m: int) -> Work:
+def scratch_of(n: int, m: int) -> Scratch:
     """Return the scratch for n states and m equations."""
     new = lanes.lanes
-    return Work(
-        new(1, n), new(n, n), new(n, n), new(n, n), new(m, n), new(m, n), new(m, n), new(m, m),
-        new(1, m), new(1, m), new(1, n),
-    )  # fmt: skip
+    return Scratch(
+        x=new(1, n),
+        p=new(n, n),
+        scratch=new(n, n),
+        other=new(n, n),
+        hp=new(m, n),
+        half=new(m, n),
+        change=new(m, n),
+        s=new(m, m),
+        innovation=new(1, m),
+        white=new(1, m),
+        back=new(1, n),
+    )
 
 
 @compiled
-def smoother_of(problems: Problems) -> Smoother:
-    """Return the arrays of a group, without those of damping.
-
-    Rows and targets before the first step are zero.
-    """
-    batch, new, one = problems.batch, lanes.series, lanes.lanes
+def smoother_of(problems: BatchProblem) -> Smoother:
+    """Return the arrays of a group."""
+    batch, new = problems.batch, lanes.series
     epochs, n = batch.transition.shape[1:3]
     reading = readings_of(batch, problems.loss != NONE)
     m = reading.rows.shape[0]
-    path = Path(
-        np.zeros(epochs, dtype=np.int64), new(epochs, n, n), new(epochs, n, n),
-        new(epochs, m, n), new(epochs, 1, m), new(epochs, m, n),
-        new(epochs, 1, m), new(epochs, 1, n), new(epochs, 1, n),
-        new(epochs, 1, n), new(epochs, 1, n * (n + 1) // 2), _updates_of(epochs, n, m),
-        one(n, n), _updates_of(0, n, n),
-    )  # fmt: skip
-    path.rows[:] = 0.0
-    path.target[:] = 0.0
+    path = Linearisation(
+        moving=np.zeros(epochs, dtype=np.int64),
+        phi=new(epochs, n, n),
+        q=new(epochs, n, n),
+        rows=new(epochs, m, n),
+        target=new(epochs, 1, m),
+        states=new(epochs, 1, n),
+        trial=new(epochs, 1, n),
+        filtered=new(epochs, 1, n),
+        half_cov=new(epochs, 1, n * (n + 1) // 2),
+        updates=Updates(new(epochs, m, n), new(epochs, m, m), new(epochs, m, 1)),
+    )
+    one = lanes.lanes
     return Smoother(
-        problems, lanes.moving_states(batch.transition, batch.process_cov), reading, path,
-        Costs(one(1, 1), one(1, 1), one(1, 1), one(1, 1), one(1, 1)),
-        work_of(n, m), work_of(n, n),
-    )  # fmt: skip
-
-
-@compiled
-def with_damping(smoother: Smoother) -> Smoother:
-    """Return one that has room for damping, too: memory that seldom serves costs a fifth of a run.
-
-    More than the C library keeps is given back after each run, and its pages are made again.
-    """
-    old = smoother.path
-    epochs, n = old.rows.shape[0], old.rows.shape[2]
-    path = Path(
-        old.moving, old.phi, old.q, old.rows, old.target, old.old_rows, old.old_target,
-        old.states, old.trial, old.filtered, old.half_cov, old.updates, old.damping_rows,
-        _updates_of(epochs, n, n),
-    )  # fmt: skip
-    return Smoother(
-        smoother.problems, smoother.expected, smoother.reading, path, smoother.costs,
-        smoother.work, smoother.damping_work,
-    )  # fmt: skip
+        problems=problems,
+        expected=lanes.moving_states(batch.transition, batch.process_cov),
+        reading=reading,
+        path=path,
+        costs=CostTerms(one(1, 1), one(1, 1), one(1, 1), one(1, 1), one(1, 1)),
+        work=scratch_of(n, m),
+    )
 
 
 @compiled
@@ -213,25 +188,6 @@ def gather_motions(smoother: Smoother, group: np.ndarray) -> None:
 
 
 @compiled
-def put_back(path: Path, r: int) -> None:
-    """Give a run the linear problems of the step before."""
-    epochs, m, n = path.rows.shape[:3]
-    for k in range(epochs):
-        for c in range(m):
-            path.target[k, 0, c, r] = path.old_target[k, 0, c, r]
-            for j in range(n):
-                path.rows[k, c, j, r] = path.old_rows[k, c, j, r]
-
-
-@compiled
-def take_trial(path: Path, r: int) -> None:
-    """Make the trial of a run its trajectory."""
-    for k in range(path.states.shape[0]):
-        for i in range(path.states.shape[2]):
-            path.states[k, 0, i, r] = path.trial[k, 0, i, r]
-
-
-@compiled
 def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
     """Linearise about the trial trajectories of a group, of which ``count`` runs differ."""
     path, costs = smoother.path, smoother.costs
@@ -240,11 +196,11 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
     costs.weighted[:] = 0.0
     for k in range(path.moving.shape[0]):
         linearise(smoother.problems.batch, group, count, k, path.trial[k], smoother.reading)
-        judge(smoother, k)
+        relinearise_epoch(smoother, k)
 
 
 @compiled
-def judge(smoother: Smoother, k: int) -> None:
+def relinearise_epoch(smoother: Smoother, k: int) -> None:
     """Replace the linear problem of an epoch by the one about the trial; add up the costs.
 
     Equations of a reading are multiplied with the roots of the weights that a loss gives them.
@@ -261,14 +217,12 @@ def judge(smoother: Smoother, k: int) -> None:
         weighted += new * new
         for j in range(n):
             new += load(reading.rows, c, j) * load(trial, 0, j)
-        store(path.old_target[k], 0, c, load(target, 0, c))
         store(target, 0, c, new)
     store(costs.weighted, 0, 0, weighted)
     if problems.loss == NONE:
         store(costs.explained, 0, 0, weighted)
     total = load(costs.unexplained, 0, 0) + load(reading.squared, 0, 0)
     store(costs.unexplained, 0, 0, total)
-    lane_algebra.copy(rows, path.old_rows[k])
     lane_algebra.copy(reading.rows, rows)
 
 

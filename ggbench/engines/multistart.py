@@ -1,6 +1,6 @@
 """The most probable trajectory from many starts: where searches of whole flights are begun.
 
-The searches of all runs of a block go on at once (:mod:`.line_search`).
+The searches of all runs of a block go on at once (:mod:`.trajectory_search`).
 """
 
 from __future__ import annotations
@@ -12,12 +12,10 @@ from ..block import EstimateBlock, ProblemBlock
 from ..numerics import lanes
 from ..numerics.records import fields_of
 from ..problem import Problem
-from .line_search import Searches, answer, filtered_tracks, screen, search, undisturbed
-from .linear_problems import Problems
+from .line_search import MapSearches, filtered_tracks, screen
 from .position_grid import states_in_metres
-from .robust_weights import number_of
-from .whitened_measurements import batch_of
-from .window_search import ITERATIONS, Search, best_apart, section
+from .trajectory_search import TrajectorySearch, chosen
+from .window_search import ITERATIONS, Search, best_apart
 
 _SCREENED = 50
 """Number of epochs at which the cost of a start is looked at."""
@@ -53,15 +51,24 @@ def shown_epochs(epochs: int) -> np.ndarray:
     return np.linspace(0, epochs - 1, min(epochs, _SCREENED)).astype(int)
 
 
-def window_search(problem: Problem, count: int, spacing_m: float, loss: str) -> Search | None:
-    """Return the search of the window of the first readings, all taken; None if nothing is found.
+def window_end(present: np.ndarray, count: int) -> int:
+    """Return behind which epoch the first ``count`` epochs with readings end; 0 without any.
 
-    That is where there is no reading, or no position, or one point of the grid.
+    Parameters
+    ----------
+    present : (K, m) which readings there are.
     """
-    read = np.flatnonzero(problem.present.any(axis=1))[:count]
-    if not len(read) or not states_in_metres(problem):
+    read = np.flatnonzero(present.any(axis=1))[:count]
+    return int(read[-1]) + 1 if len(read) else 0
+
+
+def window_search(window: Problem, spacing_m: float, loss: str) -> Search | None:
+    """Return the search of a window with all its readings taken; None if nothing can be found.
+
+    That is where the window has no epoch, or no position, or one point of the grid.
+    """
+    if not window.epochs or not states_in_metres(window):
         return None
-    window = section(problem, 0, read[-1] + 1, problem.prior_mean, problem.prior_cov)
     search = Search(window, spacing_m, _MOST_POINTS, "msd" if loss == "none" else "mad")
     if len(search.points) < 2:
         return None
@@ -89,19 +96,19 @@ def multistart(
     most : limit of the steps from each start.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     """
-    smoother = _Smoother(block, loss, threshold)
+    smoother = _Multistart(block, loss, threshold)
     # Kind by kind, so that those that go through the lanes together need about as many steps.
     parts = [smoother.best_starts(count, keep), smoother.from_filter()]
     if window:
         parts.append(smoother.from_windows(window, spacing_m, keep))
-    searches = Searches(*map(np.concatenate, zip(*map(fields_of, parts), strict=True)))
+    searches = MapSearches(*map(np.concatenate, zip(*map(fields_of, parts), strict=True)))
     smoother.search(searches, most)
     best = np.empty(block.runs, dtype=int)
     for run in range(block.runs):
         own = np.flatnonzero(searches.runs == run)
         costs = searches.cost[own]
         best[run] = own[np.argmin(np.where(np.isfinite(costs), costs, np.inf))]
-    minima = _chosen(searches, best)
+    minima = chosen(searches, best)
     mean, cov = smoother.answers(minima)
     mean[~np.isfinite(minima.cost)] = np.nan
     info = {
@@ -114,35 +121,18 @@ def multistart(
     return EstimateBlock(mean, cov, "batch", info=info)
 
 
-def _chosen(searches: Searches, which: np.ndarray) -> Searches:
-    """Return some of the searches."""
-    return Searches(*(array[which] for array in fields_of(searches)))
+class _Multistart(TrajectorySearch):
+    """Searches of the problems of a block, and where they are begun."""
 
-
-class _Smoother:
-    """Searches of the problems of a block, and where they are begun.
-
-    Attributes
-    ----------
-    evaluations : (R,) how often h was evaluated so far.
-    """
-
-    def __init__(self, block: ProblemBlock, loss: str, threshold: float) -> None:
-        self.block, self.loss, self.threshold = block, loss, threshold
-        self.runs = np.arange(block.runs)
-        self.scale = np.sqrt(np.diag(block.prior_cov))
-        self.evaluations = np.zeros(block.runs, dtype=int)
-        self._arrays = Problems(batch_of(block), number_of(loss, threshold), threshold)
-
-    def best_starts(self, count: int, keep: int) -> Searches:
+    def best_starts(self, count: int, keep: int) -> MapSearches:
         """Return undisturbed motions of lowest costs from positions across the prior."""
         block, first = self.block, self.block.problem(0)
         starts = across_prior(first, count) / self.scale
         if len(starts) == 1:
-            return self._from_prior(self.runs, np.tile(starts, (block.runs, 1)))
+            return self.from_prior(self.runs, np.tile(starts, (block.runs, 1)))
         costs = self._screened(starts, states_in_metres(first))
         best = np.argsort(costs, axis=1, kind="stable")[:, :keep].T
-        return self._from_prior(np.tile(self.runs, len(best)), starts[best.ravel()])
+        return self.from_prior(np.tile(self.runs, len(best)), starts[best.ravel()])
 
     def _screened(self, starts: np.ndarray, axes: list[int]) -> np.ndarray:
         """Return costs (R, S) of starts (S, n) of states ``axes``, from a part of the epochs."""
@@ -158,68 +148,43 @@ class _Smoother:
         prior = 0.5 * np.einsum("si,ij,sj->s", starts, block.prior_cov, starts)
         return np.asarray(prior + block.epochs / len(shown) * costs)
 
-    def from_filter(self) -> Searches:
+    def from_filter(self) -> MapSearches:
         """Return the smoothed track of an extended Kalman filter of each run."""
-        found = self._begun(self.runs, np.zeros((self.block.runs, self.block.dimension)))
+        found = self.unstarted(self.runs, np.zeros((self.block.runs, self.block.dimension)))
         filtered_tracks(self._arrays.batch, found)
         self.evaluations += self.block.epochs
         return found
 
-    def from_windows(self, count: int, spacing_m: float, keep: int) -> Searches:
+    def from_windows(self, count: int, spacing_m: float, keep: int) -> MapSearches:
         """Return the motions that fit the first readings of their runs, the most probable first."""
-        windows: dict[int, dict[int, Search]] = {}  # of so many epochs, of each run that has one
-        for run in range(self.block.runs):
-            found = window_search(self.block.problem(run), count, spacing_m, self.loss)
-            if found is not None:
-                windows.setdefault(found.problem.epochs, {})[run] = found
+        window_ends = np.array([window_end(there, count) for there in self.block.present])
         runs, starts = [], [np.zeros((0, self.block.dimension))]
-        for stop, searches in windows.items():
-            smoother = _Smoother(self.block.until(stop), self.loss, self.threshold)
+        for stop in dict.fromkeys(window_ends.tolist()):
+            smoother = _Multistart(self.block.until(stop), self.loss, self.threshold)
+            searches = {
+                run: found
+                for run in np.flatnonzero(window_ends == stop).tolist()
+                if (found := window_search(smoother.block.problem(run), spacing_m, self.loss))
+            }
+            if not searches:
+                continue
             places = smoother.places(searches, keep)
             self.evaluations += smoother.evaluations
             for run, found in searches.items():
-                own = _chosen(places, (places.runs == run) & np.isfinite(places.cost))
+                own = chosen(places, (places.runs == run) & np.isfinite(places.cost))
                 best = best_apart(found.problem, own.states[:, -1], own.cost, found.spacing)[:keep]
                 rivals = [i for i in best if own.cost[i] < own.cost[best[0]] + NO_RIVAL]
                 runs += [run] * len(rivals)
                 starts.append(own.start[rivals])
                 self.evaluations[run] += found.evaluations
-        return self._from_prior(np.array(runs, dtype=int), np.vstack(starts))
+        return self.from_prior(np.array(runs, dtype=int), np.vstack(starts))
 
-    def places(self, windows: dict[int, Search], keep: int) -> Searches:
+    def places(self, windows: dict[int, Search], keep: int) -> MapSearches:
         """Return the ends of searches from the best places of windows, by their runs."""
         begun = [
             np.array(found.starts(keep)).reshape(-1, len(self.scale)) for found in windows.values()
         ]
         runs = np.repeat(list(windows), [len(starts) for starts in begun])
-        found = self._from_prior(runs, np.concatenate(begun) / self.scale)
+        found = self.from_prior(runs, np.concatenate(begun) / self.scale)
         self.search(found, ITERATIONS)
         return found
-
-    def search(self, searches: Searches, most: int) -> None:
-        """Follow Gauss–Newton steps, each halved until the cost falls, to the minima."""
-        search(self._arrays, most, searches)
-        np.add.at(self.evaluations, searches.runs, searches.evaluations)
-
-    def answers(self, minima: Searches) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (J, K, n) and covariance (J, K, n, n) given all readings."""
-        jobs, epochs, n = minima.states.shape
-        mean, cov = np.empty((jobs, epochs, n)), np.empty((jobs, epochs, n, n))
-        answer(self._arrays, minima, mean, cov)
-        return mean, cov
-
-    def _from_prior(self, runs: np.ndarray, starts: np.ndarray) -> Searches:
-        """Return the undisturbed motions of runs (J,) from prior_mean + P_0 λ of starts (J, n)."""
-        found = self._begun(runs, starts)
-        undisturbed(self._arrays.batch, found)
-        return found
-
-    def _begun(self, runs: np.ndarray, starts: np.ndarray) -> Searches:
-        """Return searches that have yet no states."""
-        jobs, epochs, n = len(runs), self.block.epochs, self.block.dimension
-        numbers = np.zeros((2, jobs), dtype=np.int64)
-        return Searches(
-            np.array(runs, dtype=np.int64), np.zeros((jobs, epochs, n)), np.array(starts),
-            np.zeros(jobs), np.zeros((jobs, epochs, n)), np.full(jobs, np.inf), numbers[0],
-            numbers[1], np.zeros(jobs, dtype=np.bool_),
-        )  # fmt: skip

@@ -8,28 +8,17 @@ the multipliers, ½ Σ rᵀ Q r.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
 from ..numerics.vectors import load, splat, store
-from .linear_problems import Path, Smoother, Updates, Work, work_of
-
-
-@compiled
-def set_damping(smoother: Smoother, damping: np.ndarray) -> None:
-    """Fill the rows of damping of λ (lanes,), in units of the prior's deviations."""
-    prior_cov, rows = smoother.problems.batch.prior_cov, smoother.path.damping_rows
-    for i in range(prior_cov.shape[0]):
-        for r in range(damping.shape[0]):
-            rows[i, i, r] = math.sqrt(damping[r] / prior_cov[i, i])
+from .linear_problems import Linearisation, Scratch, Smoother, Updates, scratch_of
 
 
 @compiled
 def _update(
-    rows: np.ndarray, target: np.ndarray, updates: Updates, k: int, p: np.ndarray, work: Work
+    rows: np.ndarray, target: np.ndarray, updates: Updates, k: int, p: np.ndarray, work: Scratch
 ) -> None:
     """Update x and P with linear readings (m, n) of an epoch; keep what the way back needs.
 
@@ -51,26 +40,19 @@ def _update(
 
 
 @compiled
-def filter_track(smoother: Smoother, damped: bool) -> None:
+def filter_track(smoother: Smoother) -> None:
     """Filter the linear problems of a group."""
-    resume(smoother, -1)
+    restore_filter_state(smoother, -1)
     for k in range(smoother.path.moving.shape[0]):
-        filter_epoch(smoother, k, damped)
+        filter_epoch(smoother, k)
 
 
 @compiled
-def filter_epoch(smoother: Smoother, k: int, damped: bool) -> None:
-    """Predict to an epoch, update with its readings and the damping; keep x_f and P_f."""
-    path, work, damping_work = smoother.path, smoother.work, smoother.damping_work
+def filter_epoch(smoother: Smoother, k: int) -> None:
+    """Predict to an epoch and update with its readings; keep x_f and P_f."""
+    path, work = smoother.path, smoother.work
     lane_algebra.predict(path.phi[k], path.q[k], path.moving[k], work.x, work.p, work.scratch)
     _update(path.rows[k], path.target[k], path.updates, k, work.p, work)
-    if damped:
-        rows, states, target = path.damping_rows, path.states[k], damping_work.back
-        for i in range(rows.shape[0]):
-            store(target, 0, i, load(rows, i, i) * load(states, 0, i))
-        lane_algebra.copy(work.x, damping_work.x)
-        _update(rows, target, path.damping, k, work.p, damping_work)
-        lane_algebra.copy(damping_work.x, work.x)
     lane_algebra.copy(work.x, path.filtered[k])
     half = path.half_cov[k]
     place = 0
@@ -81,7 +63,9 @@ def filter_epoch(smoother: Smoother, k: int, damped: bool) -> None:
 
 
 @compiled
-def _back_through(rows: np.ndarray, updates: Updates, k: int, work: Work, back: np.ndarray) -> None:
+def _back_through(
+    rows: np.ndarray, updates: Updates, k: int, work: Scratch, back: np.ndarray
+) -> None:
     """Take the multipliers r (1, n) back through an update: r + Hᵀ (S⁻¹ y − Kᵀ r)."""
     gain, pulls = updates.gains[k], updates.pulls[k]
     m, n = rows.shape[0], rows.shape[1]
@@ -98,7 +82,7 @@ def _back_through(rows: np.ndarray, updates: Updates, k: int, work: Work, back: 
 
 
 @compiled
-def _smoothed(path: Path, k: int, back: np.ndarray, out: np.ndarray) -> None:
+def _smoothed(path: Linearisation, k: int, back: np.ndarray, out: np.ndarray) -> None:
     """Fill x_f + P_f r (1, n) of an epoch with the multipliers r of what comes later."""
     filtered, half = path.filtered[k], path.half_cov[k]
     n = filtered.shape[1]
@@ -129,7 +113,7 @@ def _back_in_time(phi: np.ndarray, moving: int, back: np.ndarray, scratch: np.nd
 
 
 @compiled
-def resume(smoother: Smoother, k: int) -> None:
+def restore_filter_state(smoother: Smoother, k: int) -> None:
     """Stand where the filter stood after an epoch; at the prior before the first, after −1."""
     batch, path, work = smoother.problems.batch, smoother.path, smoother.work
     if k < 0:
@@ -167,9 +151,9 @@ def _whole(half: np.ndarray, matrix: np.ndarray) -> None:
 
 
 @compiled
-def go_back(smoother: Smoother, damped: bool) -> None:
+def backward_pass(smoother: Smoother) -> None:
     """Fill the trial trajectories, x_f + P_f r; what their motion and, linearly, readings cost."""
-    path, work, damping_work = smoother.path, smoother.work, smoother.damping_work
+    path, work = smoother.path, smoother.work
     prior_cov, costs = smoother.problems.batch.prior_cov, smoother.costs
     epochs, m, n = path.rows.shape[:3]
     back, x = work.back, work.x
@@ -187,8 +171,6 @@ def go_back(smoother: Smoother, damped: bool) -> None:
             for j in range(n):
                 left -= load(rows, c, j) * load(trial, 0, j)
             promised += left * left
-        if damped:
-            _back_through(path.damping_rows, path.damping, k, damping_work, back)
         _back_through(rows, path.updates, k, work, back)
         for i in range(moving):
             total = splat(0.0)
@@ -207,7 +189,7 @@ def go_back(smoother: Smoother, damped: bool) -> None:
 
 @compiled
 def covariances(
-    path: Path,
+    path: Linearisation,
     states: np.ndarray,
     newest: int,
     oldest: int,
@@ -221,7 +203,7 @@ def covariances(
 
     They are (P_f⁻¹ + Λ)⁻¹ = L (1 + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and Λ the information of what is
     read after an epoch (Fraser & Potter 1969): nothing is subtracted, however much surer the
-    readings to come make an epoch. The filter has gone along the trajectories, undamped.
+    readings to come make an epoch. The filter has gone along the trajectories.
 
     Parameters
     ----------
@@ -233,7 +215,7 @@ def covariances(
     """
     n = path.rows.shape[2]
     root, later, nothing = lanes.lanes(n, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    work = work_of(n, n)  # process noise has up to n equations
+    work = scratch_of(n, n)  # process noise has up to n equations
     for step in range(newest - oldest + 1):
         k = newest - step
         if k <= final:
@@ -249,7 +231,9 @@ def covariances(
 
 
 @compiled
-def _inform_before(path: Path, k: int, later: np.ndarray, root: np.ndarray, work: Work) -> None:
+def _inform_before(
+    path: Linearisation, k: int, later: np.ndarray, root: np.ndarray, work: Scratch
+) -> None:
     """Take the information Λ (n, n) from behind the readings of an epoch to the epoch before.
 
     Readings add Hᵀ H. Process noise Q = R Rᵀ leaves (Λ⁻¹ + Q)⁻¹ of it: what an update leaves of a

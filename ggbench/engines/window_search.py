@@ -1,11 +1,12 @@
 """Search over the start of a window of measurements, and refinement of its best places.
 
 A window is a problem of its own: some epochs of another one, with what is known before them as its
-prior (:func:`section`). A matcher asks of many displacements of its start how well the map there
-fits the readings (:class:`Search`), all other states following the displacement as the prior's
-correlations and the dynamics have it. From the best places Gauss–Newton finds the most probable
-states of the whole window (:func:`refined`), none of them held: what is left at the window's end
-has the covariance of a position whose velocity, height, attitude and biases are not known either.
+prior (:meth:`.ProblemBlock.part`). A matcher asks of many displacements of its start how well the
+map there fits the readings (:class:`Search`), all other states following the displacement as the
+prior's correlations and the dynamics have it. From the best places Gauss–Newton finds the most
+probable states of the whole window (:func:`refined`), none of them held: what is left at the
+window's end has the covariance of a position whose velocity, height, attitude and biases are not
+known either.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from typing import Literal
 
 import numpy as np
 
-from ..problem import MeasurementModel, Problem, Track, jacobian_along, predict_along
+from ..block import without_kernels
+from ..problem import Problem
 from ..reduced import horizontal
 from ..sensors.aiding import corrected_positions
 from . import position_grid
-from .iterated_smoother import IteratedSmoother, Minimum
+from .trajectory_search import TrajectorySearch
 
 Criterion = Literal["cor", "mad", "msd", "ncc", "nccdm", "ml"]
 _CHUNK = 8192
@@ -41,64 +43,11 @@ MOST = 1_000_000
 """Points of a grid that fit in memory."""
 
 
-@dataclass(frozen=True)
-class _Later:
-    """A measurement model whose epochs are counted from a later one."""
-
-    model: MeasurementModel
-    first: int
-
-    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return h (..., m) at states x (..., n)."""
-        return self.model.predict(self.first + k, x)
-
-    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ∂h/∂x (..., m, n) at states x (..., n)."""
-        return self.model.jacobian(self.first + k, x)
-
-    def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return h (N, m) at epochs (N,) for a state of each, x (N, n)."""
-        return predict_along(self.model, self.first + at, x)
-
-    def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return ∂h/∂x (N, m, n) at epochs (N,) for a state of each, x (N, n)."""
-        return jacobian_along(self.model, self.first + at, x)
-
-
-def section(problem: Problem, first: int, stop: int, mean: np.ndarray, cov: np.ndarray) -> Problem:
-    """Return the problem of the epochs from ``first`` to before ``stop``.
-
-    Parameters
-    ----------
-    mean, cov : (n,), (n, n) of the state one epoch before ``first``, or at the start of the flight:
-        what is known without the section's readings.
-    """
-    part = slice(first, stop)
-    track = problem.track
-    if track is not None:
-        track = Track(track.positions[part], track.velocities[part], track.attitudes[part])
-    return Problem(
-        times=problem.times[part],
-        measurements=problem.measurements[part],
-        noise_cov=problem.noise_cov if problem.noise_cov.ndim == 2 else problem.noise_cov[part],
-        transition=problem.transition[part],
-        process_cov=problem.process_cov[part],
-        prior_mean=mean,
-        prior_cov=cov,
-        model=_Later(problem.model, first),
-        layout=problem.layout,
-        present=problem.present[part],
-        channels=problem.channels,
-        track=track,
-        map=problem.map,
-    )
-
-
-def without_position(problem: Problem) -> str | None:
-    """Return that a problem has no position in which windows can be searched, or None."""
+def unmatchable(problem: Problem) -> str | None:
+    """Return why windows of a problem cannot be searched, or None if they can."""
     if not horizontal(problem, velocity=False):
         return "the problem has no two states in metres, a position to be found"
-    return None
+    return without_kernels(problem)
 
 
 class Search:
@@ -300,7 +249,7 @@ class Search:
         return [self.multipliers(point) for point in within.points[minima[rank < _DEEPEST]]]
 
     def multipliers(self, point: np.ndarray) -> np.ndarray:
-        """Return the multipliers λ (n,) of a displacement, as :class:`.IteratedSmoother` has."""
+        """Return the multipliers λ (n,) of a displacement, in units of the prior's deviations."""
         start = np.zeros(self.problem.dimension)
         axes = self._axes
         start[axes.states] = axes.vectors @ (point / axes.variances)
@@ -335,36 +284,49 @@ class Place:
         readings where no loss is used.
     log_share : the log of the probability of all trajectories about this one, without the constant
         (Laplace): −cost and ½ ln of the determinant of their covariance over the prior's.
-    start : (n,) multipliers λ of the state before the window, as :class:`.IteratedSmoother` has it.
     """
 
     mean: np.ndarray
     cov: np.ndarray
     cost: float
     log_share: float
-    start: np.ndarray
 
 
-def refined(smoother: IteratedSmoother, starts: Sequence[np.ndarray], apart: float) -> list[Place]:
+class WindowSearch(TrajectorySearch):
+    """Searches of one run's window."""
+
+    def places(self, starts: Sequence[np.ndarray]) -> list[Place | None]:
+        """Return the place that each start leads to, None where its trajectory has no cost.
+
+        Parameters
+        ----------
+        starts : (n,) multipliers of each, as :meth:`Search.multipliers` has them.
+        """
+        if not len(starts):
+            return []
+        runs = np.zeros(len(starts), dtype=int)
+        searches = self.from_prior(runs, np.array(starts) / self.scale)
+        self.search(searches, ITERATIONS)
+        means, covs, log_widths = self.ends(searches)
+        return [
+            Place(mean, cov, float(cost), float(log_width - cost)) if np.isfinite(cost) else None
+            for mean, cov, cost, log_width in zip(
+                means, covs, searches.cost, log_widths, strict=True
+            )
+        ]
+
+
+def refined(window: WindowSearch, starts: Sequence[np.ndarray], apart: float) -> list[Place]:
     """Return the places that Gauss–Newton finds from several starts, the most probable first.
 
     Parameters
     ----------
-    smoother : of the window.
-    starts : (n,) multipliers of each.
+    window : of one run.
+    starts : (n,) multipliers of each, as :meth:`Search.multipliers` has them.
     apart : distance [m] at the window's end below which two places are one.
     """
-    scale = smoother.scale
-    found: list[Place] = []
-    for start in starts:
-        minimum = smoother.search(smoother.from_prior(start), ITERATIONS)
-        if np.isfinite(minimum.cost):
-            mean = minimum.trajectory.states[-1] * scale
-            cov = minimum.filtered_cov[-1] * np.outer(scale, scale)
-            start = minimum.trajectory.start
-            share = _log_width(smoother, minimum) - minimum.cost
-            found.append(Place(mean, 0.5 * (cov + cov.T), minimum.cost, share, start))
-    return distinct(smoother.problem, found, apart)
+    places = [place for place in window.places(starts) if place is not None]
+    return distinct(window.block.problem(0), places, apart)
 
 
 def distinct(problem: Problem, places: Sequence[Place], apart: float) -> list[Place]:
@@ -383,15 +345,3 @@ def best_apart(problem: Problem, means: np.ndarray, costs: np.ndarray, apart: fl
         if (away > apart).all():
             found.append(int(index))
     return found
-
-
-def _log_width(smoother: IteratedSmoother, minimum: Minimum) -> float:
-    """Return ½ ln of the determinant of a trajectory's covariance over that of the prior.
-
-    That is −½ Σ ln det of the covariances of the innovations, in units of the noise.
-    """
-    before = np.concatenate([smoother.prior_cov[np.newaxis], minimum.filtered_cov[:-1]])
-    phi, rows = smoother.transition, minimum.rows
-    before = phi @ before @ phi.transpose(0, 2, 1) + smoother.process_cov
-    s = rows @ before @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
-    return -0.5 * float(np.linalg.slogdet(s)[1].sum())

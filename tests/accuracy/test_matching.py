@@ -14,7 +14,7 @@ from problems import estimator, rng
 from rough_field import LENGTH, constant_offset
 from scipy.stats import chi2, norm
 
-from ggbench.engines.window_search import Search, section
+from ggbench.engines.window_search import Search
 from ggbench.judging import convergence
 from ggbench.judging.run_errors import window_mask
 from ggbench.matchability import information as info
@@ -190,10 +190,9 @@ def test_a_window_has_a_best_length_that_noise_and_drift_foretell():
     draws = np.random.default_rng(1).standard_normal((100, 2))
     seen, told = [], []
     for length in WINDOWS:
-        errors, scatter = [], []
+        errors, scatter, first = [], [], block.until(length)
         for run in range(40):
-            problem, states = block.problem(run), truth.error_state[run, :length]
-            window = section(problem, 0, length, problem.prior_mean, problem.prior_cov)
+            window, states = first.problem(run), truth.error_state[run, :length]
             errors.append(np.linalg.norm(matched(window) - states[:, :2].mean(axis=0)))
             drawn = draws @ np.linalg.cholesky(expected(window, states)).T
             scatter.append(np.linalg.norm(drawn, axis=1))

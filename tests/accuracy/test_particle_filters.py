@@ -17,7 +17,6 @@ from ggbench.engines import particles
 from ggbench.engines.cloud import Cloud
 from ggbench.engines.moves import Moves
 from ggbench.engines.particles import filtered
-from ggbench.engines.window_search import section
 from ggbench.judging.statistics import mean_band
 from ggbench.problem import Problem
 from ggbench.simulation.flight_bounds import flight_bound
@@ -55,8 +54,7 @@ def test_no_epoch_claims_a_tenth_of_the_bound_and_without_cures_some_do():
     Jitter alone is not what makes the difference here: the cloud is straight after the first
     readings, and is drawn anew as a Gaussian.
     """
-    whole, bound = lost("0.1km", 1)[0].problem(0), bound_of("0.1km")[:120]
-    problem = section(whole, 0, 120, whole.prior_mean, whole.prior_cov)
+    problem, bound = lost("0.1km", 1)[0].until(120).problem(0), bound_of("0.1km")[:120]
     assert (claimed(ALIVE, problem) > 0.33 * bound).all()
     assert (claimed(Moves(ALIVE.particles), problem) < 0.1 * bound).mean() > 0.05
 

@@ -1,7 +1,7 @@
 """The compiled engines and the frameworks, which are the reference, on every shipped scenario.
 
 Four runs of the first case of each scenario by filters, one by all others, in ``make test-all``;
-in ``make test`` test_filters.py and test_batch_smoother.py do it. ``make agreement`` sets
+in ``make test`` test_filters.py and test_trajectory_search.py do it. ``make agreement`` sets
 GGBENCH_TEST_AGREEMENT=all: then 20 runs of all cases (twelve of a sweep).
 """
 

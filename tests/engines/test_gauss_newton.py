@@ -12,7 +12,6 @@ from problems import entangled
 
 from ggbench.block import EstimateBlock, ProblemBlock, block_of
 from ggbench.campaign.registry import choose
-from ggbench.engines.window_search import section
 from ggbench.numerics.frozen import read_only
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import simulate_block
@@ -23,6 +22,7 @@ pytestmark = pytest.mark.long  # to compile it takes ten times as long as to run
 COMPILED = choose("gauss-newton").estimator
 DELAYED = "wang2013", "delayed"
 """A low-pass that is taken as a fixed delay: readings of where the sensor was."""
+COLOURED = "fosterville2019", "coloured"
 EPOCHS = 60
 """Epochs of a flight that are looked at: a third of a run's time, and as many searches."""
 
@@ -132,18 +132,24 @@ def test_a_run_does_not_depend_on_its_neighbours():
     assert_numpy_agrees(odd, together, 1e-4)
 
 
-def test_the_first_epochs_of_a_block_are_those_of_each_run():
-    """What a window is to the reference."""
-    block = block_of_runs("gnss_outage", "all", 2)
+@pytest.mark.parametrize(("name", "case"), [("gnss_outage", "all"), COLOURED])
+def test_a_part_of_a_block_is_those_epochs_of_each_run(name, case):
+    """With the mean and the covariance that it is given; coloured readings look back beyond it."""
+    block = block_of_runs(name, case, 2)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    part, cov = block.part(7, 20, sigma, 2.0 * block.prior_cov), 2.0 * block.prior_cov
     for run in range(2):
-        found, problem = block.until(7).problem(run), block.problem(run)
-        expected = section(problem, 0, 7, problem.prior_mean, problem.prior_cov)
-        for name in ("times", "measurements", "noise_cov", "transition", "process_cov", "present"):
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-        np.testing.assert_array_equal(found.track.positions, expected.track.positions)
-        x = np.sqrt(np.diag(problem.prior_cov))
-        for k in range(7):
-            np.testing.assert_array_equal(found.model.predict(k, x), problem.model.predict(k, x))
+        found, problem = part.problem(run), block.problem(run)
+        for name in ("times", "measurements", "transition", "process_cov", "present"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(problem, name)[7:20])
+        np.testing.assert_array_equal(found.prior_mean, sigma)
+        np.testing.assert_array_equal(found.prior_cov, cov)
+        np.testing.assert_array_equal(found.track.positions, problem.track.positions[7:20])
+        for k in range(13):
+            np.testing.assert_array_equal(found.noise_of(k), problem.noise_of(k + 7))
+            for of in ("predict", "jacobian"):
+                expected = getattr(problem.model, of)(k + 7, sigma)
+                np.testing.assert_array_equal(getattr(found.model, of)(k, sigma), expected)
 
 
 def test_a_block_of_one_run_knows_where_the_map_ends():

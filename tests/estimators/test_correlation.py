@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from oracles import solver
 from problems import LinearModel, changed, estimator, refusal, rng
 from scipy.stats import chi2
 
@@ -72,7 +73,7 @@ def at_rest(
 
 
 def fixed(problem: Problem, label: str) -> Fixes:
-    fixes = estimator(label).estimate(problem, rng()).fixes
+    fixes = solver(label).estimate(problem, rng()).fixes
     assert fixes is not None
     return fixes
 

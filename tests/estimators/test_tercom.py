@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from problems import changed, deviation, estimator, kalman, noisy_problem, propagated, refusal, rng
+from oracles import solver
+from problems import changed, deviation, kalman, noisy_problem, propagated, refusal, rng
 from rough_field import RoughModel, constant_offset, rough_flight
 from scipy.stats import chi2
 from thinning import thinned
@@ -15,7 +16,7 @@ CRITERIA = ("msd", "mad", "ml", "cor", "ncc", "nccdm")
 
 
 def settled(problem: Problem, label: str) -> Estimate:
-    return estimator(label).estimate(problem, rng())
+    return solver(label).estimate(problem, rng())
 
 
 def at_rest(seed: int, offset: tuple[float, float, float], sigma: float = 2000.0) -> Problem:

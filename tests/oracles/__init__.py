@@ -15,7 +15,7 @@ from ggbench.estimators.factor_graph import FactorGraph
 from ggbench.estimators.filterpy_ekf import FilterpyExtended
 from ggbench.problem import Estimate, Estimator, Problem
 
-from . import ekf, gauss_newton, gaussian_sum, ukf
+from . import ekf, gauss_newton, gaussian_sum, ukf, windows
 
 _OWN = {
     "ekf": ekf.estimate,
@@ -62,6 +62,8 @@ def solver(label: str) -> Estimator | Oracle:
     For problems whose model has none, as tests make them.
     """
     estimator = choose(label).estimator
+    if estimator.name in windows.MATCHERS:
+        return windows.MATCHERS[estimator.name](**vars(estimator))
     return Oracle(estimator) if estimator.name in {"factor-graph", *_OWN} else estimator
 
 

@@ -7,10 +7,10 @@ from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
 
 from ggbench.engines.innovation_gating import gate_limits
 from ggbench.estimators.ekf import ExtendedKalmanFilter
-from ggbench.estimators.textbook import Update
 from ggbench.problem import Estimate, Problem
 
 from .gating import joseph, normalised_square
+from .textbook import Update
 
 
 def estimate(filter: ExtendedKalmanFilter, problem: Problem) -> Estimate:

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from ggbench.engines.iterated_smoother import IteratedSmoother, Minimum, Trajectory, smooth
-from ggbench.engines.multistart import NO_RIVAL, across_prior, shown_epochs, window_search
+from ggbench.engines.multistart import (
+    NO_RIVAL,
+    across_prior,
+    shown_epochs,
+    window_end,
+    window_search,
+)
 from ggbench.engines.robust_weights import losses
-from ggbench.engines.window_search import refined
+from ggbench.engines.window_search import ITERATIONS, best_apart
 from ggbench.estimators.gauss_newton import GaussNewton
 from ggbench.numerics.positive import MatrixSquareRoot
 from ggbench.problem import Estimate, Problem
+
+from .iterated_smoother import IteratedSmoother, Minimum, Trajectory, smooth
+from .windows import section
 
 
 def estimate(search: GaussNewton, problem: Problem) -> Estimate:
@@ -75,15 +83,23 @@ class _Smoother(IteratedSmoother):
         keep : largest number of motions. None is returned if the grid has one point: there the
             prior's mean is start enough.
         """
-        search = window_search(self.problem, count, spacing_m, self.loss)
+        problem, stop = self.problem, window_end(self.problem.present, count)
+        window = section(problem, 0, stop, problem.prior_mean, problem.prior_cov)
+        search = window_search(window, spacing_m, self.loss)
         if search is None:
             return []
         smoother = IteratedSmoother(search.problem, self.loss, self.threshold)
-        places = refined(smoother, search.starts(keep), search.spacing)[:keep]
+        found = [
+            smoother.search(smoother.from_prior(start), ITERATIONS) for start in search.starts(keep)
+        ]
+        found = [minimum for minimum in found if np.isfinite(minimum.cost)]
+        means = np.array([minimum.trajectory.states[-1] for minimum in found]) * smoother.scale
+        costs = np.array([minimum.cost for minimum in found])
+        best = best_apart(search.problem, means, costs, search.spacing)[:keep]
         return [
-            self.from_prior(place.start)
-            for place in places
-            if place.cost < places[0].cost + NO_RIVAL
+            self.from_prior(found[i].trajectory.start)
+            for i in best
+            if costs[i] < costs[best[0]] + NO_RIVAL
         ]
 
     def screened_costs(self, starts: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from problems import LinearModel, block_of_runs, linear_problem
 
-from ggbench.engines.window_search import section
+from ggbench.block import block_of
 from ggbench.problem import AlongModel, Problem, jacobian_along, predict_along
 from ggbench.sensors.model import SensorModel
 
@@ -80,9 +80,9 @@ def test_a_model_that_takes_no_trajectories_is_asked_epoch_by_epoch(of):
 
 @pytest.mark.parametrize("of", [predict_along, jacobian_along])
 def test_a_window_counts_its_epochs_from_its_first(of):
-    """What the section of a flight takes is what the flight takes, so many epochs later."""
+    """What a part of a flight takes is what the flight takes, so many epochs later."""
     problem = flown("wang2013", "0.01E-0.2Hz")
-    part = section(problem, 5, 15, problem.prior_mean, problem.prior_cov)
+    part = block_of(problem).part(5, 15, problem.prior_mean, problem.prior_cov).problem(0)
     states = states_of(problem, 10)
     found = of(part.model, np.arange(10), states)
     np.testing.assert_array_equal(found, of(problem.model, np.arange(5, 15), states))

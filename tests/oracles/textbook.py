@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..engines.robust_weights import losses, reweighted_noise
-from ..problem import Estimate, Problem
-from .robust import Loss
+from ggbench.engines.robust_weights import losses, reweighted_noise
+from ggbench.estimators.robust import Loss
+from ggbench.problem import Estimate, Problem
 
 _HALVINGS = 12
 _CONVERGED = 1e-6

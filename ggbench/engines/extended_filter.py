@@ -1,6 +1,7 @@
-"""Extended Kalman filter with iterated, robust, adaptive updates on many runs at once, compiled.
+"""Extended Kalman filter on many runs at once, compiled: plain, iterated, robust, adaptive, gated.
 
-A test holds it to the same equations with filterpy and NumPy.
+Tests hold the plain filter to filterpy, and the others to the same equations with filterpy and
+NumPy.
 
 The measurement noise may be estimated from the residuals of updates, a variance of each component
 of a whitened reading (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa 1969).
@@ -9,6 +10,7 @@ of a whitened reading (Mohamed & Schwarz 1999, with the forgetting of Sage & Hus
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from ..block import EstimateBlock, ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
 from ..numerics.records import record
+from .innovation_gating import GateOptions, gate_options, reject, underweight
 from .iterated_update import Rules, Search, minimise, search_of, update
 from .robust_weights import NONE, number_of
 from .whitened_measurements import (
@@ -48,7 +51,7 @@ class AdaptiveNoise:
 
 
 @compiled
-def believe(noise: AdaptiveNoise, reading: Readings) -> None:
+def apply_noise_estimate(noise: AdaptiveNoise, reading: Readings) -> None:
     """Whiten a whole reading by what is believed, and all that are linearised after it."""
     for c in range(reading.precision.shape[1]):
         for r in range(reading.precision.shape[2]):
@@ -57,7 +60,7 @@ def believe(noise: AdaptiveNoise, reading: Readings) -> None:
 
 
 @compiled
-def learn(
+def update_noise_estimate(
     noise: AdaptiveNoise, search: Search, group: np.ndarray, count: int, k: int, p: np.ndarray
 ) -> None:
     """Take in the residuals after an update: their expected squares are R − H P⁺ Hᵀ.
@@ -87,34 +90,68 @@ def learn(
             noise.variances[0, c, r] = variance + (new - variance) / taken
 
 
+class UpdateOptions(NamedTuple):
+    """Updates of an extended Kalman filter; by default those of the plain one.
+
+    Attributes
+    ----------
+    iterations : most linearisations of h per epoch.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    noise_memory : readings from which the noise is estimated; 0 for none.
+    gate, underweighting : see :mod:`.innovation_gating`; 0 for none. Of the plain update alone.
+    """
+
+    iterations: int = 1
+    loss: str = "none"
+    threshold: float = np.inf
+    noise_memory: int = 0
+    gate: float = 0.0
+    underweighting: float = 0.0
+
+
 @compiled
-def _iterated(
+def _extended(
     batch: Batch,
-    rules: Rules,
+    rules: Rules | None,
     memory: int,
+    whole: bool,
+    gating: GateOptions,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
     counts: np.ndarray,
 ) -> None:
-    """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K); counts (R, 2) of linearisations and h."""
+    """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K).
+
+    Parameters
+    ----------
+    rules : of the search in each update; None for the plain one. Branches that ask for None are
+        compiled apart, so that the plain filter is compiled without the search.
+    memory : see :class:`AdaptiveNoise`.
+    whole : see :func:`.readings_of`.
+    gating : of plain updates.
+    counts : (R, 3) output, of linearisations, evaluations of h and rejected readings.
+    """
     runs, epochs, n = batch.transition.shape[:3]
     expected = lanes.moving_states(batch.transition, batch.process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(batch, rules.loss != NONE or memory > 0)
+    reading = readings_of(batch, whole)
     m = reading.rows.shape[0]
-    noise = AdaptiveNoise(memory, lanes.lanes(1, m), lanes.lanes(1, m))
-    search = search_of(batch, rules, reading)
-    unexplained = lanes.lanes(1, 1)
-    hp, s, white = search.hp, search.s, search.white
+    hp, half, gain = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
+    s, white, unexplained = lanes.lanes(m, m), lanes.lanes(1, m), lanes.lanes(1, 1)
+    weighed, spread = lanes.lanes(m, m), lanes.lanes(m, m)
+    if rules is not None:
+        search = search_of(batch, rules, reading)
+        noise = AdaptiveNoise(memory, lanes.lanes(1, m), lanes.lanes(1, m))
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         lanes.spread(batch.prior_mean, x)
         lanes.spread(batch.prior_cov, p)
-        search.counts[:] = 0
-        noise.variances[:] = 1.0
-        noise.taken[:] = 1.0
+        if rules is not None:
+            search.counts[:] = 0
+            noise.variances[:] = 1.0
+            noise.taken[:] = 1.0
         for k in range(epochs):
             moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
             lane_algebra.predict(phi, q, moving, x, p, scratch)
@@ -123,42 +160,59 @@ def _iterated(
             # with the given noise.
             lane_algebra.copy(reading.squared, unexplained)
             lane_algebra.project(reading.rows, p, m, hp, s)
+            if gating.underweighting > 0.0:
+                lane_algebra.copy(s, weighed)
+                underweight(weighed, np.eye(m), gating.underweighting, spread)
             lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.innovation, white)
             lane_algebra.add_squares(white, m, reading.squared)
             scatter_squares(reading, first, count, k, nis)
-            lane_algebra.copy(unexplained, reading.squared)
-            if memory > 0:
-                believe(noise, reading)
-            minimise(search, group, count, k, x, p)
-            update(search, x, p, scratch)
+            if rules is None:
+                if gating.underweighting > 0.0:
+                    lane_algebra.factorise(weighed, m, s)
+                    lane_algebra.whiten(s, m, reading.innovation, white)
+                lane_algebra.solve_lower(s, m, hp, half)
+                if gating.limits.shape[0] > 0:
+                    lane_algebra.add_squares(white, m, unexplained)
+                    reject(unexplained, gating.limits, first, count, k, half, counts[:, 2])
+                lane_algebra.correct(half, white, m, x)
+                lane_algebra.solve_upper(s, m, half, gain)
+                lane_algebra.joseph(gain, hp, reading.rows, m, p, scratch, half)
+                counts[first : first + count, :2] += 1
+            else:
+                lane_algebra.copy(unexplained, reading.squared)
+                if memory > 0:
+                    apply_noise_estimate(noise, reading)
+                minimise(search, group, count, k, x, p)
+                update(search, x, p, scratch)
+                if memory > 0:
+                    reading.precision[:] = 1.0
+                    linearise(batch, group, count, k, x, reading)
+                    update_noise_estimate(noise, search, group, count, k, p)
+                    search.counts[:, 1] += 1
             lanes.scatter(x, p, first, count, k, mean, cov)
-            if memory > 0:
-                reading.precision[:] = 1.0
-                linearise(batch, group, count, k, x, reading)
-                learn(noise, search, group, count, k, p)
-                search.counts[:, 1] += 1
-        for r in range(count):
-            counts[first + r, 0] = search.counts[r, 0]
-            counts[first + r, 1] = search.counts[r, 1]
+        if rules is not None:
+            counts[first : first + count, :2] = search.counts[:count]
 
 
-def iterated(
-    block: ProblemBlock, iterations: int, loss: str, threshold: float, memory: int
-) -> EstimateBlock:
-    """Run the filter.
+def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
+    """Run the filter. The NIS is of all readings, with the given noise.
 
     Parameters
     ----------
     block : the runs.
-    iterations : most linearisations of h per epoch.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
-    memory : readings from which the noise is estimated, 0 for none.
+    options : of the updates.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
-    rules = Rules(iterations, _HALVINGS, number_of(loss, threshold), threshold, True)
-    _iterated(batch_of(block), rules, memory, mean, cov, nis, counts)
+    nis, counts = np.empty((runs, epochs)), np.zeros((runs, 3), dtype=np.int64)
+    loss, memory = number_of(options.loss, options.threshold), options.noise_memory
+    whole, rules = loss != NONE or memory > 0, None
+    if options.iterations > 1 or whole:
+        rules = Rules(options.iterations, _HALVINGS, loss, options.threshold, True)
+    gating = gate_options(block, options.gate, options.underweighting)
+    _extended(batch_of(block), rules, memory, whole, gating, mean, cov, nis, counts)
     info = {"linearisations": counts[:, 0], "map_evaluations": counts[:, 1]}
+    if options.gate:
+        info["rejected"] = counts[:, 2]
     return EstimateBlock(mean, cov, "filter", nis=nis, info=info)

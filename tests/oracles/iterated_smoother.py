@@ -13,13 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.kernels import compiled
-from ..problem import Problem, jacobian_along, predict_along
-from .robust_weights import losses, weights
-
-HALVINGS = 15
-CONVERGED = 1e-6
-"""Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
+from ggbench.engines.line_search import CONVERGED, HALVINGS
+from ggbench.engines.robust_weights import losses, weights
+from ggbench.engines.window_search import Place
+from ggbench.numerics.kernels import compiled
+from ggbench.problem import Problem, jacobian_along, predict_along
 
 
 @dataclass(frozen=True)
@@ -97,6 +95,18 @@ class IteratedSmoother:
         left = losses(residuals, self.loss, self.threshold).sum()
         return float(0.5 * (start @ self.prior_cov @ start + moving) + left)
 
+    def _promise(
+        self, trajectory: Trajectory, other: Trajectory, rows: np.ndarray, target: np.ndarray
+    ) -> float:
+        """Return by how much the linear problem has the cost fall from a trajectory to another."""
+        costs = []
+        for one in (trajectory, other):
+            left = target - np.einsum("kmi,ki->km", rows, one.states)
+            motion = np.einsum("ki,kij,kj->", one.motion, self.process_cov, one.motion)
+            motion += one.start @ self.prior_cov @ one.start
+            costs.append(0.5 * (motion + (left**2).sum()))
+        return float(costs[0] - costs[1])
+
     def search(self, trajectory: Trajectory, max_iterations: int) -> Minimum:
         """Follow Gauss–Newton steps, each halved until the cost falls, to a minimum."""
         problem = self.problem
@@ -119,16 +129,42 @@ class IteratedSmoother:
                 rows, weight * target,
             )  # fmt: skip
             full = Trajectory(*solution)
-            before = cost
+            before, promise = cost, self._promise(trajectory, full, rows, weight * target)
+            moves = False
             for halving in range(HALVINGS):
                 moved = trajectory.towards(full, 0.5**halving)
                 new_residuals = self.residuals(moved.states)
                 new = self.cost(moved, new_residuals)
                 if new < cost:
-                    trajectory, residuals, cost = moved, new_residuals, new
+                    trajectory, residuals, cost, moves = moved, new_residuals, new, True
                     break
-            converged = before - cost < CONVERGED
+            if before - cost < CONVERGED:
+                converged = moves or promise < CONVERGED
+                break
         return Minimum(trajectory, cost, iterations, converged, rows, filtered_cov)
+
+
+def place_of(smoother: IteratedSmoother, minimum: Minimum) -> Place | None:
+    """Return the end of a search as the matchers have it, None where it has no cost."""
+    if not np.isfinite(minimum.cost):
+        return None
+    scale = smoother.scale
+    mean = minimum.trajectory.states[-1] * scale
+    cov = minimum.filtered_cov[-1] * np.outer(scale, scale)
+    log_share = _log_width(smoother, minimum) - minimum.cost
+    return Place(mean, 0.5 * (cov + cov.T), minimum.cost, log_share)
+
+
+def _log_width(smoother: IteratedSmoother, minimum: Minimum) -> float:
+    """Return ½ ln of the determinant of a trajectory's covariance over that of the prior.
+
+    That is −½ Σ ln det of the covariances of the innovations, in units of the noise.
+    """
+    before = np.concatenate([smoother.prior_cov[np.newaxis], minimum.filtered_cov[:-1]])
+    phi, rows = smoother.transition, minimum.rows
+    before = phi @ before @ phi.transpose(0, 2, 1) + smoother.process_cov
+    s = rows @ before @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
+    return -0.5 * float(np.linalg.slogdet(s)[1].sum())
 
 
 @compiled

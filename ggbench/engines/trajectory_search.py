@@ -1,0 +1,111 @@
+"""Most probable trajectories of the runs of a block: searches, their ends, and one from the prior.
+
+The searches of all runs go on at once (:mod:`.line_search`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..block import EstimateBlock, ProblemBlock
+from ..numerics.records import fields_of
+from .line_search import MapSearches, answer, ends, search, undisturbed
+from .linear_problems import BatchProblem
+from .robust_weights import number_of
+from .whitened_measurements import batch_of
+
+
+def chosen(searches: MapSearches, which: np.ndarray) -> MapSearches:
+    """Return some of the searches."""
+    return MapSearches(*(array[which] for array in fields_of(searches)))
+
+
+class TrajectorySearch:
+    """Searches of the problems of a block.
+
+    Parameters
+    ----------
+    block : the runs.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+
+    Attributes
+    ----------
+    scale : (n,) the prior's standard deviations.
+    evaluations : (R,) how often h was evaluated so far.
+    """
+
+    def __init__(self, block: ProblemBlock, loss: str = "none", threshold: float = np.inf) -> None:
+        self.block, self.loss, self.threshold = block, loss, threshold
+        self.runs = np.arange(block.runs)
+        self.scale = np.sqrt(np.diag(block.prior_cov))
+        self.evaluations = np.zeros(block.runs, dtype=int)
+        self._arrays = BatchProblem(batch_of(block), number_of(loss, threshold), threshold)
+
+    def from_prior(self, runs: np.ndarray, starts: np.ndarray) -> MapSearches:
+        """Return the undisturbed motions of runs (J,) from prior_mean + P_0 λ of starts (J, n)."""
+        begun = self.unstarted(runs, starts)
+        undisturbed(self._arrays.batch, begun)
+        return begun
+
+    def unstarted(self, runs: np.ndarray, starts: np.ndarray) -> MapSearches:
+        """Return searches that have yet no states."""
+        jobs, epochs, n = len(runs), self.block.epochs, self.block.dimension
+        return MapSearches(
+            runs=np.array(runs, dtype=np.int64),
+            states=np.zeros((jobs, epochs, n)),
+            start=np.array(starts),
+            motion=np.zeros(jobs),
+            about=np.zeros((jobs, epochs, n)),
+            cost=np.full(jobs, np.inf),
+            iterations=np.zeros(jobs, dtype=np.int64),
+            evaluations=np.zeros(jobs, dtype=np.int64),
+            converged=np.zeros(jobs, dtype=np.bool_),
+        )
+
+    def search(self, searches: MapSearches, most: int) -> None:
+        """Follow Gauss–Newton steps, each halved until the cost falls, to the minima."""
+        search(self._arrays, most, searches)
+        np.add.at(self.evaluations, searches.runs, searches.evaluations)
+
+    def answers(self, minima: MapSearches) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (J, K, n) and covariance (J, K, n, n) given all readings."""
+        jobs, epochs, n = minima.states.shape
+        mean, cov = np.empty((jobs, epochs, n)), np.empty((jobs, epochs, n, n))
+        answer(self._arrays, minima, mean, cov)
+        return mean, cov
+
+    def ends(self, minima: MapSearches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return mean (J, n) and covariance (J, n, n) at the last epoch, and log widths (J,).
+
+        See :func:`.line_search.ends`.
+        """
+        jobs, _, n = minima.states.shape
+        mean, cov, log_width = np.empty((jobs, 1, n)), np.empty((jobs, 1, n, n)), np.empty(jobs)
+        ends(self._arrays, minima, mean, cov, log_width)
+        return mean[:, 0], cov[:, 0], log_width
+
+
+def from_the_prior(block: ProblemBlock, most: int, loss: str, threshold: float) -> EstimateBlock:
+    """Find the trajectory of every run at which a search from the prior's mean ends.
+
+    The mean is NaN where no step lowers the cost although the linear problem has a lower one.
+
+    Parameters
+    ----------
+    block : the runs.
+    most : limit of the steps.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    """
+    smoother = TrajectorySearch(block, loss, threshold)
+    searches = smoother.from_prior(smoother.runs, np.zeros((block.runs, block.dimension)))
+    begun = searches.states.copy()
+    smoother.search(searches, most)
+    mean, cov = smoother.answers(searches)
+    stuck = ~searches.converged & (searches.states == begun).all(axis=(1, 2))
+    mean[stuck] = np.nan
+    info = {
+        "iterations": searches.iterations,
+        "error": searches.cost,
+        "map_evaluations": smoother.evaluations,
+    }
+    return EstimateBlock(mean, cov, "batch", info=info)
