@@ -40,20 +40,21 @@ def assert_same_runs(found: EstimateBlock, runs: slice, others: EstimateBlock) -
     ],
 )
 def test_the_minimum_is_gtsams(name, case, runs):
-    """Means to 1e-6 and deviations to 1e-7 of the prior's deviations.
+    """Means to 1e-4 and deviations to 1e-6 of the prior's deviations, costs to what ends GTSAM's.
 
-    Of a platform instrument, of one that turns with the vehicle, and of one with biases.
+    A search ends a thousandth of a posterior deviation off the minimum. Of a platform instrument,
+    of one that turns with the vehicle, and of one with biases.
     """
     block = block_of_runs(name, case, 0, runs)
     found, sigma = searched(block), np.sqrt(np.diag(block.prior_cov))
     for run in range(runs):
         expected = REFERENCE.estimate(block.problem(run), np.random.default_rng(0))
-        assert found.info["error"][run] == pytest.approx(expected.info["error"], rel=1e-9)
-        assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-6
+        assert found.info["error"][run] == pytest.approx(expected.info["error"], abs=1e-5)
+        assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-4
         deviations = [
             np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in (found.cov[run], expected.cov)
         ]
-        assert np.abs((deviations[0] - deviations[1]) / sigma).max() < 1e-7
+        assert np.abs((deviations[0] - deviations[1]) / sigma).max() < 1e-6
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
@@ -65,7 +66,7 @@ def test_the_minimum_with_a_loss_is_gtsams(loss):
     sigma = np.sqrt(np.diag(block.prior_cov))
     for run in range(block.runs):
         expected = reference.estimate(block.problem(run), np.random.default_rng(0))
-        assert found.info["error"][run] == pytest.approx(expected.info["error"], rel=1e-8)
+        assert found.info["error"][run] == pytest.approx(expected.info["error"], abs=1e-4)
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-4
         assert np.abs((plain.mean[run] - expected.mean) / sigma).max() > 1e-3
         covs = np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max()
@@ -77,9 +78,9 @@ def test_of_any_prior_and_any_noise_the_minimum_is_gtsams():
     block = entangled(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1))
     found, sigma = searched(block), np.sqrt(np.diag(block.prior_cov))
     expected = REFERENCE.estimate(block.problem(0), np.random.default_rng(0))
-    assert found.info["error"][0] == pytest.approx(expected.info["error"], rel=1e-9)
-    assert np.abs((found.mean[0] - expected.mean) / sigma).max() < 1e-6
-    assert np.abs((found.cov[0] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-7
+    assert found.info["error"][0] == pytest.approx(expected.info["error"], abs=1e-5)
+    assert np.abs((found.mean[0] - expected.mean) / sigma).max() < 1e-4
+    assert np.abs((found.cov[0] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-6
 
 
 def test_without_any_reading_the_search_ends_where_it_begins():
