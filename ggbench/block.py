@@ -128,12 +128,12 @@ class ProblemBlock:
 
     def _with_axis(
         self, axis: str, change: Callable[..., np.ndarray], *others: ProblemBlock
-    ) -> dict[str, np.ndarray]:
+    ) -> dict[str, Any]:
         """Return the arrays with an axis, changed, by their fields' names.
 
         ``change`` is given an array, those of the other blocks, and which axis it is.
         """
-        changed = {}
+        changed: dict[str, Any] = {}
         for item in fields(self):
             array, axes = getattr(self, item.name), item.metadata.get("axes")
             if axes is None or array is None:
