@@ -235,11 +235,14 @@ def _with_idle_states(block: ProblemBlock) -> ProblemBlock:
     for name in ("transition", "prior_cov"):
         for i in range(n, n + more):
             arrays[name][..., i, i] = 1.0
-    rows = np.pad(block.model.rows, (*[(0, 0)] * (block.model.rows.ndim - 1), (0, more)))
+    rows, linear = (
+        read_only(np.pad(array, (*[(0, 0)] * (array.ndim - 1), (0, more))))
+        for array in (block.model.rows, block.model.linear)
+    )
     return replace(
         block,
         **arrays,
-        model=replace(block.model, dimension=n + more, rows=read_only(rows)),
+        model=replace(block.model, dimension=n + more, rows=rows, linear=linear),
         layout=(*block.layout, StateBlock("idle", slice(n, n + more), "1")),
     )
 

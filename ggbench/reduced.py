@@ -134,10 +134,10 @@ def _model(problem: Problem, states: tuple[int, ...], mean: np.ndarray) -> Measu
     if isinstance(model, SensorModel) and not mean.any():
         arrays = model.arrays
         inertial = all(state < arrays.rows.shape[-1] for state in states)
-        alone = arrays.offset.shape[-1] == len(arrays.channels) and arrays.bias < 0
-        if inertial and alone:
-            rows = arrays.rows[..., list(states)]
-            return SensorModel(replace(arrays, dimension=len(states), rows=rows))
+        if inertial and arrays.first_linear == arrays.offset.shape[-1]:
+            chosen = list(states)
+            rows, linear = arrays.rows[..., chosen], arrays.linear[..., chosen]
+            return SensorModel(replace(arrays, dimension=len(states), rows=rows, linear=linear))
     return _Embedded(model, states, mean)
 
 

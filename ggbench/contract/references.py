@@ -10,7 +10,7 @@ from ..gravity.ellipsoid import metres_per_radian
 from ..gravity.field import Field
 from ..problem import Estimate, Problem, StateBlock
 from ..sensors.gradiometer.instrument import LOCAL_LEVEL
-from ..sensors.model import SensorModel, without_aiding
+from ..sensors.model import SensorModel
 from ..sensors.model_arrays import ModelArrays
 
 
@@ -155,13 +155,28 @@ def with_sensor_model(problem: Problem) -> Problem:
     errors = np.zeros((epochs, 6, n))
     errors[:, :3] = -np.linalg.pinv(_SLOPES[:m]) @ model.rows
     places = np.zeros((epochs, 3))
-    aiding, _ = without_aiding(field, places)
     arrays = ModelArrays(
-        n, LOCAL_LEVEL, np.eye(6)[1 : 1 + m], np.eye(6)[np.newaxis, np.newaxis, 1 : 1 + m],
-        np.zeros((1, 1), dtype=int), -1, field.origin, field.step,
-        field.tensor_coefficients, problem.times, places, np.tile(np.eye(3), (epochs, 1, 1)),
-        errors, np.zeros((epochs, m)), problem.present.any(axis=1).astype(float), aiding,
-    )  # fmt: skip
+        dimension=n,
+        instrument=LOCAL_LEVEL,
+        channels=np.eye(6)[1 : 1 + m],
+        combined=np.eye(6)[np.newaxis, np.newaxis, 1 : 1 + m],
+        lags=np.zeros((1, 1), dtype=int),
+        origin=field.origin,
+        step=field.step,
+        coefficients=field.tensor_coefficients,
+        times=problem.times,
+        references=places,
+        attitudes=np.tile(np.eye(3), (epochs, 1, 1)),
+        rows=errors,
+        offset=np.zeros((epochs, m)),
+        gain=problem.present.any(axis=1).astype(float),
+        linear=np.zeros((epochs, m, n)),
+        first_linear=m,
+        columns=np.zeros(0, dtype=int),
+        weights=np.zeros((epochs, m, 3)),
+        places=places,
+        gravity=field.disturbance_map,
+    )
     return replace(problem, model=SensorModel(arrays))
 
 

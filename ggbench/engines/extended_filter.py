@@ -23,7 +23,7 @@ from .iterated_update import Rules, Search, minimise, search_of, update
 from .robust_weights import NONE, number_of
 from .whitened_measurements import (
     Batch,
-    Readings,
+    LinearisedMeasurement,
     batch_of,
     linearise,
     readings_of,
@@ -51,7 +51,7 @@ class AdaptiveNoise:
 
 
 @compiled
-def apply_noise_estimate(noise: AdaptiveNoise, reading: Readings) -> None:
+def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -> None:
     """Whiten a whole reading by what is believed, and all that are linearised after it."""
     for c in range(reading.precision.shape[1]):
         for r in range(reading.precision.shape[2]):

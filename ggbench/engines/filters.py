@@ -15,12 +15,13 @@ from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled, interpreted
 from ..numerics.positive import nearest_root
 from ..numerics.vectors import load, splat, store
+from ..sensors.model_kernels import moving_errors
 from .innovation_gating import GateOptions, gate_options, reject, underweight
 from .robust_weights import NONE, number_of, reweigh_unwhitened
 from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
 from .whitened_measurements import (
     Batch,
-    Readings,
+    LinearisedMeasurement,
     batch_of,
     linearise,
     readings_of,
@@ -121,7 +122,7 @@ def _unscented(
     equations = reading.rows.shape[0]
     hp, linear = lanes.lanes(equations, n), lanes.lanes(equations, equations)
     s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
-    points = sigma_points_of(reading.b.shape[0], n, m, reading.slope.shape[0])
+    points = sigma_points_of(moving_errors(model), n, m, model.channels.shape[0])
     offset, cross, reweighed = lanes.lanes(1, m), lanes.lanes(m, n), lanes.lanes(m + 1, m)
     h_cov, gain, squared = lanes.lanes(m, m), lanes.lanes(m, n), lanes.lanes(1, 1)
     for first in lanes.starts(runs):
@@ -139,11 +140,11 @@ def _unscented(
                     counts[first + r, 0] += 1
                     _repaired(p, r, lower)
             linearise(batch, group, count, k, x, reading)
-            read_sigma_points(model, group, count, k, x, lower, weights.spread, reading, points)
+            read_sigma_points(
+                model, group, count, k, x, lower, weights.spread, reading.expansion, points
+            )
             for r in range(count):
                 counts[first + r, 1] += 1 + 2 * points.counts[r]
-            if model.bias >= 0:
-                _add_biases(lower, weights.spread, model.bias, reading, points)
             at = min(k, batch.noise_cov.shape[0] - 1)
             r_k = batch.noise_cov[at]
             _moments(lower, r_k, weights, points, offset, s, cross)
@@ -153,7 +154,7 @@ def _unscented(
             lane_algebra.whiten(linear, equations, reading.innovation, white)
             lane_algebra.add_squares(white, equations, reading.squared)
             scatter_squares(reading, first, count, k, nis)
-            _innovations(model.bias, x, reading, offset)
+            _innovations(reading, offset)
             if loss != NONE:
                 root = batch.noise_inverse[at]
                 reweigh_unwhitened(s, reading.z, r_k, root, count, loss, threshold, reweighed)
@@ -187,24 +188,11 @@ def _unscented(
 
 
 @compiled
-def _add_biases(
-    lower: np.ndarray, spread: float, bias: int, reading: Readings, out: SigmaPoints
-) -> None:
-    """Add to what the points read the instrument's biases in them."""
-    scale = splat(spread) * load(reading.context.gain, 0, 0)
-    for c in range(reading.slope.shape[0]):
-        for q in range(bias + c + 1):
-            store(out.odd, c, q, load(out.odd, c, q) + scale * load(lower, bias + c, q))
-
-
-@compiled
-def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray) -> None:
+def _innovations(reading: LinearisedMeasurement, offset: np.ndarray) -> None:
     """Turn the readings into innovations, against the weighted mean of the points' readings."""
     for c in range(reading.z.shape[1]):
-        total = load(reading.z, 0, c) - load(reading.predicted, 0, c) - load(offset, 0, c)
-        if bias >= 0 and c < reading.slope.shape[0]:
-            total -= load(reading.context.gain, 0, 0) * load(x, 0, bias + c)
-        store(reading.z, 0, c, total)
+        expected = load(reading.expansion.predicted, 0, c) + load(offset, 0, c)
+        store(reading.z, 0, c, load(reading.z, 0, c) - expected)
 
 
 def unscented(

@@ -16,7 +16,7 @@ from ..numerics.lanes import each, flags, lanes, numbers
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
 from .robust_weights import NONE, ROUNDS, loss_of, reweigh, weight_of
-from .whitened_measurements import Batch, Readings, linearise
+from .whitened_measurements import Batch, LinearisedMeasurement, linearise
 
 _CONVERGED = 1e-6
 """Decrease of the cost below which an update has converged: a thousandth of a deviation."""
@@ -67,7 +67,7 @@ class Search:
 
     batch: Batch
     rules: Rules
-    reading: Readings
+    reading: LinearisedMeasurement
     start: np.ndarray
     dual: np.ndarray
     step: np.ndarray
@@ -88,7 +88,7 @@ class Search:
 
 
 @compiled
-def search_of(batch: Batch, rules: Rules, reading: Readings) -> Search:
+def search_of(batch: Batch, rules: Rules, reading: LinearisedMeasurement) -> Search:
     """Return the arrays of searches by readings."""
     n, equations = batch.prior_cov.shape[0], reading.rows.shape[0]
     weights = lanes(1, equations)

@@ -44,7 +44,7 @@ from .smoother_passes import (
 )
 from .whitened_measurements import (
     Batch,
-    Readings,
+    LinearisedMeasurement,
     linearise,
     readings_of,
     take_readings,
@@ -128,7 +128,7 @@ def _left(costs: CostTerms, r: int) -> float:
 
 
 @compiled
-def _add_losses(problems: BatchProblem, reading: Readings, left: np.ndarray) -> None:
+def _add_losses(problems: BatchProblem, reading: LinearisedMeasurement, left: np.ndarray) -> None:
     """Add Σ ρ of the residuals of a reading (lanes,)."""
     for c in range(reading.residual.shape[1]):
         for r in lanes.each():

@@ -11,7 +11,7 @@ from ..numerics.kernels import compiled
 from ..numerics.records import record
 from ..numerics.vectors import load, store
 from .robust_weights import NONE, loss_of, weight_of
-from .whitened_measurements import Batch, Readings, linearise, readings_of
+from .whitened_measurements import Batch, LinearisedMeasurement, linearise, readings_of
 
 
 @record
@@ -116,7 +116,7 @@ class Smoother:
 
     problems: BatchProblem
     expected: int
-    reading: Readings
+    reading: LinearisedMeasurement
     path: Linearisation
     costs: CostTerms
     work: Scratch

@@ -1,17 +1,16 @@
-"""What the sigma points of eight runs read, compiled: those that are far enough to be evaluated."""
+"""The measurement function at the sigma points of eight runs, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import lanes
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
-from ..sensors.aiding_kernels import read_aiding_pairs
+from ..sensors.gravity_kernels import bend_gravity_pairs
 from ..sensors.model_arrays import ModelArrays, PointScratch, point_scratch
-from ..sensors.model_kernels import read
-from .whitened_measurements import Readings
+from ..sensors.model_kernels import Expansion, read
 
 _NEAR, _STRAIGHT = 0.01, 1e-7
 """Displacements [m], [rad] of the instrument over which h is a straight line."""
@@ -64,10 +63,10 @@ def read_sigma_points(
     x: np.ndarray,
     lower: np.ndarray,
     spread: float,
-    reading: Readings,
+    at: Expansion,
     out: SigmaPoints,
 ) -> None:
-    """Fill what the sigma points x ± spread · L_q read, the gradiometer's biases left out.
+    """Fill h at the sigma points x ± spread · L_q.
 
     Parameters
     ----------
@@ -75,11 +74,11 @@ def read_sigma_points(
     x : (1, n, lanes).
     lower : (n, n, lanes) root of P.
     spread : by how much its columns are stretched.
-    reading : h(x), its slope and B_k.
+    at : h and its derivative at x.
     out : output; ``counts`` of pairs that were evaluated.
     """
     shift, odd, even, counts = out.shift, out.odd, out.even, out.counts
-    b, slope, gain = reading.b, reading.slope, reading.context.gain
+    b, slope, gain = at.b, at.slope, at.context.gain
     moving, n, g = shift.shape[0], shift.shape[1], slope.shape[0]
     columns = b.shape[1]
     factor, zero = splat(spread), splat(0.0)
@@ -89,14 +88,12 @@ def read_sigma_points(
             for j in range(q, columns):
                 total += load(b, i, j) * load(lower, j, q)
             store(shift, i, q, factor * total)
-    read_aiding_pairs(
-        model.aiding, group, count, k, x, lower, spread, reading.aiding_slope, odd, even
-    )
-    for c in range(g):
+    for c in range(odd.shape[0]):
         for q in range(n):
             total = zero
-            for i in range(moving):
-                total += load(slope, c, i) * load(shift, i, q)
+            if c < g:
+                for i in range(moving):
+                    total += load(slope, c, i) * load(shift, i, q)
             store(odd, c, q, total)
             store(even, c, q, zero)
     most = 0
@@ -106,7 +103,26 @@ def read_sigma_points(
             counts[r] = _far(out, r)
             most = max(most, counts[r])
     if most > 0:
-        _evaluate(model, k, most, _alike(count, out), reading, out)
+        _evaluate(model, k, most, _alike(count, out), at, out)
+    _add_linear_pairs(model, lower, factor, at, odd)
+    bend_gravity_pairs(model, group, count, k, x, lower, spread, odd, even)
+
+
+@inlined
+def _add_linear_pairs(
+    model: ModelArrays, lower: np.ndarray, factor: float, at: Expansion, odd: np.ndarray
+) -> None:
+    """Add D d_q to half the difference of h(x ± d_q): exact where h is linear."""
+    columns, n = model.columns, lower.shape[0]
+    for c in range(model.first_linear, odd.shape[0]):
+        first = 0
+        for q in range(n):
+            while first < columns.shape[0] and columns[first] < q:
+                first += 1
+            total = splat(0.0)
+            for s in range(first, columns.shape[0]):
+                total += load(at.linear, c, columns[s]) * load(lower, columns[s], q)
+            store(odd, c, q, load(odd, c, q) + factor * total)
 
 
 @compiled
@@ -142,7 +158,7 @@ def _alike(count: int, points: SigmaPoints) -> int:
 
 @compiled
 def _evaluate(
-    model: ModelArrays, k: int, pairs: int, alike: int, reading: Readings, out: SigmaPoints
+    model: ModelArrays, k: int, pairs: int, alike: int, at: Expansion, out: SigmaPoints
 ) -> None:
     """Evaluate the far points of all runs; a run with fewer than ``pairs`` is filled up with x.
 
@@ -152,7 +168,7 @@ def _evaluate(
     errors, found, chosen = out.errors, out.found, out.chosen
     size = counts.shape[0]
     for i in range(shift.shape[0]):
-        centre = load(reading.errors, i, 0)
+        centre = load(at.errors, i, 0)
         for s in range(pairs):
             if s < alike:
                 moved = load(shift, i, far[0, s])
@@ -163,9 +179,9 @@ def _evaluate(
             # A point and its mirror image are neighbours.
             store(errors, i, 2 * s, centre + moved)
             store(errors, i, 2 * s + 1, centre - moved)
-    read(model, k, reading.context, errors, 2 * pairs, 2 * pairs * size, out.points, found)
+    read(model, k, at.context, errors, 2 * pairs, 2 * pairs * size, out.points, found)
     for c in range(found.shape[0]):
-        centre = load(reading.predicted, 0, c)
+        centre = load(at.by_tensor, 0, c)
         for s in range(pairs):
             plus, minus = load(found, c, 2 * s) - centre, load(found, c, 2 * s + 1) - centre
             if s < alike:

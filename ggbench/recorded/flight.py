@@ -23,7 +23,7 @@ from ..simulation.field_source import beside, is_file, make_field, map_files
 from ..simulation.formulation import (
     InsSolution,
     MeasurementTimes,
-    Readings,
+    SensorReadings,
     added_gravity,
     build_problems,
     propagate_errors,
@@ -204,8 +204,10 @@ def _problem(
     _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     read, present = others(model, series, read_at, motion)
     _require_receivers_near(model, series, at, np.where(present, read, np.nan)[0])
-    block = build_problems(model, field, when, indicated, Readings(output, missing, read, present))
-    if ins.recording is not None and not model.remembers:
+    block = build_problems(
+        model, field, when, indicated, SensorReadings(output, missing, read, present)
+    )
+    if ins.recording is not None and not model.has_memory:
         replays = Replays(model, field, when, gravity, [ins.recording], 1)
         block = dataclasses.replace(block, replays=replays)
     return block.problem(0)

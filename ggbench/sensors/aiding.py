@@ -21,10 +21,11 @@ from ..gravity.ellipsoid import metres_along
 from ..gravity.field import Field
 from ..numerics.rotations import rotation_matrix
 from ..problem import Channel
-from .aiding_kernels import MOVED
 from .gradiometer.faults import Faults
 from .processes import gauss_markov, remaining
 
+MOVED = 9
+"""Position, velocity and attitude error: the first states, on which these readings depend."""
 MGAL = 1e5
 """mGal in a m/s²."""
 AXES = "xyz"
@@ -117,7 +118,8 @@ class AidingSensor(ABC):
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return the channels, but for the map's gravity, as functions of the INS's errors.
 
-        Offset (..., K, e) and rows (..., K, e, 9), see :class:`.Aiding`.
+        Offset (..., K, e) and the first nine columns of C_k (..., K, e, 9), see
+        :class:`.ModelArrays`.
         """
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..gravity.field import Field
 from ..problem import Channel
-from .aiding import AidingSensor, Motion, cross_matrix, metres_of, position_error
-from .aiding_kernels import MOVED
+from .aiding import MOVED, AidingSensor, Motion, cross_matrix, metres_of, position_error
 
 _TIMING = 1e-9
 """Within which times are equal [s]."""

@@ -1,8 +1,8 @@
-"""The measurement model of all estimators, h and H: what is on board along an INS track."""
+"""Measurement model of all estimators, h and H, along INS tracks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -12,20 +12,22 @@ from ..gravity.coloured_noise import Whitening
 from ..gravity.field import DisturbanceMap, Field
 from ..numerics.frozen import frozen, read_only
 from ..numerics.records import fields_of
-from .aiding import Motion
-from .aiding_kernels import MOVED, Aiding
+from .aiding import MOVED, AidingSensor, Motion
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
-from .gradiometer.mounting import as_strapdown
-from .model_arrays import ModelArrays
+from .gradiometer.mounting import Mount
+from .model_arrays import ModelArrays, immutable, linear_reach
 from .model_kernels import linearise, linearised, predict
+from .states import PlacedStates, Seen, add_columns, turned
 
+NO_MAP = Field.normal().disturbance_map
+"""A map without gravity disturbance."""
 NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
 """An instrument without channels."""
 
 
-class Taken(NamedTuple):
-    """Where an INS believes to have been when the readings of its epochs were taken.
+class DelayedInsSolution(NamedTuple):
+    """INS solution at the times at which the gradiometer's readings of the epochs are taken.
 
     Attributes
     ----------
@@ -41,22 +43,80 @@ class Taken(NamedTuple):
     rows: np.ndarray
 
 
+class AidingChannels(NamedTuple):
+    """Equation of the channels of the aiding sensors; its symbols are those of ModelArrays.
+
+    Attributes
+    ----------
+    offset : (..., K, e) in units of the channels.
+    linear : (..., K, e, n) C_k.
+    weights : (..., K, e, 3) W_k [unit of the channel per m/s²].
+    gravity : the map of the gravity disturbance.
+    """
+
+    offset: np.ndarray
+    linear: np.ndarray
+    weights: np.ndarray
+    gravity: DisturbanceMap
+
+    def without(self, absent: np.ndarray) -> AidingChannels:
+        """Return them with zeros where a channel delivers nothing, ``absent`` (..., K, e)."""
+        for array in (self.offset, self.linear, self.weights):
+            array[absent] = 0.0
+        return self
+
+
+def aiding_channels(
+    sensors: Sequence[AidingSensor],
+    states: Sequence[PlacedStates],
+    dimension: int,
+    gravity: DisturbanceMap,
+    read_at: Sequence[np.ndarray],
+    motion: Motion,
+    turning: np.ndarray,
+) -> AidingChannels:
+    """Return the equation of aiding sensors along INS tracks, all their readings there.
+
+    Parameters
+    ----------
+    sensors : in the order of their channels.
+    states : behind those of the INS.
+    dimension : number of states.
+    gravity : the map that a gravimeter's readings depend on.
+    read_at : epochs at which each sensor is read.
+    motion : what the INS indicates at the epochs (..., K, .).
+    turning : (..., K, 3) angular rates about the body's axes there [rad/s].
+    """
+    epochs, total = motion.positions.shape[:-1], sum(len(sensor.channels) for sensor in sensors)
+    offset, linear = np.zeros((*epochs, total)), np.zeros((*epochs, total, dimension))
+    weights, first = np.zeros((*epochs, total, 3)), 0
+    for sensor, at in zip(sensors, read_at, strict=True):
+        some, now = slice(first, first + len(sensor.channels)), motion.at(at)
+        first = some.stop
+        ahead, columns = sensor.about(now)
+        offset[..., at, some] = ahead
+        linear[..., at, some, :MOVED] = columns
+        weights[..., at, some, :] = sensor.weights
+        gain = np.ones(ahead.shape[:-1])
+        seen = Seen(now, turning[..., at, :], gain, ahead.copy)
+        add_columns(linear, at, some, states, sensor, seen)
+    return AidingChannels(offset, linear, weights, gravity)
+
+
 def model_arrays(
     field: Field,
     gradiometer: Gradiometer | None,
     times: np.ndarray,
     ins: Motion,
-    taken: Taken,
+    taken: DelayedInsSolution,
     treatment: Prefilter,
     missing: np.ndarray,
     at: np.ndarray,
-    others: tuple[Aiding, np.ndarray],
-    dimension: int,
-    bias: int,
+    others: AidingChannels,
+    states: Sequence[PlacedStates],
     whitening: Whitening | None,
-    mounting: int,
 ) -> ModelArrays:
-    """Return the measurement model along an INS track, or along the tracks of a block of runs.
+    """Return the equation of measurement along an INS track, or along those of a block of runs.
 
     Parameters
     ----------
@@ -67,18 +127,15 @@ def model_arrays(
     treatment : the prefilter of the G outputs of the instrument.
     missing : (..., G) which of its readings dropped out.
     at : (G,) at which epochs the gradiometer is read.
-    others : the channels of the other sensors, and their offset (..., K, e).
-    dimension : number of states.
-    bias : the first state that is a bias of the gradiometer; −1 for none.
+    others : the channels of the other sensors.
+    states : behind those of the INS.
     whitening : of the G readings, if their noise is coloured; they have no low-pass then, and come
         without delay.
-    mounting : the first of three states that are the instrument's mounting angles; −1 for none.
     """
     if gradiometer is None:
         gradiometer = NO_GRADIOMETER
-    aiding, offsets = others
     instrument, channels = INSTRUMENTS.index(gradiometer.instrument), gradiometer.channels
-    epochs, then, rows = ins.positions.shape[:-1], times - taken.delays, taken.rows
+    epochs, then = ins.positions.shape[:-1], times - taken.delays
     attitudes, delayed_attitudes = ins.attitudes, taken.attitudes
     if instrument != STRAPDOWN:  # no other reading depends on them
         attitudes = delayed_attitudes = np.broadcast_to(np.eye(3), (*epochs, 3, 3))
@@ -87,34 +144,48 @@ def model_arrays(
         some = positions[..., at, :], times[at], c_nb[..., at, :, :]
         return np.asarray(readings_along(instrument, *some, field) @ channels.T)
 
+    def at_reference() -> np.ndarray:
+        return readings(taken.positions, then, delayed_attitudes)
+
     gain, offset = np.zeros(epochs), np.zeros((*epochs, len(channels)))
     gain[..., at] = np.where(missing, 0.0, treatment.gain)
     if gradiometer.lowpass is not None:  # else h is what is read at the delayed place, no more
         predicted = gradiometer.lowpass.apply(readings(ins.positions, times, attitudes))
         predicted = np.where(missing[..., np.newaxis], 0.0, treatment.apply(predicted))
-        at_reference = readings(taken.positions, then, delayed_attitudes)
-        offset[..., at, :] = predicted - gain[..., at][..., np.newaxis] * at_reference
-    if mounting >= 0:
-        delayed_attitudes, rows = as_strapdown(
-            instrument, taken.positions, then, delayed_attitudes, rows, mounting
-        )
-        instrument = STRAPDOWN
+        offset[..., at, :] = predicted - gain[..., at][..., np.newaxis] * at_reference()
+    g, m, n = len(channels), len(channels) + others.offset.shape[-1], others.linear.shape[-1]
+    linear, weights = np.zeros((*epochs, m, n)), np.zeros((*epochs, m, 3))
+    linear[..., g:, :], weights[..., g:, :] = others.linear, others.weights
+    if g > 0:
+        motion = Motion(taken.positions, ins.velocities, delayed_attitudes).at(at)
+        still = np.zeros((*epochs, 3))[..., at, :]
+        seen = Seen(motion, still, gain[..., at], at_reference)
+        add_columns(linear, at, slice(0, g), states, gradiometer, seen)
+    first_linear, columns = linear_reach(linear, weights)
+    mount = Mount(instrument, taken.positions, then, delayed_attitudes, taken.rows)
+    mount = turned(mount, states)
+    combined, lags = _combined(channels, whitening, at, len(times))
     arrays = ModelArrays(
-        dimension,
-        instrument,
-        channels,
-        *_combined(channels, whitening, at, len(times)),
-        bias,
-        field.origin,
-        field.step,
-        field.tensor_coefficients,
-        then,
-        taken.positions,
-        delayed_attitudes,
-        rows,
-        np.concatenate([offset, offsets], axis=-1),
-        gain,
-        aiding,
+        dimension=n,
+        instrument=mount.instrument,
+        channels=channels,
+        combined=combined,
+        lags=lags,
+        origin=field.origin,
+        step=field.step,
+        coefficients=field.tensor_coefficients,
+        times=then,
+        references=taken.positions,
+        attitudes=mount.attitudes,
+        rows=mount.rows,
+        offset=np.concatenate([offset, others.offset], axis=-1),
+        gain=gain,
+        linear=linear,
+        first_linear=first_linear,
+        columns=columns,
+        weights=weights,
+        places=ins.positions,
+        gravity=others.gravity if weights.any() else NO_MAP,
     )
     found: ModelArrays = _unchangeable(arrays, read_only)
     return found
@@ -130,8 +201,8 @@ def _unchangeable(arrays: Any, kept: Callable[[np.ndarray], np.ndarray]) -> Any:
         if name in ("origin", "step", "coefficients"):
             changed[name] = read_only(value)
         elif isinstance(value, np.ndarray):
-            changed[name] = _immutable(value) if value.dtype.kind == "i" else kept(value)
-        elif isinstance(value, Aiding | DisturbanceMap):
+            changed[name] = immutable(value) if value.dtype.kind == "i" else kept(value)
+        elif isinstance(value, DisturbanceMap):
             changed[name] = _unchangeable(value, kept)
     return replace(arrays, **changed)
 
@@ -161,32 +232,24 @@ def _combined(
     return combined, lags
 
 
-def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndarray]:
-    """Return the channels of no sensor at INS positions (..., K, 3), and their offsets."""
-    epochs, nowhere = positions.shape[:-1], np.zeros(0, dtype=np.int64)
-    return Aiding(
-        np.zeros((*epochs, 0, MOVED)), nowhere, nowhere, np.zeros((*epochs, 0, 3)),
-        np.zeros((0, 3)), -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
-    ), np.zeros((*epochs, 0))  # fmt: skip
-
-
-def _immutable(indices: np.ndarray) -> np.ndarray:
-    """Return a read-only copy of integers."""
-    return np.frombuffer(indices.tobytes(), indices.dtype).reshape(indices.shape)
+def without_aiding(epochs: tuple[int, ...], dimension: int) -> AidingChannels:
+    """Return the channels of no sensor at epochs (..., K), of so many states."""
+    return AidingChannels(
+        np.zeros((*epochs, 0)), np.zeros((*epochs, 0, dimension)), np.zeros((*epochs, 0, 3)), NO_MAP
+    )
 
 
 class SensorModel:
     """The measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
 
-    The gradiometer's channels come first: h(k, x) = ẑ_k + g_k [L(p̂_k − B_k x) − L(p̂_k) + b], where
-    ẑ is the reading predicted along the INS track and passed through the same filter and prefilter
-    as the instrument's output, p̂_k the INS position (and attitude) at t_k − τ_k, B_k x the error
-    there, b the biases among the states, if there are any, and g_k the chain's gain. Without a
-    filter this is L(p̂_k − B_k x) + b, where τ_k is the latency of the readings, if they have one.
-    Coloured noise is whitened: h combines L at the last few readings, each at the INS position then
-    less the position error of now, which hardly changes in a few seconds.
-    Outside the map the field at its border is continued. The
-    other channels are those of :class:`.Aiding`. Where a reading is missing, h and H are zero.
+    :class:`.ModelArrays` has the equation. A filtered gradiometer's offset is
+    ẑ_k − gain_k S T(p̂_k), where ẑ is the reading predicted along the INS track and passed through
+    the same filter and prefilter as the instrument's output, p̂_k the INS position (and attitude) at
+    t_k − τ_k, and the gain that of the chain. Without a filter the offset is zero, and τ_k is the
+    latency of the readings, if they have one. Whitened coloured noise combines the last few
+    readings, each at the INS position then less the position error of now, which hardly changes in
+    a few seconds. Outside the map the field at its border is continued. Where a reading is missing,
+    h and H are zero.
 
     ``evaluations`` counts the points at which h was taken, and the Jacobians: what an estimator
     asked of the map. A compiled engine takes the arrays instead and counts for itself.

@@ -1,4 +1,4 @@
-"""The measurement model as arrays, and what kernels of eight runs keep of an epoch."""
+"""The equation of measurement as arrays, and what kernels of eight runs keep of an epoch."""
 
 from __future__ import annotations
 
@@ -8,42 +8,55 @@ from typing import Any
 
 import numpy as np
 
+from ..gravity.field import DisturbanceMap
 from ..gravity.spline import TENSOR_WORK
 from ..numerics import lanes
 from ..numerics.kernels import compiled
 from ..numerics.records import record
-from . import aiding_kernels
-from .aiding_kernels import Aiding
 from .gradiometer.instrument import STRAPDOWN
 
 
 @record
 class ModelArrays:
-    """The measurement model as arrays: all that the kernels of h and H are given.
+    """The equation of measurement as arrays: one for every channel of every sensor.
 
-    The first g channels are the gradiometer's, if there is one: h(k, x) = offset_k + gain_k ·
-    (Σ_i S_ki reading(reference_{k−lag_i} − B_k x) + b), where i counts the readings that the
-    whitening of coloured noise combines. Without any it is one, S_k0 = S and lag_0 = 0. The others
-    are those of :class:`.Aiding`. For many runs at once (a block) the arrays that differ from run
-    to run have the run as leading axis.
+    h_k(x) = offset_k + C_k x + gain_k Σ_i S_ki T(p̂_{k−lag_i} − B_k x) + W_k δg(p̂_k − x)
+
+    The m channels are the gradiometer's g, then those of the other sensors. T is the gravity
+    gradient tensor of the map in the axes of the mount, Γ_EE, Γ_EN, Γ_EU, Γ_NN, Γ_NU, Γ_UU [E]; δg
+    is the map's gravity disturbance ENU [m/s²]. Both are taken at positions p̂ of the INS, less
+    position errors ENU [m]; where the mount turns with the vehicle, T is also turned by its
+    attitude less the attitude error [rad]. The sum counts the readings that the whitening of
+    coloured noise combines: one without it, with lag 0. Only the gradiometer's rows have it, the
+    rows of S_ki of the others are zero. Biases, scale factors, lever arms, gravity and clocks are
+    columns of C_k or B_k; mounting angles and delays are columns of B_k. A channel that delivers
+    nothing at an epoch has an offset and rows of zeros there.
+
+    For many runs at once (a block) the arrays that differ from run to run have the run as leading
+    axis: those in :data:`OF_A_RUN`.
 
     Attributes
     ----------
-    dimension : number of states n.
+    dimension : number of states n. The first three are the position error ENU [m].
     instrument : index of :data:`.instrument.INSTRUMENTS`; strapdown where mounting angles are
         states, see :mod:`.gradiometer.mounting`.
     channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
     combined : (1 or K, T, g, 6) S_ki, of all epochs or of each.
     lags : (1 or K, T) by how many epochs each of the T readings is earlier; −1 where there is none.
-    bias : index of the first of the g biases b among the states; −1 for none.
-    origin, step, coefficients : the map, see :class:`.field.Field`.
-    times : (K,) t_k − τ_k [s].
+    origin, step, coefficients : the map of T, see :class:`.field.Field`.
+    times : (K,) t_k − τ_k, at which the gradiometer's readings are taken [s].
     references : (K, 3) INS positions then [rad, rad, m].
     attitudes : (K, 3, 3) INS attitudes C_nb then, or those of the mount; only of ``STRAPDOWN``.
-    rows : (K, 6, 15 or more) B_k, see :class:`SensorModel`; to mounting angles, if they are states.
+    rows : (K, 6, 15 to n) B_k, from x to the errors of position ENU [m] and attitude [rad] then;
+        states behind its columns have none.
     offset : (K, m) in units of the channels.
     gain : (K,) of the gradiometer; zero where its reading is missing.
-    aiding : the other channels.
+    linear : (K, m, n) C_k [unit of the channel per unit of the state].
+    first_linear : the first channel with a C_k or a W_k that is not zero; m if there is none.
+    columns : (s,) states by which C_k x + W_k δg changes, in order; see :func:`linear_reach`.
+    weights : (K, m, 3) W_k [unit of the channel per m/s²].
+    places : (K, 3) INS positions at the epochs [rad, rad, m].
+    gravity : the map of δg; empty where all W_k are zero.
     """
 
     dimension: int
@@ -51,7 +64,6 @@ class ModelArrays:
     channels: np.ndarray
     combined: np.ndarray
     lags: np.ndarray
-    bias: int
     origin: np.ndarray
     step: np.ndarray
     coefficients: np.ndarray
@@ -61,7 +73,12 @@ class ModelArrays:
     rows: np.ndarray
     offset: np.ndarray
     gain: np.ndarray
-    aiding: Aiding
+    linear: np.ndarray
+    first_linear: int
+    columns: np.ndarray
+    weights: np.ndarray
+    places: np.ndarray
+    gravity: DisturbanceMap
 
     def of_run(self, run: int) -> ModelArrays:
         """Return the arrays of one run of a block."""
@@ -77,18 +94,42 @@ class ModelArrays:
         ``change`` is given an array, and behind it that of each of the others.
         """
         models = (self, *others)
-        aiding: dict[str, Any] = {
-            name: change(*(getattr(model.aiding, name) for model in models))
-            for name in aiding_kernels.OF_A_RUN
-        }
         own: dict[str, Any] = {
             name: change(*(getattr(model, name) for model in models)) for name in OF_A_RUN
         }
-        return replace(self, **own, aiding=replace(self.aiding, **aiding))
+        if others:
+            own["first_linear"] = min(model.first_linear for model in models)
+            columns = np.unique(np.concatenate([model.columns for model in models]))
+            own["columns"] = immutable(columns)
+        return replace(self, **own)
 
 
-OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
-"""The arrays that differ from run to run, as do those of the aiding sensors."""
+OF_A_RUN = (
+    "references",
+    "attitudes",
+    "rows",
+    "offset",
+    "gain",
+    "linear",
+    "weights",
+    "places",
+)
+"""The arrays that differ from run to run."""
+
+
+def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarray]:
+    """Return ``first_linear`` and ``columns`` of C_k (..., m, n) and W_k (..., m, 3)."""
+    m, n = linear.shape[-2:]
+    used = np.asarray(linear.reshape(-1, m, n).any(axis=0))
+    weighed = np.asarray(weights.reshape(-1, m, 3).any(axis=(0, 2)))
+    used[:, :3] |= weighed[:, np.newaxis]
+    channels = np.flatnonzero(used.any(axis=1))
+    return int(channels[0]) if len(channels) else m, immutable(np.flatnonzero(used.any(axis=0)))
+
+
+def immutable(indices: np.ndarray) -> np.ndarray:
+    """Return a read-only copy of integers."""
+    return np.frombuffer(indices.tobytes(), indices.dtype).reshape(indices.shape)
 
 
 @record
@@ -101,14 +142,12 @@ class EpochContext:
     attitudes : (1, 9, lanes) C_nb, row by row.
     offset : (1, m, lanes) in units of the channels.
     gain : (1, 1, lanes) of the gradiometer.
-    there : (1, 1, lanes) one where any channel delivers a measurement.
     """
 
     references: np.ndarray
     attitudes: np.ndarray
     offset: np.ndarray
     gain: np.ndarray
-    there: np.ndarray
 
 
 @record
@@ -131,7 +170,7 @@ class PointScratch:
 def epoch_context(model: ModelArrays) -> EpochContext:
     """Return an unfilled context of a block."""
     new, m = lanes.lanes, model.offset.shape[2]
-    return EpochContext(new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1), new(1, 1))
+    return EpochContext(new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1))
 
 
 @compiled
@@ -151,11 +190,6 @@ def load_epoch(model: ModelArrays, group: np.ndarray, k: int, out: EpochContext)
     lanes.gather_row(model.offset, group, k, out.offset)
     for r in range(group.shape[0]):
         out.gain[0, 0, r] = model.gain[group[r], k]
-        there = out.gain[0, 0, r] != 0.0
-        present = model.aiding.present[group[r], k]
-        for c in range(present.shape[0]):
-            there = there or present[c] != 0.0
-        out.there[0, 0, r] = 1.0 if there else 0.0
     if model.instrument == STRAPDOWN:
         for r in range(group.shape[0]):
             attitude = model.attitudes[group[r], k]

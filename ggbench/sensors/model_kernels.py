@@ -1,7 +1,7 @@
-"""h and H of what is on board along INS tracks, compiled: one implementation, eight at a time.
+"""The equation of measurement and its derivative, compiled: h and H of eight states at a time.
 
-Every estimator's measurement model is these kernels, whatever its engine. A vector holds eight
-points: of eight runs, where compiled estimators ask, or of one run, where a framework does.
+All estimators use these kernels. :class:`.ModelArrays` has the equation and its symbols. A vector
+holds eight states: of eight runs in compiled estimators, or of one run in frameworks.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from ..gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of, normal_grad
 from ..gravity.field import Tensor, gradient_of
 from ..gravity.spline import spline_tensor_slopes, spline_tensors
 from ..numerics import lanes
-from ..numerics.kernels import compiled, copied, inlined
+from ..numerics.kernels import compiled, inlined
+from ..numerics.records import record
 from ..numerics.rotations import Matrix, left_jacobian, multiply, sine_cosine, small_turn, transpose
-from ..numerics.vectors import load, store
-from .aiding_kernels import linearise_aiding_of_run, predict_aiding
+from ..numerics.vectors import load, splat, store
 from .gradiometer.instrument import (
     LOCAL_LEVEL,
     PLATFORM,
@@ -27,6 +27,7 @@ from .gradiometer.instrument import (
     sum_of,
     turn_of,
 )
+from .gravity_kernels import add_gravity
 from .model_arrays import (
     EpochContext,
     ModelArrays,
@@ -111,7 +112,7 @@ def read(
     points: PointScratch,
     out: np.ndarray,
 ) -> None:
-    """Fill h [E] of the gradiometer at points, biases left out.
+    """Fill offset_k + gain_k Σ_i S_ki T of the gradiometer [E] at points.
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ def linearise_reading(
     predicted: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill the gradiometer's h [E], biases left out, and its derivative, at a point of each run.
+    """Fill what :func:`read` does [E], and its derivative, at a point of each run.
 
     For a platform the derivative is D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change
     and the local level's turn (eqs. 11, 12 of Wang et al. 2013). An attitude error beyond π is
@@ -277,71 +278,188 @@ def moving_errors(model: ModelArrays) -> int:
     return 6 if model.instrument == STRAPDOWN else 3
 
 
-@copied
+@record
+class Expansion:
+    """h of eight runs at a state of each, and its derivative H = A B_k + D.
+
+    Attributes
+    ----------
+    slope : (g, 6, lanes) A, of the gradiometer by the errors B_k x [E/m; E/rad];
+        :func:`moving_errors` columns are used.
+    b : (:func:`moving_errors`, 15 or more, lanes) B_k.
+    errors : (6, 1, lanes) B_k x.
+    linear : (m, n, lanes) D = C_k + W_k ∂δg/∂x, of the channels from ``first_linear`` on.
+    by_tensor : (1, m, lanes) h without C_k x + W_k δg.
+    predicted : (1, m, lanes) h.
+    context : INS solution, offset and gain.
+    points : scratch.
+    """
+
+    slope: np.ndarray
+    b: np.ndarray
+    errors: np.ndarray
+    linear: np.ndarray
+    by_tensor: np.ndarray
+    predicted: np.ndarray
+    context: EpochContext
+    points: PointScratch
+
+
+@compiled
+def expansion_of(model: ModelArrays) -> Expansion:
+    """Return unfilled arrays of a block."""
+    new = lanes.lanes
+    g, m, n = model.channels.shape[0], model.linear.shape[2], model.linear.shape[3]
+    return Expansion(
+        new(g, 6), new(moving_errors(model), model.rows.shape[3]), new(6, 1), new(m, n), new(1, m),
+        new(1, m), epoch_context(model), point_scratch(1),
+    )  # fmt: skip
+
+
+@compiled
+def load_expansion(model: ModelArrays, group: np.ndarray, k: int, out: Expansion) -> None:
+    """Fill what does not depend on the states: B_k, C_k and the context of a group (lanes,)."""
+    lanes.gather_rows(model.rows, group, k, out.b.shape[0], out.b)
+    load_epoch(model, group, k, out.context)
+    if model.first_linear < model.linear.shape[2]:
+        lanes.gather_rows(model.linear, group, k, out.linear.shape[0], out.linear)
+
+
+@inlined
+def _displace(x: np.ndarray, out: Expansion) -> None:
+    """Fill B_k x."""
+    for i in range(out.b.shape[0]):
+        total = splat(0.0)
+        for j in range(out.b.shape[1]):
+            total += load(out.b, i, j) * load(x, 0, j)
+        store(out.errors, i, 0, total)
+
+
+@inlined
+def _add_linear(model: ModelArrays, x: np.ndarray, evaluated: int, out: Expansion) -> None:
+    """Fill h without δg from C_k x and what the first ``evaluated`` channels make of T."""
+    columns = model.columns
+    for c in range(out.predicted.shape[1]):
+        if c >= evaluated:
+            store(out.by_tensor, 0, c, load(out.context.offset, 0, c))
+        total = load(out.by_tensor, 0, c)
+        if c >= model.first_linear:
+            for s in range(columns.shape[0]):
+                total += load(out.linear, c, columns[s]) * load(x, 0, columns[s])
+        store(out.predicted, 0, c, total)
+
+
+@compiled
+def predict_runs(
+    model: ModelArrays, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Expansion
+) -> None:
+    """Fill ``out.predicted``, h at a state of each run.
+
+    Parameters
+    ----------
+    model : of a block.
+    group : (lanes,) runs, of which ``count`` differ.
+    k : epoch.
+    x : (1, n, lanes) states.
+    out : with the arrays of :func:`load_expansion`.
+    """
+    m, g, width = out.predicted.shape[1], out.slope.shape[0], out.predicted.shape[2]
+    evaluated = 0
+    if g > 0 and out.context.gain.any():
+        evaluated = g
+        _displace(x, out)
+        by_channel = out.by_tensor.reshape((m, 1, width))[:g]
+        read(model, k, out.context, out.errors, 1, count, out.points, by_channel)
+    _add_linear(model, x, evaluated, out)
+    add_gravity(model, group, count, k, x, out.predicted, out.linear[:0])
+
+
+@compiled
+def expand(
+    model: ModelArrays, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Expansion
+) -> None:
+    """Fill h and its derivative at a state of each run.
+
+    Parameters
+    ----------
+    model, group, count, k, x : as in :func:`predict_runs`.
+    out : output; :func:`load_expansion` is part of this.
+    """
+    load_expansion(model, group, k, out)
+    _displace(x, out)
+    evaluated = 0
+    if out.slope.shape[0] > 0 and out.context.gain.any():
+        evaluated = out.slope.shape[0]
+        linearise_reading(
+            model, k, out.context, out.errors, count, out.points, out.by_tensor, out.slope
+        )
+    else:
+        out.slope[:] = 0.0
+    _add_linear(model, x, evaluated, out)
+    add_gravity(model, group, count, k, x, out.predicted, out.linear)
+
+
+@inlined
+def _fill_lanes(states: np.ndarray, first: int, count: int, x: np.ndarray) -> None:
+    """Fill x (1, n, lanes) with ``count`` of the states (N, n) from ``first`` on."""
+    for r in range(x.shape[2]):
+        state = states[first + min(r, count - 1)]
+        for j in range(state.shape[0]):
+            x[0, j, r] = state[j]
+
+
+@compiled
 def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     """Return h (N, m) of states (N, n); ``model`` is a block of one run."""
-    count, m, rows = states.shape[0], model.offset.shape[2], model.rows[0, k]
-    out = np.empty((count, m))
-    for c in range(m):
-        out[:, c] = model.offset[0, k, c]
-    predict_aiding(model.aiding, k, states, out)
-    g = model.channels.shape[0]
-    if g == 0 or model.gain[0, k] == 0.0:
-        return out
-    context, vectors = epoch_context(model), lanes.starts(count).shape[0]
-    points = point_scratch(vectors)
-    errors, found = lanes.lanes(6, vectors), lanes.lanes(g, vectors)
-    load_epoch(model, lanes.members(0, 1), k, context)
-    for i in range(moving_errors(model)):
-        flat = errors[i].reshape(-1)
-        for p in range(count):
-            for j in range(rows.shape[1]):
-                flat[p] += rows[i, j] * states[p, j]
-    read(model, k, context, errors, vectors, count, points, found)
-    for c in range(g):
-        flat = found[c].reshape(-1)
-        for p in range(count):
-            out[p, c] = flat[p]
-            if model.bias >= 0:
-                out[p, c] += model.gain[0, k] * states[p, model.bias + c]
+    group, at, x = lanes.members(0, 1), expansion_of(model), lanes.lanes(1, states.shape[1])
+    out = np.empty((states.shape[0], model.offset.shape[2]))
+    load_expansion(model, group, k, at)
+    for first in lanes.starts(states.shape[0]):
+        count = lanes.count_from(first, states.shape[0])
+        _fill_lanes(states, first, count, x)
+        predict_runs(model, group, count, k, x, at)
+        for r in range(count):
+            for c in range(out.shape[1]):
+                out[first + r, c] = at.predicted[0, c, r]
     return out
 
 
-@copied
+@compiled
+def _linearise(
+    model: ModelArrays,
+    k: int,
+    states: np.ndarray,
+    x: np.ndarray,
+    at: Expansion,
+    predicted: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill h (N, m) and H (N, m, n) of states (N, n) at an epoch; x and ``at`` are scratch."""
+    group, g, (moving, width) = lanes.members(0, 1), at.slope.shape[0], at.b.shape[:2]
+    out[:] = 0.0
+    for first in lanes.starts(states.shape[0]):
+        count = lanes.count_from(first, states.shape[0])
+        _fill_lanes(states, first, count, x)
+        expand(model, group, count, k, x, at)
+        for r in range(count):
+            for c in range(out.shape[1]):
+                predicted[first + r, c] = at.predicted[0, c, r]
+                if c < g:
+                    for j in range(moving):
+                        for i in range(width):
+                            out[first + r, c, i] += at.slope[c, j, r] * at.b[j, i, r]
+                if c >= model.first_linear:
+                    for i in model.columns:
+                        out[first + r, c, i] += at.linear[c, i, r]
+
+
+@compiled
 def linearise(
     model: ModelArrays, k: int, states: np.ndarray, predicted: np.ndarray, out: np.ndarray
 ) -> None:
     """Fill h (N, m) and H (N, m, n) of states (N, n) at an epoch; a block of one run."""
-    rows, moving = model.rows[0, k], moving_errors(model)
-    out[:] = 0.0
-    for i in range(states.shape[0]):
-        for c in range(predicted.shape[1]):
-            predicted[i, c] = model.offset[0, k, c]
-        linearise_aiding_of_run(model.aiding, k, states[i], predicted[i], out[i])
-    g = model.channels.shape[0]
-    if g == 0 or model.gain[0, k] == 0.0:
-        return
-    context, errors, points = epoch_context(model), lanes.lanes(6, 1), point_scratch(1)
-    found, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
-    load_epoch(model, lanes.members(0, 1), k, context)
-    for first in lanes.starts(states.shape[0]):
-        count = lanes.count_from(first, states.shape[0])
-        for i in range(moving):
-            for r in range(count):
-                errors[i, 0, r] = 0.0
-                for j in range(rows.shape[1]):
-                    errors[i, 0, r] += rows[i, j] * states[first + r, j]
-        linearise_reading(model, k, context, errors, count, points, found, slope)
-        for r in range(count):
-            for c in range(g):
-                predicted[first + r, c] = found[0, c, r]
-                for j in range(moving):
-                    for i in range(rows.shape[1]):
-                        out[first + r, c, i] += slope[c, j, r] * rows[j, i]
-                if model.bias >= 0:
-                    bias = model.bias + c
-                    predicted[first + r, c] += model.gain[0, k] * states[first + r, bias]
-                    out[first + r, c, bias] += model.gain[0, k]
+    x = lanes.lanes(1, states.shape[1])
+    _linearise(model, k, states, x, expansion_of(model), predicted, out)
 
 
 @compiled
@@ -351,6 +469,8 @@ def linearised(
     """Return h (N, m) and H (N, m, n) of states (N, n) at epochs (N,); a block of one run."""
     count, m = states.shape[0], model.offset.shape[2]
     predicted, out = np.empty((count, m)), np.empty((count, m, states.shape[1]))
+    x, expansion = lanes.lanes(1, states.shape[1]), expansion_of(model)
     for i in range(count):
-        linearise(model, at[i], states[i : i + 1], predicted[i : i + 1], out[i : i + 1])
+        some = slice(i, i + 1)
+        _linearise(model, at[i], states[some], x, expansion, predicted[some], out[some])
     return predicted, out

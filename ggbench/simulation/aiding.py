@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from ..gravity.field import DisturbanceMap
 from ..ins.strapdown import steady_force
-from ..sensors.aiding import AidingSensor, Barometer, Gravimeter, Motion, VelocityLog
-from ..sensors.aiding_kernels import MOVED, Aiding
+from ..sensors.aiding import AidingSensor, Barometer, Gravimeter, VelocityLog
 from ..sensors.gnss import FalsePositions, Gnss
 from ..spec.aiding import (
     BarometerSpec,
@@ -23,7 +18,6 @@ from ..spec.aiding import (
 )
 from ..spec.sensors import Side, TruthSpec
 from .instruments import interruptions
-from .sensor_suite import SensorSuite
 
 
 def sensors_of_side(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
@@ -110,38 +104,3 @@ def _of_gnss(spec: GnssSpec, changes: TrueGnss) -> tuple[tuple[float, ...], tupl
 def _false_positions(changes: TrueGnss) -> FalsePositions:
     within = changes.jump_from_s, changes.jump_until_s or math.inf
     return FalsePositions(changes.ramp_mps, changes.ramp_from_s, changes.jump_m, within)
-
-
-def aiding_model(
-    model: SensorSuite,
-    weighed: DisturbanceMap,
-    read_at: Sequence[np.ndarray],
-    motion: Motion,
-    turning: np.ndarray,
-) -> tuple[Aiding, np.ndarray]:
-    """Return h of the sensors about a motion (..., K, .), all readings there, and its offset.
-
-    Parameters
-    ----------
-    model : sensors.
-    weighed : the gravity of a map that they read.
-    read_at : indices of the epochs at which each is read.
-    motion : at the epochs.
-    turning : (..., K, 3) angular rates about the body's axes there [rad/s].
-    """
-    epochs, total = motion.positions.shape[:-1], len(model.aiding_biases)
-    offset, present = np.zeros((2, *epochs, total))
-    rows = np.zeros((*epochs, total, MOVED))
-    by_arm = np.zeros((*epochs, total if (model.aiding_arms >= 0).any() else 0, 3))
-    for sensor, some, at in zip(model.aiding, model.columns, read_at, strict=True):
-        now = motion.at(at)
-        offset[..., at, some], rows[..., at, some, :] = sensor.about(now)
-        if sensor.armed:
-            by_arm[..., at, some, :] = sensor.by_arm(now, turning[..., at, :])
-        present[..., at, some] = 1.0
-    weights = np.concatenate([np.zeros((0, 3)), *(sensor.weights for sensor in model.aiding)])
-    aiding = Aiding(
-        rows, model.aiding_biases, model.aiding_arms, by_arm, weights, model.gravity_state,
-        motion.positions, present, weighed,
-    )  # fmt: skip
-    return aiding, offset

@@ -24,7 +24,7 @@ def aiding_readings(
     """
     true, times, truth = flight.true, flight.times, flight.motion_at_epochs
     runs, epochs = ins.positions.shape[:2]
-    z = np.zeros((runs, epochs, len(true.aiding_biases)))
+    z = np.zeros((runs, epochs, sum(len(sensor.channels) for sensor in true.aiding)))
     present = np.zeros(z.shape, dtype=bool)
     states = np.zeros((runs, epochs, flight.model.dimension))
     for sensor, some, (known, biases, lever), at in zip(

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..numerics.lanes import groups
 from ..sensors.aiding import Motion
-from ..sensors.model import SensorModel, Taken
-from .aiding import aiding_model
+from ..sensors.model import DelayedInsSolution, SensorModel
 from .bound import Bound, posterior_bound
 from .error_free_flight import Flight
 from .formulation import arrays_along
@@ -101,9 +100,10 @@ def _bound(
         positions, attitudes = flight.trajectory.at(when.times - delays)
     model = SensorModel(
         arrays_along(
-            true, flight.field, when, motion, Taken(delays, positions, attitudes, rows),
+            true, flight.field, when, motion,
+            DelayedInsSolution(delays, positions, attitudes, rows),
             np.zeros(len(when.gradients), dtype=bool),
-            aiding_model(true, true.weighed(flight.field), when.aiding, motion, flight.turning),
+            true.aiding_model(flight.field, when.aiding, motion, flight.turning),
             true.whitening(when.times[when.gradients], flight.absent),
         )
     )  # fmt: skip

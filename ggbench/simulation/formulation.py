@@ -22,10 +22,8 @@ from ..ins.strapdown import TRACK
 from ..numerics.lanes import in_lanes, out_of_lanes
 from ..numerics.rotations import between
 from ..sensors.aiding import Motion
-from ..sensors.aiding_kernels import Aiding
-from ..sensors.model import Taken, model_arrays
+from ..sensors.model import AidingChannels, DelayedInsSolution, model_arrays
 from ..sensors.model_arrays import ModelArrays
-from .aiding import aiding_model
 from .sensor_suite import SensorSuite
 
 
@@ -113,12 +111,12 @@ class InsSolution(NamedTuple):
         """What the INS indicates at the epochs (R, K, .)."""
         return Motion.of_states(self.states)
 
-    def taken(self, delays: np.ndarray) -> Taken:
+    def delayed(self, delays: np.ndarray) -> DelayedInsSolution:
         """Return what the INS indicates when readings with delays (K,) are taken."""
-        return Taken(delays, self.delayed_positions, self.delayed_attitudes, self.rows)
+        return DelayedInsSolution(delays, self.delayed_positions, self.delayed_attitudes, self.rows)
 
 
-class Readings(NamedTuple):
+class SensorReadings(NamedTuple):
     """Readings of the sensors of R runs.
 
     Attributes
@@ -204,7 +202,7 @@ def added_gravity(
     field : of which the disturbance is added, if it is compensated.
     samples : (G,) of the INS at which the gradiometer is read.
     count : of its samples.
-    gradients, missing : (R, G, g), (R, G) as :class:`Readings` has them, if they are integrated.
+    gradients, missing : (R, G, g), (R, G) of :class:`SensorReadings`, if they are integrated.
     """
     if not model.integrates:
         return of_map(field.disturbance_map) if model.compensates else NORMAL_GRAVITY
@@ -215,7 +213,7 @@ def added_gravity(
 
 
 def build_problems(
-    model: SensorSuite, field: Field, when: MeasurementTimes, ins: InsSolution, read: Readings
+    model: SensorSuite, field: Field, when: MeasurementTimes, ins: InsSolution, read: SensorReadings
 ) -> ProblemBlock:
     """Return the estimation problems of R runs.
 
@@ -237,12 +235,9 @@ def build_problems(
         output = whitening.apply(output)
     # Zero where a reading is missing, as the model predicts it then, whatever the state.
     gradients[:, at] = np.where(there[:, at], output, 0.0)
-    aiding, offset = aiding_model(model, model.weighed(field), when.aiding, motion, ins.turning)
-    offset += ins.integrated @ aiding.gravity.T
-    # Zero where nothing is delivered, as h is then.
-    offset *= read.present
-    aiding.present[~read.present] = 0.0
-    aiding.rows[~read.present] = 0.0
+    aiding = model.aiding_model(field, when.aiding, motion, ins.turning)
+    if model.integrates:
+        aiding.offset[:] += np.einsum("...ei,...i->...e", aiding.weights, ins.integrated)
     return ProblemBlock(
         times=times,
         measurements=np.concatenate([gradients, read.others * read.present], axis=2),
@@ -252,8 +247,8 @@ def build_problems(
         prior_mean=np.zeros(model.dimension),
         prior_cov=model.prior_cov,
         model=arrays_along(
-            model, field, when, motion, ins.taken(when.delays(model)), read.missing,
-            (aiding, offset), whitening,
+            model, field, when, motion, ins.delayed(when.delays(model)), read.missing,
+            aiding.without(~read.present), whitening,
         ),
         layout=model.layout,
         present=np.concatenate([there, read.present], axis=2),
@@ -268,16 +263,16 @@ def arrays_along(
     field: Field,
     when: MeasurementTimes,
     ins: Motion,
-    taken: Taken,
+    taken: DelayedInsSolution,
     missing: np.ndarray,
-    others: tuple[Aiding, np.ndarray],
+    others: AidingChannels,
     whitening: Whitening | None,
 ) -> ModelArrays:
     """Return h of a suite's sensors and states: :func:`.sensors.model.model_arrays` of them."""
     treatment = model.treatment(len(when.gradients))
     return model_arrays(
         field, model.gradiometer, when.times, ins, taken, treatment, missing, when.gradients,
-        others, model.dimension, model.gradient_bias, whitening, model.mounting,
+        others, model.states, whitening,
     )  # fmt: skip
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..sensors.gradiometer.faults import biases as gradiometer_biases
 from ..sensors.gradiometer.instrument import Gradiometer, readings
+from ..sensors.states import MOUNTING, gradiometer_states
 from .error_free_flight import Flight, gradiometer_places
 from .random_streams import RandomStreams
 
@@ -21,37 +21,39 @@ class Gradients(NamedTuple):
     ----------
     output : (R, G, g) [E].
     missing : (R, G).
-    biases : (R, K, g) at all epochs [E].
-    mounting : (R, 3) angles by which the mount is turned about its axes [rad].
+    states : (R, K, s) at all epochs, true values of the instrument's states by their names.
     """
 
     output: np.ndarray
     missing: np.ndarray
-    biases: np.ndarray
-    mounting: np.ndarray
+    states: dict[str, np.ndarray]
 
     def of_runs(self, some: slice) -> Gradients:
         """Return the arrays of some of the runs."""
-        return Gradients(*(array[some] for array in self))
+        states = {name: values[some] for name, values in self.states.items()}
+        return Gradients(self.output[some], self.missing[some], states)
 
     @classmethod
     def joined(cls, parts: Sequence[Gradients]) -> Gradients:
         """Return what several have, one after the other."""
-        return parts[0] if len(parts) == 1 else cls(*map(np.concatenate, zip(*parts, strict=True)))
+        if len(parts) == 1:
+            return parts[0]
+        output, missing, states = zip(*parts, strict=True)
+        values = {name: np.concatenate([of[name] for of in states]) for name in states[0]}
+        return cls(np.concatenate(output), np.concatenate(missing), values)
 
 
 def gradients(flight: Flight, streams: Sequence[RandomStreams]) -> Gradients:
     """Return what the gradiometers of R runs deliver; of no readings without one."""
     runs, width = len(streams), flight.model.gradients
-    unknown, unturned = np.zeros((runs, len(flight.times), width)), np.zeros((runs, 3))
     if flight.measured is not None:
         # What was measured is the same in all runs; nothing is known of biases and of the mount.
         output = np.tile(np.nan_to_num(flight.measured), (runs, 1, 1))
-        return Gradients(output, np.tile(flight.absent, (runs, 1)), unknown, unturned)
+        return Gradients(output, np.tile(flight.absent, (runs, 1)), {})
     if flight.true.gradiometer is not None:
         return _with_errors(flight, flight.true.gradiometer, streams)
     none = np.zeros((runs, 0), dtype=bool)
-    return Gradients(np.zeros((runs, 0, width)), none, unknown, unturned)
+    return Gradients(np.zeros((runs, 0, width)), none, {})
 
 
 def _with_errors(
@@ -63,8 +65,10 @@ def _with_errors(
     channels = instrument.channels
     undistorted = flight.noise_free @ channels.T
     output = np.empty((len(streams), len(times), len(channels)))
-    biases = np.zeros((len(streams), len(flight.times), len(channels)))
-    turned = np.zeros((len(streams), 3))
+    kinds = [kind for kind in gradiometer_states(instrument) if kind.sigma]
+    shape = len(streams), len(flight.times)
+    states = {kind.name: np.zeros((*shape, len(kind.sigma))) for kind in kinds}
+    states[MOUNTING] = np.zeros((*shape, 3))
     for run, of_run in enumerate(streams):
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
@@ -73,28 +77,25 @@ def _with_errors(
             tensors = faults.tilted(tensors, times, of_run["gradiometer/tilt"])
         if tensors is not flight.noise_free:
             exact = tensors @ channels.T
-        if instrument.mounting_sigma > 0.0:
-            turned[run] = instrument.mounting_sigma * of_run[
-                "gradiometer/mounting"
-            ].standard_normal(3)
-        if faults.distorts or flight.disks is not None or turned[run].any():
-            turned[run] += faults.mounting(of_run["gradiometer/errors"])
-            exact = faults.distort(tensors, channels, turned[run], of_run["gradiometer/errors"])
+        for kind in kinds:
+            states[kind.name][run] = kind.draw(flight.times, of_run[f"gradiometer/{kind.stream}"])
+        angles = states[MOUNTING][run]
+        if faults.distorts or flight.disks is not None or angles.any():
+            angles += faults.mounting(of_run["gradiometer/errors"])
+            exact = faults.distort(tensors, channels, angles[0], of_run["gradiometer/errors"])
         if flight.disks is not None:
             exact = exact + flight.disks.errors(
                 instrument.components, tensors, *flight.motion, of_run["gradiometer/errors"]
             )
         if faults.scale_drift > 0.0:
             exact = exact * faults.drifted(times, len(channels), of_run["gradiometer/scale"])
-        if instrument.biased:
-            biases[run] = gradiometer_biases(
-                instrument, len(channels), flight.times, of_run["gradiometer/biases"]
-            )
+        for kind in kinds:
+            exact = kind.distort(exact, states[kind.name][run, at])
         noise = instrument.noise(len(times), of_run["gradiometer/"])
         if math.isfinite(faults.freedom):
             noise *= faults.tails(noise.shape, of_run["gradiometer/tails"])
         noise *= flight.noise_growth[:, np.newaxis]
-        output[run] = exact + biases[run, at] + noise
+        output[run] = exact + noise
         if faults.outlier_share > 0.0:
             output[run] += faults.outliers(times, len(channels), of_run["gradiometer/outliers"])
     if instrument.lowpass is not None:
@@ -102,7 +103,7 @@ def _with_errors(
     if instrument.noise_behind_filter > 0.0:
         for run, of_run in enumerate(streams):
             output[run] += instrument.noise_behind(len(times), of_run["gradiometer/behind_filter"])
-    return Gradients(output, _missing(flight, streams), biases, turned)
+    return Gradients(output, _missing(flight, streams), states)
 
 
 def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:

@@ -20,7 +20,13 @@ from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.lanes import in_lanes, out_of_lanes, place, unfilled
 from ..problem import Problem
 from ..sensors.aiding import Motion, corrected_motion
-from .formulation import InsSolution, MeasurementTimes, Readings, build_problems, propagate_errors
+from .formulation import (
+    InsSolution,
+    MeasurementTimes,
+    SensorReadings,
+    build_problems,
+    propagate_errors,
+)
 from .sensor_suite import SensorSuite
 
 FED_BACK = 9
@@ -146,7 +152,7 @@ class Loop:
         ).problem(0)
         return self._part
 
-    def _seen_from(self, ins: Motion, when: MeasurementTimes, epochs: slice) -> Readings:
+    def _seen_from(self, ins: Motion, when: MeasurementTimes, epochs: slice) -> SensorReadings:
         """Return the readings of some epochs as they are from another track."""
         model, problem = self._replay.model, self._problem
         z, there = problem.measurements[np.newaxis, epochs], problem.present[np.newaxis, epochs]
@@ -156,7 +162,7 @@ class Loop:
             others[..., columns] = sensor.seen_from(others[..., columns], old, ins)
         gradients = z[:, when.gradients, : model.gradients]
         missing = np.logical_not(there[:, when.gradients, : model.gradients].all(axis=2))
-        return Readings(gradients, missing, others, there[..., model.gradients :])
+        return SensorReadings(gradients, missing, others, there[..., model.gradients :])
 
     def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
         """Set the INS right by the estimate of the part that was asked for last.

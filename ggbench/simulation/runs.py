@@ -26,7 +26,7 @@ from ..sensors.aiding import Motion, corrected_motion
 from .aiding_readings import aiding_readings
 from .error_free_flight import Flight
 from .flight_bounds import require_together
-from .formulation import InsSolution, Readings, build_problems, propagate_errors
+from .formulation import InsSolution, SensorReadings, build_problems, propagate_errors
 from .gradients import Gradients, gradients
 from .random_streams import RandomStreams
 from .replay import Recording, Replays
@@ -102,7 +102,7 @@ def simulate_flights(
         gravity = first.added_gravity(first.model_field, seen.of_runs(some)[:2])
         imu_biases[some], recorded = _navigate(flights[some], streams[some], gravity, scratch)
         propagate_errors(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
-        if not model.remembers:
+        if not model.has_memory:
             recordings.append(recorded._replace(increments=recorded.increments.copy()))
     finished = []
     for part in parts:
@@ -113,7 +113,7 @@ def simulate_flights(
         finished.append((problems, states))
     blocks, truths = zip(*finished, strict=True)
     block = joined(blocks)
-    if not model.remembers:
+    if not model.has_memory:
         gravity = first.added_gravity(first.model_field)
         replays = Replays(model, first.model_field, when, gravity, recordings, len(runs))
         block = dataclasses.replace(block, replays=replays)
@@ -132,11 +132,10 @@ def _add_states(
     navigation_errors(ins.states, *flight.motion_at_epochs, error_state)
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
-        error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
-    if model.mounting >= 0:
-        error_state[:, :, model.mounting : model.mounting + 3] = seen.mounting[:, np.newaxis]
-    if (bias := model.gradient_bias) >= 0:
-        error_state[:, :, bias : bias + model.gradients] = seen.biases
+        error_state[:, :, STATES : model.ins_state_count] = flight.unknown_to_a_map - ins.integrated
+    for place, kind in model.states:
+        if kind.name in seen.states:
+            error_state[:, :, place] = seen.states[kind.name]
 
 
 class Record(NamedTuple):
@@ -155,7 +154,7 @@ class Record(NamedTuple):
     increments: np.ndarray
     heights: np.ndarray
     indicated: Motion
-    read: Readings
+    read: SensorReadings
 
 
 def record(flight: Flight, seed: int, run: int) -> Record:
@@ -180,10 +179,10 @@ def record(flight: Flight, seed: int, run: int) -> Record:
 
 def _readings(
     flight: Flight, streams: Sequence[RandomStreams], seen: Gradients, ins: Motion
-) -> tuple[Readings, np.ndarray]:
+) -> tuple[SensorReadings, np.ndarray]:
     """Return what the sensors of R runs deliver, and the true states (R, K, n) of the others."""
     measurements, present, states = aiding_readings(flight, streams, ins)
-    return Readings(seen.output, seen.missing, measurements, present), states
+    return SensorReadings(seen.output, seen.missing, measurements, present), states
 
 
 class _Scratch(NamedTuple):

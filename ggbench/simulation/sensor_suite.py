@@ -32,6 +32,8 @@ from ..problem import Channel, StateBlock
 from ..sensors.aiding import AidingSensor, Motion
 from ..sensors.gradiometer.instrument import Gradiometer
 from ..sensors.gradiometer.lowpass import Prefilter, prefilter
+from ..sensors.model import AidingChannels, aiding_channels
+from ..sensors.states import PlacedStates, names_of, states_of
 from ..spec.sensors import InitialErrorSpec
 from .instruments import GravityState
 
@@ -42,8 +44,6 @@ _LAYOUT = (
     StateBlock("gyro bias", GYRO_BIAS, "rad/s"),
     StateBlock("accelerometer bias", ACCELEROMETER_BIAS, "m/s²"),
 )
-_GRAVITY, _MOUNTING = "gravity disturbance ENU", "gradiometer mounting error"
-_GRADIENT_BIAS = "gradiometer bias"
 
 
 class AidingStates(NamedTuple):
@@ -52,12 +52,6 @@ class AidingStates(NamedTuple):
     sensor: AidingSensor
     biases: slice
     arm: slice
-
-
-def _states_of(sensor: AidingSensor) -> tuple[str, str]:
-    """Return the names of its biases and of its lever arm's errors in a layout."""
-    name = sensor.name.replace("_", " ")
-    return f"{name} bias", f"{name} lever arm error"
 
 
 @dataclass(frozen=True)
@@ -85,8 +79,8 @@ class SensorSuite:
     compensates: bool = False
     map_error: tuple[float, ...] = ()
 
-    def weighed(self, field: Field) -> DisturbanceMap:
-        """Return of which map of gravity a gravimeter's readings are functions of the position.
+    def gravimeter_map(self, field: Field) -> DisturbanceMap:
+        """Return the map of gravity on which a gravimeter's readings depend by the position.
 
         Where the gravity that the INS does not know is a state, only of what the INS adds.
         """
@@ -99,7 +93,7 @@ class SensorSuite:
         return self.disturbance is not None and self.disturbance.walk is not None
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether filtered, late or whitened readings, or integrals, depend on the track before.
 
         Feedback would change that track.
@@ -131,75 +125,33 @@ class SensorSuite:
     @cached_property
     def layout(self) -> tuple[StateBlock, ...]:
         """The states: the INS's, and gravity, mounting angles, biases and lever arms if unknown."""
-        found = list(_LAYOUT)
+        placed = (StateBlock(kind.name, place, kind.unit) for place, kind in self.states)
+        return (*_LAYOUT, *placed)
 
-        def add(name: str, count: int, unit: str) -> None:
-            if count > 0:
-                first = found[-1].slice.stop
-                found.append(StateBlock(name, slice(first, first + count), unit))
+    @cached_property
+    def states(self) -> list[PlacedStates]:
+        """The states behind those of the INS."""
+        sizes = () if self.disturbance is None else self.disturbance.sizes
+        return states_of(self.gradiometer, self.aiding, sizes, STATES)
 
-        add(_GRAVITY, self.disturbed - STATES, "m/s²")
-        if (gradiometer := self.gradiometer) is not None:
-            add(_MOUNTING, 3 if gradiometer.mounting_sigma > 0.0 else 0, "rad")
-            add(_GRADIENT_BIAS, self.gradients if gradiometer.biased else 0, "E")
-        for sensor in self.aiding:
-            bias, arm = _states_of(sensor)
-            add(bias, sensor.biased, sensor.channels[0].unit)
-            add(arm, sensor.armed, "m")
-        return tuple(found)
-
-    def _states(self, name: str) -> slice:
-        """Return the states of a block of the layout; none, beginning at −1, if it has no such."""
-        return next((block.slice for block in self.layout if block.name == name), slice(-1, -1))
+    def _place(self, name: str) -> slice:
+        """Return the states of a block of the layout; an empty slice if it has no such."""
+        return next((block.slice for block in self.layout if block.name == name), slice(0, 0))
 
     @cached_property
     def aiding_states(self) -> list[AidingStates]:
         """The states of each of the aiding sensors, behind all others."""
-        return [
-            AidingStates(sensor, *map(self._states, _states_of(sensor))) for sensor in self.aiding
-        ]
+        return [AidingStates(sensor, *map(self._place, names_of(sensor))) for sensor in self.aiding]
 
     @property
-    def disturbed(self) -> int:
+    def ins_state_count(self) -> int:
         """Number of states of the INS, the gravity disturbance included if it is one."""
         return STATES if self.disturbance is None else STATES + 3
-
-    @property
-    def gravity_state(self) -> int:
-        """The first state of the gravity disturbance; −1 if it is none."""
-        return int(self._states(_GRAVITY).start)
-
-    @property
-    def mounting(self) -> int:
-        """The first of three states that are mounting angles of the gradiometer; −1 for none."""
-        return int(self._states(_MOUNTING).start)
-
-    @property
-    def gradient_bias(self) -> int:
-        """The first state that is a bias of the gradiometer; −1 without any."""
-        return int(self._states(_GRADIENT_BIAS).start)
 
     @property
     def dimension(self) -> int:
         """Number of states: 15, and those of gravity, mounting angles, biases and lever arms."""
         return int(self.layout[-1].slice.stop)
-
-    @cached_property
-    def aiding_biases(self) -> np.ndarray:
-        """Which state is the bias of each channel behind the gradiometer's (e,); −1 for none."""
-        found: list[int] = []
-        for sensor, biases, _ in self.aiding_states:
-            found += range(biases.start, biases.stop)
-            found += [-1] * (len(sensor.channels) - sensor.biased)
-        return np.array(found, dtype=np.int64)
-
-    @cached_property
-    def aiding_arms(self) -> np.ndarray:
-        """The first state of the lever arm of each of these channels (e,); −1 for none."""
-        return np.array(
-            [arm.start for sensor, _, arm in self.aiding_states for _ in sensor.channels],
-            dtype=np.int64,
-        )
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
@@ -264,17 +216,8 @@ class SensorSuite:
         # A sensor without bias leaves no freedom; a covariance must stay positive definite.
         sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
-        if self.disturbance is not None:
-            sigma[STATES : self.disturbed] = self.disturbance.sizes
-        if self.gradiometer is not None:
-            # A bias that only walks starts from a hundredth of what one reading adds: states are
-            # solved for in units of their prior, which must not be nothing against the walk.
-            walk = self.gradiometer.drift * math.sqrt(self.gradiometer.period)
-            sigma[self.disturbed :] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
-            if self.mounting >= 0:
-                sigma[self.mounting : self.mounting + 3] = self.gradiometer.mounting_sigma
-        for sensor, biases, arm in self.aiding_states:
-            sigma[biases], sigma[arm] = sensor.bias, sensor.arm_sigma
+        for place, kind in self.states:
+            sigma[place] = kind.sigma
         return np.diag(sigma**2)
 
     def system(
@@ -373,22 +316,37 @@ class SensorSuite:
             )
         else:
             rows[:] = np.eye(STATES)[list(MOVED)]
-        self._add_biases(epochs, dt, transition, process_cov)
+        self._add_sensor_states(epochs * dt, transition, process_cov)
 
-    def _add_biases(
-        self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray
+    def _add_sensor_states(
+        self, times: np.ndarray, transition: np.ndarray, process_cov: np.ndarray
     ) -> None:
-        """Fill what constants and biases have in Φ and Q (R, K, n, n): a walk, or a decay."""
-        first = self.disturbed
+        """Fill what the states of sensors have in Φ and Q (R, K, n, n), at times (K,) [s]."""
+        first = self.ins_state_count
         transition[:, :, :first, first:] = transition[:, :, first:] = 0.0
         process_cov[:, :, :first, first:] = process_cov[:, :, first:] = 0.0
-        lasting = np.arange(first, self.dimension)
-        transition[:, :, lasting, lasting] = 1.0
-        if self.gradiometer is not None and self.gradiometer.biased:
-            own = np.arange(self.gradient_bias, self.gradient_bias + self.gradients)
-            walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
-            process_cov[:, :, own, own] = walk[:, np.newaxis]
-        for sensor, biases, _ in self.aiding_states:
-            own, decay = np.arange(biases.start, biases.stop), sensor.decay(epochs * dt)
-            transition[:, :, own, own] = decay[:, np.newaxis]
-            process_cov[:, :, own, own] = (sensor.bias**2 * (1.0 - decay**2))[:, np.newaxis]
+        for place, kind in self.states:
+            if place.start >= first:
+                own = np.arange(place.start, place.stop)
+                transition[:, :, own, own] = kind.decay(times)[:, np.newaxis]
+                process_cov[:, :, own, own] = kind.driven(times)[:, np.newaxis]
+
+    def aiding_model(
+        self, field: Field, read_at: Sequence[np.ndarray], motion: Motion, turning: np.ndarray
+    ) -> AidingChannels:
+        """Return the equation of the aiding sensors: :func:`.aiding_channels`.
+
+        Parameters
+        ----------
+        field : the map.
+        read_at, motion, turning : as :func:`.aiding_channels` has them.
+        """
+        return aiding_channels(
+            sensors=self.aiding,
+            states=self.states,
+            dimension=self.dimension,
+            gravity=self.gravimeter_map(field),
+            read_at=read_at,
+            motion=motion,
+            turning=turning,
+        )

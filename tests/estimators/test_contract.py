@@ -338,9 +338,8 @@ def test_a_campaign_gives_what_a_notebook_gives(case, tmp_path):
 
 def numbers_of(model: SensorModel) -> list[object]:
     """All arrays of a model."""
-    *own, aiding = fields_of(model.arrays)
-    *others, gravity = fields_of(aiding)
-    return [*own, *others, *fields_of(gravity)]
+    *own, gravity = fields_of(model.arrays)
+    return [*own, *fields_of(gravity)]
 
 
 def public(item: object) -> list[str]:

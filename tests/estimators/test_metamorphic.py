@@ -62,7 +62,7 @@ def assert_same(label: str, one: Problem, other: Problem, tolerance: float = 1e-
 def mixed(problem: Problem, mixing: np.ndarray, noise_cov: np.ndarray | None = None) -> Problem:
     """The problem whose channels are a linear combination (m', m) of the given ones."""
     arrays = problem.model.arrays
-    assert len(arrays.channels) == problem.measurements.shape[1]  # of the gradiometer alone
+    assert arrays.first_linear == problem.measurements.shape[1]  # of the gradiometer alone
     if noise_cov is None:
         noise_cov = mixing @ problem.noise_cov @ mixing.T
     return changed(
@@ -77,6 +77,9 @@ def mixed(problem: Problem, mixing: np.ndarray, noise_cov: np.ndarray | None = N
                 channels=mixing @ arrays.channels,
                 combined=mixing @ arrays.combined,
                 offset=arrays.offset @ mixing.T,
+                linear=mixing @ arrays.linear,
+                first_linear=len(mixing),
+                weights=mixing @ arrays.weights,
             )
         ),
     )
@@ -134,16 +137,12 @@ def test_a_turn_of_longitude_changes_nothing(label, turns):
     problem = flown()
     turn = np.array([0.0, 2.0 * math.pi * turns, 0.0])
     arrays = problem.model.arrays
-    aiding = arrays.aiding
     moved = dataclasses.replace(
         arrays,
         references=arrays.references + turn,
         origin=arrays.origin + turn,
-        aiding=dataclasses.replace(
-            aiding,
-            places=aiding.places + turn,
-            map=dataclasses.replace(aiding.map, origin=aiding.map.origin + turn),
-        ),
+        places=arrays.places + turn,
+        gravity=dataclasses.replace(arrays.gravity, origin=arrays.gravity.origin + turn),
     )
     track, chart = problem.track, problem.map
     problem = changed(

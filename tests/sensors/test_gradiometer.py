@@ -23,7 +23,12 @@ from ggbench.sensors.gradiometer.instrument import (
     rotate_tensors,
 )
 from ggbench.sensors.gradiometer.lowpass import prefilter
-from ggbench.sensors.model import SensorModel, Taken, model_arrays, without_aiding
+from ggbench.sensors.model import (
+    DelayedInsSolution,
+    SensorModel,
+    model_arrays,
+    without_aiding,
+)
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
 
@@ -51,15 +56,15 @@ def plain_model(field: Field, positions: np.ndarray, times: np.ndarray, componen
             Gradiometer(0.01, None, components),
             times,
             Motion(positions, still, level),
-            Taken(np.zeros(count), positions, level, np.tile(np.eye(6, 3), (count, 1, 1))),
+            DelayedInsSolution(
+                np.zeros(count), positions, level, np.tile(np.eye(6, 3), (count, 1, 1))
+            ),
             prefilter(None, count, "whitened", 0.0),
             missing=np.zeros(count, dtype=bool),
             at=np.arange(count),
-            others=without_aiding(field, positions),
-            dimension=3,
-            bias=-1,
+            others=without_aiding((count,), 3),
+            states=[],
             whitening=None,
-            mounting=-1,
         )
     )
 

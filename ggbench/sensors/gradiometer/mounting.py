@@ -9,42 +9,57 @@ Their products with α are neglected, 0.01 E for 30′ and 3′ near 3000 E; α 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from ...gravity.ellipsoid import metres_along
 from .instrument import PLATFORM, STRAPDOWN, inertial_from_local
 
 
-def as_strapdown(
-    instrument: int,
-    positions: np.ndarray,
-    times: np.ndarray,
-    attitudes: np.ndarray,
-    rows: np.ndarray,
-    first: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return attitudes A (..., K, 3, 3) and rows (..., K, 6, first + 3) of h with mounting angles.
+@dataclass(frozen=True)
+class Mount:
+    """How a gradiometer is mounted along INS tracks.
 
-    Parameters
+    Attributes
     ----------
     instrument : index of :data:`.instrument.INSTRUMENTS`.
     positions, times : (..., K, 3), (K,) at which readings are taken [rad, rad, m], [s].
     attitudes : (..., K, 3, 3) C_nb then, of a strapdown instrument.
-    rows : (..., K, 6, 15) from the states to the errors of position [m] and attitude [rad] then.
-    first : the first of the three states that are the angles [rad]; 15 or more.
+    rows : (..., K, 6, 15 or more) B_k, from the states to the errors of position ENU [m] and
+        attitude [rad] then.
     """
+
+    instrument: int
+    positions: np.ndarray
+    times: np.ndarray
+    attitudes: np.ndarray
+    rows: np.ndarray
+
+
+def with_mounting_angles(mount: Mount, first: int) -> Mount:
+    """Return a mount as one that is fixed to a body, with mounting angles as states.
+
+    Its attitudes are A, and B_k has the columns of the three angles [rad].
+
+    Parameters
+    ----------
+    mount : without them.
+    first : the first of the three states; 15 or more.
+    """
+    rows, columns = mount.rows, mount.rows.shape[-1]
     found = np.zeros((*rows.shape[:-1], first + 3))
-    found[..., :3, : rows.shape[-1]] = rows[..., :3, :]
-    axes = np.broadcast_to(np.eye(3), (*positions.shape, 3))
-    if instrument == STRAPDOWN:
-        axes = attitudes
-        found[..., 3:, : rows.shape[-1]] = rows[..., 3:, :]
-    elif instrument == PLATFORM:
-        axes = np.swapaxes(inertial_from_local(positions, times), -1, -2)
-        turns = _level_turns(np.ascontiguousarray(positions.reshape(-1, 3)))
-        found[..., 3:, : rows.shape[-1]] = turns.reshape(axes.shape) @ rows[..., :3, :]
+    found[..., :3, :columns] = rows[..., :3, :]
+    axes = np.broadcast_to(np.eye(3), (*mount.positions.shape, 3))
+    if mount.instrument == STRAPDOWN:
+        axes = mount.attitudes
+        found[..., 3:, :columns] = rows[..., 3:, :]
+    elif mount.instrument == PLATFORM:
+        axes = np.swapaxes(inertial_from_local(mount.positions, mount.times), -1, -2)
+        turns = _level_turns(np.ascontiguousarray(mount.positions.reshape(-1, 3)))
+        found[..., 3:, :columns] = turns.reshape(axes.shape) @ rows[..., :3, :]
     found[..., 3:, first:] = -axes
-    return axes, found
+    return replace(mount, instrument=STRAPDOWN, attitudes=axes, rows=found)
 
 
 def _level_turns(positions: np.ndarray) -> np.ndarray:

@@ -1,0 +1,137 @@
+"""Term of the map's gravity disturbance in the equation of measurement, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..gravity.ellipsoid import metres_per_radian_of
+from ..gravity.spline import vector_at
+from ..numerics.kernels import compiled, inlined
+from ..numerics.rotations import sine_cosine
+from .model_arrays import ModelArrays
+
+
+@compiled
+def disturbance_at(
+    model: ModelArrays, run: int, k: int, error: np.ndarray, value: np.ndarray, slope: np.ndarray
+) -> None:
+    """Fill δg (3,), the gravity disturbance ENU [m/s²], where a run is if its INS errs so.
+
+    Parameters
+    ----------
+    model, run, k : of a block; run and epoch.
+    error : (3,) position error ENU [m].
+    slope : (3, 3) output, how it changes with a metre of error to the east, to the north and up.
+    """
+    place = model.places[run, k]
+    sine, cosine = sine_cosine(place[0])
+    per_north, per_east = metres_per_radian_of(sine, cosine, place[2])
+    at = np.empty(3)
+    at[0] = place[0] - error[1] / per_north
+    at[1] = place[1] - error[0] / per_east
+    at[2] = place[2] - error[2]
+    along = np.empty((3, 3))
+    gravity = model.gravity
+    vector_at(at, gravity.origin, gravity.step, gravity.coefficients, value, along)
+    for i in range(3):
+        slope[i, 0] = -along[i, 1] / per_east
+        slope[i, 1] = -along[i, 0] / per_north
+        slope[i, 2] = -along[i, 2]
+
+
+@inlined
+def _weighs(weights: np.ndarray) -> bool:
+    """Return whether any channel of a run depends on the map's gravity, by its W_k (m, 3)."""
+    for c in range(weights.shape[0]):
+        for i in range(3):
+            if weights[c, i] != 0.0:
+                return True
+    return False
+
+
+@compiled
+def add_gravity(
+    model: ModelArrays,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    x: np.ndarray,
+    predicted: np.ndarray,
+    slope: np.ndarray,
+) -> None:
+    """Add W_k δg(p̂_k − x) of each run to h, and its derivative to a slope.
+
+    Parameters
+    ----------
+    model : of a block.
+    group : (lanes,) runs, of which ``count`` differ.
+    k : epoch.
+    x : (1, n, lanes) states.
+    predicted : (1, m, lanes) h, changed.
+    slope : (m, n, lanes) derivative by the states, changed; (0, n, lanes) if it is not wanted.
+    """
+    if model.gravity.coefficients.size == 0:
+        return
+    error, value, along = np.empty(3), np.empty(3), np.empty((3, 3))
+    for r in range(count):
+        weights = model.weights[group[r], k]
+        if not _weighs(weights):
+            continue
+        for i in range(3):
+            error[i] = x[0, i, r]
+        disturbance_at(model, group[r], k, error, value, along)
+        for c in range(weights.shape[0]):
+            for i in range(3):
+                predicted[0, c, r] += weights[c, i] * value[i]
+                if slope.shape[0] > 0:
+                    for j in range(3):
+                        slope[c, j, r] += weights[c, i] * along[i, j]
+
+
+@compiled
+def bend_gravity_pairs(
+    model: ModelArrays,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    x: np.ndarray,
+    lower: np.ndarray,
+    spread: float,
+    odd: np.ndarray,
+    even: np.ndarray,
+) -> None:
+    """Add what W_k δg adds at x ± d_q to its straight line at x, d_q = spread · L_q.
+
+    Parameters
+    ----------
+    model, group, count, k, x : as in :func:`add_gravity`.
+    lower : (n, n, lanes) lower triangular root of P.
+    odd, even : (m, n, lanes) half the difference and half the sum of h(x ± d_q) − h(x), changed.
+    """
+    if model.gravity.coefficients.size == 0:
+        return
+    error, centre, plus, minus = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    along, unused = np.empty((3, 3)), np.empty((3, 3))
+    for r in range(count):
+        run, weights = group[r], model.weights[group[r], k]
+        if not _weighs(weights):
+            continue
+        for i in range(3):
+            error[i] = x[0, i, r]
+        disturbance_at(model, run, k, error, centre, along)
+        for q in range(3):  # the others do not move the place
+            for i in range(3):
+                error[i] = x[0, i, r] + (spread * lower[i, q, r] if i >= q else 0.0)
+            disturbance_at(model, run, k, error, plus, unused)
+            for i in range(3):
+                error[i] = x[0, i, r] - (spread * lower[i, q, r] if i >= q else 0.0)
+            disturbance_at(model, run, k, error, minus, unused)
+            for i in range(3):
+                straight = 0.0
+                for j in range(q, 3):
+                    straight += along[i, j] * lower[j, q, r]
+                bent = 0.5 * (plus[i] - minus[i]) - spread * straight
+                mean = 0.5 * (plus[i] + minus[i]) - centre[i]
+                for c in range(weights.shape[0]):
+                    odd[c, q, r] += weights[c, i] * bent
+                    even[c, q, r] += weights[c, i] * mean
