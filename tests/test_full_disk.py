@@ -68,7 +68,8 @@ def a_figure():
 
 def a_page(path, monkeypatch):
     monkeypatch.setattr(html_page, "text", lambda *_: "x" * 100_000)
-    html_page.write(None, path, "")
+    monkeypatch.setattr(html_page, "_figures", lambda *_: None)
+    html_page.write(None, None, path, "")
 
 
 WRITERS = {

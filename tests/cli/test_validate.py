@@ -198,7 +198,7 @@ def test_maps_to_be_built_are_named(tmp_path, monkeypatch, capsys):
     compiling.tell_maps([field, field])
     said = capsys.readouterr().out
     assert said.count("Building a map of egm2008_qinling, 33° to 34° N, 107.5° to 109.1° E") == 1
-    built = tmp_path / "maps" / f"{recipe.content_key(map_recipe(field))}.npz"
+    built = recipe.cached_path(map_recipe(field))
     built.parent.mkdir()
     built.touch()
     compiling.tell_maps([field])

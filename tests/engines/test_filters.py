@@ -202,13 +202,21 @@ def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(
     block = prepared(case, CASES[case])
     gain, offset = block.model.gain.copy(), block.model.offset.copy()
     measurements, process_cov = block.measurements.copy(), block.process_cov.copy()
-    gain[1, 5:9], offset[1, 5:9], measurements[1, 5:9] = 0.0, 0.0, 0.0
+    linear, present = block.model.linear.copy(), block.present.copy()
+    for array in (gain, offset, linear, measurements, present):
+        array[1, 5:9] = 0.0
     process_cov[2, 10:] += np.diag(1e-6 * np.diag(block.prior_cov))
     odd = dataclasses.replace(
         block,
         measurements=measurements,
+        present=present,
         process_cov=process_cov,
-        model=dataclasses.replace(block.model, gain=read_only(gain), offset=read_only(offset)),
+        model=dataclasses.replace(
+            block.model,
+            gain=read_only(gain),
+            offset=read_only(offset),
+            linear=read_only(linear),
+        ),
     )
     found, usual = estimator.estimate_block(odd), estimator.estimate_block(block)
     np.testing.assert_array_equal(found.cov[0], usual.cov[0])

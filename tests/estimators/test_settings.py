@@ -9,10 +9,12 @@ import pytest
 from oracles import reference
 from problems import LinearModel, changed, estimator, linear_problem, rng
 from rough_field import rough_flight
+from small_cases import ON_BOARD, small_flight
 from thinning import thinned
 
 from ggbench.campaign.registry import EstimatorError
 from ggbench.problem import Channel, Problem, StateBlock
+from ggbench.simulation.runs import simulate
 
 
 @pytest.mark.parametrize(
@@ -122,7 +124,8 @@ def test_a_gauss_newton_tells_whether_it_has_converged():
 
 def test_an_iterated_filter_stops_where_nothing_is_left_to_gain():
     """Of a linear h, a second linearisation shows that the first was enough: two per reading."""
-    problem = linear_problem(0)
+    flight = small_flight(ON_BOARD | {"gradiometer": None})
+    problem, _ = simulate(flight, 4, 0)
     for iterations, each in ((1, 1), (2, 2), (9, 2)):
         found = estimator(f"ekf[iterations={iterations}]").estimate(problem, rng())
         assert found.info["linearisations"] == each * problem.epochs

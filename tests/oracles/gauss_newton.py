@@ -93,6 +93,8 @@ class _Smoother(IteratedSmoother):
             smoother.search(smoother.from_prior(start), ITERATIONS) for start in search.starts(keep)
         ]
         found = [minimum for minimum in found if np.isfinite(minimum.cost)]
+        if not found:
+            raise FloatingPointError("no motion fits the first readings")
         means = np.array([minimum.trajectory.states[-1] for minimum in found]) * smoother.scale
         costs = np.array([minimum.cost for minimum in found])
         best = best_apart(search.problem, means, costs, search.spacing)[:keep]

@@ -595,18 +595,19 @@ def test_maps(side, monkeypatch):
     case = small_case({side + key if side else key: value for key, value in MAP.items()})
     made = SimpleNamespace()
 
-    def record(terrain, latitude, longitude, height, options):
+    def record(terrain, latitude, longitude, height, options, *_):
         made.latitude, made.longitude, made.height = latitude, longitude, height
         made.density = options.density
-        shape = (len(latitude), len(longitude), len(height))
+        shape = (len(latitude), len(longitude))
         made.smoothing = made.sigma * math.radians(terrain.latitude_step_deg)
-        return np.zeros((*shape, 6)), np.zeros((*shape, 3))
+        for _ in height:
+            yield np.zeros((*shape, 6)), np.zeros((*shape, 3))
 
     def smooth(heights, sigma, mode):
         made.sigma = sigma[0]
         return heights
 
-    monkeypatch.setattr(parker, "terrain_field", record)
+    monkeypatch.setattr(parker, "terrain_layers", record)
     monkeypatch.setattr("scipy.ndimage.gaussian_filter", smooth)
     for name in ("truth", "model"):
         if side in ("", f"{name}."):
