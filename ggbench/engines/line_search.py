@@ -54,6 +54,8 @@ from .whitened_measurements import (
 HALVINGS = 15
 CONVERGED = 1e-6
 """Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
+LAST_STEP = 1e-5
+"""Decrease that the linear problem promises, below which the step to its end is the last one."""
 
 
 @record
@@ -234,6 +236,17 @@ def search(problems: BatchProblem, most: int, found: MapSearches) -> None:
             for r in lanes.each():
                 linear = costs.motion[0, 0, r] + costs.promised[0, 0, r]
                 promise[r] = 0.5 * (moved[r] + costs.weighted[0, 0, r] - linear)
+                if seeking[r] and promise[r] < LAST_STEP:
+                    # Steps near the minimum shrink quadratically, so that hardly anything is left to
+                    # gain after this one. It is taken without evaluating h at its end, where
+                    # rounding could hide its gain.
+                    cost[r] -= max(promise[r], 0.0)
+                    moved[r], seeking[r] = costs.motion[0, 0, r], False
+                    found.iterations[first + r] += 1
+                    found.converged[first + r] = True
+                    _move(path, 1.0, r, first + r, work.back, found)
+            if not seeking.any():
+                break
             # Most often the whole step is taken: its end is where h is to be linearised next.
             linearise_track(smoother, group, count)
             for r in lanes.each():
@@ -266,10 +279,7 @@ def search(problems: BatchProblem, most: int, found: MapSearches) -> None:
                     seeking[r] = not before[r] - cost[r] < CONVERGED
                     stuck = share[r] == 0.0 and not promise[r] < CONVERGED
                     found.converged[job] = not seeking[r] and not stuck
-                    _step(path, share[r], r, found.about[job])
-                    for j in range(n):
-                        start = found.start[job, j]
-                        found.start[job, j] = start + share[r] * (work.back[0, j, r] - start)
+                    _move(path, share[r], r, job, work.back, found)
         for r in range(count):
             found.cost[first + r], found.motion[first + r] = cost[r], moved[r]
             found.evaluations[first + r] += epochs
@@ -277,8 +287,17 @@ def search(problems: BatchProblem, most: int, found: MapSearches) -> None:
 
 
 @compiled
-def _step(path: Linearisation, share: float, r: int, about: np.ndarray) -> None:
-    """Go a share of the way in a lane; keep where it was (K, n)."""
+def _move(
+    path: Linearisation, share: float, r: int, job: int, back: np.ndarray, found: MapSearches
+) -> None:
+    """Go a share of the way in a lane ``r`` of a search; keep where it was.
+
+    ``back`` (1, n, lanes) has the starts that the linear problems lead to.
+    """
+    about = found.about[job]
+    for j in range(found.start.shape[1]):
+        start = found.start[job, j]
+        found.start[job, j] = start + share * (back[0, j, r] - start)
     for k in range(path.moving.shape[0]):
         states, trial = path.states[k], path.trial[k]
         for j in range(states.shape[1]):
