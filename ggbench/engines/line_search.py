@@ -54,8 +54,6 @@ from .whitened_measurements import (
 HALVINGS = 15
 CONVERGED = 1e-6
 """Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
-LAST_STEP = 1e-5
-"""Decrease that the linear problem promises, below which the step to its end is the last one."""
 
 
 @record
@@ -194,8 +192,11 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 
 
 @compiled
-def search(problems: BatchProblem, most: int, found: MapSearches) -> None:
-    """Follow the searches to their ends, in at most so many steps each."""
+def search(problems: BatchProblem, most: int, enough: float, found: MapSearches) -> None:
+    """Follow the searches to their ends, in at most so many steps each.
+
+    A search ends with a step that lowers the cost by less than ``enough``.
+    """
     searches, epochs, n = found.states.shape
     smoother = smoother_of(problems)
     path, work, costs = smoother.path, smoother.work, smoother.costs
@@ -236,10 +237,9 @@ def search(problems: BatchProblem, most: int, found: MapSearches) -> None:
             for r in lanes.each():
                 linear = costs.motion[0, 0, r] + costs.promised[0, 0, r]
                 promise[r] = 0.5 * (moved[r] + costs.weighted[0, 0, r] - linear)
-                if seeking[r] and promise[r] < LAST_STEP:
-                    # Steps near the minimum shrink quadratically, so that hardly anything is left to
-                    # gain after this one. It is taken without evaluating h at its end, where
-                    # rounding could hide its gain.
+                if seeking[r] and promise[r] < enough:
+                    # The last step is taken without evaluating h at its end, where rounding could
+                    # hide its gain.
                     cost[r] -= max(promise[r], 0.0)
                     moved[r], seeking[r] = costs.motion[0, 0, r], False
                     found.iterations[first + r] += 1
@@ -276,8 +276,8 @@ def search(problems: BatchProblem, most: int, found: MapSearches) -> None:
                     job = first + r
                     found.iterations[job] += 1
                     found.evaluations[job] += epochs * (1 + halved[r])
-                    seeking[r] = not before[r] - cost[r] < CONVERGED
-                    stuck = share[r] == 0.0 and not promise[r] < CONVERGED
+                    seeking[r] = not before[r] - cost[r] < enough
+                    stuck = share[r] == 0.0 and not promise[r] < enough
                     found.converged[job] = not seeking[r] and not stuck
                     _move(path, share[r], r, job, work.back, found)
         for r in range(count):

@@ -9,10 +9,13 @@ import numpy as np
 
 from ..block import EstimateBlock, ProblemBlock
 from ..numerics.records import fields_of
-from .line_search import MapSearches, answer, ends, search, undisturbed
+from .line_search import CONVERGED, MapSearches, answer, ends, search, undisturbed
 from .linear_problems import BatchProblem
 from .robust_weights import number_of
 from .whitened_measurements import batch_of
+
+_ENOUGH = 1e-5
+"""Decrease of the cost below which one search from the prior ends, as GTSAM's optimizers do."""
 
 
 def chosen(searches: MapSearches, which: np.ndarray) -> MapSearches:
@@ -62,9 +65,9 @@ class TrajectorySearch:
             converged=np.zeros(jobs, dtype=np.bool_),
         )
 
-    def search(self, searches: MapSearches, most: int) -> None:
+    def search(self, searches: MapSearches, most: int, enough: float = CONVERGED) -> None:
         """Follow Gauss–Newton steps, each halved until the cost falls, to the minima."""
-        search(self._arrays, most, searches)
+        search(self._arrays, most, enough, searches)
         np.add.at(self.evaluations, searches.runs, searches.evaluations)
 
     def answers(self, minima: MapSearches) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +102,7 @@ def from_the_prior(block: ProblemBlock, most: int, loss: str, threshold: float) 
     smoother = TrajectorySearch(block, loss, threshold)
     searches = smoother.from_prior(smoother.runs, np.zeros((block.runs, block.dimension)))
     begun = searches.states.copy()
-    smoother.search(searches, most)
+    smoother.search(searches, most, _ENOUGH)
     mean, cov = smoother.answers(searches)
     stuck = ~searches.converged & (searches.states == begun).all(axis=(1, 2))
     mean[stuck] = np.nan

@@ -116,7 +116,7 @@ def test_processes_left_running_end_and_are_told(wild):
     assert table["remark"].tolist() == [left] * 4 + [""] * 2
     render.write(results.folder, wild / "reports")
     remarks = next((wild / "reports").glob("*/data/remarks.csv")).read_text()
-    assert f'wild.py[way=orphan],"{left}",1' in remarks
+    assert f'wild[way=orphan],"{left}",1' in remarks
 
 
 @pytest.mark.long
@@ -148,7 +148,7 @@ def test_a_flood_reaches_neither_screen_nor_disk(wild, capfd):
     """400 MB on standard error: a failure keeps their end, and how many they were."""
     flooded, failed, _ = tried(wild, "way=flood", "way=flood,fails=yes").records()
     assert capfd.readouterr() == ("", "")
-    assert (flooded["status"], flooded.get("output")) == ("ok", None)
+    assert (flooded["status"], flooded["output"]) == ("ok", "")
     assert failed["output"].startswith("(400000000 bytes; their end:) xxx")
     assert len(failed["output"]) < 5000
     assert sum(file.stat().st_size for file in (wild / "out").iterdir()) < 1_000_000

@@ -142,8 +142,7 @@ def test_incremental_solutions_are_gtsams(mode, name, case):
 def test_the_batch_solution_is_gtsams(name, case, loss):
     """To a ten-thousandth of the prior where GTSAM converges, or to what its own answer moves by.
 
-    Where it has not converged within the limit of steps, the two are as good as each other: the
-    costs are equal.
+    GTSAM ends where a step lowers the cost by less than 1e-5 of it. The costs agree as closely.
     """
     block = block_of_runs(name, case, 0, RUNS)
     label = BATCH if loss == "none" else f"factor-graph[mode=batch,loss={loss}]"
@@ -154,7 +153,7 @@ def test_the_batch_solution_is_gtsams(name, case, loss):
         expected = oracle.estimate(problem)
         found = estimates.estimate(run)
         error = expected.info["error"]
-        assert abs(found.info["error"] - error) < 1e-4 + 1e-6 * error
+        assert abs(found.info["error"] - error) < 1e-4 + 1e-5 * error
         apart = difference(found, expected, problem)
         limit = max(COARSER.get(name, LIMIT), ITERATED)
         if apart < limit or expected.info["iterations"] == oracle.estimator.max_iterations:
