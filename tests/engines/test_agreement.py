@@ -26,6 +26,8 @@ LIMIT = 1e-6
 ITERATED = 1e-4
 """The same where updates are iterated: a search ends a thousandth of a deviation off the minimum,
 and rounding decides where."""
+ENDED = 1e-3
+"""The same of the batch solution, where steps shrink slowly: a cost of 1e-5 is left to gain."""
 SEARCHING = ("ekf[iterations=5]", "gaussian-sum", "gauss-newton")
 MORE = ("ekf[loss=cauchy]", "ekf[noise_memory=20]", "ukf[loss=huber]", *SEARCHING)
 MORE_RUNS = RUNS if EVERYTHING else 1
@@ -140,9 +142,10 @@ def test_incremental_solutions_are_gtsams(mode, name, case):
 @pytest.mark.parametrize("loss", ["none", "cauchy"])
 @pytest.mark.parametrize(("name", "case"), CASES)
 def test_the_batch_solution_is_gtsams(name, case, loss):
-    """To a ten-thousandth of the prior where GTSAM converges, or to what its own answer moves by.
+    """To a thousandth of the prior where GTSAM converges, or to what its own answer moves by.
 
-    GTSAM ends where a step lowers the cost by less than 1e-5 of it. The costs agree as closely.
+    Both end where a step lowers the cost by less than 1e-5, GTSAM also by less than 1e-5 of the
+    cost. Where it ends earlier for that, the cost here is lower by at most so much.
     """
     block = block_of_runs(name, case, 0, RUNS)
     label = BATCH if loss == "none" else f"factor-graph[mode=batch,loss={loss}]"
@@ -154,8 +157,10 @@ def test_the_batch_solution_is_gtsams(name, case, loss):
         found = estimates.estimate(run)
         error = expected.info["error"]
         assert abs(found.info["error"] - error) < 1e-4 + 1e-5 * error
+        if error - found.info["error"] > 1e-4:
+            continue
         apart = difference(found, expected, problem)
-        limit = max(COARSER.get(name, LIMIT), ITERATED)
+        limit = max(COARSER.get(name, LIMIT), ENDED)
         if apart < limit or expected.info["iterations"] == oracle.estimator.max_iterations:
             continue
         again = oracle.estimate(nudged(problem))

@@ -130,6 +130,9 @@ class IteratedSmoother:
             )  # fmt: skip
             full = Trajectory(*solution)
             before, promise = cost, self._promise(trajectory, full, rows, weight * target)
+            if promise < CONVERGED:  # the last step is not judged
+                trajectory, cost, converged = full, cost - max(promise, 0.0), True
+                break
             moves = False
             for halving in range(HALVINGS):
                 moved = trajectory.towards(full, 0.5**halving)
