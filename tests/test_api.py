@@ -158,7 +158,7 @@ def test_figures(results, tmp_path):
     lines = {line.get_label(): line for line in figures[0].axes[0].lines}
     series = results.series("noisy", "ekf")[:, :, 0]
     assert np.allclose(lines["ekf"].get_ydata(), np.sqrt(np.mean(series**2, axis=0)))
-    assert {"ins", "ekf"} <= set(lines)
+    assert {"INS", "ekf"} <= set(lines)
     assert any(name.startswith("bound") for name in lines)
     detail = results.detail("base", "ekf", DETAILED_RUN)
     shown = figures[1].axes[1].lines[0].get_ydata()
