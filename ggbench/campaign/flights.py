@@ -151,6 +151,7 @@ class SimulatedRuns:
     def _computed_oracle_means(self, name: str, error_state: np.ndarray) -> np.ndarray:
         if not is_right_model(self.case):
             return np.full((len(self.runs), len(run_errors.WINDOWS), 2), np.nan)
+        # Computed again for each bound: kept residuals would lead an estimator to the truth.
         residuals = residuals_along(self.block, error_state)
         means = [
             oracle_means(
