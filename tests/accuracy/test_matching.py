@@ -10,6 +10,7 @@ import functools
 import numpy as np
 import pytest
 from lost_runs import lost, wide
+from oracles import solver
 from problems import estimator, rng
 from rough_field import LENGTH, constant_offset
 from scipy.stats import chi2, norm
@@ -35,7 +36,7 @@ def efficient(runs: int) -> tuple[np.ndarray, np.ndarray]:
         problem = constant_offset(3, offset, 500.0, noise=1.0, vertical=1e-3, draws=draws)
         rows = [problem.model.jacobian(k, np.array(offset))[:, :2] for k in range(20)]
         known = info.information(np.array(rows))  # of a noise of one
-        fixes = estimator("tercom-ekf[refine=1]").estimate(problem, rng()).fixes
+        fixes = solver("tercom-ekf[refine=1]").estimate(problem, rng()).fixes
         assert fixes.accepted.tolist() == [True]
         off = fixes.mean[0, :2] - offset[:2]
         white.append(np.linalg.cholesky(known).T @ off)
@@ -85,7 +86,7 @@ def false_fixes(window: int, noise: float, draws: int = 12) -> tuple[float, floa
                 apart = problem.model.predict(k, offset + away) - problem.model.predict(k, offset)
                 ambiguity += 0.5 * np.sum((apart / noise) ** 2, axis=-1)
             bounds.append(info.false_fix_bound(ambiguity, grid, right, 4.0 * sigma, sigma))
-            fix = estimator(matcher).estimate(problem, rng()).fixes.mean[0, :2]
+            fix = solver(matcher).estimate(problem, rng()).fixes.mean[0, :2]
             false.append(np.hypot(*(fix - offset[:2])) > right)
     return float(np.mean(bounds)), float(np.mean(false))
 

@@ -161,7 +161,7 @@ def test_what_a_run_prints_belongs_to_it(wild, capfd):
     results = tried(wild, *ways, "way=last words")
     assert capfd.readouterr() == ("", "")
     quiet, escapes, native, silent, last, _ = (r["output"] for r in results.records())
-    assert (quiet, silent) == (None, None)
+    assert (quiet, silent) == ("", "")
     assert escapes == r"\x1b[2J\x1b]0;title\x07"
     assert sorted(native.splitlines()) == ["said by C", "said by Python", "said by a child"]
     assert last.startswith("this is the end")

@@ -106,7 +106,7 @@ def test_a_report_counts_the_runs_that_left_the_map(runs, scenario, tmp_path):
     results = ran(tmp_path, labels=labels, runs=runs, scenario=scenario, cases=("base",))
     render.write(results.folder, tmp_path / "reports")
     remarks = pd.read_csv(next((tmp_path / "reports").glob("*/data/remarks.csv")))
-    assert remarks.to_numpy().tolist() == [["base", labels[0], records.OUTSIDE, runs]]
+    assert remarks.to_numpy().tolist() == [["base", "far[east_m=1e6]", records.OUTSIDE, runs]]
 
 
 @pytest.mark.long

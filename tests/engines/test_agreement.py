@@ -28,6 +28,11 @@ ITERATED = 1e-4
 and rounding decides where."""
 ENDED = 1e-3
 """The same of the batch solution, where steps shrink slowly: a cost of 1e-5 is left to gain."""
+EDGE = 0.1
+"""The same in deviations of the posterior, where the costs differ by less than 1e-3.
+
+Above and below the layers of a map h does not depend on the height, so that H jumps at the edge.
+A minimum on an edge (30 of 599 epochs in submarine2021, one in matching) is found to so much."""
 SEARCHING = ("ekf[iterations=5]", "gaussian-sum", "gauss-newton")
 MORE = ("ekf[loss=cauchy]", "ekf[noise_memory=20]", "ukf[loss=huber]", *SEARCHING)
 MORE_RUNS = RUNS if EVERYTHING else 1
@@ -81,6 +86,12 @@ def difference(one: Estimate, other: Estimate, problem: Problem) -> float:
     means = np.abs(one.mean - other.mean) / sigma
     deviations = [np.sqrt(np.diagonal(e.cov, axis1=1, axis2=2)) / sigma for e in (one, other)]
     return float(max(means.max(), np.abs(deviations[0] - deviations[1]).max()))
+
+
+def in_posterior_deviations(one: Estimate, other: Estimate) -> float:
+    """The largest difference of two means in deviations of the second."""
+    sigma = np.sqrt(np.diagonal(other.cov, axis1=1, axis2=2))
+    return float(np.abs((one.mean - other.mean) / sigma).max())
 
 
 def nudged(problem: Problem) -> Problem:
@@ -162,6 +173,9 @@ def test_the_batch_solution_is_gtsams(name, case, loss):
         apart = difference(found, expected, problem)
         limit = max(COARSER.get(name, LIMIT), ENDED)
         if apart < limit or expected.info["iterations"] == oracle.estimator.max_iterations:
+            continue
+        alike = abs(found.info["error"] - error) < 1e-3
+        if alike and in_posterior_deviations(found, expected) < EDGE:
             continue
         again = oracle.estimate(nudged(problem))
         own = difference(again, expected, problem)
