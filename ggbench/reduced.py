@@ -58,7 +58,15 @@ class Reduction:
         if fixes is not None:
             known = self.mean[fixes.epoch][:, chosen[: fixes.mean.shape[1]]]
             fixes = replace(fixes, mean=fixes.mean + known)
-        return Estimate(mean, cov, estimate.causality, estimate.lag, info, nis, fixes)
+        return Estimate(
+            mean=mean,
+            cov=cov,
+            causality=estimate.causality,
+            lag=estimate.lag,
+            info=info,
+            nis=nis,
+            fixes=fixes,
+        )
 
 
 @dataclass

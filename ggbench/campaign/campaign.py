@@ -394,14 +394,14 @@ def planned(
     if assumptions:  # its runs without the change are what the study is compared with
         texts.append(settings.assumption_estimator)
     return Campaign(
-        scenario,
-        scenario.argument or scenario.name,
-        tuple(choice.label for choice in choose_all(texts)),
-        settings.runs if runs is None else runs,
-        settings.seed if seed is None else seed,
-        assumptions,
-        folder,
-        tuple(cases),
-        settings.time_limit_s if time_limit is None else time_limit,
-        fresh,
+        scenario=scenario,
+        argument=scenario.argument or scenario.name,
+        labels=tuple(choice.label for choice in choose_all(texts)),
+        runs=settings.runs if runs is None else runs,
+        seed=settings.seed if seed is None else seed,
+        assumptions=assumptions,
+        folder=folder,
+        cases=tuple(cases),
+        limit=settings.time_limit_s if time_limit is None else time_limit,
+        fresh=fresh,
     )

@@ -254,7 +254,15 @@ class WorkerSlot:
         assert self.attempt is not None
         return self._with_output(
             [
-                failure(self.attempt.task, run, label, self._keys[label], reason, "", retry_above)
+                failure(
+                    task=self.attempt.task,
+                    run=run,
+                    label=label,
+                    key=self._keys[label],
+                    reason=reason,
+                    trace="",
+                    retry_above=retry_above,
+                )
                 for label, runs in blamed.items()
                 for run in sorted(runs)
             ]

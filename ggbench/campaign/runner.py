@@ -262,10 +262,16 @@ def timed_estimates(
     if nis is not None:
         nis = run_errors.real_array("nis", nis, (*leading, epochs)).reshape(count, epochs)
     return TimedEstimates(
-        mean.reshape(count, epochs, n), cov, nis, found.causality, found.lag,
-        info, evaluations, seconds / count,
-        None if fixes is None else fix_metrics.checked(fixes, epochs),
-    )  # fmt: skip
+        mean=mean.reshape(count, epochs, n),
+        cov=cov,
+        nis=nis,
+        causality=found.causality,
+        lag=found.lag,
+        info=info,
+        evaluations=evaluations,
+        seconds=seconds / count,
+        fixes=None if fixes is None else fix_metrics.checked(fixes, epochs),
+    )
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:

@@ -28,13 +28,19 @@ _SMALL = 0.005
 @click.argument("scenario_name", metavar="SCENARIO")
 @click.option("-c", "--case", metavar="NAME", help="Case to advise on [the first].")
 @click.option(
-    "--target", type=click.FloatRange(0.0, min_open=True), metavar="M",
+    "--target",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="M",
     help="RMS position error that is wanted, in metres.",
-)  # fmt: skip
+)
 @click.option(
-    "-n", "--runs", type=click.IntRange(2, MOST_RUNS), default=20, show_default=True,
+    "-n",
+    "--runs",
+    type=click.IntRange(2, MOST_RUNS),
+    default=20,
+    show_default=True,
     help="Runs of each estimator.",
-)  # fmt: skip
+)
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="Results folder [results/advise/NAME]."
 )
@@ -63,7 +69,15 @@ def advise(
         loaded = scenario.load(scenario_name)
         flown = loaded.cases[0] if case is None else loaded.case(case)
         folder = output or Path("results") / "advise" / loaded.name
-        found = advices.advise(loaded, flown, folder, target, runs, jobs, progress.tell)
+        found = advices.advise(
+            scenario=loaded,
+            case=flown,
+            folder=folder,
+            target_m=target,
+            runs=runs,
+            jobs=jobs,
+            progress=progress.tell,
+        )
     _print(found)
     reached = target is None or _print_target(found, target)
     click.echo(f"It took {start.since()}.")

@@ -152,9 +152,12 @@ def _isolated(
     module, pipe = "ggbench.cli.isolated_check", theirs.fileno()
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", module, str(pipe), estimator, *names],
-        pass_fds=[pipe], start_new_session=True,
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        pass_fds=[pipe],
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     theirs.close()
     try:
         yield process, answers

@@ -124,7 +124,15 @@ def _examined(study: str, case: CaseSpec) -> Examined:
     nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
     error, assumed = ins_error_of(case), bounds[1]
     narrow = shortfalls(case, trajectory, assumed, error) if assumed.finite else ()
-    return Examined(study, case, flown_of(case), nearest, readings, error, narrow)
+    return Examined(
+        study=study,
+        case=case,
+        flown=flown_of(case),
+        margin=nearest,
+        readings=readings,
+        ins=error,
+        narrow=narrow,
+    )
 
 
 def _clear(found: Examined) -> bool:

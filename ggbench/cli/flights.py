@@ -18,17 +18,28 @@ _EXIT_FAILED = 1
 @click.command()
 @click.argument("flight", type=click.Path(path_type=Path))
 @click.option(
-    "-e", "--estimator", "estimators", multiple=True, metavar="NAME[param=value,...]",
+    "-e",
+    "--estimator",
+    "estimators",
+    multiple=True,
+    metavar="NAME[param=value,...]",
     help="Estimator: a name or a .py file; repeat for more [ekf].",
-)  # fmt: skip
+)
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path),
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
     help="Folder for tracks, residuals and the report; new or empty.",
-)  # fmt: skip
+)
 @click.option(
-    "-s", "--seed", type=click.IntRange(0, MOST_SEED), default=0, show_default=True,
+    "-s",
+    "--seed",
+    type=click.IntRange(0, MOST_SEED),
+    default=0,
+    show_default=True,
     help="Seed of the estimators' random numbers; most have no use for it.",
-)  # fmt: skip
+)
 def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int) -> None:
     """Estimate a recorded FLIGHT, a TOML file that names its records.
 
@@ -84,14 +95,22 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
 @click.argument("scenario_name", metavar="SCENARIO")
 @click.option("-c", "--case", metavar="NAME", help="Case to record [the first].")
 @click.option(
-    "--run", "number", type=click.IntRange(0, MOST_RUNS), default=0, show_default=True,
-    metavar="K", help="Run to record.",
-)  # fmt: skip
+    "--run",
+    "number",
+    type=click.IntRange(0, MOST_RUNS),
+    default=0,
+    show_default=True,
+    metavar="K",
+    help="Run to record.",
+)
 @click.option("-s", "--seed", type=click.IntRange(0, MOST_SEED), help="Seed [the scenario's].")
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path),
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
     help="Folder for the log; new or empty.",
-)  # fmt: skip
+)
 def record(
     scenario_name: str, case: str | None, number: int, seed: int | None, output: Path
 ) -> None:

@@ -20,17 +20,38 @@ TOP = "file"
 NAMED = "sensor.<name>"
 REQUIRED, OPTIONAL = "must be given", "optional"
 _UNITS = {
-    "deg_per_sqrt_h": "°/√h", "deg_per_h": "°/h", "deg_per_s": "°/s", "deg": "°", "rad": "rad",
-    "arcmin": "′", "ug_per_sqrt_hz": "µg/√Hz", "ng_per_sqrt_hz": "ng/√Hz", "ug": "µg",
-    "eotvos_per_sqrt_hz": "E/√Hz", "eotvos_per_sqrt_h": "E/√h", "eotvos": "E", "mgal": "mGal",
-    "ppm_per_sqrt_h": "ppm/√h", "ppm": "ppm", "m_per_sqrt_hz": "m/√Hz", "mps2": "m/s²",
-    "mps": "m/s", "kg_m3": "kg/m³", "km": "km", "m": "m", "s": "s", "hz": "Hz",
-}  # fmt: skip
+    "deg_per_sqrt_h": "°/√h",
+    "deg_per_h": "°/h",
+    "deg_per_s": "°/s",
+    "deg": "°",
+    "rad": "rad",
+    "arcmin": "′",
+    "ug_per_sqrt_hz": "µg/√Hz",
+    "ng_per_sqrt_hz": "ng/√Hz",
+    "ug": "µg",
+    "eotvos_per_sqrt_hz": "E/√Hz",
+    "eotvos_per_sqrt_h": "E/√h",
+    "eotvos": "E",
+    "mgal": "mGal",
+    "ppm_per_sqrt_h": "ppm/√h",
+    "ppm": "ppm",
+    "m_per_sqrt_hz": "m/√Hz",
+    "mps2": "m/s²",
+    "mps": "m/s",
+    "kg_m3": "kg/m³",
+    "km": "km",
+    "m": "m",
+    "s": "s",
+    "hz": "Hz",
+}
 """Units by the ends of keys; the longest that fits counts."""
 _KINDS = {
-    "number": "number", "integer": "whole number", "boolean": "true or false", "string": "text",
+    "number": "number",
+    "integer": "whole number",
+    "boolean": "true or false",
+    "string": "text",
     "object": "table",
-}  # fmt: skip
+}
 _MOST_NEAR = 3
 Schema = dict[str, Any]
 
@@ -86,9 +107,12 @@ def tables() -> dict[str, KeyTable]:
     found = {TOP: KeyTable(TOP, "Texts about the scenario.", _keys(TOP_TEXTS))}
     schemas: dict[str, Schema] = {}
     for top, model, listed in (
-        ("", "CaseSpec", True), ("campaign", "CampaignSpec", False), ("sweep", "SweepSpec", False),
-        ("claim", "ClaimSpec", True), ("comparison", "ComparisonSpec", True),
-    ):  # fmt: skip
+        ("", "CaseSpec", True),
+        ("campaign", "CampaignSpec", False),
+        ("sweep", "SweepSpec", False),
+        ("claim", "ClaimSpec", True),
+        ("comparison", "ComparisonSpec", True),
+    ):
         for path, schema, is_list in _below(models, top, model, listed):
             name = {"": "case", "reference": "case.reference"}.get(path, path)
             shared = re.sub(r"^(truth|model)\.", "", name)
@@ -97,9 +121,11 @@ def tables() -> dict[str, KeyTable]:
             found[name] = KeyTable(name, _about(schema), _keys(schema, base), listed=is_list)
             schemas[name] = schema
     found["assumption"] = KeyTable(
-        "assumption", "A change that `--assumptions` studies on every case with published numbers.",
-        found["case"].keys, listed=True,
-    )  # fmt: skip
+        "assumption",
+        "A change that `--assumptions` studies on every case with published numbers.",
+        found["case"].keys,
+        listed=True,
+    )
     for path, schema, _ in _below(models, "", "FlightSpec"):
         table = found.get(path or TOP, KeyTable(path, _about(schema)))
         known = [key.name for key in table.keys]
@@ -166,7 +192,17 @@ def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
         zero = "0 or " if "{'const': 0}" in str(item) else ""
         meaning = " ".join(item.get("description", "").split())
         allowed, usual = zero + _range(limits), _range(value.get("x-usual", ()))
-        found.append(Key(name, meaning, unit_of(name), _kind(item), default, allowed, usual))
+        found.append(
+            Key(
+                name=name,
+                meaning=meaning,
+                unit=unit_of(name),
+                kind=_kind(item),
+                default=default,
+                allowed=allowed,
+                usual=usual,
+            )
+        )
     return tuple(found)
 
 

@@ -102,13 +102,17 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path) -> None:
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), required=False)
 @click.option(
-    "--all", "whole_library", is_flag=True,
+    "--all",
+    "whole_library",
+    is_flag=True,
     help="Report every results folder in FOLDER [results], and write their front page.",
-)  # fmt: skip
+)
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path),
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
     help="Where to write [FOLDER/report; with --all: reports].",
-)  # fmt: skip
+)
 def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
     """Write the report of a results FOLDER: one page, its figure and all numbers as CSV.
 

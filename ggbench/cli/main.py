@@ -51,9 +51,20 @@ def main() -> None:
 
 
 for _command in (
-    map_group, advise, bound, check, imu, keys, new, estimate, plan, record, report, score,
+    map_group,
+    advise,
+    bound,
+    check,
+    imu,
+    keys,
+    new,
+    estimate,
+    plan,
+    record,
+    report,
+    score,
     validate,
-):  # fmt: skip
+):
     main.add_command(_command)
 
 
@@ -91,13 +102,19 @@ def list_command() -> None:
 @main.command()
 @click.argument("scenario_name", metavar="SCENARIO", required=False)
 @click.option(
-    "--all", "whole_library", is_flag=True,
+    "--all",
+    "whole_library",
+    is_flag=True,
     help="Run every shipped scenario, one after the other, into results/NAME or DIR/NAME of -o.",
-)  # fmt: skip
+)
 @click.option(
-    "-e", "--estimator", "estimators", multiple=True, metavar="NAME[param=value,...]",
+    "-e",
+    "--estimator",
+    "estimators",
+    multiple=True,
+    metavar="NAME[param=value,...]",
     help="A name, a .py file or a roster (@core); repeat for more. Default: the scenario's.",
-)  # fmt: skip
+)
 @click.option(
     "-n", "--runs", type=click.IntRange(1, MOST_RUNS), help="Runs per case [the scenario's]."
 )
@@ -275,9 +292,13 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
         print_metrics(metrics, runs, results.scenario, console)
     finished = (runs["status"] == "ok").groupby(runs["estimator"], sort=False).any()
     outcome = Outcome(
-        results.scenario.name, len(runs), failed, int(runs["diverged"].sum()), interrupted,
+        results.scenario.name,
+        len(runs),
+        failed,
+        int(runs["diverged"].sum()),
+        interrupted,
         without_success=tuple(finished.index[~finished]),
-    )  # fmt: skip
+    )
     name = as_argument(str(results.folder))
     if took:
         click.echo(took)

@@ -33,15 +33,21 @@ _SHOWN_CELLS = 5
 )
 @click.option("--spacing", type=float, help="Between nodes of the statistics [m; a cell's 50th].")
 @click.option(
-    "--per-km2", type=float, default=1.0, show_default=True,
+    "--per-km2",
+    type=float,
+    default=1.0,
+    show_default=True,
     help="Readings on a square kilometre, of the information.",
-)  # fmt: skip
+)
 @click.option("--track-km", type=float, help="Length of tracks through a cell [its shorter side].")
 @click.option("--readings", type=int, default=51, show_default=True, help="Of each track.")
 @click.option(
-    "--sigma-km", type=float, default=5.0, show_default=True,
+    "--sigma-km",
+    type=float,
+    default=5.0,
+    show_default=True,
     help="To what the position is known before, per axis: A_min looks to three times as far.",
-)  # fmt: skip
+)
 @click.option("--right-km", type=float, help="How far off a fix is right [half of --sigma-km].")
 @click.option("--south", type=float, help="Bounds of the cells [deg]; default: the whole map.")
 @click.option("--north", type=float)
@@ -89,9 +95,16 @@ def score(
 
     bounds = Bounds(south, north, west, east)
     design = Design(
-        height, cell_deg, Instrument(instrument, noise), spacing, per_km2, metres(track_km),
-        readings, 1e3 * sigma_km, metres(right_km),
-    )  # fmt: skip
+        height_m=height,
+        cell_deg=cell_deg,
+        instrument=Instrument(instrument, noise),
+        spacing_m=spacing,
+        per_km2=per_km2,
+        track_m=metres(track_km),
+        readings=readings,
+        sigma_m=1e3 * sigma_km,
+        right_m=metres(right_km),
+    )
     found, height = named_map(name, design, bounds)
     scored = score_map(Field.from_map(found), replace(design, height_m=height), bounds, name)
     _print_scored(scored)
@@ -126,9 +139,14 @@ def _print_scored(scored: Any) -> None:
     ordered = table.sort_values("track_m")
     unit = design.instrument.unit
     numbers = (
-        f"σ [{unit}]", f"roughness [{unit}/km]", "class", "track √tr J⁻¹ [m]", "best heading [°]",
-        "A_min [nepers]", "false fixes ≤",
-    )  # fmt: skip
+        f"σ [{unit}]",
+        f"roughness [{unit}/km]",
+        "class",
+        "track √tr J⁻¹ [m]",
+        "best heading [°]",
+        "A_min [nepers]",
+        "false fixes ≤",
+    )
     shown = ResponsiveTable(
         "best and worst cells by the accuracy of a track, over its headings",
         [
@@ -144,10 +162,14 @@ def _print_scored(scored: Any) -> None:
         shown.add_row(
             f"{0.5 * (row['south_deg'] + row['north_deg']):.3f}",
             f"{0.5 * (row['west_deg'] + row['east_deg']):.3f}",
-            f"{row['deviation']:.3g}", f"{1e3 * row['roughness']:.3g}", row["grade"] or "-",
-            f"{row['track_m']:.3g}", f"{row['best_heading_deg']:g}", f"{row['ambiguity']:.3g}",
+            f"{row['deviation']:.3g}",
+            f"{1e3 * row['roughness']:.3g}",
+            row["grade"] or "-",
+            f"{row['track_m']:.3g}",
+            f"{row['best_heading_deg']:g}",
+            f"{row['ambiguity']:.3g}",
             f"{row['false_fix']:.2g}",
-        )  # fmt: skip
+        )
         if number == best - 1 < len(ordered) - 1:
             shown.add_section()
     shown.print(console)

@@ -17,8 +17,14 @@ from .screen import console
 _FILE = click.Path(path_type=Path)
 _DEGREE = click.IntRange(2)
 _SOURCES = (
-    "terrain", "coefficients", "land_correction", "geoid", "anomaly", "disturbance", "lines",
-)  # fmt: skip
+    "terrain",
+    "coefficients",
+    "land_correction",
+    "geoid",
+    "anomaly",
+    "disturbance",
+    "lines",
+)
 
 
 @click.group("map")
@@ -52,9 +58,11 @@ map_group.add_command(score)
 @click.option("--max-degree", type=_DEGREE, help="Highest degree of the coefficients to use [all].")
 @click.option("--min-degree", type=_DEGREE, default=2, show_default=True, help="Lowest degree.")
 @click.option(
-    "--epoch", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD",
+    "--epoch",
+    type=click.DateTime(["%Y-%m-%d"]),
+    metavar="YYYY-MM-DD",
     help="Date for which coefficients that vary with time hold.",
-)  # fmt: skip
+)
 @click.option("--geoid", type=_FILE, help="Grid of geoid undulations or height anomalies.")
 @click.option("--anomaly", type=_FILE, help="Grid of free-air gravity anomalies.")
 @click.option("--disturbance", type=_FILE, help="Grid of gravity disturbances.")
@@ -66,24 +74,33 @@ map_group.add_command(score)
     help="Height above the ellipsoid at which the gravity grid holds [m].",
 )
 @click.option(
-    "--land-correction", type=_FILE, metavar="TERRAIN",
+    "--land-correction",
+    type=_FILE,
+    metavar="TERRAIN",
     help="Elevation model that turns the geoid of land into the height anomaly.",
-)  # fmt: skip
+)
 @click.option(
-    "--terrain-from-degree", type=_DEGREE, metavar="N",
+    "--terrain-from-degree",
+    type=_DEGREE,
+    metavar="N",
     help="Degree up to which the other data hold the field; the terrain adds what is shorter "
     "[the highest degree of the coefficients].",
-)  # fmt: skip
+)
 @click.option(
-    "--clearance", type=click.FloatRange(0.0, 1e6, min_open=True), metavar="M",
+    "--clearance",
+    type=click.FloatRange(0.0, 1e6, min_open=True),
+    metavar="M",
     help="Height above the ground at which you will fly [200]: the map begins at most so high "
     "above the highest ground, and a note says over which share such a flight is inside.",
-)  # fmt: skip
+)
 @click.option(
-    "--void", type=float, multiple=True, metavar="VALUE",
+    "--void",
+    type=float,
+    multiple=True,
+    metavar="VALUE",
     help="Value that marks voids in terrains and grids, as it is in the file; may be repeated "
     "[what the file declares, -32768, 3.4e38 and the like].",
-)  # fmt: skip
+)
 @survey_maps.options
 @click.option(
     "--south",
@@ -145,7 +162,13 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     _warn_of_densities(options)
     layers_with_rms = plan.LayersWithRms(made.layers())
     netcdf.write_layers(
-        output, made.nodes, layers_with_rms, made.attributes, precision, compression, made.errors
+        path=output,
+        nodes=made.nodes,
+        layers=layers_with_rms,
+        attributes=made.attributes,
+        dtype=precision,
+        compression=compression,
+        errors=made.errors,
     )
     elapsed = time.monotonic() - started
     for remark in made.remarks:

@@ -46,9 +46,12 @@ class NewFileError(GGBenchError):
 
 
 _folder = click.option(
-    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path(),
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path(),
     help="Folder to write it to [the current one].",
-)  # fmt: skip
+)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -67,13 +70,16 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
     "--terrain", type=_FILE, help="Follow the terrain of this elevation model, with --map."
 )
 @click.option(
-    "--clearance", type=click.FloatRange(0.0, 1e5, min_open=True), metavar="M",
+    "--clearance",
+    type=click.FloatRange(0.0, 1e5, min_open=True),
+    metavar="M",
     help="Least height above that terrain [200].",
-)  # fmt: skip
+)
 @click.option(
-    "--waypoints", type=_FILE,
+    "--waypoints",
+    type=_FILE,
     help="Fly through the places of a GPX, KML or CSV file, with --map.",
-)  # fmt: skip
+)
 @_folder
 def scenario(
     name: str,

@@ -25,21 +25,33 @@ _SHOWN = 10
 @click.argument("scenario_name", metavar="SCENARIO")
 @click.option("-c", "--case", metavar="NAME", help="Case to plan [the first].")
 @click.option(
-    "--headings", type=click.IntRange(1, 72), default=8, show_default=True,
+    "--headings",
+    type=click.IntRange(1, 72),
+    default=8,
+    show_default=True,
     help="Number of headings, evenly spread.",
-)  # fmt: skip
+)
 @click.option(
-    "--grid", type=click.IntRange(1, 15), default=1, show_default=True,
+    "--grid",
+    type=click.IntRange(1, 15),
+    default=1,
+    show_default=True,
     help="Number of starts along each side of a square about the start.",
-)  # fmt: skip
+)
 @click.option(
-    "--step", type=click.FloatRange(0.0, 1000.0, min_open=True), default=5.0, show_default=True,
-    metavar="KM", help="Distance of neighbouring starts.",
-)  # fmt: skip
+    "--step",
+    type=click.FloatRange(0.0, 1000.0, min_open=True),
+    default=5.0,
+    show_default=True,
+    metavar="KM",
+    help="Distance of neighbouring starts.",
+)
 @click.option(
-    "--target", type=click.FloatRange(0.0, min_open=True), metavar="M",
+    "--target",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="M",
     help="RMS position error that is wanted: how many tracks allow it.",
-)  # fmt: skip
+)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")
 def plan(
@@ -90,9 +102,13 @@ def _print(found: pd.DataFrame, title: str, target: float | None) -> None:
     able = found[found["reason"] == ""]
     table = ResponsiveTable(
         f"{title}: the best of {counted(len(found), 'track')}",
-        [("heading °", "number"), ("east km", "number"), ("north km", "number"),
-         ("bound m", "number")],
-    )  # fmt: skip
+        [
+            ("heading °", "number"),
+            ("east km", "number"),
+            ("north km", "number"),
+            ("bound m", "number"),
+        ],
+    )
     for row in able.head(_SHOWN).itertuples():
         table.add_row(
             f"{row.heading_deg:.0f}", f"{row.east_km:g}", f"{row.north_km:g}", f"{row.bound_m:.3g}"

@@ -35,28 +35,41 @@ _COLOURS = {"better": "green", "worse": "red"}
     "-n", "--runs", type=click.IntRange(2, MOST_RUNS), help="Runs of each case [all stored ones]."
 )
 @click.option(
-    "-s", "--seed", type=click.IntRange(0, MOST_SEED),
+    "-s",
+    "--seed",
+    type=click.IntRange(0, MOST_SEED),
     help="Seed of new tracks, maps and noises, for both sides [the public one].",
-)  # fmt: skip
+)
 @click.option(
     "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to fly; repeat for more."
 )
 @click.option(
-    "--judge", type=click.Choice(["all", "odd", "even"]), default="all", show_default=True,
+    "--judge",
+    type=click.Choice(["all", "odd", "even"]),
+    default="all",
+    show_default=True,
     help="Judge runs of this number only: tune on even ones, report odd ones.",
-)  # fmt: skip
+)
 @click.option(
-    "--check", "checked", type=click.Path(path_type=Path), metavar="CARD",
+    "--check",
+    "checked",
+    type=click.Path(path_type=Path),
+    metavar="CARD",
     help="Fly a card again; exit code 1 if it is not reproduced.",
-)  # fmt: skip
+)
 @click.option(
-    "--against", "before", type=click.Path(path_type=Path), metavar="CARD",
+    "--against",
+    "before",
+    type=click.Path(path_type=Path),
+    metavar="CARD",
     help="Compare with an older card; exit code 1 if a question is surely worse.",
-)  # fmt: skip
+)
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path),
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
     help="Folder [results/score/ESTIMATOR; with --check: ESTIMATOR-again].",
-)  # fmt: skip
+)
 @click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
 def score(
     estimator: str | None,
@@ -109,7 +122,16 @@ def score(
     with Progress(console, "suite") as progress, compiling_ahead(first, jobs) as compile_them:
         compile_them([estimator])
         half: Any = judge  # one of the choices
-        found = scoring.score(estimator, folder, runs, seed, half, cases, jobs, progress.tell)
+        found = scoring.score(
+            estimator=estimator,
+            folder=folder,
+            runs=runs,
+            seed=seed,
+            judged_runs=half,
+            cases=cases,
+            jobs=jobs,
+            progress=progress.tell,
+        )
     if found.card is None:
         click.echo(
             f"Interrupted. The runs that finished are in {folder}; the same command goes on."

@@ -13,11 +13,15 @@ import click
 _FILE = click.Path(path_type=Path)
 _OPTIONS = (
     click.option(
-        "--lines", type=_FILE, metavar="SURVEY",
+        "--lines",
+        type=_FILE,
+        metavar="SURVEY",
         help="Survey lines: Geosoft *.xyz, ASEG-GDF2 *.dat with *.dfn, *.csv, also .gz.",
     ),
     click.option(
-        "--column", multiple=True, metavar="NAME=COLUMN",
+        "--column",
+        multiple=True,
+        metavar="NAME=COLUMN",
         help="What the file calls line, kind, time_s, latitude_deg, longitude_deg, height_m, or a "
         "component; may be repeated.",
     ),
@@ -25,20 +29,29 @@ _OPTIONS = (
         "--components", metavar="LIST", help="Components to use, as in xx,xy,xz,yy,yz [all]."
     ),
     click.option(
-        "--axes", type=click.Choice(["east-north-up", "east-north-down", "north-east-down"]),
-        default="east-north-up", show_default=True, help="x, y, z of the file's components.",
+        "--axes",
+        type=click.Choice(["east-north-up", "east-north-down", "north-east-down"]),
+        default="east-north-up",
+        show_default=True,
+        help="x, y, z of the file's components.",
     ),
     click.option(
-        "--quantity", type=click.Choice(["gradient", "disturbance"]), default="gradient",
-        show_default=True, help="Gradients [E], or the gravity disturbance [mGal].",
+        "--quantity",
+        type=click.Choice(["gradient", "disturbance"]),
+        default="gradient",
+        show_default=True,
+        help="Gradients [E], or the gravity disturbance [mGal].",
     ),
     click.option(
-        "--leave-out", multiple=True, metavar="LINES",
+        "--leave-out",
+        multiple=True,
+        metavar="LINES",
         help="Lines that neither the map nor the noise may know: a name, a pattern such as '*.1', "
         "or a kind such as repeat; may be repeated.",
     ),
     click.option(
-        "--depth", type=click.FloatRange(0, min_open=True),
+        "--depth",
+        type=click.FloatRange(0, min_open=True),
         help="Of the point masses below the flights [m]; by default depth, spacing and damping are "
         "chosen on lines that are held back.",
     ),
@@ -46,17 +59,26 @@ _OPTIONS = (
         "--source-spacing", type=click.FloatRange(0, min_open=True), help="Between masses [m]."
     ),
     click.option(
-        "--damping", type=click.FloatRange(0, min_open=True),
+        "--damping",
+        type=click.FloatRange(0, min_open=True),
         help="Of the masses, relative to the mean diagonal of the normal equations.",
     ),
     click.option(
-        "--noise", type=_FILE, metavar="JSON",
+        "--noise",
+        type=_FILE,
+        metavar="JSON",
         help="Write a model of the readings' coloured noise, too, from lines that are held back.",
     ),
-)  # fmt: skip
+)
 _WITH_LINES = (
-    "column", "components", "leave_out", "depth", "source_spacing", "damping", "noise",
-)  # fmt: skip
+    "column",
+    "components",
+    "leave_out",
+    "depth",
+    "source_spacing",
+    "damping",
+    "noise",
+)
 
 
 def options(command: Callable[..., Any]) -> Callable[..., Any]:

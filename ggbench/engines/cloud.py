@@ -188,9 +188,14 @@ class Cloud:
             return self._residuals(reading) @ space.rows.T
 
         found = annealed(
-            self._balanced(self.to_draw, len(steps)), read, space, self.count,
-            self.moves.tempering * self.count, self.moves.resampling, self.rng,
-        )  # fmt: skip
+            normals=self._balanced(self.to_draw, len(steps)),
+            read=read,
+            space=space,
+            count=self.count,
+            least=self.moves.tempering * self.count,
+            resampling=self.moves.resampling,
+            rng=self.rng,
+        )
         self.x, self.gaussian, self.to_draw = mean + found.normals @ steps, None, self.count
         self._level()
         self.sizes.append(found.size)

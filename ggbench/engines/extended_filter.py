@@ -153,7 +153,15 @@ def _extended(
             noise.variances[:] = 1.0
             noise.taken[:] = 1.0
         for k in range(epochs):
-            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
+            moving = lanes.gather(
+                transition=batch.transition,
+                process_cov=batch.process_cov,
+                group=group,
+                k=k,
+                expected=expected,
+                phi=phi,
+                q=q,
+            )
             lane_algebra.predict(phi, q, moving, x, p, scratch)
             linearise(batch, group, count, k, x, reading)
             # The square of the innovation is that of every filter: linearised at the prediction,
@@ -174,10 +182,20 @@ def _extended(
                 lane_algebra.solve_lower(s, m, hp, half)
                 if gating.limits.shape[0] > 0:
                     lane_algebra.add_squares(white, m, unexplained)
-                    reject(unexplained, gating.limits, first, count, k, half, counts[:, 2])
+                    reject(
+                        squared=unexplained,
+                        limits=gating.limits,
+                        first=first,
+                        count=count,
+                        k=k,
+                        half_gain=half,
+                        rejected=counts[:, 2],
+                    )
                 lane_algebra.correct(half, white, m, x)
                 lane_algebra.solve_upper(s, m, half, gain)
-                lane_algebra.joseph(gain, hp, reading.rows, m, p, scratch, half)
+                lane_algebra.joseph(
+                    gain=gain, hp=hp, rows=reading.rows, m=m, p=p, scratch=scratch, change=half
+                )
                 counts[first : first + count, :2] += 1
             else:
                 lane_algebra.copy(unexplained, reading.squared)
@@ -190,7 +208,7 @@ def _extended(
                     linearise(batch, group, count, k, x, reading)
                     update_noise_estimate(noise, search, group, count, k, p)
                     search.counts[:, 1] += 1
-            lanes.scatter(x, p, first, count, k, mean, cov)
+            lanes.scatter(x=x, p=p, first=first, count=count, k=k, mean=mean, cov=cov)
         if rules is not None:
             counts[first : first + count, :2] = search.counts[:count]
 
@@ -211,7 +229,17 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
     if options.iterations > 1 or whole:
         rules = Rules(options.iterations, _HALVINGS, loss, options.threshold, True)
     gating = gate_options(block, options.gate, options.underweighting)
-    _extended(batch_of(block), rules, memory, whole, gating, mean, cov, nis, counts)
+    _extended(
+        batch=batch_of(block),
+        rules=rules,
+        memory=memory,
+        whole=whole,
+        gating=gating,
+        mean=mean,
+        cov=cov,
+        nis=nis,
+        counts=counts,
+    )
     info = {"linearisations": counts[:, 0], "map_evaluations": counts[:, 1]}
     if options.gate:
         info["rejected"] = counts[:, 2]

@@ -130,7 +130,15 @@ def _unscented(
         lanes.spread(batch.prior_mean, x)
         lanes.spread(batch.prior_cov, p)
         for k in range(epochs):
-            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
+            moving = lanes.gather(
+                transition=batch.transition,
+                process_cov=batch.process_cov,
+                group=group,
+                k=k,
+                expected=expected,
+                phi=phi,
+                q=q,
+            )
             # The motion is linear: sigma points through Φ have the mean Φ x and the covariance
             # Φ P Φᵀ exactly.
             lane_algebra.predict(phi, q, moving, x, p, scratch)
@@ -141,13 +149,29 @@ def _unscented(
                     _repaired(p, r, lower)
             linearise(batch, group, count, k, x, reading)
             read_sigma_points(
-                model, group, count, k, x, lower, weights.spread, reading.expansion, points
+                model=model,
+                group=group,
+                count=count,
+                k=k,
+                x=x,
+                lower=lower,
+                spread=weights.spread,
+                at=reading.expansion,
+                out=points,
             )
             for r in range(count):
                 counts[first + r, 1] += 1 + 2 * points.counts[r]
             at = min(k, batch.noise_cov.shape[0] - 1)
             r_k = batch.noise_cov[at]
-            _moments(lower, r_k, weights, points, offset, s, cross)
+            _moments(
+                lower=lower,
+                noise_cov=r_k,
+                weights=weights,
+                points=points,
+                offset=offset,
+                s=s,
+                cross=cross,
+            )
             # The square of the innovation is judged as that of every filter is, linearised.
             lane_algebra.project(reading.rows, p, equations, hp, linear)
             lane_algebra.factorise(linear, equations, linear)
@@ -157,7 +181,16 @@ def _unscented(
             _innovations(reading, offset)
             if loss != NONE:
                 root = batch.noise_inverse[at]
-                reweigh_unwhitened(s, reading.z, r_k, root, count, loss, threshold, reweighed)
+                reweigh_unwhitened(
+                    s=s,
+                    innovation=reading.z,
+                    noise_cov=r_k,
+                    noise_inverse=root,
+                    count=count,
+                    loss=loss,
+                    threshold=threshold,
+                    scratch=reweighed,
+                )
             if gating.underweighting > 0.0:
                 underweight(s, r_k, gating.underweighting, h_cov)
             lane_algebra.factorise(s, m, s)
@@ -166,7 +199,15 @@ def _unscented(
             if gating.limits.shape[0] > 0:
                 squared[:] = 0.0
                 lane_algebra.add_squares(white, m, squared)
-                reject(squared, gating.limits, first, count, k, cross, rejected)
+                reject(
+                    squared=squared,
+                    limits=gating.limits,
+                    first=first,
+                    count=count,
+                    k=k,
+                    half_gain=cross,
+                    rejected=rejected,
+                )
             lane_algebra.correct(cross, white, m, x)
             lane_algebra.add_products(cross, cross, -1.0, p, scratch)
             p, scratch = scratch, p
@@ -184,7 +225,7 @@ def _unscented(
                     for i in range(n):
                         for j in range(n):
                             p[i, j, r] = nearest[i, j]
-            lanes.scatter(x, p, first, count, k, mean, cov)
+            lanes.scatter(x=x, p=p, first=first, count=count, k=k, mean=mean, cov=cov)
 
 
 @compiled
@@ -223,7 +264,16 @@ def unscented(
     rejected = np.zeros(runs, dtype=np.int64)
     number, gating = number_of(loss, threshold), gate_options(block, gate, underweighting)
     _unscented(
-        batch_of(block), weights, number, threshold, gating, mean, cov, nis, counts, rejected
+        batch=batch_of(block),
+        weights=weights,
+        loss=number,
+        threshold=threshold,
+        gating=gating,
+        mean=mean,
+        cov=cov,
+        nis=nis,
+        counts=counts,
+        rejected=rejected,
     )
     info = {"covariance_repairs": counts[:, 0], "map_evaluations": counts[:, 1]}
     if gate:

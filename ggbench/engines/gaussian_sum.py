@@ -83,7 +83,15 @@ def _filter(
                     now.covs[j, a, b] = prior.covs[0, a, b]
         total = 0
         for k in range(epochs):
-            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
+            moving = lanes.gather(
+                transition=batch.transition,
+                process_cov=batch.process_cov,
+                group=group,
+                k=k,
+                expected=expected,
+                phi=phi,
+                q=q,
+            )
             for first in lanes.starts(count):
                 used = lanes.count_from(first, count)
                 _pack(now, first, used, x, p)
@@ -286,7 +294,15 @@ def gaussian_sum(
     counts, sizes = np.zeros(runs, dtype=np.int64), np.zeros(runs)
     prior = Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
     rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
-    _filter(batch_of(block), prior, rules, mean, cov, counts, sizes)
+    _filter(
+        batch=batch_of(block),
+        prior=prior,
+        rules=rules,
+        mean=mean,
+        cov=cov,
+        counts=counts,
+        sizes=sizes,
+    )
     started = np.full(runs, len(weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}
     return EstimateBlock(mean, cov, "filter", info=info)

@@ -91,7 +91,7 @@ def _smooth(
             if windowed:
                 oldest = leaving[k]
             else:
-                lanes.scatter(work.x, work.p, first, count, k, mean, cov)
+                lanes.scatter(x=work.x, p=work.p, first=first, count=count, k=k, mean=mean, cov=cov)
             smooth_back(solver, k, oldest)
         if windowed:
             covariances(

@@ -164,11 +164,15 @@ def update(out: Search, x: np.ndarray, p: np.ndarray, scratch: np.ndarray) -> No
     ``scratch`` (n, n, lanes) is overwritten.
     """
     m = out.rows.shape[0]
-    lane_algebra.kalman_gain(out.rows, p, m, out.hp, out.s, out.half, out.gain)
+    lane_algebra.kalman_gain(
+        rows=out.rows, p=p, m=m, hp=out.hp, lower=out.s, half=out.half, gain=out.gain
+    )
     if out.rules.iterations == 1:
         lane_algebra.whiten(out.s, m, out.innovation, out.white)
         lane_algebra.correct(out.half, out.white, m, x)
-    lane_algebra.joseph(out.gain, out.hp, out.rows, m, p, scratch, out.half)
+    lane_algebra.joseph(
+        gain=out.gain, hp=out.hp, rows=out.rows, m=m, p=p, scratch=scratch, change=out.half
+    )
 
 
 @compiled

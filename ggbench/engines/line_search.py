@@ -398,7 +398,7 @@ def ends(
         count = lanes.count_from(first, searches)
         _filter_again(smoother, found, first)
         last = path.states[path.states.shape[0] - 1]
-        lanes.scatter(last, smoother.work.p, first, count, 0, mean, cov)
+        lanes.scatter(x=last, p=smoother.work.p, first=first, count=count, k=0, mean=mean, cov=cov)
         for r in range(count):
             total = 0.0
             for k in range(lower.shape[0]):

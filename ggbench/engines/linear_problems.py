@@ -176,7 +176,13 @@ def gather_motion(smoother: Smoother, group: np.ndarray, k: int) -> None:
     """Fill Φ and Q of a group of runs (lanes,) at an epoch."""
     batch, path = smoother.problems.batch, smoother.path
     path.moving[k] = lanes.gather(
-        batch.transition, batch.process_cov, group, k, smoother.expected, path.phi[k], path.q[k]
+        transition=batch.transition,
+        process_cov=batch.process_cov,
+        group=group,
+        k=k,
+        expected=smoother.expected,
+        phi=path.phi[k],
+        q=path.q[k],
     )
 
 

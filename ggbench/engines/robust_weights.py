@@ -151,7 +151,16 @@ def reweigh_unwhitened(
                 for c in range(j + 1):
                     total += half[i, c] * noise_inverse[j, c]
                 scratch[i, j, r] = total
-        reweigh(scratch[:m], white, m, r, loss, threshold, ROUNDS, weight)
+        reweigh(
+            spread=scratch[:m],
+            innovation=white,
+            m=m,
+            r=r,
+            loss=loss,
+            threshold=threshold,
+            rounds=ROUNDS,
+            weight=weight,
+        )
         for i in range(m):
             for j in range(i + 1):
                 total = s[i, j, r]

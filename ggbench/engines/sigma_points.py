@@ -48,10 +48,16 @@ def sigma_points_of(moving: int, n: int, m: int, g: int) -> SigmaPoints:
     chosen = lanes(1, 2)
     size = chosen.shape[2]
     return SigmaPoints(
-        lanes(moving, n), lanes(m, n), lanes(m, n), np.zeros((size, n), dtype=np.int64),
-        np.zeros(size, dtype=np.int64), lanes(6, 2 * n), lanes(g, 2 * n), chosen,
-        point_scratch(2 * n),
-    )  # fmt: skip
+        shift=lanes(moving, n),
+        odd=lanes(m, n),
+        even=lanes(m, n),
+        far=np.zeros((size, n), dtype=np.int64),
+        counts=np.zeros(size, dtype=np.int64),
+        errors=lanes(6, 2 * n),
+        found=lanes(g, 2 * n),
+        chosen=chosen,
+        points=point_scratch(2 * n),
+    )
 
 
 @compiled
@@ -105,7 +111,17 @@ def read_sigma_points(
     if most > 0:
         _evaluate(model, k, most, _alike(count, out), at, out)
     _add_linear_pairs(model, lower, factor, at, odd)
-    bend_gravity_pairs(model, group, count, k, x, lower, spread, odd, even)
+    bend_gravity_pairs(
+        model=model,
+        group=group,
+        count=count,
+        k=k,
+        x=x,
+        lower=lower,
+        spread=spread,
+        odd=odd,
+        even=even,
+    )
 
 
 @inlined
@@ -179,7 +195,16 @@ def _evaluate(
             # A point and its mirror image are neighbours.
             store(errors, i, 2 * s, centre + moved)
             store(errors, i, 2 * s + 1, centre - moved)
-    read(model, k, at.context, errors, 2 * pairs, 2 * pairs * size, out.points, found)
+    read(
+        model=model,
+        k=k,
+        context=at.context,
+        errors=errors,
+        vectors=2 * pairs,
+        count=2 * pairs * size,
+        points=out.points,
+        out=found,
+    )
     for c in range(found.shape[0]):
         centre = load(at.by_tensor, 0, c)
         for s in range(pairs):

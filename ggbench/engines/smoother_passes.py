@@ -31,12 +31,16 @@ def _update(
         for j in range(n):
             total -= load(rows, c, j) * load(work.x, 0, j)
         store(work.innovation, 0, c, total)
-    lane_algebra.kalman_gain(rows, p, m, work.hp, lower, work.half, gain)
+    lane_algebra.kalman_gain(
+        rows=rows, p=p, m=m, hp=work.hp, lower=lower, half=work.half, gain=gain
+    )
     lane_algebra.whiten(lower, m, work.innovation, work.white)
     lane_algebra.correct(work.half, work.white, m, work.x)
     column = work.white.reshape((m, 1, work.white.shape[2]))
     lane_algebra.solve_upper(lower, m, column, updates.pulls[k])
-    lane_algebra.joseph(gain, work.hp, rows, m, p, work.scratch, work.change)
+    lane_algebra.joseph(
+        gain=gain, hp=work.hp, rows=rows, m=m, p=p, scratch=work.scratch, change=work.change
+    )
 
 
 @compiled
@@ -225,7 +229,7 @@ def covariances(
             lane_algebra.factorise(work.s, n, work.s)
             lane_algebra.solve_lower(work.s, n, root, work.half)
             lane_algebra.add_products(work.half, work.half, 1.0, nothing, work.p)
-            lanes.scatter(states[k], work.p, first, count, k, mean, cov)
+            lanes.scatter(x=states[k], p=work.p, first=first, count=count, k=k, mean=mean, cov=cov)
         if k > oldest:
             _inform_before(path, k, later, root, work)
 
@@ -244,8 +248,12 @@ def _inform_before(
     lane_algebra.add_products(rows, rows, 1.0, later, p)
     noise, gain, hp, change = root[:moving], work.other[:moving], work.hp[:moving], work.change
     lane_algebra.transposed_root(path.q[k], moving, noise)
-    lane_algebra.kalman_gain(noise, p, moving, hp, work.s, work.half, gain)
-    lane_algebra.joseph(gain, hp, noise, moving, p, work.scratch, change)
+    lane_algebra.kalman_gain(
+        rows=noise, p=p, m=moving, hp=hp, lower=work.s, half=work.half, gain=gain
+    )
+    lane_algebra.joseph(
+        gain=gain, hp=hp, rows=noise, m=moving, p=p, scratch=work.scratch, change=change
+    )
     for i in range(n):
         for j in range(n):
             value = splat(1.0 if i == j else 0.0)

@@ -143,9 +143,15 @@ class Trellis:
         shape = tuple(int(size) for size in last - first + 1)
         forward = flat[cells] / flat[cells].sum()
         return Layer(
-            low + first, shape, np.ravel_multi_index(tuple((index - first).T), shape), forward,
-            likelihood[cells], kernels, lattice.base, lattice.axes,
-        )  # fmt: skip
+            low=low + first,
+            shape=shape,
+            cells=np.ravel_multi_index(tuple((index - first).T), shape),
+            forward=forward,
+            likelihood=likelihood[cells],
+            kernels=kernels,
+            base=lattice.base,
+            axes=lattice.axes,
+        )
 
     def _log_likelihoods(
         self, k: int, lattice: Lattice, places: np.ndarray, masses: np.ndarray

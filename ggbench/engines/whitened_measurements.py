@@ -57,10 +57,16 @@ def batch_of(block: ProblemBlock) -> Batch:
     """Return the arrays of a block."""
     noise_cov = block.noise_cov.reshape(-1, *block.noise_cov.shape[-2:])
     return Batch(
-        block.model, block.measurements, block.present, noise_cov,
-        np.linalg.inv(np.linalg.cholesky(noise_cov)), block.transition, block.process_cov,
-        block.prior_mean[np.newaxis], block.prior_cov,
-    )  # fmt: skip
+        model=block.model,
+        measurements=block.measurements,
+        present=block.present,
+        noise_cov=noise_cov,
+        noise_inverse=np.linalg.inv(np.linalg.cholesky(noise_cov)),
+        transition=block.transition,
+        process_cov=block.process_cov,
+        prior_mean=block.prior_mean[np.newaxis],
+        prior_cov=block.prior_cov,
+    )
 
 
 @record
@@ -105,9 +111,17 @@ def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
     precision = lanes(1, equations)
     precision[:] = 1.0
     return LinearisedMeasurement(
-        expansion_of(model), lanes(1, 1), lanes(1, m), lanes(equations, n), lanes(1, equations),
-        precision, lanes(1, 1), lanes(g, moving), lanes(1, m), whole,
-    )  # fmt: skip
+        expansion=expansion_of(model),
+        there=lanes(1, 1),
+        z=lanes(1, m),
+        rows=lanes(equations, n),
+        innovation=lanes(1, equations),
+        precision=precision,
+        squared=lanes(1, 1),
+        white=lanes(g, moving),
+        residual=lanes(1, m),
+        whole=whole,
+    )
 
 
 @compiled

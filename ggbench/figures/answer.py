@@ -57,9 +57,13 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
     columns = _columns(panel)
     row = 0.26 + 0.075 * len(curves)
     figure, grid = subplots(
-        1, columns, figsize=(WIDTH, 0.9 + max(row, 0.4) * count), sharey=True, squeeze=False,
+        1,
+        columns,
+        figsize=(WIDTH, 0.9 + max(row, 0.4) * count),
+        sharey=True,
+        squeeze=False,
         width_ratios=(2.6, 1.0)[:columns],
-    )  # fmt: skip
+    )
     errors: Axes = grid[0, 0]
     middle = np.arange(count, dtype=float)
     styles = line_styles(families)
@@ -67,9 +71,12 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
         at = middle + 0.7 * ((number + 0.5) / len(curves) - 0.5)
         style = styles[label]
         marks: dict[str, Any] = {
-            "color": style.color, "marker": style.marker, "fillstyle": _FILLED[style.ls],
-            "ms": 5.5, "ls": "",
-        }  # fmt: skip
+            "color": style.color,
+            "marker": style.marker,
+            "fillstyle": _FILLED[style.ls],
+            "ms": 5.5,
+            "ls": "",
+        }
         figure.attribute(label, *errors.plot(curve.rms, at, **marks))
         figure.attribute(label, errors.hlines(at, curve.low, curve.high, color=style.color, lw=1.4))
         if columns == 2:
@@ -111,17 +118,24 @@ def over_axis(
     """
     rows = max(map(_columns, panels))
     figure, grid = subplots(
-        rows, len(panels), figsize=(WIDTH, 3.3 + 1.5 * (rows - 1)), sharex=True, sharey="row",
-        squeeze=False, height_ratios=(2.2, 1.0)[:rows],
-    )  # fmt: skip
+        rows,
+        len(panels),
+        figsize=(WIDTH, 3.3 + 1.5 * (rows - 1)),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
+        height_ratios=(2.2, 1.0)[:rows],
+    )
     styles = line_styles(families)
     for column, panel in enumerate(panels):
         top: Axes = grid[0, column]
         for name, width in stacked(panel.curves, families):
             curve, style = panel.curves[name], styles[name]
             look: dict[str, Any] = style._asdict() | {
-                "fillstyle": _FILLED[style.ls], "ms": 4.5, "lw": width,
-            }  # fmt: skip
+                "fillstyle": _FILLED[style.ls],
+                "ms": 4.5,
+                "lw": width,
+            }
             figure.attribute(name, *top.plot(panel.places, curve.rms, **look))
             interval = top.fill_between(
                 panel.places, curve.low, curve.high, color=style.color, alpha=0.15, lw=0.0

@@ -49,15 +49,23 @@ def error_over_time(flights: Sequence[Flight], families: Mapping[str, str]) -> D
             for label, width in stacked(errors, families):
                 style, name = styles[label], "INS" if label == "ins" else label
                 line = axis.semilogy(
-                    times, errors[label][:, row], ls=style.ls, color=style.color, lw=width,
+                    times,
+                    errors[label][:, row],
+                    ls=style.ls,
+                    color=style.color,
+                    lw=width,
                     label=name,
-                )  # fmt: skip
+                )
                 figure.attribute(name, *line)
             for number, (name, bound) in enumerate(bounds.items()):
                 line = axis.semilogy(
-                    times, bound[:, row], color=BOUND, lw=1.1, ls=("-", ":", "--")[number % 3],
+                    times,
+                    bound[:, row],
+                    color=BOUND,
+                    lw=1.1,
+                    ls=("-", ":", "--")[number % 3],
                     label=name,
-                )  # fmt: skip
+                )
                 figure.attribute(name, *line)
             plain_numbers(axis)
             axis.tick_params(which="both", labelsize=8)

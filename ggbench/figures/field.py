@@ -24,8 +24,9 @@ def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
     track = np.degrees(arrays["track"][:, :2])
     axis.plot(track[:, 1], track[:, 0], "k", lw=2.0)
     axis.plot(track[0, 1], track[0, 0], "o", color="k", ms=6, mfc="w")
-    axis.annotate("start", (track[0, 1], track[0, 0]), (-4, 6), textcoords="offset points",
-                  ha="right")  # fmt: skip
+    axis.annotate(
+        "start", (track[0, 1], track[0, 0]), (-4, 6), textcoords="offset points", ha="right"
+    )
     axis.set(xlabel="longitude [° E]", ylabel="latitude [° N]")
     axis.set_aspect(1.0 / np.cos(np.radians(latitude.mean())))
     axis.ticklabel_format(useOffset=False)
@@ -41,8 +42,12 @@ def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str) -> Drawin
     filtered = arrays.get("filtered")
     ratios = (3, 2) if filtered is None else (3, 2, 2)
     figure, axes = subplots(
-        len(ratios), 1, figsize=(7.0, 1.6 + 0.69 * sum(ratios)), sharex=True, height_ratios=ratios,
-    )  # fmt: skip
+        len(ratios),
+        1,
+        figsize=(7.0, 1.6 + 0.69 * sum(ratios)),
+        sharex=True,
+        height_ratios=ratios,
+    )
     top, bottom = axes[0], axes[-1]
     dots = {"color": "tab:orange", "marker": ".", "ls": "", "ms": 3}
     top.plot(times, arrays["noisy"], **dots, label="noisy")

@@ -29,9 +29,15 @@ def map_components(nodes: Nodes, tensor: Any, height: float, source: str) -> Dra
         values = tensor[::stride, ::stride, index]
         limit = float(np.percentile(np.abs(values), 99.5)) or 1.0
         image = axis.imshow(
-            values, origin="lower", extent=extent, aspect=stretch, cmap="RdBu_r", vmin=-limit,
-            vmax=limit, interpolation="nearest",
-        )  # fmt: skip
+            values,
+            origin="lower",
+            extent=extent,
+            aspect=stretch,
+            cmap="RdBu_r",
+            vmin=-limit,
+            vmax=limit,
+            interpolation="nearest",
+        )
         axis.grid(visible=False)
         axis.ticklabel_format(useOffset=False)
         axis.set_title(f"Γ_{name.upper()}")

@@ -45,9 +45,13 @@ def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
             axis.semilogy(times, bounds[f"{along}_{unit}"], color=colour, lw=1.0, label=along)
         axis.semilogy(times, bounds[f"{name}_{unit}"], color=BOUND, lw=1.6, label="spherical")
         axis.semilogy(
-            times, bounds[f"{name}_smoothed_{unit}"], color=BOUND, lw=1.0, ls="--",
+            times,
+            bounds[f"{name}_smoothed_{unit}"],
+            color=BOUND,
+            lw=1.0,
+            ls="--",
             label="spherical, all readings",
-        )  # fmt: skip
+        )
         axis.set_ylabel(f"{name} [{shown}]")
         axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -81,25 +85,39 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
         )
         limit = float(np.abs(vertical).max()) or 1.0
         mesh = axis.pcolormesh(
-            longitude, latitude, vertical, cmap="RdBu_r", vmin=-limit, vmax=limit, alpha=0.6,
+            longitude,
+            latitude,
+            vertical,
+            cmap="RdBu_r",
+            vmin=-limit,
+            vmax=limit,
+            alpha=0.6,
             rasterized=True,
-        )  # fmt: skip
+        )
         figure.colorbar(mesh, ax=axis, location="bottom", shrink=0.8, label="disturbing Γ_UU [E]")
     step = 1 + len(track) // _MOST_POINTS
     track, values = track[::step], values[::step]
     smallest, largest = values.min(), values.max()
     line = LineCollection(
-        [*np.stack([track[:-1], track[1:]], axis=1)], cmap="plasma", lw=4.0, capstyle="round",
+        [*np.stack([track[:-1], track[1:]], axis=1)],
+        cmap="plasma",
+        lw=4.0,
+        capstyle="round",
         norm=LogNorm(smallest, max(largest, 1.001 * smallest)),
-    )  # fmt: skip
+    )
     line.set_array(values[1:])
     axis.add_collection(line)
     axis.plot(*track[0], "o", color="k", mfc="w", ms=6)
     subs = (1.0, 2.0, 5.0) if largest < 20.0 * smallest else (1.0,)
     figure.colorbar(
-        line, ax=axis, location="bottom", shrink=0.8, label="bound of the position [m]",
-        ticks=LogLocator(subs=subs), format=lambda value, _: f"{value:g}",
-    ).minorticks_off()  # fmt: skip
+        line,
+        ax=axis,
+        location="bottom",
+        shrink=0.8,
+        label="bound of the position [m]",
+        ticks=LogLocator(subs=subs),
+        format=lambda value, _: f"{value:g}",
+    ).minorticks_off()
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect=stretch)
     axis.set(xlabel="longitude [°]", ylabel="latitude [°]")
     axis.ticklabel_format(useOffset=False)
@@ -118,14 +136,24 @@ def planned_tracks(tracks: pd.DataFrame, title: str) -> Drawing:
     bounds = able["bound_m"].to_numpy()
     smallest, largest = (bounds.min(), bounds.max()) if len(bounds) else (1.0, 1.0)
     arrows = axis.quiver(
-        able["east_km"], able["north_km"], np.sin(heading), np.cos(heading), bounds,
-        norm=LogNorm(smallest, max(largest, 1.001 * smallest)), cmap="plasma", angles="xy",
-        width=0.006, scale=12.0,
-    )  # fmt: skip
+        able["east_km"],
+        able["north_km"],
+        np.sin(heading),
+        np.cos(heading),
+        bounds,
+        norm=LogNorm(smallest, max(largest, 1.001 * smallest)),
+        cmap="plasma",
+        angles="xy",
+        width=0.006,
+        scale=12.0,
+    )
     figure.colorbar(
-        arrows, ax=axis, label="bound of the RMS position error [m]",
-        ticks=LogLocator(subs=(1.0, 2.0, 5.0)), format=lambda value, _: f"{value:g}",
-    ).minorticks_off()  # fmt: skip
+        arrows,
+        ax=axis,
+        label="bound of the RMS position error [m]",
+        ticks=LogLocator(subs=(1.0, 2.0, 5.0)),
+        format=lambda value, _: f"{value:g}",
+    ).minorticks_off()
     axis.margins(0.25)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(xlabel="start, east [km]", ylabel="start, north [km]")

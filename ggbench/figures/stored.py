@@ -74,9 +74,14 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
     first, unit = _COLUMNS[quantity]
     times = results.arrays(case)["times"]
     return errors.component_errors(
-        times=times, aided=aided, ins=ins, first=first, unit=unit, label=label,
+        times=times,
+        aided=aided,
+        ins=ins,
+        first=first,
+        unit=unit,
+        label=label,
         families=results.families,
-    )  # fmt: skip
+    )
 
 
 def field_map(results: Results, case: str) -> Drawing:

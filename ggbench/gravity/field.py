@@ -114,13 +114,13 @@ def gradients_and_slopes(
     for n in range(positions.shape[0]):
         if coefficients.size > 0:
             spline_tensor_slopes(
-                positions[n].reshape((3, 1)),
-                1,
-                origin,
-                step,
-                coefficients,
-                work,
-                s.reshape((24, 1)),
+                positions=positions[n].reshape((3, 1)),
+                count=1,
+                origin=origin,
+                step=step,
+                coefficients=coefficients,
+                work=work,
+                out=s.reshape((24, 1)),
             )
         full, slopes, _, _ = gradient_of(
             math.sin(positions[n, 0]), math.cos(positions[n, 0]), positions[n, 2],

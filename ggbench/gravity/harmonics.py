@@ -227,7 +227,15 @@ def _legendre_columns(degree: int, sine: Array, cosine: Array) -> Iterator[Array
         a = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
         b = np.sqrt((2 * n + 1) * (n + m - 1) * (n - m - 1) / ((n - m) * (n + m) * (2 * n - 3)))
         column = np.empty((degree - m + 1, sine.size))
-        _fill_column(sine, sectorial, exponent, np.sqrt(2.0 * m + 3.0), a, b, column)
+        _fill_column(
+            sine=sine,
+            sectorial=sectorial,
+            exponent=exponent,
+            first=np.sqrt(2.0 * m + 3.0),
+            a=a,
+            b=b,
+            column=column,
+        )
         yield column
 
 

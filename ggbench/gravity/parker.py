@@ -118,7 +118,15 @@ def terrain_field(
     heights = _axis(height, "height")
     shape = (_axis(latitude, "latitude").size, _axis(longitude, "longitude").size, heights.size)
     tensor, vector = np.empty((*shape, 6), dtype), np.empty((*shape, 3), dtype)
-    layers = terrain_layers(terrain, latitude, longitude, heights, options, geoid_height, dtype)
+    layers = terrain_layers(
+        terrain=terrain,
+        latitude=latitude,
+        longitude=longitude,
+        height=heights,
+        options=options,
+        geoid_height=geoid_height,
+        dtype=dtype,
+    )
     for index, (layer_tensor, layer_vector) in enumerate(layers):
         tensor[:, :, index], vector[:, :, index] = layer_tensor, layer_vector
     return tensor, vector
@@ -155,9 +163,18 @@ def terrain_layers(
         tensor = np.empty((lat.size, lon.size, 6), dtype)
         vector = np.empty((lat.size, lon.size, 3), dtype)
         evaluate(
-            lat, lon, series.plane, series.origin, series.step, fine, series.coarse_step, coarse,
-            series.level_gravity, tensor, vector,
-        )  # fmt: skip
+            latitude=lat,
+            longitude=lon,
+            plane=series.plane,
+            origin=series.origin,
+            step=series.step,
+            fine=fine,
+            coarse_step=series.coarse_step,
+            coarse=coarse,
+            level_gravity=series.level_gravity,
+            tensor=tensor,
+            vector=vector,
+        )
         yield tensor, vector
 
 
@@ -259,9 +276,18 @@ class _Series:
         meridian, prime_vertical = radii_of_curvature(np.radians(terrain.latitudes_deg.mean()))
         metres = np.array([meridian, prime_vertical * self.plane.cosine]) * steps
         resample(
-            ground, spline_filter(ground, 3, mode="mirror"), south_west, steps, metres, edge,
-            self.border, self.plane, self.origin, self.step, surface,
-        )  # fmt: skip
+            ground=ground,
+            coefficients=spline_filter(ground, 3, mode="mirror"),
+            south_west=south_west,
+            steps=steps,
+            metres=metres,
+            edge=edge,
+            border=self.border,
+            plane=self.plane,
+            origin=self.origin,
+            step=self.step,
+            surface=surface,
+        )
         return surface, edge
 
     def _sum(self, layers: list[tuple[NDArray, float, float]], options: TerrainOptions) -> None:

@@ -183,7 +183,13 @@ def vector_at(
     """
     work, flat = np.empty(_SUMS + 36), coefficients.reshape(-1)
     start, row, column = _weigh(
-        position[0], position[1], position[2], origin, step, coefficients, work
+        latitude=position[0],
+        longitude=position[1],
+        height=position[2],
+        origin=origin,
+        step=step,
+        coefficients=coefficients,
+        work=work,
     )
     if start < 0:
         value[:] = math.nan
@@ -269,7 +275,13 @@ def spline_tensor_slopes(
     flat = coefficients.reshape(-1)
     for p in range(count):
         start, row, column = _weigh(
-            positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, work
+            latitude=positions[0, p],
+            longitude=positions[1, p],
+            height=positions[2, p],
+            origin=origin,
+            step=step,
+            coefficients=coefficients,
+            work=work,
         )
         if start < 0:
             out[:, p] = math.nan
@@ -298,7 +310,13 @@ def spline_tensors(
     flat, work = coefficients.reshape(-1), np.empty(_SUMS + 24)
     for p in range(count):
         start, row, column = _weigh(
-            positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, work
+            latitude=positions[0, p],
+            longitude=positions[1, p],
+            height=positions[2, p],
+            origin=origin,
+            step=step,
+            coefficients=coefficients,
+            work=work,
         )
         if start < 0:
             out[:, p] = math.nan

@@ -78,7 +78,15 @@ class Units:
 
 HEIGHTS = Units("heights", _METRES, "metres or feet", "m", LOWEST_M, HIGHEST_M)
 GEOID = Units("a geoid", _METRES, "metres or feet", "m", -150.0, 150.0)
-GRAVITY = Units("gravity", _MPS2, "mGal, µGal, Gal or m/s²", "mGal", -0.02, 0.02, True)
+GRAVITY = Units(
+    what="gravity",
+    factors=_MPS2,
+    allowed="mGal, µGal, Gal or m/s²",
+    assumed="mGal",
+    lowest=-0.02,
+    highest=0.02,
+    says_assumed=True,
+)
 
 
 def upward(

@@ -84,12 +84,12 @@ def _position_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
     height = load(f, 0, 1) * p[0] + load(f, 0, 4) * p[1] + load(f, 0, DAMPING) * p[2]
     return (
         latitude
-        + entries_dot(f, 0, VELOCITY, 5, v[0], v[1], v[2])
-        + entries_dot(f, 0, ATTITUDE, 3, a[0], a[1], a[2]),
-        entries_dot(f, 0, LONGITUDE, 1, v[0], v[1], v[2]),
+        + entries_dot(f=f, n=0, j=VELOCITY, stride=5, x=v[0], y=v[1], z=v[2])
+        + entries_dot(f=f, n=0, j=ATTITUDE, stride=3, x=a[0], y=a[1], z=a[2]),
+        entries_dot(f=f, n=0, j=LONGITUDE, stride=1, x=v[0], y=v[1], z=v[2]),
         height
-        + entries_dot(f, 0, VELOCITY + 1, 5, v[0], v[1], v[2])
-        + entries_dot(f, 0, ATTITUDE + 1, 3, a[0], a[1], a[2]),
+        + entries_dot(f=f, n=0, j=VELOCITY + 1, stride=5, x=v[0], y=v[1], z=v[2])
+        + entries_dot(f=f, n=0, j=ATTITUDE + 1, stride=3, x=a[0], y=a[1], z=a[2]),
     )
 
 
@@ -98,12 +98,13 @@ def _velocity_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
     """Return the velocity's numbers."""
     return (
         load(f, 0, 5) * p[1]
-        + entries_dot(f, 0, VELOCITY + 2, 5, v[0], v[1], v[2])
+        + entries_dot(f=f, n=0, j=VELOCITY + 2, stride=5, x=v[0], y=v[1], z=v[2])
         + (load(f, 0, ATTITUDE + 5) * a[1] + load(f, 0, ATTITUDE + 8) * a[2]),
         load(f, 0, 2) * p[0]
-        + entries_dot(f, 0, VELOCITY + 3, 5, v[0], v[1], v[2])
+        + entries_dot(f=f, n=0, j=VELOCITY + 3, stride=5, x=v[0], y=v[1], z=v[2])
         + load(f, 0, ATTITUDE + 2) * a[0],
-        load(f, 0, TIME) * p[2] + entries_dot(f, 0, VELOCITY + 4, 5, v[0], v[1], v[2]),
+        load(f, 0, TIME) * p[2]
+        + entries_dot(f=f, n=0, j=VELOCITY + 4, stride=5, x=v[0], y=v[1], z=v[2]),
     )
 
 
@@ -123,9 +124,9 @@ def _attitude_of(f: np.ndarray, v: Vector, a: Vector) -> Vector:
 def _in_body(f: np.ndarray, n: Vector) -> Vector:
     """Return C_bn n."""
     return (
-        entries_dot(f, 0, BODY, 3, n[0], n[1], n[2]),
-        entries_dot(f, 0, BODY + 1, 3, n[0], n[1], n[2]),
-        entries_dot(f, 0, BODY + 2, 3, n[0], n[1], n[2]),
+        entries_dot(f=f, n=0, j=BODY, stride=3, x=n[0], y=n[1], z=n[2]),
+        entries_dot(f=f, n=0, j=BODY + 1, stride=3, x=n[0], y=n[1], z=n[2]),
+        entries_dot(f=f, n=0, j=BODY + 2, stride=3, x=n[0], y=n[1], z=n[2]),
     )
 
 
@@ -360,11 +361,15 @@ def propagate_short_series(
         a_3 = _attitude_of(f, v_2, a_2)
         a_4 = _attitude_of(f, v_3, a_3)
         v, a = (v_0, v_1, v_2, v_3), (a_0, a_1, a_2, a_3, a_4)
-        mean_v = _put_sums(_MEAN, 0, noise, 3, v, factors, 0, i)
-        _put_sums(_SLOPE, 1, noise, 3, v, factors, 3, i)
-        mean_a = _put_sums(_MEAN, 0, noise, 6, a, factors, 6, i)
-        _put_sums(_SLOPE, 1, noise, 6, a, factors, 9, i)
-        _put_sums(_CURVE, 2, noise, 6, a, factors, 12, i)
+        mean_v = _put_sums(
+            weights=_MEAN, first=0, noise=noise, j=3, terms=v, factors=factors, row=0, i=i
+        )
+        _put_sums(weights=_SLOPE, first=1, noise=noise, j=3, terms=v, factors=factors, row=3, i=i)
+        mean_a = _put_sums(
+            weights=_MEAN, first=0, noise=noise, j=6, terms=a, factors=factors, row=6, i=i
+        )
+        _put_sums(weights=_SLOPE, first=1, noise=noise, j=6, terms=a, factors=factors, row=9, i=i)
+        _put_sums(weights=_CURVE, first=2, noise=noise, j=6, terms=a, factors=factors, row=12, i=i)
         keep(columns, i, 0, _sum(_sum(_sum(p_0, 1.0, p_1), _END[2], p_2), _END[3], p_3))
         keep(columns, i, 3, _sum(_sum(_sum(v_0, 1.0, v_1), _END[2], v_2), _END[3], v_3))
         total = _sum(_sum(_sum(a_0, 1.0, a_1), _END[2], a_2), _END[3], a_3)

@@ -56,7 +56,16 @@ def delayed_rows_lanes(
         # To the nearer one of the epochs about the moment, and from there by Φ between epochs.
         earlier = 2 * first < begun + end
         low, high = (begun, first + 1) if earlier else (first, end)
-        entries_between(track, increments, low, high, dt, constant, gravity, entries)
+        entries_between(
+            track=track,
+            increments=increments,
+            first=low,
+            last=high,
+            dt=dt,
+            constant=constant,
+            gravity=gravity,
+            out=entries,
+        )
         for n in range(high - low):
             if earlier:
                 scaled_entries(entries, high - low - 1 - n, dt if n > 0 else dt - part, f)

@@ -194,13 +194,13 @@ def navigate(
     altimeter = np.reshape([] if heights is None else heights, (1, -1, 1))
     track = unfilled(len(delta_angles) + 1, TRACK)
     navigate_lanes(
-        in_lanes(initial.reshape(1, 1, TRACK)),
-        in_lanes(np.hstack([delta_angles, delta_velocities])[np.newaxis]),
-        dt,
-        in_lanes(altimeter),
-        gains,
-        gravity,
-        track,
+        initial=in_lanes(initial.reshape(1, 1, TRACK)),
+        increments=in_lanes(np.hstack([delta_angles, delta_velocities])[np.newaxis]),
+        dt=dt,
+        heights=in_lanes(altimeter),
+        gains=gains,
+        gravity=gravity,
+        track=track,
     )
     one = out_of_lanes(track, 1)[0]
     return one[:, :3].copy(), one[:, 3:6].copy(), one[:, 6:].reshape(-1, 3, 3)
@@ -299,13 +299,13 @@ def _step_lanes(
     With row ``n`` of the increments (., 6, LANES), and one disturbance (1, 3, LANES).
     """
     position, velocity, c_nb = step(
-        three(track, n, 0),
-        three(track, n, 3),
-        (*three(track, n, 6), *three(track, n, 9), *three(track, n, 12)),
-        three(increments, n, 0),
-        three(increments, n, 3),
-        three(disturbance, 0, 0),
-        dt,
+        position=three(track, n, 0),
+        v=three(track, n, 3),
+        c_nb=(*three(track, n, 6), *three(track, n, 9), *three(track, n, 12)),
+        angle=three(increments, n, 0),
+        dv=three(increments, n, 3),
+        disturbance=three(disturbance, 0, 0),
+        dt=dt,
     )
     keep(track, n + 1, 0, position)
     keep(track, n + 1, 3, velocity)

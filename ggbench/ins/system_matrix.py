@@ -147,9 +147,9 @@ def entries_between(
         for i in range(9):
             store(out, m, BODY + i, _middle(track, n, 6 + i))
         force = (
-            entries_dot(out, m, BODY, 1, a_0, a_1, a_2),
-            entries_dot(out, m, BODY + 3, 1, a_0, a_1, a_2),
-            entries_dot(out, m, BODY + 6, 1, a_0, a_1, a_2),
+            entries_dot(f=out, n=m, j=BODY, stride=1, x=a_0, y=a_1, z=a_2),
+            entries_dot(f=out, n=m, j=BODY + 3, stride=1, x=a_0, y=a_1, z=a_2),
+            entries_dot(f=out, n=m, j=BODY + 6, stride=1, x=a_0, y=a_1, z=a_2),
         )
         velocity = _middle(track, n, 3), _middle(track, n, 4), _middle(track, n, 5)
         _fill(_middle(track, n, 0), _middle(track, n, 2), velocity, force, out, m)

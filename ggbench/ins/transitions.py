@@ -149,8 +149,25 @@ def transitions_lanes(
     metres_at(track, 0, start)
     for k in range(epochs.shape[0]):
         last = epochs[k]
-        entries_between(track, increments, first, last, dt, constant, gravity, entries)
+        entries_between(
+            track=track,
+            increments=increments,
+            first=first,
+            last=last,
+            dt=dt,
+            constant=constant,
+            gravity=gravity,
+            out=entries,
+        )
         metres_at(track, last, end)
-        compose(entries[: last - first], dt, noise, start, end, transition[:, k], process_cov[:, k])
+        compose(
+            entries=entries[: last - first],
+            dt=dt,
+            noise=noise,
+            start=start,
+            end=end,
+            transition=transition[:, k],
+            process_cov=process_cov[:, k],
+        )
         copy(end, start)
         first = last

@@ -21,11 +21,30 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CASES = (
-    "case", "title", "right_model", "situation", "correlation_m", "width", "position_m",
-    "required_m", "bound_m", "smoothing_bound_m", "unfiltered_bound_m", "ins_m", "runs", "draws",
-    "epochs", "duration_s", "speed_mps", "height_m", "recommended", "best", "best_smoother", "gain",
+    "case",
+    "title",
+    "right_model",
+    "situation",
+    "correlation_m",
+    "width",
+    "position_m",
+    "required_m",
+    "bound_m",
+    "smoothing_bound_m",
+    "unfiltered_bound_m",
+    "ins_m",
+    "runs",
+    "draws",
+    "epochs",
+    "duration_s",
+    "speed_mps",
+    "height_m",
+    "recommended",
+    "best",
+    "best_smoother",
+    "gain",
     "consistent",
-)  # fmt: skip
+)
 """Columns of :func:`cases`."""
 KINDS = ("causal", "smoother")
 

@@ -21,9 +21,22 @@ from .statistics import ALPHA, BETTER, UNDECIDED, WORSE, excess_p_value, holm, r
 SAME = "same"
 UNFINISHED = "failed or diverged"
 ROW_COLUMNS = (
-    "assumption", "case", "estimator", "quantity", "before", "after", "ratio", "lo", "hi",
-    "runs_before", "runs", "paired", "p", "p_better", "verdict",
-)  # fmt: skip
+    "assumption",
+    "case",
+    "estimator",
+    "quantity",
+    "before",
+    "after",
+    "ratio",
+    "lo",
+    "hi",
+    "runs_before",
+    "runs",
+    "paired",
+    "p",
+    "p_better",
+    "verdict",
+)
 _QUANTITIES = ("position", "velocity")
 _KEY = ["assumption", "case", "estimator"]
 _RUN = ["seed", "run"]

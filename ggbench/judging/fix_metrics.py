@@ -25,10 +25,27 @@ HORIZONTAL = 2
 ROWS = ("time_s", "error_m", "nees", "statistic", "accepted")
 """Columns of each fix."""
 COLUMNS = (
-    "fixes", "accepted", "false", "right_share", "right_lo", "right_hi", "false_share", "false_lo",
-    "false_hi", "none_share", "none_lo", "none_hi", "right_time_median_s", "right_time_lo",
-    "right_time_hi", "cep50_m", "cep95_m", "nees", "nees_lo", "nees_hi",
-)  # fmt: skip
+    "fixes",
+    "accepted",
+    "false",
+    "right_share",
+    "right_lo",
+    "right_hi",
+    "false_share",
+    "false_lo",
+    "false_hi",
+    "none_share",
+    "none_lo",
+    "none_hi",
+    "right_time_median_s",
+    "right_time_lo",
+    "right_time_hi",
+    "cep50_m",
+    "cep95_m",
+    "nees",
+    "nees_lo",
+    "nees_hi",
+)
 """Of the fixes of an estimator on a case: see :func:`metrics`."""
 
 
@@ -82,9 +99,12 @@ def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict
     nees = np.einsum("fi,fi->f", off, np.linalg.solve(cov, off[..., np.newaxis])[..., 0])
     nees = np.where(nees >= 0.0, nees, np.inf)
     found = (
-        times[fixes.epoch], np.linalg.norm(off, axis=1), nees, np.nan_to_num(fixes.statistic),
+        times[fixes.epoch],
+        np.linalg.norm(off, axis=1),
+        nees,
+        np.nan_to_num(fixes.statistic),
         fixes.accepted,
-    )  # fmt: skip
+    )
     columns = (values.tolist() for values in found)
     return [dict(zip(ROWS, values, strict=True)) for values in zip(*columns, strict=True)]
 
@@ -114,9 +134,15 @@ def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
     if len(accepted):
         radii = tuple(np.quantile(accepted["error_m"], [0.5, 0.95]).tolist())
     found = (
-        len(fixes), len(accepted), int((~right).sum()),
-        *wilson(hits, runs), *wilson(misses, runs), *wilson(runs - len(first), runs),
-        *median_interval(when.to_numpy()), *radii,
-        float(accepted["nees"].mean()), *mean_band(len(first), HORIZONTAL),
-    )  # fmt: skip
+        len(fixes),
+        len(accepted),
+        int((~right).sum()),
+        *wilson(hits, runs),
+        *wilson(misses, runs),
+        *wilson(runs - len(first), runs),
+        *median_interval(when.to_numpy()),
+        *radii,
+        float(accepted["nees"].mean()),
+        *mean_band(len(first), HORIZONTAL),
+    )
     return dict(zip(COLUMNS, found, strict=True))

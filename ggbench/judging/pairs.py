@@ -25,9 +25,19 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PAIRS = (
-    "case", "first", "second", "runs", "error_ratio", "lo", "hi", "p", "first_only", "second_only",
-    "success_p", "verdict",
-)  # fmt: skip
+    "case",
+    "first",
+    "second",
+    "runs",
+    "error_ratio",
+    "lo",
+    "hi",
+    "p",
+    "first_only",
+    "second_only",
+    "success_p",
+    "verdict",
+)
 """Columns of :func:`pairs`."""
 FEWEST = 20
 """Clusters of common runs that "equivalent" needs."""

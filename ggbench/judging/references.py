@@ -14,9 +14,11 @@ from .bounds import bound_for, squared_bounds
 from .run_errors import WINDOWS, window_mask
 
 METRICS = {
-    "bound_position_ms": True, "bound_velocity_ms": True,
-    "oracle_position_ms": False, "oracle_velocity_ms": False,
-}  # fmt: skip
+    "bound_position_ms": True,
+    "bound_velocity_ms": True,
+    "oracle_position_ms": False,
+    "oracle_velocity_ms": False,
+}
 """Mean squares of a window, and whether every run has them: of the bound; of the oracle's errors,
 where the model is right."""
 DEFAULT_RATIO = 3.0

@@ -21,8 +21,12 @@ from ..spec.case import WindowsSpec
 
 WINDOWS = ("whole", "settled", "last20")
 METRICS = {
-    "position_ms": True, "velocity_ms": True, "nees": False, "nis": False, "coverage": False,
-}  # fmt: skip
+    "position_ms": True,
+    "velocity_ms": True,
+    "nees": False,
+    "nis": False,
+    "coverage": False,
+}
 """Metrics of a run in each window: whether every run has them, which are at least zero then."""
 JUDGED = 6
 """Position and velocity error: the states whose consistency is judged."""
@@ -136,7 +140,16 @@ def evaluate_block(
     sigmas = np.full((runs, epochs, JUDGED), np.nan)
     flaws = np.zeros((runs, 2), dtype=np.int64)
     given = np.empty((0, 0, 0, 0)) if cov is None else cov
-    _evaluate(error_state, mean, given, errors, nees, components, sigmas, flaws)
+    _evaluate(
+        error_state=error_state,
+        mean=mean,
+        cov=given,
+        errors=errors,
+        nees=nees,
+        components=components,
+        sigmas=sigmas,
+        flaws=flaws,
+    )
     nis = np.full((runs, epochs), np.nan)
     said = [_FLAWS[flaw].format(epoch) for flaw, epoch in flaws.tolist()]
     return Evaluation(errors[0], errors[1], nees, nis, components, sigmas), said
@@ -274,9 +287,14 @@ def window_means(evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
     masks = np.array([window_mask(times, windows, name) for name in WINDOWS])
     out = np.empty((len(evaluation.nees), len(WINDOWS), len(METRICS)))
     _window_means(
-        evaluation.position_error, evaluation.velocity_error, evaluation.nees,
-        np.ascontiguousarray(evaluation.nis, dtype=float), masks, _INSIDE, out,
-    )  # fmt: skip
+        position=evaluation.position_error,
+        velocity=evaluation.velocity_error,
+        nees=evaluation.nees,
+        nis=np.ascontiguousarray(evaluation.nis, dtype=float),
+        masks=masks,
+        limit=_INSIDE,
+        out=out,
+    )
     return out
 
 

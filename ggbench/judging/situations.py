@@ -80,9 +80,10 @@ def is_right_model(case: CaseSpec) -> bool:
 
 
 _OF_GRAVITY = {
-    "truth.field.gravity_disturbance", "truth.field.constant_disturbance_mgal",
+    "truth.field.gravity_disturbance",
+    "truth.field.constant_disturbance_mgal",
     "model.field.compensate",
-}  # fmt: skip
+}
 """Gravity that the accelerometers feel or the mechanization adds: no part of the map."""
 
 

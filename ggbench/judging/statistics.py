@@ -138,8 +138,9 @@ def log_ratio(first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray) 
     limit, freedom = math.log(EQUIVALENCE_RATIO), count - 1
     if error == 0.0:
         same = abs(mean) < limit
-        return LogRatio(math.exp(mean), math.exp(mean), math.exp(mean), float(mean == 0.0),
-                        float(not same))  # fmt: skip
+        return LogRatio(
+            math.exp(mean), math.exp(mean), math.exp(mean), float(mean == 0.0), float(not same)
+        )
     half = float(stdtrit(freedom, 1.0 - ALPHA / 2.0)) * error
     p = 2.0 * float(stdtr(freedom, -abs(mean) / error))
     p_equivalent = float(stdtr(freedom, (abs(mean) - limit) / error))

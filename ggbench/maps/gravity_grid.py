@@ -114,13 +114,13 @@ def read_grid(
     if longitude[0] >= 180.0:
         longitude = longitude - 360.0
     return GravityGrid(
-        kind,
-        float(latitude[0]),
-        float(longitude[0]),
-        step_lat,
-        step_lon,
-        values,
-        height_m,
+        kind=kind,
+        south_deg=float(latitude[0]),
+        west_deg=float(longitude[0]),
+        latitude_step_deg=step_lat,
+        longitude_step_deg=step_lon,
+        values=values,
+        height_m=height_m,
         is_height_anomaly=read.is_height_anomaly,
         remarks=read.remarks,
     )

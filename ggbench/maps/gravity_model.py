@@ -34,9 +34,12 @@ _NORMS = ("fully_normalized", "unnormalized")
 # The permanent tide in C20, k2 = 0.3 (Lemoine et al. 1998): zero-tide less tide-free.
 _ZERO_TIDE_C20 = -4.1736e-9
 _TIDE_PARTS = {
-    "tide_free": 0.0, "zero_tide": 1.0, "mean_tide": 1.3 / 0.3,
-    "unknown": 0.0, "does_not_apply": 0.0,
-}  # fmt: skip
+    "tide_free": 0.0,
+    "zero_tide": 1.0,
+    "mean_tide": 1.3 / 0.3,
+    "unknown": 0.0,
+    "does_not_apply": 0.0,
+}
 _APART = re.compile(r"[\s_-]+")  # of 'zero tide', 'zero-tide' and 'zero_tide'
 _ROW = [("key", "U6"), ("n", int), ("m", int), ("c", float), ("s", float)]
 _LEAST_ORDER = 0.95  # highest order, of the highest degree
@@ -160,9 +163,14 @@ def _unpacked(path: Path, content: bytes) -> bytes:
                 extracted = tar.extractfile(_only(path, files))
                 return extracted.read() if extracted is not None else b""
     except (
-        OSError, EOFError, zlib.error, zipfile.BadZipFile, tarfile.TarError, RuntimeError,
+        OSError,
+        EOFError,
+        zlib.error,
+        zipfile.BadZipFile,
+        tarfile.TarError,
+        RuntimeError,
         NotImplementedError,
-    ) as error:  # fmt: skip
+    ) as error:
         raise MapError(f"{path} is damaged: {text_of(error)}") from None
     return content
 

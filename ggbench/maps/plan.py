@@ -153,9 +153,13 @@ class _Sources:
         if inputs.grid is None and inputs.grid_height_m != default.grid_height_m:
             raise MapError("--grid-height goes with --anomaly or --disturbance.")
         terrain = (
-            "density", "water_density", "order", "geoid_height_m", "terrain_from_degree",
+            "density",
+            "water_density",
+            "order",
+            "geoid_height_m",
+            "terrain_from_degree",
             "clearance_m",
-        )  # fmt: skip
+        )
         changed = any(getattr(inputs, key) != getattr(default, key) for key in terrain)
         if inputs.terrain is None and changed:
             raise MapError(
@@ -300,10 +304,14 @@ class _Sources:
         ground = Ground(terrain, inputs.geoid_height_m, self._area, inputs.clearance_m)
         self.extents.append(
             SourceExtent(
-                bounds, bounds + inset, ground.floor_m(), ground.lowest_m(), ground.highest_m,
+                bounds,
+                bounds + inset,
+                ground.floor_m(),
+                ground.lowest_m(),
+                ground.highest_m,
                 str(ground),
             )
-        )  # fmt: skip
+        )
         self.ground = ground
 
     @staticmethod

@@ -35,8 +35,14 @@ COEFFICIENTS = "egm2008_degree120.npz"
 _GEOID_KEYS = ("lat0", "lon0", "step", "N_1e4m")
 _TERRAIN_KEYS = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m")
 MASS_KEYS = (
-    "plane", "places", "masses", "standard_error", "error_distance", "bounds", "depth_m",
-)  # fmt: skip
+    "plane",
+    "places",
+    "masses",
+    "standard_error",
+    "error_distance",
+    "bounds",
+    "depth_m",
+)
 """Arrays of a file of point masses.
 
 Latitude and longitude of the plane's point [deg]; see :class:`EquivalentSources` and

@@ -66,7 +66,15 @@ def read_lines(
         else pd.Series(PRIMARY, index=table.index)
     )
     whole = np.isfinite(numbers).all(axis=1)
-    return _lines(path, numbers, whole, line_names[whole], kinds[whole], wanted, axes)
+    return _lines(
+        path=path,
+        numbers=numbers,
+        whole=whole,
+        names=line_names[whole],
+        kinds=kinds[whole],
+        wanted=wanted,
+        axes=axes,
+    )
 
 
 def _lines(

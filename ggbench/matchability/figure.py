@@ -68,8 +68,9 @@ def map_score(scored: Scored, source: str) -> Drawing:
         f"{design.instrument.noise:g} {design.instrument.unit}; tracks of "
         f"{(design.track_m or 0.0) / 1e3:.3g} km, {design.readings} readings; position known to "
         f"{design.sigma_m / 1e3:g} km (σ)",
-        fontsize=9, wrap=True,
-    )  # fmt: skip
+        fontsize=9,
+        wrap=True,
+    )
     return figure
 
 
@@ -95,10 +96,15 @@ def _coloured(
     cells.set_norm(LogNorm(low, high if high > low else low * 1.1))
     axis.add_collection(cells)
     figure.colorbar(
-        cells, ax=axis, location="bottom", shrink=0.9, label=label, extend="both",
+        cells,
+        ax=axis,
+        location="bottom",
+        shrink=0.9,
+        label=label,
+        extend="both",
         ticks=LogLocator(subs=(1.0,) if high > 50.0 * low else (1.0, 2.0, 5.0)),
         format=lambda value, _: f"{value:g}",
-    ).minorticks_off()  # fmt: skip
+    ).minorticks_off()
     return shown
 
 
@@ -115,5 +121,6 @@ def _headings(axis: Axes, table: pd.DataFrame, values: Any) -> None:
         axis.plot(
             [longitude, longitude + sign * half * np.sin(turned)],
             [latitude, latitude + sign * half * np.cos(turned)],
-            color="k", lw=0.6,
-        )  # fmt: skip
+            color="k",
+            lw=0.6,
+        )

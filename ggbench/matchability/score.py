@@ -88,11 +88,13 @@ class Design:
 
     def __post_init__(self) -> None:
         for what, value, unit in (
-            ("side of a cell", self.cell_deg, "°"), ("spacing", self.spacing_m, " m"),
-            ("number of readings per km²", self.per_km2, ""), ("track", self.track_m, " m"),
+            ("side of a cell", self.cell_deg, "°"),
+            ("spacing", self.spacing_m, " m"),
+            ("number of readings per km²", self.per_km2, ""),
+            ("track", self.track_m, " m"),
             ("deviation of the position", self.sigma_m, " m"),
             ("distance of a right fix", self.right_m, " m"),
-        ):  # fmt: skip
+        ):
             if value is not None and not 0.0 < value < math.inf:
                 raise MapError(f"the {what} is {value:g}{unit} and must be positive and finite")
         if not 2 <= self.readings <= 10_000:
@@ -236,12 +238,14 @@ def cells_between(
     south, west = 0.5 * (low + high - counts * size)
     return [
         Cell(
-            float(south + i * size), float(south + (i + 1) * size),
-            float(west + j * size), float(west + (j + 1) * size),
+            float(south + i * size),
+            float(south + (i + 1) * size),
+            float(west + j * size),
+            float(west + (j + 1) * size),
         )
         for i in range(counts[0])
         for j in range(counts[1])
-    ], design  # fmt: skip
+    ], design
 
 
 def _completed(design: Design, side: float) -> Design:

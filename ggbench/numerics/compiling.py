@@ -58,9 +58,9 @@ class Kernel:
     def _cache(self, locator: type[Locator]) -> _DiskCache | None:
         return _DiskCache(self.py_func, locator) if self._has_file else None
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Return what the compiled function does."""
-        return self._entry(*arguments)
+        return self._entry(*arguments, **named)
 
     @property
     def targetoptions(self) -> Any:

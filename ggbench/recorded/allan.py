@@ -88,8 +88,9 @@ def imu_noise(path: Path) -> ImuNoise:
         row = int(np.argmax(np.abs(steps - period) > _LARGEST_JITTER * period)) + 1
         raise columns.error(
             f"comes {steps[row - 1]:g} s after the row before, and the median step is {period:g} "
-            "s: an Allan deviation needs samples without gaps", row,
-        )  # fmt: skip
+            "s: an Allan deviation needs samples without gaps",
+            row,
+        )
     period = float((times[-1] - times[0]) / (len(times) - 1))
     readings = columns.stacked(wanted) / (period if wanted is DELTAS else 1.0)
     _require_rest(path, readings[:, 3:], period)
@@ -139,11 +140,12 @@ def _noise(readings: np.ndarray, period: float) -> SensorNoise:
     )
     fits = [
         least_squares(
-            residuals, [w, b, min(max(t, limits[0] + 1e-6), limits[1] - 1e-6)],
+            residuals,
+            [w, b, min(max(t, limits[0] + 1e-6), limits[1] - 1e-6)],
             bounds=([-np.inf, -np.inf, limits[0]], [np.inf, np.inf, limits[1]]),
         )
         for w, b, t in starts
-    ]  # fmt: skip
+    ]
     found = min(fits, key=lambda fit: float(fit.cost))
     if 2.0 * (alone.cost - found.cost) < _GAIN:
         return SensorNoise(float(np.exp(alone.x[0])), 0.0, math.inf, lowest / _FLICKER)
@@ -171,9 +173,10 @@ def _variance(parameters: np.ndarray, taus: np.ndarray) -> np.ndarray:
     r = taus / time
     # 2 σ² (T/τ) [1 − (T/2τ)(3 − 4 e^(−τ/T) + e^(−2τ/T))]; for small r the bracket is r²/3 − r³/4.
     bracket = np.where(
-        r < 1e-3, r**2 / 3.0 - r**3 / 4.0,
+        r < 1e-3,
+        r**2 / 3.0 - r**3 / 4.0,
         1.0 - (3.0 - 4.0 * np.exp(-r) + np.exp(-2.0 * r)) / (2.0 * np.maximum(r, 1e-3)),
-    )  # fmt: skip
+    )
     return np.asarray(white**2 / taus + 2.0 * bias**2 * bracket / r)
 
 

@@ -161,9 +161,11 @@ def _suite(spec: FlightSpec, path: Path) -> SensorSuite:
     """Return the sensors and the prior, as the estimators assume them."""
     try:
         return suite_of(
-            spec.side, spec.altimeter, disturbance=spec.disturbance,
+            spec.side,
+            spec.altimeter,
+            disturbance=spec.disturbance,
             compensates=spec.field.compensate,
-        )  # fmt: skip
+        )
     except GGBenchError as error:
         raise FlightError(f"{path}: {error}") from None
 

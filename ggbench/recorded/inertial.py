@@ -84,9 +84,14 @@ class Inertial(NamedTuple):
         assert self.recording is not None  # one or the other
         track = unfilled(self.base.count + 1, TRACK)
         navigate_lanes(
-            in_lanes(self.recording.initial[np.newaxis]), self.increments, self.base.dt,
-            self.recording.heights, self.recording.gains, gravity, track,
-        )  # fmt: skip
+            initial=in_lanes(self.recording.initial[np.newaxis]),
+            increments=self.increments,
+            dt=self.base.dt,
+            heights=self.recording.heights,
+            gains=self.recording.gains,
+            gravity=gravity,
+            track=track,
+        )
         if not np.isfinite(track).all():
             raise FlightError(
                 f"{self.path}: the mechanization ends beyond all numbers: are the increments right?"

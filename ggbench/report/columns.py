@@ -58,10 +58,25 @@ def _registered() -> dict[str, Column]:
 COLUMNS = _registered()
 """All columns of the tables, by their keys."""
 DEFINED = (
-    "rms_m", "bound_m", "efficiency", "oracle_ratio", "times_ins", "success", "required_m",
-    "diverged", "false_fixes", "nees", "coverage", "consistency",
-    "recommended", "error_ratio", "verdict", "correlation_m", "width", "seconds_per_run",
-)  # fmt: skip
+    "rms_m",
+    "bound_m",
+    "efficiency",
+    "oracle_ratio",
+    "times_ins",
+    "success",
+    "required_m",
+    "diverged",
+    "false_fixes",
+    "nees",
+    "coverage",
+    "consistency",
+    "recommended",
+    "error_ratio",
+    "verdict",
+    "correlation_m",
+    "width",
+    "seconds_per_run",
+)
 """Columns on the page of definitions."""
 
 SYMBOLS = MARKS

@@ -165,15 +165,23 @@ def _estimators(
         outside = int(np.count_nonzero(epochs_outside(problem, estimate.mean)))
         rows.append(
             [
-                f"`{label}`", estimate.causality, *sigma, nis,
+                f"`{label}`",
+                estimate.causality,
+                *sigma,
+                nis,
                 short(float(np.sqrt(np.nanmean(found.whitened**2)))),
                 str(outside) if estimate.causality != "none" else "",
             ]
-        )  # fmt: skip
+        )
     head = [
-        "estimator", "causality", "last 1σ of position [m]", "of velocity [m/s]",
-        "mean NIS, of expected", "RMS of whitened residuals", "epochs outside the map",
-    ]  # fmt: skip
+        "estimator",
+        "causality",
+        "last 1σ of position [m]",
+        "of velocity [m/s]",
+        "mean NIS, of expected",
+        "RMS of whitened residuals",
+        "epochs outside the map",
+    ]
     return (
         markdown(head, rows)
         + "\n\nThe mean NIS of a consistent filter is about the mean number of channels read; its "
@@ -259,9 +267,14 @@ def _figures(
             covered = np.isin(problem.times, found.times)
             pure = flight.reference.error_state[covered, :6]
         figure = errors.component_errors(
-            times=found.times, aided=np.hstack([found.components, found.sigmas]), ins=pure, first=0,
-            unit="m", label=label, families=families,
-        )  # fmt: skip
+            times=found.times,
+            aided=np.hstack([found.components, found.sigmas]),
+            ins=pure,
+            first=0,
+            unit="m",
+            label=label,
+            families=families,
+        )
         show("errors.png", figure, f"Position errors of `{label}` against the reference.")
     return "\n\n".join(shown)
 

@@ -84,7 +84,7 @@ def text(
         "metrics": ordered.drop(columns=list(_DROPPED)),
         "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
-    } | results.further_tables()  # fmt: skip
+    } | results.further_tables()
     data = {
         "cases": [{"case": row.case, "title": row.title} for row in cases.itertuples()],
         "tables": {name: _packed(table) for name, table in tables.items()},
@@ -94,8 +94,10 @@ def text(
     environment = page_templates.environment(html=True)
     # Text as it is, whatever letters: the file is UTF-8 throughout.
     environment.policies["json.dumps_kwargs"] = {
-        "ensure_ascii": False, "separators": (",", ":"), "allow_nan": False,
-    }  # fmt: skip
+        "ensure_ascii": False,
+        "separators": (",", ":"),
+        "allow_nan": False,
+    }
     table_script, table_style = libraries.datatables()
     script = "\n".join(
         (columns.TEMPLATES / name).read_text(encoding="utf-8") for name in ("figure.js", "page.js")
@@ -106,7 +108,8 @@ def text(
         policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
         f"script-src {libraries.script_hash(script)} blob:",
         style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
-        table_style=table_style, table_script=table_script,
+        table_style=table_style,
+        table_script=table_script,
         script=script,
         title=loaded.title,
         answer=parser.render(stated),
@@ -116,7 +119,7 @@ def text(
         command=results.rerun(),
         manifest=results.manifest,
         data=data,
-    )  # fmt: skip
+    )
 
 
 def _packed(table: pd.DataFrame) -> dict[str, Any]:
@@ -150,8 +153,7 @@ def _meanings(tables: Any) -> dict[str, dict[str, str]]:
     for table in tables:
         for key in table:
             column = columns.column(key)
-            found[key] = {"head": column.head, "form": column.form,
-                          "definition": column.definition}  # fmt: skip
+            found[key] = {"head": column.head, "form": column.form, "definition": column.definition}
     return found
 
 

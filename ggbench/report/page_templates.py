@@ -19,16 +19,24 @@ PAGE_VERSION = 2
 def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Environment:
     """Return the environment of a folder of templates, with the formats of numbers as filters."""
     made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(templates), autoescape=html,
-        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=jinja2.FileSystemLoader(templates),
+        autoescape=html,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     made.filters |= {
-        "metres": columns.metres, "ratio": columns.ratio, "share": columns.share,
+        "metres": columns.metres,
+        "ratio": columns.ratio,
+        "share": columns.share,
         "table": tables.text,
-    }  # fmt: skip
+    }
     made.globals |= {
-        "names": tables.names, "counted": counted, "span": span, "page_version": PAGE_VERSION,
-    }  # fmt: skip
+        "names": tables.names,
+        "counted": counted,
+        "span": span,
+        "page_version": PAGE_VERSION,
+    }
     return made
 
 

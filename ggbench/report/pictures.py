@@ -27,9 +27,12 @@ class Picture(NamedTuple):
 
 
 def panel(
-    metrics: pd.DataFrame, names: Sequence[str], labels: Sequence[str], title: str = "",
+    metrics: pd.DataFrame,
+    names: Sequence[str],
+    labels: Sequence[str],
+    title: str = "",
     places: np.ndarray | None = None,
-) -> Panel:  # fmt: skip
+) -> Panel:
     """Return the errors of estimators in the cases of these names, in the settled window."""
     rows = comparable(metrics[metrics["case"].isin(names)])
     table = rows.set_index(["estimator", "case"])

@@ -22,10 +22,16 @@ STARTS_S = (0.0, 50.0, 75.0, 100.0, 150.0)
 """Starts of windows for the table of window starts [s]."""
 WINDOWS = ("whole", "settled")
 _QUANTITIES = {
-    "east position": 0, "north position": 1, "up position": 2,
-    "east velocity": 3, "north velocity": 4, "up velocity": 5,
-    "pitch": 6, "roll": 7, "heading": 8,
-}  # fmt: skip
+    "east position": 0,
+    "north position": 1,
+    "up position": 2,
+    "east velocity": 3,
+    "north velocity": 4,
+    "up velocity": 5,
+    "pitch": 6,
+    "roll": 7,
+    "heading": 8,
+}
 """Columns of an INS's response to the gravity disturbance."""
 _ARCMINUTES = math.degrees(1.0) * 60.0
 _NEAR = 1.25
@@ -159,8 +165,15 @@ def claimed(results: Any) -> pd.DataFrame:
             verdict = "open" if found in (UNDECIDED, "") else "does not hold"
             verdict = "holds" if found == judged[claim.relation] else verdict
             title = f"{claim.title} ({value})" if value else claim.title
-            rows.append({"claim": title, "first": f"`{first}`", "second": f"`{second}`",
-                         "error_ratio": ratio, "holds": verdict})  # fmt: skip
+            rows.append(
+                {
+                    "claim": title,
+                    "first": f"`{first}`",
+                    "second": f"`{second}`",
+                    "error_ratio": ratio,
+                    "holds": verdict,
+                }
+            )
     return pd.DataFrame(rows)
 
 

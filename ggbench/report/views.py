@@ -75,8 +75,12 @@ def answer_table(metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame
     rows = []
     for number, case in enumerate(cases.to_dict("records")):
         cells = _Cells(case["case"], metrics, pairs)
-        row = {"case": case["title"], "bound_m": case["bound_m"], "INS": cells.of("ins"),
-               "EKF": cells.of("ekf")}  # fmt: skip
+        row = {
+            "case": case["title"],
+            "bound_m": case["bound_m"],
+            "INS": cells.of("ins"),
+            "EKF": cells.of("ekf"),
+        }
         for key, labels in named.items():
             text = cells.of(labels[number])
             if labels[number] and cells.alike(labels[number], "ekf"):

@@ -24,18 +24,42 @@ from .folder import Results
 FOLDER = "data"
 """Name of the folder, in that of a report's figures."""
 _KEPT = (
-    "ggbench", "results_version", "versions", "scenario", "scenario_hash", "seed", "runs", "date",
-    "machine", "assumptions",
-)  # fmt: skip
+    "ggbench",
+    "results_version",
+    "versions",
+    "scenario",
+    "scenario_hash",
+    "seed",
+    "runs",
+    "date",
+    "machine",
+    "assumptions",
+)
 _ALWAYS = ("ins", "ekf")
 _NAMING = ("recommended", "best", "best_smoother")
 """Columns of cases that name estimators."""
 _FILES = ("metrics", "cases", "pairs")
 _TEXTS = dict.fromkeys(
-    ("case", "title", "estimator", "name", "parameters", "causality", "window", "consistency",
-     "situation", "recommended", "best", "best_smoother", "gain", "first", "second", "verdict"),
+    (
+        "case",
+        "title",
+        "estimator",
+        "name",
+        "parameters",
+        "causality",
+        "window",
+        "consistency",
+        "situation",
+        "recommended",
+        "best",
+        "best_smoother",
+        "gain",
+        "first",
+        "second",
+        "verdict",
+    ),
     str,
-)  # fmt: skip
+)
 """Columns of text, whatever it looks like: a case may be named 10, or null."""
 _FLAGS = {"metrics": {"recommended": bool}}
 """Types that a table has in place of those."""

@@ -44,9 +44,14 @@ class Cell(NamedTuple):
 
 
 RUN_COLUMNS = (
-    "assumption", "case", "problem", "estimator", "command", "draw",
+    "assumption",
+    "case",
+    "problem",
+    "estimator",
+    "command",
+    "draw",
     *(column.name for column in TABLED),
-)  # fmt: skip
+)
 """Columns of the table of runs."""
 
 

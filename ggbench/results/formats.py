@@ -85,8 +85,15 @@ _OF_GRADIENTS = ("gradient_times", "vertical", "noisy", "filtered", "filtered_tr
 def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
     """Return what is wrong with what all runs of a case share, in a few words, or None."""
     bounds = {name: 2 for name in arrays if name.startswith("bound-")}
-    columns = {"times": 0, "kept": 0, "track": 3, "bound-filter": 2, "bound-batch": 2,
-               "present": 0, "channels": 0} | bounds  # fmt: skip
+    columns = {
+        "times": 0,
+        "kept": 0,
+        "track": 3,
+        "bound-filter": 2,
+        "bound-batch": 2,
+        "present": 0,
+        "channels": 0,
+    } | bounds
     gradients = {name for name in _OF_GRADIENTS if name in arrays}
     if gradients:
         gradients |= {"gradient_times", "vertical", "noisy"}

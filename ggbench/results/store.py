@@ -35,14 +35,25 @@ SERIES_RUNS = 1000
 FORMAT = 6
 """Version of what a folder holds besides the columns of records; another one is refused."""
 DATABASE_FILES = (
-    "records.sqlite-journal", "records.sqlite-shm", "records.sqlite-wal", "records.sqlite",
-)  # fmt: skip
+    "records.sqlite-journal",
+    "records.sqlite-shm",
+    "records.sqlite-wal",
+    "records.sqlite",
+)
 """The logs first: one that outlives its database would be replayed into the next."""
 RESULT_FILES = (
-    *DATABASE_FILES, "scenario.toml",
-    "metrics.csv", "pairs.csv", "cases.csv", "assumptions.csv", "failures.csv", "fixes.csv",
-    "runs.parquet", "runs.csv", "manifest.json",
-)  # fmt: skip
+    *DATABASE_FILES,
+    "scenario.toml",
+    "metrics.csv",
+    "pairs.csv",
+    "cases.csv",
+    "assumptions.csv",
+    "failures.csv",
+    "fixes.csv",
+    "runs.parquet",
+    "runs.csv",
+    "manifest.json",
+)
 """In the order of removal: as long as there is something of ours, the manifest says whose it is."""
 LOCK = ".lock"
 _PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")

@@ -124,11 +124,13 @@ def _halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
     imu = [
         f"imu.{name}"
         for name in (
-            "gyro_bias_deg_per_h", "gyro_noise_deg_per_sqrt_h", "accelerometer_bias_ug",
+            "gyro_bias_deg_per_h",
+            "gyro_noise_deg_per_sqrt_h",
+            "accelerometer_bias_ug",
             "accelerometer_noise_ug_per_sqrt_hz",
         )
         if getattr(case.imu, name) > 0.0
-    ]  # fmt: skip
+    ]
     yield "errors of the inertial sensors", _with_half(case, imu)
 
 

@@ -30,8 +30,15 @@ QUICK_RUNS = 20
 _HALVES: Mapping[Judged, tuple[int, ...]] = {"all": (0, 1), "even": (0,), "odd": (1,)}
 _OWN = "(scored)"
 _NUMBERS = (
-    "rms_m", "rms_lo", "rms_hi", "bound_m", "efficiency", "success", "nees", "coverage",
-)  # fmt: skip
+    "rms_m",
+    "rms_lo",
+    "rms_hi",
+    "bound_m",
+    "efficiency",
+    "success",
+    "nees",
+    "coverage",
+)
 """Numbers of a question that are columns of the table of metrics."""
 
 

@@ -27,18 +27,29 @@ FILE = "data/suite_runs.npz"
 REFERENCE = "ekf"
 """The estimator that every other one is compared with."""
 _OF_A_WINDOW = (
-    "position_ms", "velocity_ms", "nees", "coverage", "bound_position_ms", "bound_velocity_ms",
+    "position_ms",
+    "velocity_ms",
+    "nees",
+    "coverage",
+    "bound_position_ms",
+    "bound_velocity_ms",
     "oracle_position_ms",
-)  # fmt: skip
+)
 NUMBERS = (
-    "final_position_error_m", "final_ins_error_m", "required_m",
+    "final_position_error_m",
+    "final_ins_error_m",
+    "required_m",
     *(f"{window}_{name}" for window in WINDOWS for name in _OF_A_WINDOW),
-)  # fmt: skip
+)
 """Numbers of a run that are stored, to seven digits."""
 _TYPES = dict.fromkeys(NUMBERS, np.float32) | {
-    "diverged": bool, "false_fix": bool, "failed": bool, "run": np.uint32, "draw": np.uint32,
+    "diverged": bool,
+    "false_fix": bool,
+    "failed": bool,
+    "run": np.uint32,
+    "draw": np.uint32,
     "cell": np.uint32,
-}  # fmt: skip
+}
 """Columns of the file and their types; ``cell`` is the place of case and estimator in a list."""
 _CELL = ["case", "estimator"]
 

@@ -222,9 +222,14 @@ def linearise_reading(
             store(places, 2, 0, height)
             size = places.shape[1] * places.shape[2]
             spline_tensor_slopes(
-                places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
-                points.work, found.reshape((24, size)),
-            )  # fmt: skip
+                positions=places.reshape((3, size)),
+                count=count,
+                origin=model.origin,
+                step=model.step,
+                coefficients=model.coefficients,
+                work=points.work,
+                out=found.reshape((24, size)),
+            )
         sine, cosine = sine_cosine(_near_zero(latitude))
         t, slopes, north, east = gradient_of(
             sine, cosine, height,
@@ -311,9 +316,15 @@ def expansion_of(model: ModelArrays) -> Expansion:
     new = lanes.lanes
     g, m, n = model.channels.shape[0], model.linear.shape[2], model.linear.shape[3]
     return Expansion(
-        new(g, 6), new(moving_errors(model), model.rows.shape[3]), new(6, 1), new(m, n), new(1, m),
-        new(1, m), epoch_context(model), point_scratch(1),
-    )  # fmt: skip
+        slope=new(g, 6),
+        b=new(moving_errors(model), model.rows.shape[3]),
+        errors=new(6, 1),
+        linear=new(m, n),
+        by_tensor=new(1, m),
+        predicted=new(1, m),
+        context=epoch_context(model),
+        points=point_scratch(1),
+    )
 
 
 @compiled
@@ -369,9 +380,26 @@ def predict_runs(
         evaluated = g
         _displace(x, out)
         by_channel = out.by_tensor.reshape((m, 1, width))[:g]
-        read(model, k, out.context, out.errors, 1, count, out.points, by_channel)
+        read(
+            model=model,
+            k=k,
+            context=out.context,
+            errors=out.errors,
+            vectors=1,
+            count=count,
+            points=out.points,
+            out=by_channel,
+        )
     _add_linear(model, x, evaluated, out)
-    add_gravity(model, group, count, k, x, out.predicted, out.linear[:0])
+    add_gravity(
+        model=model,
+        group=group,
+        count=count,
+        k=k,
+        x=x,
+        predicted=out.predicted,
+        slope=out.linear[:0],
+    )
 
 
 @compiled
@@ -391,12 +419,21 @@ def expand(
     if out.slope.shape[0] > 0 and out.context.gain.any():
         evaluated = out.slope.shape[0]
         linearise_reading(
-            model, k, out.context, out.errors, count, out.points, out.by_tensor, out.slope
+            model=model,
+            k=k,
+            context=out.context,
+            errors=out.errors,
+            count=count,
+            points=out.points,
+            predicted=out.by_tensor,
+            out=out.slope,
         )
     else:
         out.slope[:] = 0.0
     _add_linear(model, x, evaluated, out)
-    add_gravity(model, group, count, k, x, out.predicted, out.linear)
+    add_gravity(
+        model=model, group=group, count=count, k=k, x=x, predicted=out.predicted, slope=out.linear
+    )
 
 
 @inlined
@@ -459,7 +496,9 @@ def linearise(
 ) -> None:
     """Fill h (N, m) and H (N, m, n) of states (N, n) at an epoch; a block of one run."""
     x = lanes.lanes(1, states.shape[1])
-    _linearise(model, k, states, x, expansion_of(model), predicted, out)
+    _linearise(
+        model=model, k=k, states=states, x=x, at=expansion_of(model), predicted=predicted, out=out
+    )
 
 
 @compiled
@@ -472,5 +511,13 @@ def linearised(
     x, expansion = lanes.lanes(1, states.shape[1]), expansion_of(model)
     for i in range(count):
         some = slice(i, i + 1)
-        _linearise(model, at[i], states[some], x, expansion, predicted[some], out[some])
+        _linearise(
+            model=model,
+            k=at[i],
+            states=states[some],
+            x=x,
+            at=expansion,
+            predicted=predicted[some],
+            out=out[some],
+        )
     return predicted, out

@@ -100,13 +100,16 @@ def _bound(
         positions, attitudes = flight.trajectory.at(when.times - delays)
     model = SensorModel(
         arrays_along(
-            true, flight.field, when, motion,
-            DelayedInsSolution(delays, positions, attitudes, rows),
-            np.zeros(len(when.gradients), dtype=bool),
-            true.aiding_model(flight.field, when.aiding, motion, flight.turning),
-            true.whitening(when.times[when.gradients], flight.absent),
+            model=true,
+            field=flight.field,
+            when=when,
+            ins=motion,
+            taken=DelayedInsSolution(delays, positions, attitudes, rows),
+            missing=np.zeros(len(when.gradients), dtype=bool),
+            others=true.aiding_model(flight.field, when.aiding, motion, flight.turning),
+            whitening=true.whitening(when.times[when.gradients], flight.absent),
         )
-    )  # fmt: skip
+    )
     epochs = len(flight.epochs)
     jacobians = model.jacobian_along(np.arange(epochs), np.zeros((epochs, true.dimension)))
     jacobians *= np.sqrt(flight.expected)[:, :, np.newaxis]

@@ -55,9 +55,12 @@ class MeasurementTimes:
             return read[(read >= first) & (read <= last)] - first
 
         return MeasurementTimes(
-            self.times[epochs], self.samples[epochs] - begun, self.dt, among(self.gradients),
+            self.times[epochs],
+            self.samples[epochs] - begun,
+            self.dt,
+            among(self.gradients),
             [among(read) for read in self.aiding],
-        )  # fmt: skip
+        )
 
     def delays(self, model: SensorSuite) -> np.ndarray:
         """Return the delays (K,) [s] of the gradiometer's readings behind their epochs.
@@ -247,15 +250,21 @@ def build_problems(
         prior_mean=np.zeros(model.dimension),
         prior_cov=model.prior_cov,
         model=arrays_along(
-            model, field, when, motion, ins.delayed(when.delays(model)), read.missing,
-            aiding.without(~read.present), whitening,
+            model=model,
+            field=field,
+            when=when,
+            ins=motion,
+            taken=ins.delayed(when.delays(model)),
+            missing=read.missing,
+            others=aiding.without(~read.present),
+            whitening=whitening,
         ),
         layout=model.layout,
         present=np.concatenate([there, read.present], axis=2),
         channels=model.channels,
         tracks=ins.states,
         map=field,
-    )  # fmt: skip
+    )
 
 
 def arrays_along(
@@ -271,9 +280,18 @@ def arrays_along(
     """Return h of a suite's sensors and states: :func:`.sensors.model.model_arrays` of them."""
     treatment = model.treatment(len(when.gradients))
     return model_arrays(
-        field, model.gradiometer, when.times, ins, taken, treatment, missing, when.gradients,
-        others, model.states, whitening,
-    )  # fmt: skip
+        field=field,
+        gradiometer=model.gradiometer,
+        times=when.times,
+        ins=ins,
+        taken=taken,
+        treatment=treatment,
+        missing=missing,
+        at=when.gradients,
+        others=others,
+        states=model.states,
+        whitening=whitening,
+    )
 
 
 def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Whitening | None:

@@ -135,9 +135,14 @@ class Loop:
         increments = recording.increments[begun:ended]
         track = unfilled(ended - begun + 1, TRACK)
         navigate_lanes(
-            in_lanes(self._state.reshape(1, 1, TRACK)), increments, when.dt,
-            recording.heights[begun:ended], recording.gains, replay.gravity, track,
-        )  # fmt: skip
+            initial=in_lanes(self._state.reshape(1, 1, TRACK)),
+            increments=increments,
+            dt=when.dt,
+            heights=recording.heights[begun:ended],
+            gains=recording.gains,
+            gravity=replay.gravity,
+            track=track,
+        )
         some = when.between(first, last)
         ins = InsSolution.empty(1, last - first + 1, replay.model.dimension)
         propagate_errors(replay.model, some, replay.gravity, track, increments, ins)

@@ -233,9 +233,14 @@ def _navigate(
     )
     heights, gains = _altimeter_readings(flights, streams)
     navigate_lanes(
-        in_lanes(initial[:, np.newaxis]), increments, flights[0].trajectory.dt, heights, gains,
-        gravity, scratch.track,
-    )  # fmt: skip
+        initial=in_lanes(initial[:, np.newaxis]),
+        increments=increments,
+        dt=flights[0].trajectory.dt,
+        heights=heights,
+        gains=gains,
+        gravity=gravity,
+        track=scratch.track,
+    )
     return biases, Recording(initial, increments, heights, gains)
 
 

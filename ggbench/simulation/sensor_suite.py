@@ -266,7 +266,17 @@ class SensorSuite:
         shape = len(motions), len(epochs)
         transition, process_cov = np.empty((2, *shape, self.dimension, self.dimension))
         rows = np.empty((*shape, 6, STATES))
-        self.along(track, increments, epochs, delays, dt, gravity, transition, process_cov, rows)
+        self.along(
+            track=track,
+            increments=increments,
+            epochs=epochs,
+            delays=delays,
+            dt=dt,
+            gravity=gravity,
+            transition=transition,
+            process_cov=process_cov,
+            rows=rows,
+        )
         return transition, process_cov, rows
 
     @cached_property
@@ -307,12 +317,27 @@ class SensorSuite:
         """
         constant, noise = self._constants
         transitions_lanes(
-            track, increments, epochs, dt, constant, gravity, noise.over(dt), transition,
-            process_cov,
-        )  # fmt: skip
+            track=track,
+            increments=increments,
+            epochs=epochs,
+            dt=dt,
+            constant=constant,
+            gravity=gravity,
+            noise=noise.over(dt),
+            transition=transition,
+            process_cov=process_cov,
+        )
         if delays.any():
             delayed_rows_lanes(
-                track, increments, epochs, delays, dt, constant, gravity, transition, rows
+                track=track,
+                increments=increments,
+                epochs=epochs,
+                delays=delays,
+                dt=dt,
+                constant=constant,
+                gravity=gravity,
+                transition=transition,
+                rows=rows,
             )
         else:
             rows[:] = np.eye(STATES)[list(MOVED)]

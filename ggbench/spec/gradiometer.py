@@ -59,8 +59,13 @@ class GradiometerSpec(PeriodicSpec):
     Where estimators assume one, the three angles are states.
     """
     components: Annotated[Several[Component], distinct("a component")] = (
-        "xx", "xy", "xz", "yy", "yz", "zz",
-    )  # fmt: skip
+        "xx",
+        "xy",
+        "xz",
+        "yy",
+        "yz",
+        "zz",
+    )
     """Channels; `"xx-yy"` is (xx − yy)/2, and so on."""
     rotating: RotatingSpec | None = None
     filter: Literal["butterworth", "none"] = "none"
@@ -160,10 +165,19 @@ class GradiometerSpec(PeriodicSpec):
 @changes(
     GradiometerSpec,
     but=(
-        "period_s", "preset", "instrument", "components", "readings", "rotating", "filter",
-        "filter_order", "filter_cutoff_hz", "filter_treatment", "whitening_regularization",
+        "period_s",
+        "preset",
+        "instrument",
+        "components",
+        "readings",
+        "rotating",
+        "filter",
+        "filter_order",
+        "filter_cutoff_hz",
+        "filter_treatment",
+        "whitening_regularization",
     ),
-)  # fmt: skip
+)
 class GradiometerChange(Section):
     """``[model.gradiometer]``: the gradiometer that the estimators assume."""
 

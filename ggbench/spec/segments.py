@@ -173,13 +173,13 @@ class SegmentSpec(Section):
             )
         assert self.terrain is not None and self.clearance_m is not None
         return TerrainFollowing(
-            self.terrain,
-            self.clearance_m,
-            -math.inf if self.lowest_m is None else self.lowest_m,
-            self.duration_s,
-            None if self.distance_km is None else 1e3 * self.distance_km,
-            math.radians(self.max_climb_angle_deg),
-            self.max_vertical_acceleration_mps2,
+            terrain=self.terrain,
+            clearance=self.clearance_m,
+            lowest=-math.inf if self.lowest_m is None else self.lowest_m,
+            duration=self.duration_s,
+            distance=None if self.distance_km is None else 1e3 * self.distance_km,
+            climb_angle=math.radians(self.max_climb_angle_deg),
+            vertical_acceleration=self.max_vertical_acceleration_mps2,
         )
 
 

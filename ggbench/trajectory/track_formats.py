@@ -133,9 +133,11 @@ def _checked(fixes: Sequence[Fix]) -> Rows:
         remark = _SEA_LEVEL.format(f"{geoid.mean():.0f} m on average")
         height = height + geoid
     columns = {
-        "time_s": times - times[0], "latitude_deg": latitude, "longitude_deg": longitude,
+        "time_s": times - times[0],
+        "latitude_deg": latitude,
+        "longitude_deg": longitude,
         "height_m": height,
-    }  # fmt: skip
+    }
     return Rows(columns, lambda n: fixes[n].place, remark)
 
 
@@ -158,10 +160,14 @@ def _gpx(text: str) -> list[Fix]:
         time = point.time if point.time.tzinfo else point.time.replace(tzinfo=datetime.UTC)
         fixes.append(
             Fix(
-                time.timestamp(), point.latitude, point.longitude, point.elevation,
-                point.geoid_height, place,
+                time.timestamp(),
+                point.latitude,
+                point.longitude,
+                point.elevation,
+                point.geoid_height,
+                place,
             )
-        )  # fmt: skip
+        )
     return fixes
 
 
