@@ -21,11 +21,11 @@ from .problem import (
     Estimate,
     Estimator,
     GravityMap,
+    InsSolution,
     MeasurementModel,
     Problem,
     Replay,
     StateBlock,
-    Track,
 )
 from .sensors.model import SensorModel
 from .sensors.model_arrays import ModelArrays
@@ -57,7 +57,7 @@ class ProblemBlock:
     measurements, present : (R, K, m).
     transition, process_cov : (R, K, n, n).
     model : arrays of h and H, the run as leading axis of those that differ from run to run.
-    tracks : (R, K, 15) what the INS indicates, as :class:`.problem.Track` has it: positions,
+    tracks : (R, K, 15) what the INS indicates, as :class:`.problem.InsSolution` has it: positions,
         velocities, attitudes row by row; None if unknown.
     replays : of each run, as :class:`.problem.Problem` has it.
     """
@@ -122,7 +122,7 @@ class ProblemBlock:
         states, replays = values.pop("tracks"), values.pop("replays")
         track = None
         if states is not None:
-            track = Track(states[:, :3], states[:, 3:6], states[:, 6:].reshape(-1, 3, 3))
+            track = InsSolution(states[:, :3], states[:, 3:6], states[:, 6:].reshape(-1, 3, 3))
         values["model"] = SensorModel(self.model.of_run(run))
         return Problem(**values, track=track, replay=None if replays is None else replays[run])
 

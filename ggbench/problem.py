@@ -92,7 +92,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Track:
+class InsSolution:
     """What the INS indicates at the epochs: what its error is the error of.
 
     Attributes
@@ -196,7 +196,7 @@ class Problem:
     layout: tuple[StateBlock, ...]
     present: np.ndarray = None  # type: ignore[assignment]  # never None: see __post_init__
     channels: tuple[Channel, ...] = ()
-    track: Track | None = None
+    track: InsSolution | None = None
     map: GravityMap | None = None
     replay: Replay | None = None
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.kernels import compiled
-from ..problem import Track
+from ..problem import InsSolution
 from ..sensors.aiding import position_error
 
 
@@ -115,7 +115,7 @@ def fitted_transform(
     return matrix, target - matrix @ middle
 
 
-def track_metres(track: Track, last: int) -> np.ndarray:
+def track_metres(track: InsSolution, last: int) -> np.ndarray:
     """Return the indicated positions (K, 2) east and north of that at an epoch [m]."""
     here = np.broadcast_to(track.positions[last], track.positions.shape)
     return np.asarray(position_error(track.positions, here)[:, :2])

@@ -144,10 +144,10 @@ def _extended(
     if rules is not None:
         search = search_of(batch, rules, reading)
         noise = AdaptiveNoise(memory, lanes.lanes(1, m), lanes.lanes(1, m))
-    for first in lanes.starts(runs):
-        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        lanes.spread(batch.prior_mean, x)
-        lanes.spread(batch.prior_cov, p)
+    for first in lanes.group_starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.group_members(first, runs)
+        lanes.broadcast(batch.prior_mean, x)
+        lanes.broadcast(batch.prior_cov, p)
         if rules is not None:
             search.counts[:] = 0
             noise.variances[:] = 1.0

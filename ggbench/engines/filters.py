@@ -125,10 +125,10 @@ def _unscented(
     points = sigma_points_of(moving_errors(model), n, m, model.channels.shape[0])
     offset, cross, reweighed = lanes.lanes(1, m), lanes.lanes(m, n), lanes.lanes(m + 1, m)
     h_cov, gain, squared = lanes.lanes(m, m), lanes.lanes(m, n), lanes.lanes(1, 1)
-    for first in lanes.starts(runs):
-        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        lanes.spread(batch.prior_mean, x)
-        lanes.spread(batch.prior_cov, p)
+    for first in lanes.group_starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.group_members(first, runs)
+        lanes.broadcast(batch.prior_mean, x)
+        lanes.broadcast(batch.prior_cov, p)
         for k in range(epochs):
             moving = lanes.gather(
                 transition=batch.transition,

@@ -72,7 +72,7 @@ def _filter(
     now = Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
     everyone = np.zeros(most, dtype=np.int64)
     for run in range(runs):
-        group = lanes.members(run, run + 1)
+        group = lanes.group_members(run, run + 1)
         search.counts[:] = 0
         count = most
         for j in range(most):
@@ -92,7 +92,7 @@ def _filter(
                 phi=phi,
                 q=q,
             )
-            for first in lanes.starts(count):
+            for first in lanes.group_starts(count):
                 used = lanes.count_from(first, count)
                 _pack(now, first, used, x, p)
                 lane_algebra.predict(phi, q, moving, x, p, scratch)

@@ -54,8 +54,8 @@ def _smooth(
     solver = smoother_of(problems)
     path, work = solver.path, solver.work
     windowed = leaving.shape[0] > 0
-    for first in lanes.starts(runs):
-        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
+    for first in lanes.group_starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.group_members(first, runs)
         oldest = 0
         for k in range(epochs):
             if windowed and leaving[k] > oldest:
@@ -72,7 +72,7 @@ def _smooth(
                 )
             gather_motion(solver, group, k)
             if k == 0:
-                lanes.spread(problems.batch.prior_mean, work.x)
+                lanes.broadcast(problems.batch.prior_mean, work.x)
             else:
                 lane_algebra.copy(path.trial[k - 1], work.x)
             lane_algebra.move(path.phi[k], path.moving[k], work.x, work.scratch)

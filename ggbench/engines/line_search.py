@@ -212,8 +212,8 @@ def search(problems: BatchProblem, most: int, enough: float, found: MapSearches)
     )
     seeking, trying = lanes.flags(), lanes.flags()
     halved, group = lanes.integers(), lanes.integers()
-    for first in lanes.starts(searches):
-        count, own = lanes.count_from(first, searches), lanes.members(first, searches)
+    for first in lanes.group_starts(searches):
+        count, own = lanes.count_from(first, searches), lanes.group_members(first, searches)
         for r in lanes.each():
             group[r], moved[r] = found.runs[own[r]], found.motion[own[r]]
         _to_lanes(found.states, own, path.states)
@@ -337,8 +337,8 @@ def filtered_tracks(batch: Batch, found: MapSearches) -> None:
     runs, epochs, n = found.states.shape
     smoother = smoother_of(BatchProblem(batch, NONE, np.inf))
     path, work = smoother.path, smoother.work
-    for first in lanes.starts(runs):
-        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
+    for first in lanes.group_starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.group_members(first, runs)
         gather_motions(smoother, group)
         restore_filter_state(smoother, -1)
         for k in range(epochs):
@@ -362,7 +362,7 @@ def answer(problems: BatchProblem, found: MapSearches, mean: np.ndarray, cov: np
     searches, last = found.states.shape[0], found.states.shape[1] - 1
     smoother = smoother_of(problems)
     path = smoother.path
-    for first in lanes.starts(searches):
+    for first in lanes.group_starts(searches):
         count = lanes.count_from(first, searches)
         _filter_again(smoother, found, first)
         covariances(
@@ -394,7 +394,7 @@ def ends(
     searches = found.states.shape[0]
     smoother = smoother_of(problems)
     path, lower = smoother.path, smoother.path.updates.lower
-    for first in lanes.starts(searches):
+    for first in lanes.group_starts(searches):
         count = lanes.count_from(first, searches)
         _filter_again(smoother, found, first)
         last = path.states[path.states.shape[0] - 1]
@@ -411,7 +411,7 @@ def ends(
 def _filter_again(smoother: Smoother, found: MapSearches, first: int) -> None:
     """Filter the linear problems of a group of searches, as they were linearised last."""
     searches, path, group = found.states.shape[0], smoother.path, lanes.integers()
-    count, own = lanes.count_from(first, searches), lanes.members(first, searches)
+    count, own = lanes.count_from(first, searches), lanes.group_members(first, searches)
     for r in lanes.each():
         group[r] = found.runs[own[r]]
     _to_lanes(found.states, own, path.states)
@@ -442,7 +442,7 @@ def screen(
     reading = readings_of(batch)
     x, left = lanes.lanes(1, n), lanes.numbers(0.0)
     for run in range(runs):
-        group = lanes.members(run, run + 1)
+        group = lanes.group_members(run, run + 1)
         base, gain = batch.prior_mean[0].copy(), along.copy()
         for k in range(epochs):
             phi = batch.transition[run, k]
@@ -450,7 +450,7 @@ def screen(
             if not shown[k]:
                 continue
             take_readings(batch, group, k, reading)
-            for v, first in enumerate(lanes.starts(out.shape[1])):
+            for v, first in enumerate(lanes.group_starts(out.shape[1])):
                 for i in range(n):
                     total = splat(base[i])
                     for a in range(d):

@@ -139,7 +139,7 @@ class _Multistart(TrajectorySearch):
         block, count = self.block, len(starts)
         shown = shown_epochs(block.epochs)
         there = np.isin(np.arange(block.epochs), shown)
-        places = lanes.lanes(len(axes), len(lanes.starts(count)))
+        places = lanes.lanes(len(axes), len(lanes.group_starts(count)))
         places.reshape(len(axes), -1)[:, :count] = starts[:, axes].T
         costs = np.zeros((block.runs, count))
         along = np.ascontiguousarray(block.prior_cov[:, axes])

@@ -121,8 +121,8 @@ def restore_filter_state(smoother: Smoother, k: int) -> None:
     """Stand where the filter stood after an epoch; at the prior before the first, after −1."""
     batch, path, work = smoother.problems.batch, smoother.path, smoother.work
     if k < 0:
-        lanes.spread(batch.prior_mean, work.x)
-        lanes.spread(batch.prior_cov, work.p)
+        lanes.broadcast(batch.prior_mean, work.x)
+        lanes.broadcast(batch.prior_cov, work.p)
     else:
         lane_algebra.copy(path.filtered[k], work.x)
         _whole(path.half_cov[k], work.p)

@@ -9,7 +9,7 @@ import numpy as np
 from ..block import ProblemBlock
 from ..numerics.frozen import read_only
 from ..numerics.kernels import compiled, copied, inlined
-from ..numerics.lanes import count_from, gather_row, lanes, members, starts
+from ..numerics.lanes import count_from, gather_row, group_members, group_starts, lanes
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store, with_sign
 from ..sensors.model_arrays import ModelArrays
@@ -236,8 +236,8 @@ def whiten_residuals(
 def _residuals_along(batch: Batch, states: np.ndarray, residuals: np.ndarray) -> None:
     """Fill the residuals (R, K, m) of states (R, K, n)."""
     x, reading = lanes(1, states.shape[2]), readings_of(batch)
-    for first in starts(states.shape[0]):
-        count, group = count_from(first, states.shape[0]), members(first, states.shape[0])
+    for first in group_starts(states.shape[0]):
+        count, group = count_from(first, states.shape[0]), group_members(first, states.shape[0])
         for k in range(states.shape[1]):
             gather_row(states, group, k, x)
             take_readings(batch, group, k, reading)

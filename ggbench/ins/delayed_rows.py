@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..numerics.kernels import compiled, copied
-from ..numerics.lanes import gather_rows, lanes, members
+from ..numerics.lanes import gather_rows, group_members, lanes
 from ..numerics.vectors import load, store
 from .adjoint import SCALED, forward, scaled_entries, series_terms
 from .known_gravity import KnownGravity
@@ -41,7 +41,7 @@ def delayed_rows_lanes(
     transition : (R, K, n, n) Φ between the epochs.
     rows : (R, K, 6, 15) output.
     """
-    group = members(0, transition.shape[0])
+    group = group_members(0, transition.shape[0])
     columns, terms, f = lanes(len(MOVED), STATES), series_terms(), lanes(1, SCALED)
     late, phi = lanes(len(MOVED), STATES), lanes(STATES, transition.shape[3])
     entries, metres, which = entries_of(epochs), lanes(1, 2), np.array(MOVED)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numerics.kernels import compiled
-from ..numerics.lanes import members
+from ..numerics.lanes import group_members
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _measure(
     exact: np.ndarray, biases: np.ndarray, noise: np.ndarray, roots: np.ndarray, out: np.ndarray
 ) -> None:
     """Run :meth:`Imu.measure`, with what biases and noise add to an increment."""
-    group = members(0, noise.shape[0])
+    group = group_members(0, noise.shape[0])
     for n in range(out.shape[0]):
         for i in range(6):
             root, triad, axis = roots[i], i // 3, i % 3

@@ -20,7 +20,7 @@ def unfilled(rows: int, columns: int) -> np.ndarray:
     return aligned(rows * columns * LANES).reshape((rows, columns, LANES))
 
 
-def together(*shapes: tuple[int, int]) -> list[np.ndarray]:
+def allocate(*shapes: tuple[int, int]) -> list[np.ndarray]:
     """Return what :func:`unfilled` does of several shapes, in one piece of memory.
 
     NumPy has large pieces mapped in large pages, whose first touch costs next to nothing.
@@ -49,7 +49,7 @@ def series(count: int, rows: int, columns: int) -> np.ndarray:
 
 
 @compiled
-def starts(runs: int) -> np.ndarray:
+def group_starts(runs: int) -> np.ndarray:
     """Return with which run each group of up to LANES runs begins."""
     first = np.empty((runs + LANES - 1) // LANES, dtype=np.int64)
     for i in range(first.shape[0]):
@@ -69,7 +69,7 @@ def each() -> range:
     return range(LANES)
 
 
-def place(run: int) -> tuple[int, int]:
+def lane_of(run: int) -> tuple[int, int]:
     """Return which group a run of a block is in, and in which lane of it."""
     return divmod(run, LANES)
 
@@ -93,7 +93,7 @@ def numbers(value: float) -> np.ndarray:
 
 
 @compiled
-def members(first: int, runs: int) -> np.ndarray:
+def group_members(first: int, runs: int) -> np.ndarray:
     """Return the runs (LANES,) of the group that begins with ``first``; the last one may repeat."""
     out = np.empty(LANES, dtype=np.int64)
     for r in range(LANES):
@@ -240,7 +240,7 @@ def gather_row(values: np.ndarray, group: np.ndarray, k: int, out: np.ndarray) -
 
 
 @compiled
-def spread(values: np.ndarray, out: np.ndarray) -> None:
+def broadcast(values: np.ndarray, out: np.ndarray) -> None:
     """Give a matrix (rows, columns) to all lanes."""
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):

@@ -21,8 +21,8 @@ from ..sensors.aiding import Motion, corrected_positions, position_error
 from ..sensors.gnss import Gnss
 from ..simulation.field_source import beside, is_file, make_field, map_files
 from ..simulation.formulation import (
-    InsSolution,
     MeasurementTimes,
+    MechanizedRuns,
     SensorReadings,
     added_gravity,
     build_problems,
@@ -196,7 +196,7 @@ def _problem(
         require_short_delays(model, spec.damping_s, len(gradient_at))
     except GGBenchError as error:
         raise FlightError(f"{path}: {error}") from None
-    indicated = InsSolution.empty(1, len(epochs), model.dimension)
+    indicated = MechanizedRuns.empty(1, len(epochs), model.dimension)
     output, missing = np.zeros((1, 0, model.gradients)), np.zeros((1, 0), dtype=bool)
     if "gradiometer" in series:
         output, missing = gradients(spec, ins.base, series["gradiometer"])

@@ -448,10 +448,10 @@ def _fill_lanes(states: np.ndarray, first: int, count: int, x: np.ndarray) -> No
 @compiled
 def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     """Return h (N, m) of states (N, n); ``model`` is a block of one run."""
-    group, at, x = lanes.members(0, 1), expansion_of(model), lanes.lanes(1, states.shape[1])
+    group, at, x = lanes.group_members(0, 1), expansion_of(model), lanes.lanes(1, states.shape[1])
     out = np.empty((states.shape[0], model.offset.shape[2]))
     load_expansion(model, group, k, at)
-    for first in lanes.starts(states.shape[0]):
+    for first in lanes.group_starts(states.shape[0]):
         count = lanes.count_from(first, states.shape[0])
         _fill_lanes(states, first, count, x)
         predict_runs(model, group, count, k, x, at)
@@ -472,9 +472,9 @@ def _linearise(
     out: np.ndarray,
 ) -> None:
     """Fill h (N, m) and H (N, m, n) of states (N, n) at an epoch; x and ``at`` are scratch."""
-    group, g, (moving, width) = lanes.members(0, 1), at.slope.shape[0], at.b.shape[:2]
+    group, g, (moving, width) = lanes.group_members(0, 1), at.slope.shape[0], at.b.shape[:2]
     out[:] = 0.0
-    for first in lanes.starts(states.shape[0]):
+    for first in lanes.group_starts(states.shape[0]):
         count = lanes.count_from(first, states.shape[0])
         _fill_lanes(states, first, count, x)
         expand(model, group, count, k, x, at)

@@ -75,7 +75,7 @@ class MeasurementTimes:
         return delays
 
 
-class InsSolution(NamedTuple):
+class MechanizedRuns(NamedTuple):
     """Solution of the INS of R runs at the epochs, and the transition of its error.
 
     Attributes
@@ -98,16 +98,16 @@ class InsSolution(NamedTuple):
     turning: np.ndarray
 
     @classmethod
-    def empty(cls, runs: int, epochs: int, n: int) -> InsSolution:
+    def empty(cls, runs: int, epochs: int, n: int) -> MechanizedRuns:
         """Return arrays to be filled: in one piece, of which large pages may be made."""
         shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,), (3,))
         ends = np.cumsum([runs * epochs * math.prod(shape) for shape in shapes])
         pieces = np.split(np.empty(ends[-1]), ends[:-1])
         return cls(*(p.reshape(runs, epochs, *s) for p, s in zip(pieces, shapes, strict=True)))
 
-    def of_runs(self, some: slice) -> InsSolution:
+    def of_runs(self, some: slice) -> MechanizedRuns:
         """Return the arrays of some of the runs."""
-        return InsSolution(*(array[some] for array in self))
+        return MechanizedRuns(*(array[some] for array in self))
 
     @property
     def motion(self) -> Motion:
@@ -151,7 +151,7 @@ def propagate_errors(
     gravity: KnownGravity,
     track: np.ndarray,
     increments: np.ndarray,
-    out: InsSolution,
+    out: MechanizedRuns,
 ) -> None:
     """Fill the solution and the error's transition along the tracks of a group of R runs.
 
@@ -216,7 +216,11 @@ def added_gravity(
 
 
 def build_problems(
-    model: SensorSuite, field: Field, when: MeasurementTimes, ins: InsSolution, read: SensorReadings
+    model: SensorSuite,
+    field: Field,
+    when: MeasurementTimes,
+    ins: MechanizedRuns,
+    read: SensorReadings,
 ) -> ProblemBlock:
     """Return the estimation problems of R runs.
 

@@ -17,12 +17,12 @@ from ..gravity.field import Field
 from ..ins.error_model import navigation_errors
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.lanes import in_lanes, out_of_lanes, place, unfilled
+from ..numerics.lanes import in_lanes, lane_of, out_of_lanes, unfilled
 from ..problem import Problem
 from ..sensors.aiding import Motion, corrected_motion
 from .formulation import (
-    InsSolution,
     MeasurementTimes,
+    MechanizedRuns,
     SensorReadings,
     build_problems,
     propagate_errors,
@@ -106,7 +106,7 @@ class Replays(Sequence[Replay]):
     def __getitem__(self, run: Any) -> Any:
         if not 0 <= run < self.runs:
             raise IndexError(f"there is no run {run} in a block of {self.runs}")
-        group, lane = place(run)
+        group, lane = lane_of(run)
         recording = self.recordings[group].of_run(lane)
         return Replay(self.model, self.field, self.when, self.gravity, recording)
 
@@ -144,7 +144,7 @@ class Loop:
             track=track,
         )
         some = when.between(first, last)
-        ins = InsSolution.empty(1, last - first + 1, replay.model.dimension)
+        ins = MechanizedRuns.empty(1, last - first + 1, replay.model.dimension)
         propagate_errors(replay.model, some, replay.gravity, track, increments, ins)
         read = self._seen_from(ins.motion, some, slice(first, last + 1))
         block = build_problems(replay.model, replay.field, some, ins, read)

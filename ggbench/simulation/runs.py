@@ -20,13 +20,13 @@ from ..block import ProblemBlock, joined
 from ..ins.error_model import GYRO_BIAS, STATES, navigation_errors
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
+from ..numerics.lanes import allocate, groups, in_lanes, out_of_lanes, unfilled
 from ..problem import Problem
 from ..sensors.aiding import Motion, corrected_motion
 from .aiding_readings import aiding_readings
 from .error_free_flight import Flight
 from .flight_bounds import require_together
-from .formulation import InsSolution, SensorReadings, build_problems, propagate_errors
+from .formulation import MechanizedRuns, SensorReadings, build_problems, propagate_errors
 from .gradients import Gradients, gradients
 from .random_streams import RandomStreams
 from .replay import Recording, Replays
@@ -94,7 +94,7 @@ def simulate_flights(
     if any(flight is not first for flight in flights):
         parts = [slice(r, r + 1) for r in range(len(runs))]
     seen = Gradients.joined([gradients(flights[part.start], streams[part]) for part in parts])
-    ins = InsSolution.empty(len(streams), len(when.times), model.dimension)
+    ins = MechanizedRuns.empty(len(streams), len(when.times), model.dimension)
     imu_biases = np.empty((len(streams), len(when.times), 6))
     recordings: list[Recording] = []
     scratch = _Scratch.of(first)
@@ -122,7 +122,7 @@ def simulate_flights(
 
 def _add_states(
     flight: Flight,
-    ins: InsSolution,
+    ins: MechanizedRuns,
     imu_biases: np.ndarray,
     seen: Gradients,
     error_state: np.ndarray,
@@ -203,7 +203,7 @@ class _Scratch(NamedTuple):
     def of(cls, flight: Flight) -> _Scratch:
         """Return arrays to be filled."""
         count = len(flight.delta_angles)
-        track, increments, noise = together((count + 1, TRACK), (count, 6), (count, 6))
+        track, increments, noise = allocate((count + 1, TRACK), (count, 6), (count, 6))
         return cls(track, increments, noise.reshape(-1, 2, count, 3))
 
 

@@ -9,7 +9,7 @@ import pytest
 from problems import changed, estimator, linear_problem, refusal, rng
 from rough_field import RoughModel, rough_flight
 
-from ggbench.problem import Channel, Problem, Track
+from ggbench.problem import Channel, InsSolution, Problem
 from ggbench.sensors.aiding import corrected_positions
 
 SPEED = 250.0
@@ -43,7 +43,7 @@ def straight(
     truth[:, 3:5] = drift
     indicated = np.stack([SPEED * np.arange(40.0), np.zeros(40), np.zeros(40)], axis=1)
     first = np.array([0.6, -1.4, 1000.0])
-    track = Track(
+    track = InsSolution(
         corrected_positions(np.tile(first, (40, 1)), -indicated),
         np.tile([SPEED, 0.0, 0.0], (40, 1)), np.tile(np.eye(3), (40, 1, 1)),
     )  # fmt: skip

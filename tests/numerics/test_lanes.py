@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ggbench.numerics.kernels import LANES
-from ggbench.numerics.lanes import groups, in_lanes, members, out_of_lanes
+from ggbench.numerics.lanes import group_members, groups, in_lanes, out_of_lanes
 
 
 @pytest.mark.parametrize("runs", [1, LANES - 1, LANES, LANES + 1, 3 * LANES])
@@ -24,5 +24,5 @@ def test_runs_come_back_from_their_lanes(runs):
     assert together.shape == (4, 3, LANES)
     assert together.flags.c_contiguous
     np.testing.assert_array_equal(out_of_lanes(together, runs), matrices)
-    np.testing.assert_array_equal(np.moveaxis(together, -1, 0), matrices[members(0, runs)])
+    np.testing.assert_array_equal(np.moveaxis(together, -1, 0), matrices[group_members(0, runs)])
     assert (together[:, :, runs:] == together[:, :, runs - 1 : runs]).all()

@@ -14,9 +14,9 @@ from ggbench.estimators.correlation import Correlation
 from ggbench.estimators.tercom import Tercom, TercomEkf
 from ggbench.problem import (
     Estimate,
+    InsSolution,
     MeasurementModel,
     Problem,
-    Track,
     jacobian_along,
     predict_along,
 )
@@ -49,7 +49,7 @@ def section(problem: Problem, first: int, stop: int, mean: np.ndarray, cov: np.n
     """Return the problem of some epochs, as ``ProblemBlock.part`` has it of many runs."""
     part, track = slice(first, stop), problem.track
     if track is not None:
-        track = Track(track.positions[part], track.velocities[part], track.attitudes[part])
+        track = InsSolution(track.positions[part], track.velocities[part], track.attitudes[part])
     return Problem(
         times=problem.times[part],
         measurements=problem.measurements[part],

@@ -11,7 +11,7 @@ from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
 from ggbench.block import ProblemBlock
 from ggbench.engines.sigma_points import SigmaPoints, read_sigma_points
 from ggbench.gravity.spline import TENSOR_WORK
-from ggbench.numerics.lanes import in_lanes, lanes, members, out_of_lanes
+from ggbench.numerics.lanes import group_members, in_lanes, lanes, out_of_lanes
 from ggbench.sensors.model_arrays import EpochContext, ModelArrays, PointScratch
 from ggbench.sensors.model_kernels import Expansion, expand, moving_errors
 from ggbench.simulation.runs import simulate_block
@@ -100,7 +100,7 @@ def test_the_kernel_of_eight_runs_is_h_and_its_slope(block, states):
     """Both of each run, as its own model gives them."""
     k, x = states
     at = expansion_of(block.model)
-    expand(block.model, members(0, RUNS), RUNS, k, in_lanes(x[:, np.newaxis]), at)
+    expand(block.model, group_members(0, RUNS), RUNS, k, in_lanes(x[:, np.newaxis]), at)
     g, moving, columns = len(at.slope), *at.b.shape[:2]
     for run in range(RUNS):
         model = block.problem(run).model
@@ -115,7 +115,7 @@ def test_pairs_of_points_are_the_odd_and_the_even_part_of_h(block, states):
     """Half the difference and half the sum of h(x ± d) − h(x), point by point."""
     k, x = states
     n, m = block.dimension, block.measurements.shape[2]
-    group, spread, model = members(0, RUNS), 1.7, block.model
+    group, spread, model = group_members(0, RUNS), 1.7, block.model
     sigma = np.sqrt(np.diag(block.prior_cov))
     root = np.tril(0.5 * np.random.default_rng(7).normal(size=(RUNS, n, n))) * sigma[:, np.newaxis]
     root[:, :3, :3] = np.tril(np.random.default_rng(8).normal(size=(RUNS, 3, 3))) * 200.0
