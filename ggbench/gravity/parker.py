@@ -84,16 +84,16 @@ class TerrainOptions:
             )
 
 
-def terrain_field(
+def terrain_layers(
     terrain: Terrain,
     latitude: ArrayLike,
     longitude: ArrayLike,
     height: ArrayLike,
     options: TerrainOptions | None = None,
     geoid_height: float = 0.0,
-    dtype: DTypeLike = np.float64,
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """The field of a terrain's masses on latitude x longitude x height.
+    dtype: DTypeLike = np.float32,
+) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
+    """The field of a terrain's masses, height by height, so that a large map needs no memory.
 
     Parameters
     ----------
@@ -104,50 +104,16 @@ def terrain_field(
     geoid_height : of the terrain's zero level above the ellipsoid [m].
     dtype : float64, or float32 for half the memory at an error of some 1e-5 E.
 
-    Returns
-    -------
-    The tensor, (n_lat, n_lon, n_h, 6) [E], and the gravity vector, (n_lat, n_lon, n_h, 3) [m/s²],
-    both in geodetic ENU axes. The tensor is the gradient of the vector on a flat Earth.
+    Yields
+    ------
+    For each height the tensor, (n_lat, n_lon, 6) [E], and the gravity vector, (n_lat, n_lon, 3)
+    [m/s²], both in geodetic ENU axes. The tensor is the gradient of the vector on a flat Earth.
 
     Raises
     ------
-    TerrainError : positions outside the terrain or no numbers; a height at or below the highest
-        ground, or so close above it that the series or the Fourier grid grows too long; a terrain
-        too wide for a plane.
-    """
-    heights = _axis(height, "height")
-    shape = (_axis(latitude, "latitude").size, _axis(longitude, "longitude").size, heights.size)
-    tensor, vector = np.empty((*shape, 6), dtype), np.empty((*shape, 3), dtype)
-    layers = terrain_layers(
-        terrain=terrain,
-        latitude=latitude,
-        longitude=longitude,
-        height=heights,
-        options=options,
-        geoid_height=geoid_height,
-        dtype=dtype,
-    )
-    for index, (layer_tensor, layer_vector) in enumerate(layers):
-        tensor[:, :, index], vector[:, :, index] = layer_tensor, layer_vector
-    return tensor, vector
-
-
-def terrain_layers(
-    terrain: Terrain,
-    latitude: ArrayLike,
-    longitude: ArrayLike,
-    height: ArrayLike,
-    options: TerrainOptions | None = None,
-    geoid_height: float = 0.0,
-    dtype: DTypeLike = np.float32,
-) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
-    """The field of :func:`terrain_field` height by height, so that a large map needs no memory.
-
-    Yields
-    ------
-    For each height the tensor, (n_lat, n_lon, 6) [E], and the vector, (n_lat, n_lon, 3) [m/s²].
-
-    Raises TerrainError as :func:`terrain_field` does, with the first layer.
+    TerrainError : with the first layer, for positions outside the terrain or no numbers; a height
+        at or below the highest ground, or so close above it that the series or the Fourier grid
+        grows too long; a terrain too wide for a plane.
     """
     lat, lon, heights = (
         _axis(values, name)

@@ -141,7 +141,7 @@ class TerrainPart:
         from ..gravity.parker import terrain_layers
 
         axes = (np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m)
-        terrain = _around(self.terrain, nodes)
+        terrain = terrain_about(self.terrain, nodes)
         rest = (self.options, self.geoid_height_m, self.dtype)
         whole = terrain_layers(terrain, *axes, *rest)
         if self.above_degree is None:
@@ -157,7 +157,7 @@ class TerrainPart:
             yield tensor, vector
 
 
-def _around(terrain: Terrain, nodes: Nodes) -> Terrain:
+def terrain_about(terrain: Terrain, nodes: Nodes) -> Terrain:
     """The terrain, or of one too wide for a plane what lies around the map."""
     middle = 0.5 * (nodes.latitude_deg[0] + nodes.latitude_deg[-1])
     half = np.array([_WIDEST_DEG, _WIDEST_DEG / math.cos(math.radians(middle))]) / 2.0

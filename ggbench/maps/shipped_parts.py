@@ -319,7 +319,7 @@ class ShippedTerrain:
 
     def terrain(self) -> Terrain:
         """Return the terrain. Raises MapError if its file is missing or damaged."""
-        return _terrain(self.file)
+        return shipped_terrain(self.file)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -400,7 +400,14 @@ def disturbing_coefficients(name: str) -> HarmonicCoefficients:
 
 
 @lru_cache(maxsize=4)
-def _terrain(file: str) -> Terrain:
+def shipped_terrain(file: str) -> Terrain:
+    """Return the terrain of a data file of the package.
+
+    Raises
+    ------
+    GGBenchError
+        If the file holds no terrain.
+    """
     arrays = data_arrays(file, _TERRAIN_KEYS)
     try:
         south, west, latitude_step, longitude_step = (

@@ -28,9 +28,9 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("INS", _ins(cases)),
         ("Initial σ", _initial(cases)),
         ("Flight", _flight(shared)),
-        ("Gradiometer", _each(cases, _gradiometer)),
-        ("Other sensors", _others(cases)),
-        ("Map", _each(cases, _map)),
+        ("Gradiometer", _each(cases, gradiometer_conditions)),
+        ("Other sensors", other_conditions(cases)),
+        ("Map", _each(cases, map_conditions)),
         ("Not as assumed", _each(cases, _differences)),
     ]
     said = [row for row in rows if row[1] not in ("", "nothing")]
@@ -85,7 +85,8 @@ def _flight(shared: pd.DataFrame) -> str:
     return ", ".join(parts)
 
 
-def _gradiometer(case: CaseSpec) -> list[str]:
+def gradiometer_conditions(case: CaseSpec) -> list[str]:
+    """Return the kind, noise and period of the gradiometer, and its errors."""
     spec = case.side("truth").gradiometer
     if spec is None:
         return []
@@ -103,7 +104,7 @@ def _gradiometer(case: CaseSpec) -> list[str]:
     return [noise, f"every {spec.period_s:g} s", channels, spec.instrument, low]
 
 
-def _others(cases: Sequence[CaseSpec]) -> str:
+def other_conditions(cases: Sequence[CaseSpec]) -> str:
     """Return the sensors of all cases, then those of some."""
     held = [
         [f"{spec.in_words} every {spec.period_s:g} s" for spec in case.sensor.values()]
@@ -114,7 +115,8 @@ def _others(cases: Sequence[CaseSpec]) -> str:
     return ", ".join([*every, *(f"in some cases {name}" for name in some[:_MOST_VALUES])])
 
 
-def _map(case: CaseSpec) -> list[str]:
+def map_conditions(case: CaseSpec) -> list[str]:
+    """Return the source of the map, its spacing and whether it errs."""
     true, assumed = case.side("truth").field, case.side("model").field
     if assumed.source == "normal":
         return ["normal field"]

@@ -99,10 +99,10 @@ def write(results: Results, folder: Path) -> None:
     (folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
     write_csv(metrics[metrics["window"] == "settled"], folder / "metrics.csv")
     write_csv(cases, folder / "cases.csv")
-    write_csv(_telling(results.pairs(), cases), folder / "pairs.csv")
+    write_csv(decisive_pairs(results.pairs(), cases), folder / "pairs.csv")
 
 
-def _telling(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return the pairs with the INS, the EKF, or an estimator that their case names."""
     named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
     kept = [

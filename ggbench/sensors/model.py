@@ -232,13 +232,6 @@ def _combined(
     return combined, lags
 
 
-def without_aiding(epochs: tuple[int, ...], dimension: int) -> AidingChannels:
-    """Return the channels of no sensor at epochs (..., K), of so many states."""
-    return AidingChannels(
-        np.zeros((*epochs, 0)), np.zeros((*epochs, 0, dimension)), np.zeros((*epochs, 0, 3)), NO_MAP
-    )
-
-
 class SensorModel:
     """The measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
 

@@ -22,7 +22,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from ggbench.gravity import parker
 from ggbench.gravity.ellipsoid import EOTVOS, radii_of_curvature
-from ggbench.gravity.parker import TerrainOptions, terrain_field, terrain_layers
+from ggbench.gravity.parker import TerrainOptions, terrain_layers
 from ggbench.gravity.terrain import Terrain, TerrainError
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.package_data import data_bytes
@@ -37,6 +37,12 @@ HILLS = (
     (1500, -2500, 300, 700),
 )
 BASIN = (-1500, 2500, -600, 900)
+
+
+def terrain_field(*args, dtype=np.float64, **kwargs):
+    """All layers at once: the tensor (n_lat, n_lon, n_h, 6) [E] and the vector (…, 3) [m/s²]."""
+    tensors, vectors = zip(*terrain_layers(*args, dtype=dtype, **kwargs), strict=True)
+    return np.stack(tensors, axis=2), np.stack(vectors, axis=2)
 
 
 @njit

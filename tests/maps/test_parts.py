@@ -17,7 +17,7 @@ from ggbench.gravity.parker import TerrainOptions
 from ggbench.gravity.terrain import Terrain
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.netcdf import Nodes
-from ggbench.maps.parts import HarmonicPart, TerrainPart, _around, smoothed, summed
+from ggbench.maps.parts import HarmonicPart, TerrainPart, smoothed, summed, terrain_about
 from ggbench.maps.shipped_parts import disturbing_coefficients
 
 STEP = 1.0 / 60.0
@@ -198,7 +198,9 @@ def test_of_a_terrain_too_wide_for_a_plane_what_lies_around_the_map_is_used():
 def test_what_lies_around_the_map_is_as_wide_to_the_east_as_to_the_north():
     """In degrees of arc: at 60° of latitude twice as many degrees of longitude are kept."""
     wide = Terrain(53.0, 85.0, 0.1, 0.1, np.zeros((141, 301)), "wide")
-    kept = _around(wide, Nodes(np.array([59.0, 61.0]), np.array([99.0, 101.0]), np.array([9e3])))
+    kept = terrain_about(
+        wide, Nodes(np.array([59.0, 61.0]), np.array([99.0, 101.0]), np.array([9e3]))
+    )
     assert (kept.latitudes_deg[0], kept.latitudes_deg[-1]) == pytest.approx((54.5, 65.5), abs=0.11)
     assert (kept.longitudes_deg[0], kept.longitudes_deg[-1]) == pytest.approx((89, 111), abs=0.11)
 

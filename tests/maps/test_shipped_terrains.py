@@ -60,7 +60,7 @@ def shipped(monkeypatch, **arrays: object) -> None:
         SOURCES, "hill", ShippedSource("a hill", 3000.0, (ShippedTerrain("hill.npz"),))
     )
     monkeypatch.setattr(package_data, "data_bytes", lambda _: file.getvalue())
-    shipped_parts._terrain.cache_clear()
+    shipped_parts.shipped_terrain.cache_clear()
 
 
 def hill(width_m: float, top_m: float, count: int = 121) -> np.ndarray:

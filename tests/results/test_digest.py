@@ -120,5 +120,5 @@ def test_pairs_are_those_that_a_page_may_need():
     )
     names = {"recommended": ["", "ekf"], "best": ["ekf", "tercom"], "best_smoother": ["", ""]}
     cases = pd.DataFrame({"case": ["a", "b"]} | names)
-    assert digest._telling(pairs, cases).index.tolist() == [1, 2]
-    assert digest._telling(pairs[:0], cases).empty
+    assert digest.decisive_pairs(pairs, cases).index.tolist() == [1, 2]
+    assert digest.decisive_pairs(pairs[:0], cases).empty

@@ -18,7 +18,7 @@ from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.gravity.field import Field
 from ggbench.judging.situations import is_right_model, situation_of
 from ggbench.maps.recipe import write
-from ggbench.report.conditions import _gradiometer, _map, _others
+from ggbench.report.conditions import gradiometer_conditions, map_conditions, other_conditions
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
@@ -177,7 +177,7 @@ def test_no_model_is_the_right_one_of_what_was_measured(keys):
     case = small_case(keys)
     assert not is_right_model(case)
     assert situation_of(case, 1000.0) == "measured"
-    assert _gradiometer(case)[0] == "measured readings"
+    assert gradiometer_conditions(case)[0] == "measured readings"
     simulated = small_case(keys | {"gradiometer.readings": "simulated"})
     assert is_right_model(simulated)
 
@@ -223,8 +223,8 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
     """
     measured = small_case(gravity)
     assert situation_of(measured, 1000.0) == "measured" and not is_right_model(measured)
-    assert _others([measured]) == "gravimeter measured every 2 s"
-    assert "with its real errors" in _map(measured)
+    assert other_conditions([measured]) == "gravimeter measured every 2 s"
+    assert "with its real errors" in map_conditions(measured)
     exact = small_case(
         gravity | {"gravimeter.readings": "simulated", "gravimeter.noise_mgal": 1e-6,
                    "truth.gravimeter.bias_mgal": 0.0}
