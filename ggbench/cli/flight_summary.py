@@ -28,6 +28,10 @@ SPEEDS_TRACK_MPS = (0.5, 1000.0)
 """Mean speed of a track [m/s]: below and beyond it the unit of its times is in doubt."""
 SECOND_ORDER_M = 10.0
 """Second order of the INS's error that is tolerable without a receiver of positions [m]."""
+MOST_HEIGHT_ERROR_M = 10_000.0
+"""Error of the indicated height [m] beyond which neither gravity nor a map is known at it."""
+SCHULER_HEIGHT_S = 570.0
+"""Time √(R / 2g) in which an unaided error of the height grows e-fold (Groves 2013, sec. 5.7)."""
 _NAMED = 3
 
 
@@ -101,7 +105,7 @@ def warnings(found: Iterable[Examined]) -> Iterator[str]:
     narrow = []
     for each in found:
         narrow.append((each.name, each.narrow))
-        for what in absurdities(each.flown):
+        for what in (*absurdities(each.flown), *_unstable_height(each)):
             said.setdefault(what, []).append(each.name)
     for what, names in said.items():
         yield f"in {some(names, most=_NAMED)}, {what}"
@@ -133,6 +137,17 @@ def absurdities(flown: FlightExtremes) -> Iterator[str]:
         yield (
             f"the ship accelerates by {flown.across:.1f} m/s² to the side, and no ship turns with "
             f"more than {MOST_ACROSS_SHIP:.1f} m/s²: {_remedy(flown)}"
+        )
+
+
+def _unstable_height(each: Examined) -> Iterator[str]:
+    """Yield a sentence if the height of an INS without an altimeter diverges."""
+    worst = float(each.ins.deviations[:, 2].max())
+    if each.case.altimeter is None and worst > MOST_HEIGHT_ERROR_M:
+        yield (
+            f"the height of the INS errs by up to {worst:.2g} m (1 σ): without an altimeter its "
+            f"error grows e-fold every {SCHULER_HEIGHT_S:.0f} s, and runs will fail: give "
+            "[altimeter], or fly for a shorter time"
         )
 
 

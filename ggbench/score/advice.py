@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -14,6 +14,7 @@ from ..campaign import campaign, running
 from ..judging.planned import bound_of
 from ..results.folder import Results
 from ..spec.case import CaseSpec
+from ..spec.named_sensors import table_of
 from ..spec.scenario import Scenario
 from . import stored_runs
 from .stored_runs import ScoreError
@@ -24,7 +25,8 @@ _FINEST, _COARSEST = 1e-6, 1e4
 _STEPS = 14
 """Halvings of that range on a logarithmic scale: to 0.2%."""
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
-_SENSORS = {"gravimeter": "noise_mgal", "gnss": "position_noise_m", "velocity_log": "noise_mps"}
+SIDES = ("", "truth", "model")
+"""Tables of a case that may state a number: its own, and those of each side."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,9 @@ def advise(
     """
     bound = bound_of(case)
     limits = [
-        Limit(cause, halved, 1.0 - halved / bound)
-        for cause, change in _halved(case)
-        if (halved := bound_of(change)) > 0.0
+        Limit(cause, lowered, 1.0 - lowered / bound)
+        for cause, change in halved(case)
+        if (lowered := bound_of(change)) > 0.0
     ]
     key = _noise_key(case)
     noise = needed(case, key, target_m) if target_m is not None and key else math.nan
@@ -96,55 +98,96 @@ def advise(
 
 def _noise_key(case: CaseSpec) -> str:
     """Return the key of the gradiometer's noise, "" if none can be changed by a number."""
-    spec = case.gradiometer
-    names = [name for name in _NOISES if spec is not None and getattr(spec, name) is not None]
+    tables = [case.gradiometer, case.truth.gradiometer, case.model.gradiometer]
+    held = [t for t in tables if t is not None]
+    names = [n for n in _NOISES if any(getattr(table, n, None) is not None for table in held)]
     return f"gradiometer.{names[0]}" if names else ""
 
 
-def _with_half(case: CaseSpec, keys: list[str]) -> CaseSpec:
-    for key in keys:
-        case = case.changed(key, 0.5 * attrgetter(key)(case))
+def with_value(
+    case: CaseSpec, key: str, value: Callable[[float], float], sides: Sequence[str] = SIDES
+) -> CaseSpec:
+    """Return a case with other values of a key, of the case and of each side that states its own.
+
+    Parameters
+    ----------
+    key : dotted, ``gradiometer.noise_eotvos``.
+    value : of the new number by the old one; zeros and keys without a number stay.
+    sides : "" for the case's own table, ``truth``, ``model``.
+    """
+    for side in sides:
+        held = _held(getattr(case, side) if side else case, key)
+        if isinstance(held, int | float) and held > 0.0:
+            case = case.changed(f"{side}.{key}".lstrip("."), value(held))
     return case
 
 
-def _halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
-    """Yield each cause of error with the case in which it is half as large."""
-    if key := _noise_key(case):
-        yield "noise of the gradiometer", _with_half(case, [key])
-    for sensor, name in _SENSORS.items():
-        spec = case.sensor.get(sensor)
-        if spec is not None and getattr(spec, name) is not None:
-            words = sensor.replace("_", " ").replace("gnss", "GNSS receiver")
-            half = case.changed(f"{sensor}.{name}", 0.5 * getattr(spec, name))
-            yield f"noise of the {words}", half
+def _held(tables: Any, key: str) -> Any:
+    """Return what a side states at a dotted key, None if nothing."""
+    *path, name = key.split(".")
+    table = tables
+    if path[0] != "sensor" and path[0] in tables.sensor:
+        table, path = tables.sensor[path[0]], path[1:]
+    for part in path:
+        table = table.get(part) if isinstance(table, Mapping) else getattr(table, part, None)
+    return getattr(table, name, None)
+
+
+def _numbers(table: Any, *words: str) -> list[str]:
+    """Return the names of a table's numbers that are named by one of some words, but for times."""
+    return [
+        name
+        for name in type(table).model_fields
+        if any(word in name for word in words) and not name.endswith("_s")
+    ]
+
+
+def halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
+    """Yield each cause of error with the case in which it is half as large, on both sides."""
+    causes: list[tuple[str, list[str]]] = []
+    if case.gradiometer is not None:
+        key = _noise_key(case)
+        biases = [f"gradiometer.{name}" for name in _numbers(case.gradiometer, "bias", "drift")]
+        causes += [("noise of the gradiometer", [key] if key else [])]
+        causes += [("biases and drift of the gradiometer", biases)]
+    for name, spec in case.sensor.items():
+        place, words = table_of(name), name.replace("_", " ").replace("gnss", "GNSS receiver")
+        for kind in ("noise", "bias"):
+            keys = [f"{place}.{item}" for item in _numbers(spec, kind)]
+            causes.append((f"{kind} of the {words}", keys))
+    if case.altimeter is not None:
+        noises = [f"altimeter.{name}" for name in _numbers(case.altimeter, "noise")]
+        causes.append(("noise of the altimeter", noises))
+    prior = [f"initial_error.{name}" for name in type(case.initial_error).model_fields]
+    causes.append(("initial uncertainty", prior))
+    imu = [f"imu.{name}" for name in _numbers(case.imu, "bias", "noise")]
+    causes.append(("errors of the inertial sensors", imu))
     if case.model.field.standard_error:
         yield "error of the map (removed)", case.changed("model.field.standard_error", False)
-    prior = [f"initial_error.{name}" for name in ("position_m", "velocity_mps", "attitude_arcmin")]
-    yield "initial uncertainty", _with_half(case, prior)
-    imu = [
-        f"imu.{name}"
-        for name in (
-            "gyro_bias_deg_per_h",
-            "gyro_noise_deg_per_sqrt_h",
-            "accelerometer_bias_ug",
-            "accelerometer_noise_ug_per_sqrt_hz",
-        )
-        if getattr(case.imu, name) > 0.0
-    ]
-    yield "errors of the inertial sensors", _with_half(case, imu)
+    for cause, keys in causes:
+        half = case
+        for key in keys:
+            half = with_value(half, key, lambda number: 0.5 * number)
+        if half is not case:
+            yield cause, half
 
 
 def needed(case: CaseSpec, key: str, target_m: float) -> float:
     """Return the largest noise of the gradiometer with which the bound reaches a target [m].
 
-    ``key`` is the dotted key of the noise. NaN if no noise between 1e-6 and 1e4 reaches it.
+    ``key`` is the dotted key of the noise, which is changed for truth and model together. NaN if no
+    noise between 1e-6 and 1e4 reaches it.
     """
     low, high = math.log(_FINEST), math.log(_COARSEST)
-    if bound_of(case.changed(key, _FINEST)) > target_m:
+
+    def reached(noise: float) -> bool:
+        return bound_of(with_value(case, key, lambda number: noise)) <= target_m
+
+    if not reached(_FINEST):
         return math.nan
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
-        if bound_of(case.changed(key, math.exp(middle))) <= target_m:
+        if reached(math.exp(middle)):
             low = middle
         else:
             high = middle

@@ -268,6 +268,21 @@ def test_a_run_warns_as_validate_does(tmp_path):
     assert "Warning: in base, the track is 40020 m high" in done.stdout
 
 
+ALTIMETER = "\n[altimeter]\nnoise_m_per_sqrt_hz = 1.0\ntime_constant_s = 100.0\n"
+
+
+@pytest.mark.parametrize(("altimeter", "warned"), [("", True), (ALTIMETER, False)])
+def test_hours_without_an_altimeter_are_warned_of(altimeter, warned, tmp_path):
+    """The height error grows by cosh(t / 570 s): by e^25 in four hours."""
+    long = SMALL.replace("duration_s = 20.0", "duration_s = 14400.0").replace(
+        "period_s = 0.1", "period_s = 1.0"
+    )
+    assert long.count("14400.0") == 1
+    (tmp_path / "own.toml").write_text(long + altimeter)
+    done = invoke(["validate", "own.toml"], tmp_path)
+    assert ("grows e-fold every 570 s" in done.stdout) == warned
+
+
 NARROW = MAPPED.replace("east_deg = 109.1", "east_deg = 108.06").replace(
     "lowest_m = 9000.0", "lowest_m = 9990.0"
 )

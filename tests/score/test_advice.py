@@ -43,6 +43,48 @@ def test_the_noise_that_is_found_reaches_the_target(found):
     assert math.isnan(advice.needed(found.case, KEY, 1e-9))
 
 
+def test_a_number_is_halved_wherever_the_case_states_it(tmp_path):
+    """The truth's own noise with the model's: else halving it would change nothing that is true."""
+    text = SMALL.replace("[gradiometer]", "[gradiometer]\nbias_eotvos = 2.0", 1)
+    case = small(tmp_path, text + "\n[truth.gradiometer]\nnoise_eotvos = 16.0\n").cases[0]
+    (half,) = (h for cause, h in advice.halved(case) if cause == "noise of the gradiometer")
+    for side in ("truth", "model"):
+        before, after = (c.side(side).gradiometer.noise_eotvos for c in (case, half))
+        assert after == pytest.approx(0.5 * before)
+    assert case.side("truth").gradiometer.noise_eotvos == 16.0
+    assert bound_of(half) < bound_of(case)
+
+
+def test_the_noise_for_a_target_is_that_of_truth_and_model(tmp_path):
+    """A target that the case reaches with the model's noise alone is reached by changing both."""
+    plain = small(tmp_path, SMALL).cases[0]
+    noisy = small(tmp_path, SMALL + "\n[truth.gradiometer]\nnoise_eotvos = 1000.0\n").cases[0]
+    target = 1.2 * bound_of(plain)
+    assert advice.needed(noisy, KEY, target) == pytest.approx(
+        advice.needed(plain, KEY, target), rel=0.01
+    )
+
+
+def test_every_sensor_has_its_limits(tmp_path):
+    """Biases, velocities, the altimeter and sensors with names of their own."""
+    text = SMALL + (
+        "\n[gnss]\nperiod_s = 1.0\nposition_noise_m = 5.0\nvelocity_noise_mps = 0.1\n"
+        "[barometer]\nperiod_s = 1.0\nnoise_m = 3.0\nbias_m = 5.0\n"
+        '[sensor.bow]\nkind = "velocity_log"\nperiod_s = 1.0\nnoise_mps = 0.1\n'
+        "[altimeter]\nnoise_m_per_sqrt_hz = 1.0\ntime_constant_s = 100.0\n"
+    )
+    case = small(tmp_path, text).cases[0]
+    halves = dict(advice.halved(case))
+    assert {
+        "noise of the GNSS receiver", "noise of the barometer", "bias of the barometer",
+        "noise of the bow", "noise of the altimeter", "initial uncertainty",
+        "errors of the inertial sensors",
+    } <= set(halves)  # fmt: skip
+    receiver = halves["noise of the GNSS receiver"].sensor["gnss"]
+    assert (receiver.position_noise_m, receiver.velocity_noise_mps) == (2.5, 0.05)
+    assert halves["noise of the bow"].sensor["bow"].noise_mps == 0.05
+
+
 def test_the_recommended_estimator_was_flown(found):
     label, _ = advice.recommended(found)
     assert label in set(advice.table(found)["estimator"])
