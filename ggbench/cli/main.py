@@ -22,6 +22,7 @@ from .advise import advise
 from .bound import bound
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
+from .exchange import export, judge
 from .flights import estimate, record
 from .imu import imu
 from .keys import keys
@@ -59,6 +60,8 @@ for _command in (
     keys,
     new,
     estimate,
+    export,
+    judge,
     plan,
     record,
     report,
