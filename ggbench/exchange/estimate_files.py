@@ -263,7 +263,7 @@ class StoredEstimates(Estimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Nobody knows."""
+        """False: it is not declared."""
         return False
 
     def conflict(self) -> str | None:

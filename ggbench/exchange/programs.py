@@ -50,7 +50,7 @@ class ExternalProgram(BlockEstimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Nobody knows."""
+        """False: it is not declared."""
         return False
 
     def estimate_block(
@@ -112,9 +112,9 @@ class ExternalProgram(BlockEstimator):
             raise ExchangeError(f"{self.path} cannot be started: {error.strerror}") from None
         kept = _LastOutput(process.stdout)
         code = process.wait()
+        # Children that it has left may hold its output open: they are not waited for.
+        kept.join(_LAST_WORDS_S)
         if code:
-            # Children that it has left may hold its output open: they are not waited for.
-            kept.join(_LAST_WORDS_S)
             how = f"exit code {code}" if code > 0 else f"signal {-code}"
             said = kept.text
             raise ExchangeError(f"{self.path} ended with {how}" + (f": {said}" if said else ""))
@@ -130,8 +130,9 @@ class _LastOutput(threading.Thread):
 
     def run(self) -> None:
         """Read to the end."""
-        while piece := self._stream.read1(_PIECE):
-            self._kept = (self._kept + piece)[-_LONGEST_OUTPUT:]
+        with self._stream:
+            while piece := self._stream.read1(_PIECE):
+                self._kept = (self._kept + piece)[-_LONGEST_OUTPUT:]
 
     @property
     def text(self) -> str:
