@@ -28,6 +28,8 @@ from ..spec.rosters import expanded
 from .truth_isolation import suspicious_names
 
 GROUP = "ggbench.estimators"
+FRAMEWORKS = "ggbench.frameworks"
+"""Entry points of estimators that need another package, each with an extra."""
 _SOURCE = "__ggbench_source__"
 _OWN_MODULE = "ggbench_user_"
 """How the module names of files of a user's own begin."""
@@ -94,6 +96,13 @@ def estimator_points() -> dict[str, importlib.metadata.EntryPoint]:
     return {point.name: point for point in sorted(points, key=lambda p: p.name)}
 
 
+@cache
+def framework_points() -> dict[str, importlib.metadata.EntryPoint]:
+    """Return the entry points of other packages' estimators by name, in order."""
+    points = importlib.metadata.entry_points(group=FRAMEWORKS)
+    return {point.name: point for point in sorted(points, key=lambda p: p.name)}
+
+
 def _load(point: importlib.metadata.EntryPoint) -> type[Estimator]:
     try:
         cls: type[Estimator] = point.load()
@@ -132,7 +141,8 @@ def choose(text: str) -> Choice:
 
         cls = estimate_files.estimator_of(Path(name))
     else:
-        points = estimator_points()  # of which only the chosen one is imported: some load slowly
+        # Of these only the chosen one is imported: some load slowly.
+        points = estimator_points() | framework_points()
         if name not in points:
             close = difflib.get_close_matches(name, points, n=1)
             hint = f" (did you mean '{close[0]}'?)" if close else ""
@@ -189,7 +199,8 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
         name = str(file)
     else:
         place = f"{cls.__module__}:{cls.__qualname__}"
-        names = [name for name, point in estimator_points().items() if point.value == place]
+        points = estimator_points() | framework_points()
+        names = [name for name, point in points.items() if point.value == place]
         if not names:
             raise EstimatorError(
                 f"a campaign's workers cannot find the class {cls.__name__} of {cls.__module__}: "
