@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep suite library reports golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
+.PHONY: help paper sweep suite library reports golden bench bench-check frameworks matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
 
 help:
 	@echo "make paper        fly the paper's three cases, 10 runs each; the report is in results/wang2013/report"
@@ -18,6 +18,7 @@ help:
 	@echo "make reports      renew the committed pages of reports/ from results/"
 	@echo "make golden       write tests/golden.json, the numbers of every estimator on short flights"
 	@echo "make bench        compare the speed of the engines with other packages; writes reports/speed.md"
+	@echo "make frameworks   compare estimation frameworks; writes reports/frameworks.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
 	@echo "make matching     fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
@@ -65,10 +66,13 @@ golden: $(INSTALLED)
 bench: $(INSTALLED)
 	PYTHONPATH=benchmarks:tests $(BIN)/python -m speed
 
+frameworks: $(INSTALLED)
+	PYTHONPATH=benchmarks:tests $(BIN)/python -m frameworks
+
 bench-check: $(INSTALLED)
 	PYTHONPATH=benchmarks:tests $(BIN)/python -m speed --check
 
-matching bench bench-check: export OPENBLAS_NUM_THREADS := 1
+matching bench bench-check frameworks: export OPENBLAS_NUM_THREADS := 1
 matching: $(INSTALLED)
 	PYTHONPATH=studies $(BIN)/python -m matching_area
 

@@ -41,6 +41,8 @@ from .numerics.source import VERSION
 
 if TYPE_CHECKING:
     from . import maps as maps
+    from .api.exchange import export as export
+    from .api.exchange import judge_estimates as judge_estimates
     from .api.problems import Judgement as Judgement
     from .api.problems import corrected as corrected
     from .api.problems import estimate as estimate
@@ -63,6 +65,7 @@ __version__ = VERSION
 cache.use_versioned_numba_cache()
 
 _NAMES = {
+    "api.exchange": ("export", "judge_estimates"),
     "api.problems": (
         "Judgement", "corrected", "estimate", "estimator", "judge", "load", "read_flight",
         "simulate",

@@ -22,7 +22,7 @@ FLOORS = (
     ("spec", "engines"),
     ("estimation", "simulation"),
     ("judging",),
-    ("contract", "recorded", "results"),
+    ("contract", "exchange", "recorded", "results"),
     ("figures",),
     ("campaign", "matchability", "report"),
     ("display",),

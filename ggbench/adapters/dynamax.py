@@ -21,16 +21,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Causality, Estimate, Estimator, Family, Problem
+from .jax_callback import MeasurementCallback
 
 try:
     import jax
     import jax.numpy as jnp
-    from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM
+    from dynamax.nonlinear_gaussian_ssm import (
+        ParamsNLGSSM,
+        UKFHyperParams,
+        extended_kalman_filter,
+        extended_kalman_smoother,
+        unscented_kalman_filter,
+    )
 except ImportError as error:
     raise ImportError(
         f"{__name__} needs dynamax ({error}): pip install 'ggbench[dynamax]'"
@@ -90,7 +97,7 @@ class _Compiled:
 
     estimator: DynamaxEstimator
     function: Callable[..., Any] = field(init=False)
-    problem: Problem | None = None
+    measurement: MeasurementCallback = field(default_factory=lambda: MeasurementCallback(_SMALL))
 
     def __post_init__(self) -> None:
         self.function = jax.jit(self._posterior)
@@ -103,12 +110,11 @@ class _Compiled:
 
     def __call__(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
         """Return mean (K, n) and covariance (K, n, n) of the estimator's posterior."""
-        state, reading = _units(problem)
+        state, reading = self.measurement.units(problem)
         noise_cov = np.broadcast_to(problem.noise_cov, (problem.epochs, len(reading), len(reading)))
         first, noise = problem.transition[0], problem.process_cov[0]
         squared = np.outer(state, state)
-        self.problem = problem
-        try:
+        with self.measurement.of(problem):
             mean, cov = self.function(
                 first @ problem.prior_mean / state,
                 (first @ problem.prior_cov @ first.T + noise) / squared,
@@ -118,8 +124,6 @@ class _Compiled:
                 problem.measurements / reading,
             )
             return np.asarray(mean) * state, np.asarray(cov) * squared
-        finally:
-            self.problem = None
 
     def _posterior(
         self,
@@ -137,7 +141,7 @@ class _Compiled:
             initial_covariance=cov,
             dynamics_function=lambda x, k: transition[k] @ x,
             dynamics_covariance=process_cov,
-            emission_function=self._emission(m, len(mean)),
+            emission_function=self.measurement.function(m, len(mean)),
             emission_covariance=noise_cov,
         )
         found = self.estimator.posterior(parameters, measurements, jnp.arange(epochs))
@@ -145,44 +149,40 @@ class _Compiled:
             return found.smoothed_means, found.smoothed_covariances
         return found.filtered_means, found.filtered_covariances
 
-    def _emission(self, m: int, n: int) -> Callable[[Any, Any], Any]:
-        """Return h of a state and an epoch's number for JAX, with H as its derivative."""
 
-        @jax.custom_jvp
-        def h(x: Any, k: Any) -> Any:
-            shape = jax.ShapeDtypeStruct((m,), float)
-            return jax.pure_callback(self._predict, shape, x, k, vmap_method="broadcast_all")
+@dataclass(frozen=True)
+class DynamaxEkf(DynamaxEstimator):
+    """Extended Kalman filter of dynamax."""
 
-        def along(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-            shape = jax.ShapeDtypeStruct((m, n), float)
-            rows = jax.pure_callback(self._jacobian, shape, *primals, vmap_method="broadcast_all")
-            return h(*primals), rows @ tangents[0]
+    name = "dynamax-ekf"
+    family: ClassVar[Family] = "kalman"
 
-        h.defjvp(along)
-        return h
-
-    def _predict(self, x: Any, k: Any) -> np.ndarray:
-        """Return h (..., m) in small units at states (..., n), all of one epoch."""
-        problem, epoch = self._at(k)
-        state, reading = _units(problem)
-        return np.asarray(problem.model.predict(epoch, np.asarray(x) * state) / reading)
-
-    def _jacobian(self, x: Any, k: Any) -> np.ndarray:
-        """Return H (..., m, n) in small units at states (..., n), all of one epoch."""
-        problem, epoch = self._at(k)
-        state, reading = _units(problem)
-        rows = problem.model.jacobian(epoch, np.asarray(x) * state)
-        return np.asarray(rows * state / reading[:, np.newaxis])
-
-    def _at(self, k: Any) -> tuple[Problem, int]:
-        epochs = np.unique(np.asarray(k))
-        if self.problem is None or len(epochs) != 1:
-            raise ValueError(f"h is asked for one epoch of the problem at hand, not for {epochs}")
-        return self.problem, int(epochs[0])
+    def posterior(self, parameters: ParamsNLGSSM, emissions: Any, inputs: Any) -> Any:
+        """Return the filtered posterior."""
+        return extended_kalman_filter(parameters, emissions, inputs=inputs)
 
 
-def _units(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return the units of the states (n,) and of the readings (m,) in which dynamax works."""
-    variances = np.diagonal(problem.noise_cov, axis1=-2, axis2=-1)
-    variances = variances.reshape(-1, variances.shape[-1]).min(axis=0)
-    return _SMALL * np.sqrt(np.diag(problem.prior_cov)), _SMALL * np.sqrt(variances)
+@dataclass(frozen=True)
+class DynamaxUkf(DynamaxEstimator):
+    """Unscented Kalman filter of dynamax, with the points of ``ukf``."""
+
+    name = "dynamax-ukf"
+    family: ClassVar[Family] = "sigma-point"
+
+    def posterior(self, parameters: ParamsNLGSSM, emissions: Any, inputs: Any) -> Any:
+        """Return the filtered posterior."""
+        points = UKFHyperParams(alpha=1.0, beta=0.0, kappa=3.0 - len(parameters.initial_mean))
+        return unscented_kalman_filter(parameters, emissions, points, inputs=inputs)
+
+
+@dataclass(frozen=True)
+class DynamaxSmoother(DynamaxEstimator):
+    """Extended Kalman smoother of dynamax: linearised once, along the filter's track."""
+
+    name = "dynamax-smoother"
+    family: ClassVar[Family] = "smoother"
+    causality = "batch"
+
+    def posterior(self, parameters: ParamsNLGSSM, emissions: Any, inputs: Any) -> Any:
+        """Return the smoothed posterior."""
+        return extended_kalman_smoother(parameters, emissions, inputs=inputs)

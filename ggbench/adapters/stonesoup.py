@@ -19,21 +19,24 @@ import datetime
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Causality, Estimate, Estimator, Family, Problem
 
 try:
     from stonesoup.base import Property
     from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
     from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
+    from stonesoup.predictor.kalman import KalmanPredictor, UnscentedKalmanPredictor
+    from stonesoup.smoother.kalman import KalmanSmoother
     from stonesoup.types.array import CovarianceMatrix, StateVector, StateVectors
     from stonesoup.types.detection import Detection
     from stonesoup.types.hypothesis import SingleHypothesis
     from stonesoup.types.state import GaussianState
     from stonesoup.types.track import Track
+    from stonesoup.updater.kalman import ExtendedKalmanUpdater, UnscentedKalmanUpdater
 except ImportError as error:
     raise ImportError(
         f"{__name__} needs Stone Soup ({error}): pip install 'ggbench[stonesoup]'"
@@ -187,3 +190,43 @@ def _drawn_from(rng: np.random.Generator) -> Iterator[None]:
         yield
     finally:
         np.random.set_state(before)  # noqa: NPY002
+
+
+@dataclass(frozen=True)
+class StoneSoupEkf(StoneSoupEstimator):
+    """Extended Kalman filter of Stone Soup."""
+
+    name = "stonesoup-ekf"
+    family: ClassVar[Family] = "kalman"
+
+    def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
+        """Return the Kalman predictor and the extended updater."""
+        return KalmanPredictor(transition), ExtendedKalmanUpdater(measurement)
+
+
+@dataclass(frozen=True)
+class StoneSoupUkf(StoneSoupEstimator):
+    """Unscented Kalman filter of Stone Soup, with the points of ``ukf``."""
+
+    name = "stonesoup-ukf"
+    family: ClassVar[Family] = "sigma-point"
+
+    def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
+        """Return the unscented predictor and updater."""
+        return (
+            UnscentedKalmanPredictor(transition, alpha=1.0, beta=0.0),
+            UnscentedKalmanUpdater(measurement, alpha=1.0, beta=0.0),
+        )
+
+
+@dataclass(frozen=True)
+class StoneSoupSmoother(StoneSoupEkf):
+    """Kalman smoother of Stone Soup behind its extended Kalman filter."""
+
+    name = "stonesoup-smoother"
+    family: ClassVar[Family] = "smoother"
+    causality = "batch"
+
+    def smooth(self, track: Track) -> Track:
+        """Return the smoothed track."""
+        return KalmanSmoother(None).smooth(track)

@@ -1,7 +1,8 @@
 """Finding estimators: entry points of the group ``ggbench.estimators``, or a file of one's own.
 
-An estimator is chosen by a text ``NAME`` or ``NAME[parameter=value,...]``, where NAME is a
-registered name or the path of a Python file that defines one :class:`~ggbench.problem.Estimator`.
+An estimator is chosen by a text ``NAME`` or ``NAME[parameter=value,...]``. NAME is a registered
+name, the path of a Python file that defines one :class:`~ggbench.problem.Estimator`, the path of a
+file of estimates, or ``exec:`` and the path of a program.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from ..spec.rosters import expanded
 from .truth_isolation import suspicious_names
 
 GROUP = "ggbench.estimators"
+FRAMEWORKS = "ggbench.frameworks"
+"""Entry points of estimators that need another package, each with an extra."""
 _SOURCE = "__ggbench_source__"
 _OWN_MODULE = "ggbench_user_"
 """How the module names of files of a user's own begin."""
@@ -93,6 +96,13 @@ def estimator_points() -> dict[str, importlib.metadata.EntryPoint]:
     return {point.name: point for point in sorted(points, key=lambda p: p.name)}
 
 
+@cache
+def framework_points() -> dict[str, importlib.metadata.EntryPoint]:
+    """Return the entry points of other packages' estimators by name, in order."""
+    points = importlib.metadata.entry_points(group=FRAMEWORKS)
+    return {point.name: point for point in sorted(points, key=lambda p: p.name)}
+
+
 def _load(point: importlib.metadata.EntryPoint) -> type[Estimator]:
     try:
         cls: type[Estimator] = point.load()
@@ -122,14 +132,23 @@ def choose(text: str) -> Choice:
     name = given.name
     if name.endswith(".py"):
         cls = _from_file(Path(name))
+    elif name.startswith("exec:"):
+        from ..exchange import programs  # not at the top: few need it
+
+        cls = programs.estimator_of(name)
+    elif Path(name).suffix in (".nc", ".mat", ".txt") or Path(name).is_dir():
+        from ..exchange import estimate_files
+
+        cls = estimate_files.estimator_of(Path(name))
     else:
-        points = estimator_points()  # of which only the chosen one is imported: some load slowly
+        # Of these only the chosen one is imported: some load slowly.
+        points = estimator_points() | framework_points()
         if name not in points:
             close = difflib.get_close_matches(name, points, n=1)
             hint = f" (did you mean '{close[0]}'?)" if close else ""
             raise EstimatorError(
                 f"there is no estimator '{name}'{hint}; known: {', '.join(points)}; "
-                "or give the path of a .py file"
+                "or give the path of a .py file or of estimates, or exec:PROGRAM"
             )
         cls = _load(points[name])
     _require_interface(cls, name)
@@ -180,7 +199,8 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
         name = str(file)
     else:
         place = f"{cls.__module__}:{cls.__qualname__}"
-        names = [name for name, point in estimator_points().items() if point.value == place]
+        points = estimator_points() | framework_points()
+        names = [name for name, point in points.items() if point.value == place]
         if not names:
             raise EstimatorError(
                 f"a campaign's workers cannot find the class {cls.__name__} of {cls.__module__}: "
@@ -246,6 +266,12 @@ def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
     adapters that it uses.
     """
     module = sys.modules[cls.__module__]
+    if "path" in vars(cls):  # of a program, or a file of estimates
+        files = [vars(cls)["path"]]
+        if files[0].is_dir():
+            files = sorted(files[0].iterdir())
+        contents = [file.read_bytes() for file in files if file.is_file()]
+        return hashlib.sha256(b"".join(contents)).hexdigest(), ()
     contents = [content_of(name) for name in _adapters_of(cls)]
     if _SOURCE in vars(module):
         contents = [vars(module)[_SOURCE], *contents]

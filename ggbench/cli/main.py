@@ -22,6 +22,7 @@ from .advise import advise
 from .bound import bound
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
+from .exchange import export, judge
 from .flights import estimate, record
 from .imu import imu
 from .keys import keys
@@ -59,6 +60,8 @@ for _command in (
     keys,
     new,
     estimate,
+    export,
+    judge,
     plan,
     record,
     report,
@@ -97,6 +100,10 @@ def list_command() -> None:
         summary = (cls.__doc__ or "").strip().splitlines()[0]
         table.add_row(name, escape(summary), escape("\n".join(parameters)))
     table.print(console)
+    console.print(f"With the extra of their package: {', '.join(registry.framework_points())}")
+    console.print(
+        "Of your own: a .py file, a file of estimates (.mat, .nc, .txt), exec:PROGRAM", markup=False
+    )
 
 
 @main.command()
@@ -113,7 +120,8 @@ def list_command() -> None:
     "estimators",
     multiple=True,
     metavar="NAME[param=value,...]",
-    help="A name, a .py file or a roster (@core); repeat for more. Default: the scenario's.",
+    help="A name, a .py file, estimates, exec:PROGRAM or a roster (@core); repeat for more. "
+    "Default: the scenario's.",
 )
 @click.option(
     "-n", "--runs", type=click.IntRange(1, MOST_RUNS), help="Runs per case [the scenario's]."

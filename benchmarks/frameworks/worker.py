@@ -1,0 +1,115 @@
+"""One estimator in a process of its own: ``python -m frameworks.worker LABEL REFERENCE``.
+
+Prints a JSON object: times of the first and of later runs, peak memory, the difference from the
+reference, and what becomes of a wide prior, an indefinite covariance and a NaN.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+import ggbench as gg
+from ggbench import estimation
+from ggbench.campaign.records import peak_memory_mb
+from ggbench.problem import Estimator, Problem
+
+SCENARIO, CASE = "wang2013", "0.01E-1Hz-unfiltered"
+RUNS = 5
+WIDER = 1000.0
+"""Factor on the prior's standard deviations of position."""
+
+
+def problems() -> list[Problem]:
+    """Return the problems of a few runs."""
+    loaded = gg.load(SCENARIO)
+    case, seed = loaded.case(CASE), loaded.campaign.seed
+    return [gg.simulate(case, seed, run)[0] for run in range(RUNS)]
+
+
+def estimated(estimator: Estimator, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance."""
+    found = estimation.estimate(estimator, problem, np.random.default_rng(0))
+    assert found.cov is not None
+    return found.mean, found.cov
+
+
+def fate(estimator: Estimator, problem: Problem) -> str:
+    """Return what becomes of a problem that is odd."""
+    try:
+        mean, cov = estimated(estimator, problem)
+    except Exception as error:
+        return f"error ({type(error).__name__})"
+    if not np.isfinite(mean).all() or not np.isfinite(cov).all():
+        return "NaN, silent"
+    variances = np.diagonal(cov, axis1=1, axis2=2)
+    if (variances <= 0.0).any():
+        return "negative variance, silent"
+    return "finite"
+
+
+def indefinite(problem: Problem) -> Problem:
+    """Return a problem whose prior has a correlation above one."""
+    cov = np.array(problem.prior_cov)
+    sigma = np.sqrt(np.diag(cov))
+    cov[0, 1] = cov[1, 0] = 1.5 * sigma[0] * sigma[1]
+    return replace(problem, prior_cov=cov)
+
+
+def wide(problem: Problem) -> Problem:
+    """Return a problem with a wide prior of the position."""
+    scale = np.ones(problem.dimension)
+    scale[:3] = WIDER
+    return replace(problem, prior_cov=problem.prior_cov * np.outer(scale, scale))
+
+
+def with_nan(problem: Problem) -> Problem:
+    """Return a problem with a measurement that is no number."""
+    measurements = np.array(problem.measurements)
+    measurements[problem.epochs // 2, 0] = np.nan
+    return replace(problem, measurements=measurements)
+
+
+def main(label: str, reference: str) -> None:
+    """Measure and print."""
+    warnings.simplefilter("ignore")
+    held = problems()
+    own, other = gg.estimator(label), gg.estimator(reference)
+    estimated(other, held[0])
+    before = peak_memory_mb()
+    seconds, answers = [], []
+    for problem in held:
+        start = time.perf_counter()
+        answers.append(estimated(own, problem))
+        seconds.append(time.perf_counter() - start)
+    peak = peak_memory_mb()
+    worst = 0.0
+    for problem, (mean, cov) in zip(held, answers, strict=True):
+        expected, covariance = estimated(other, problem)
+        sigma = np.sqrt(np.diag(problem.prior_cov))
+        spread = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in (cov, covariance)]
+        worst = max(worst, float((np.abs(mean - expected) / sigma).max()))
+        worst = max(worst, float((np.abs(spread[0] - spread[1]) / sigma).max()))
+    first = held[0]
+    print(
+        json.dumps(
+            {
+                "first_ms": 1e3 * seconds[0],
+                "ms": 1e3 * float(np.median(seconds[1:])),
+                "memory_mb": peak - before,
+                "difference": worst,
+                "wide": fate(own, wide(first)),
+                "indefinite": fate(own, indefinite(first)),
+                "nan": fate(own, with_nan(first)),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2])

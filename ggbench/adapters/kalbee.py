@@ -1,0 +1,102 @@
+"""kalbee (NumPy): extended and cubature Kalman filters.
+
+It needs the extra ``kalbee``: ``pip install 'ggbench[kalbee]'``. The filter gets the matrices of an
+epoch before each step.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..problem import Causality, Estimate, Estimator, Family, Problem
+
+try:
+    from kalbee.modules.filters.ckf_filter import CubatureKalmanFilter
+    from kalbee.modules.filters.ekf_filter import ExtendedKalmanFilter
+except ImportError as error:
+    raise ImportError(
+        f"{__name__} needs kalbee ({error}): pip install 'ggbench[kalbee]'"
+    ) from error
+
+LIBRARIES = ("kalbee",)
+"""Distributions whose version its results depend on."""
+
+
+@dataclass(frozen=True)
+class KalbeeEstimator(Estimator):
+    """A filter of kalbee, with states in deviations of the prior."""
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @abstractmethod
+    def filter(self, **arguments: Any) -> Any:
+        """Return a filter of kalbee; ``arguments`` are those that its filters share."""
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Predict and update at every epoch; nothing is drawn."""
+        unit = np.sqrt(np.diag(problem.prior_cov))
+        squared, k = np.outer(unit, unit), 0
+
+        def transition(x: np.ndarray, dt: float) -> np.ndarray:
+            return np.asarray((problem.transition[k] / unit[:, np.newaxis] * unit) @ x)
+
+        def measurement(x: np.ndarray) -> np.ndarray:
+            return problem.model.predict(k, x[:, 0] * unit)[:, np.newaxis]
+
+        kalman = self.filter(
+            state=(problem.prior_mean / unit)[:, np.newaxis],
+            covariance=problem.prior_cov / squared,
+            transition_covariance=problem.process_cov[0] / squared,
+            measurement_covariance=problem.noise_of(0),
+            transition_function=transition,
+            measurement_function=measurement,
+        )
+        means, covs = np.empty((problem.epochs, len(unit))), np.empty(problem.transition.shape)
+        for k in range(problem.epochs):  # the functions above read it
+            kalman.transition_covariance = problem.process_cov[k] / squared
+            kalman.measurement_covariance = problem.noise_of(k)
+            self.step(kalman, problem, k, unit)
+            means[k], covs[k] = kalman.state[:, 0] * unit, kalman.covariance * squared
+        return Estimate(means, covs, self.causality)
+
+    def step(self, kalman: Any, problem: Problem, k: int, unit: np.ndarray) -> None:
+        """Predict and update at an epoch; ``unit`` (n,) is that of the states."""
+        kalman.predict(1.0)
+        kalman.update(problem.measurements[k][:, np.newaxis])
+
+
+@dataclass(frozen=True)
+class KalbeeEkf(KalbeeEstimator):
+    """Extended Kalman filter of kalbee."""
+
+    name = "kalbee-ekf"
+    family: ClassVar[Family] = "kalman"
+
+    def filter(self, **arguments: Any) -> Any:
+        """Return the filter."""
+        return ExtendedKalmanFilter(**arguments)
+
+    def step(self, kalman: Any, problem: Problem, k: int, unit: np.ndarray) -> None:
+        """Predict and update with the Jacobians of the epoch."""
+        kalman.predict(1.0, F=problem.transition[k] / unit[:, np.newaxis] * unit)
+        rows = problem.model.jacobian(k, kalman.state[:, 0] * unit) * unit
+        kalman.update(problem.measurements[k][:, np.newaxis], H=rows)
+
+
+@dataclass(frozen=True)
+class KalbeeCkf(KalbeeEstimator):
+    """Cubature Kalman filter of kalbee."""
+
+    name = "kalbee-ckf"
+    family: ClassVar[Family] = "sigma-point"
+
+    def filter(self, **arguments: Any) -> Any:
+        """Return the filter."""
+        return CubatureKalmanFilter(**arguments)

@@ -1,0 +1,251 @@
+"""Problems and estimates as files, for filters in any language: export and judge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..block import ProblemBlock, joined
+from ..campaign import flights, result_keys
+from ..exchange import containers, estimate_files, problem_files
+from ..exchange.containers import ExchangeError
+from ..exchange.estimate_files import JUDGED, StoredRuns
+from ..spec.case import CaseSpec
+from ..spec.scenario import Scenario
+from .problems import load
+from .results import Results
+from .running import run
+
+_SAME = 1e-6
+"""Difference [standard deviations] of a filter's answers with and without later readings."""
+_BETTER = 0.2
+"""Share of the error below which another reading of the estimates is worth a sentence."""
+
+
+def export(
+    scenario: Scenario | str | Path,
+    folder: Path | str,
+    *,
+    cases: Sequence[str] = (),
+    runs: int = 20,
+    seed: int | None = None,
+    file_format: str = "mat",
+    until_s: float | None = None,
+) -> list[Path]:
+    """Write the problems of a scenario's runs as files, and return their paths.
+
+    One file a case; one for each map of a case whose runs have several. No file has the truth.
+
+    Parameters
+    ----------
+    scenario : itself, its name or the path of its file.
+    folder : in which ``CASE.FORMAT`` is written.
+    cases : names; by default all.
+    runs : number of runs, from run 0 on.
+    seed : by default the scenario's.
+    file_format : ``mat`` (MATLAB 5), ``nc`` (netCDF-4) or ``txt`` (plain text).
+    until_s : leave all epochs after this time out, to test a filter for the use of later readings.
+
+    Raises
+    ------
+    GGBenchError
+        If something is named wrongly, a case cannot be flown, or a file cannot be written.
+    """
+    loaded = scenario if isinstance(scenario, Scenario) else load(scenario)
+    if f".{file_format}" not in containers.SUFFIXES:
+        known = ", ".join(suffix[1:] for suffix in containers.SUFFIXES)
+        raise ExchangeError(f"the format is '{file_format}' and must be one of {known}")
+    chosen = seed if seed is not None else loaded.campaign.seed
+    written = []
+    for case in (loaded.select(list(cases)) if cases else loaded).cases:
+        for name, numbers, block in _blocks(case, chosen, runs):
+            if until_s is not None:
+                stop = int(np.searchsorted(block.times, until_s, side="right"))
+                if not 0 < stop < block.epochs:
+                    raise ExchangeError(
+                        f"until is {until_s:g} s and must leave some of the epochs of {case.name}, "
+                        f"{block.times[0]:g} to {block.times[-1]:g} s"
+                    )
+                block = block.until(stop)
+            path = Path(folder) / f"{name}.{file_format}"
+            problem_files.write(path, block, _identity(loaded, case, chosen, numbers, block))
+            written.append(path)
+    return written
+
+
+def _identity(
+    loaded: Scenario, case: CaseSpec, seed: int, numbers: Sequence[int], block: ProblemBlock
+) -> str:
+    facts = {
+        "scenario": loaded.argument or loaded.name,
+        "case": case.name,
+        "seed": seed,
+        "runs": list(numbers),
+        "key": result_keys.problem_key(case, seed),
+        "states": block.dimension,
+        "times": block.times.tolist(),
+    }
+    return problem_files.identity(facts, block)
+
+
+def _blocks(
+    case: CaseSpec, seed: int, runs: int
+) -> Iterator[tuple[str, Sequence[int], ProblemBlock]]:
+    """Yield name, numbers of the runs and block of each file of a case."""
+    maps = min(case.draw.maps, runs)
+    for number in range(maps):
+        own = range(number, runs, case.draw.maps)
+        groups = list(flights.groups_of_runs(case, own))
+        block = joined([flights.simulated(case, seed, group).block for group in groups])
+        numbers = [run for group in groups for run in group]
+        yield case.name if maps == 1 else f"{case.name}-map{number}", numbers, block
+
+
+def judge_estimates(
+    estimates: Path | str,
+    *,
+    scenario: Scenario | str | Path | None = None,
+    cut: Path | str | None = None,
+    output: Path | str | None = None,
+    **options: Any,
+) -> Results:
+    """Judge a file of estimates, or a folder of them, and return results as of any campaign.
+
+    The truth is made again from the scenario and the seed that the files name.
+
+    Parameters
+    ----------
+    estimates : the file or the folder.
+    scenario : by default the one that the files name, by its name or path.
+    cut : estimates of the same filter on problems exported with ``until_s``.
+    output : folder of the results, as in :func:`.running.run`.
+    options : further arguments of :func:`.running.run`.
+
+    Raises
+    ------
+    GGBenchError
+        If a file cannot be used, its scenario is another one now, or a filter uses later readings.
+    """
+    held = estimate_files.stored_runs(Path(estimates))
+    first = held[0].problem
+    for one in held:
+        if (one.problem["scenario"], one.problem["seed"]) != (first["scenario"], first["seed"]):
+            raise ExchangeError(f"{estimates} holds estimates of {held[0]}, and of {one}")
+    loaded = load(first["scenario"]) if scenario is None else scenario
+    loaded = loaded if isinstance(loaded, Scenario) else load(loaded)
+    names = list(dict.fromkeys(one.problem["case"] for one in held))
+    selected = loaded.select(names)
+    for case in selected.cases:
+        key = result_keys.problem_key(case, first["seed"])
+        if any(one.problem["key"] != key for one in held if one.problem["case"] == case.name):
+            raise ExchangeError(
+                f"case {case.name} of {loaded.name} is another problem now than that of "
+                f"{estimates}: it was changed, or exported by another version; export it again"
+            )
+    if cut is not None:
+        require_causal(held, estimate_files.stored_runs(Path(cut)))
+    counts = {name: _runs_of(held, name) for name in names}
+    shortest = min(counts.values())
+    return run(
+        loaded,
+        [str(estimates)],
+        shortest,
+        seed=first["seed"],
+        cases=names,
+        output=output,
+        **options,
+    )
+
+
+def _runs_of(held: Sequence[StoredRuns], case: str) -> int:
+    """Return up to which run there are estimates of a case."""
+    numbers = {n for one in held if one.problem["case"] == case for n in one.problem["runs"]}
+    missing = next(n for n in range(len(numbers) + 1) if n not in numbers)
+    if missing == 0:
+        raise ExchangeError(f"the estimates of case {case} lack run 0")
+    return missing
+
+
+def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
+    """Raise ExchangeError if estimates change when later readings are left out.
+
+    Parameters
+    ----------
+    held : estimates of whole problems.
+    cut : of the same runs, exported with ``until_s``.
+    """
+    compared = False
+    for whole in held:
+        if whole.causality == "batch":
+            raise ExchangeError("estimates that are 'batch' may use all readings: give no cut")
+        for part in cut:
+            if (part.problem["key"], part.problem["seed"]) != (
+                whole.problem["key"],
+                whole.problem["seed"],
+            ):
+                continue
+            epochs = len(part.times)
+            last = part.times[-1] - (whole.lag or 0.0)
+            known = np.flatnonzero(whole.times[:epochs] <= last)
+            for row, number in enumerate(part.problem["runs"]):
+                if number not in whole.problem["runs"] or not len(known):
+                    continue
+                compared = True
+                own = whole.problem["runs"].index(number)
+                sigma = np.sqrt(np.diagonal(whole.cov[own][known], axis1=1, axis2=2))
+                off = np.abs(part.mean[row][known] - whole.mean[own][known]) / sigma
+                worst = off.max(axis=1)
+                if worst.max() > _SAME:
+                    k = int((worst > _SAME).argmax())
+                    raise ExchangeError(
+                        f"the estimates of {whole.problem['case']}, run {number}, are declared "
+                        f"'{whole.causality}' and use later readings: without those after "
+                        f"{part.times[-1]:g} s they differ by {worst.max():.2g} standard "
+                        f"deviations, first at {whole.times[k]:g} s"
+                    )
+    if not compared:
+        raise ExchangeError("the cut estimates are of no run of the whole ones")
+
+
+def misreadings(estimates: Path | str, results: Results) -> list[str]:
+    """Return sentences on estimates that fit the truth far better in another sign, frame or unit.
+
+    Parameters
+    ----------
+    estimates : the file or the folder, as judged.
+    results : of :func:`judge_estimates`.
+    """
+    said = []
+    for one in estimate_files.stored_runs(Path(estimates)):
+        case = results.scenario.case(one.problem["case"])
+        numbers = one.problem["runs"][: flights.BLOCK_RUNS]
+        for group in flights.groups_of_runs(case, numbers):
+            with flights.simulated(case, one.problem["seed"], group).truth.looked_at() as truth:
+                true = np.array(truth)[:, :, :JUDGED]
+            rows = [one.problem["runs"].index(number) for number in group]
+            mean = one.mean[rows][:, :, :JUDGED]
+            ned = mean[:, :, [1, 0, 2, 4, 3, 5]] * np.array([1, 1, -1, 1, 1, -1])
+            readings = {
+                "with the other sign (the error of the INS is INS − truth)": -mean,
+                "as north, east, down": ned,
+                "as north, east, down with the other sign": -ned,
+                "in km and km/s": 1e3 * mean,
+            }
+            errors = {name: _rms(true - other) for name, other in readings.items()}
+            best = min(errors, key=lambda name: errors[name])
+            if errors[best] < _BETTER * _rms(true - mean):
+                said.append(
+                    f"the estimates of {one.problem['case']} err by {_rms(true - mean):.3g} m, and "
+                    f"by {errors[best]:.3g} m if read {best}"
+                )
+            break
+    return said
+
+
+def _rms(errors: np.ndarray) -> float:
+    """Return the RMS position error [m] of the second half of runs (R, K, 6)."""
+    half = errors[:, errors.shape[1] // 2 :, :3]
+    return float(np.sqrt((half**2).sum(axis=2).mean()))

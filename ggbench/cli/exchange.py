@@ -1,0 +1,121 @@
+"""``ggbench export`` and ``ggbench judge``: problems and estimates as files."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from ..spec.limits import MOST_RUNS, MOST_SEED
+
+_EXIT_FAILED = 1
+
+
+@click.command()
+@click.argument("scenario_name", metavar="SCENARIO")
+@click.option("-c", "--case", "cases", multiple=True, metavar="NAME", help="Case; repeat [all].")
+@click.option(
+    "-n",
+    "--runs",
+    type=click.IntRange(1, MOST_RUNS),
+    default=20,
+    show_default=True,
+    help="Number of runs of each case.",
+)
+@click.option("-s", "--seed", type=click.IntRange(0, MOST_SEED), help="Seed [the scenario's].")
+@click.option(
+    "--format",
+    "file_format",
+    type=click.Choice(["mat", "nc", "txt"]),
+    default="mat",
+    show_default=True,
+    help="MATLAB 5 (Octave, too), netCDF-4 (which is HDF5), or plain text.",
+)
+@click.option(
+    "--until",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="SECONDS",
+    help="Leave later epochs out: 'judge --cut' then tests a filter for the use of later readings.",
+)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Folder for one file a case.",
+)
+def export(
+    scenario_name: str,
+    cases: tuple[str, ...],
+    runs: int,
+    seed: int | None,
+    file_format: str,
+    until: float | None,
+    output: Path,
+) -> None:
+    """Write the problems of a SCENARIO as files, for a filter in any language.
+
+    A file has measurements, Φ, Q, R, the prior, the map and the equation of measurement, and no
+    truth. 'ggbench judge' reads the estimates.
+    """
+    from ..api import exchange
+
+    paths = exchange.export(
+        scenario_name,
+        output,
+        cases=cases,
+        runs=runs,
+        seed=seed,
+        file_format=file_format,
+        until_s=until,
+    )
+    for path in paths:
+        click.echo(f"Wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+@click.command()
+@click.argument("estimates", type=click.Path(path_type=Path))
+@click.option(
+    "--cut",
+    type=click.Path(path_type=Path),
+    help="Estimates of problems exported with --until, to test for the use of later readings.",
+)
+@click.option(
+    "--scenario", "scenario_name", metavar="SCENARIO", help="Scenario [that of the problem's file]."
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Results folder [results/judged/NAME of the file].",
+)
+def judge(
+    estimates: Path, cut: Path | None, scenario_name: str | None, output: Path | None
+) -> None:
+    """Judge ESTIMATES, a file or a folder of files, of problems that 'ggbench export' wrote.
+
+    The results folder is that of any campaign: 'ggbench report' writes its page.
+
+    Exit code 1 if an estimate is refused.
+    """
+    from ..api import exchange
+    from ..results.folder import as_argument
+    from .screen import console
+    from .terminal import print_metrics
+
+    folder = output or Path("results") / "judged" / estimates.stem
+    results = exchange.judge_estimates(
+        estimates, scenario=scenario_name, cut=cut, output=folder, jobs=0, progress=False
+    )
+    metrics = results.metrics()
+    if len(metrics):
+        print_metrics(metrics, results.runs(), results.scenario, console)
+    for sentence in exchange.misreadings(estimates, results):
+        click.echo(f"Warning: {sentence}.")
+    failed = results.failures()
+    for reason in dict.fromkeys(failed["reason"]) if len(failed) else ():
+        click.echo(f"Failed: {reason}")
+    name = as_argument(str(folder))
+    click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")
+    sys.exit(_EXIT_FAILED if len(failed) else 0)

@@ -1,0 +1,1 @@
+"""Problems and estimates as files, for filters in any language."""

@@ -1,0 +1,328 @@
+"""Estimates as files, and an estimator that answers with what such a file holds."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from ..errors import text_of
+from ..problem import Causality, Estimate, Estimator, Problem
+from . import containers
+from .containers import ExchangeError
+from .problem_files import fingerprints
+
+JUDGED = 6
+"""Position and velocity error: what estimates must have at least."""
+FRAME, UNITS = "ENU", "SI"
+"""What ``frame`` and ``units`` of a file say, if they say anything."""
+_LONGEST_NAME = 60
+_SAME_TIME_S = 1e-6
+_ROUNDING = 1e-9
+_SAME = 1e-9
+"""Relative difference of fingerprints of the same measurements, simulated on two machines."""
+KNOWN = {
+    "mean", "cov", "times", "problem", "causality", "lag", "estimator", "seconds", "frame", "units"
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StoredRuns:
+    """The content of a file of estimates.
+
+    Attributes
+    ----------
+    mean : (R, K, n) or (R, K, 6): the states, or position and velocity alone.
+    cov : (R, K, n, n) or (R, K, 6, 6).
+    times : (K,) [s].
+    problem : what the problem's file says of itself: scenario, case, seed, runs, fingerprints.
+    causality, lag : as :class:`.problem.Estimate` has them.
+    estimator : its name.
+    seconds : (R,) that each run took, or None.
+    """
+
+    mean: np.ndarray
+    cov: np.ndarray
+    times: np.ndarray
+    problem: dict[str, Any]
+    causality: Causality
+    lag: float | None
+    estimator: str
+    seconds: np.ndarray | None
+
+    def run_of(self, problem: Problem) -> int | None:
+        """Return which of the runs has the measurements of a problem; None if none has."""
+        if problem.epochs != len(self.times):
+            return None
+        (wanted,) = fingerprints(problem.measurements[np.newaxis])
+        held = np.array(self.problem["fingerprints"])
+        nearest = int(np.abs(held - wanted).argmin())
+        same = abs(held[nearest] - wanted) <= _SAME * max(abs(wanted), 1.0)
+        return nearest if same else None
+
+    def __str__(self) -> str:
+        said, runs = self.problem, len(self.mean)
+        return f"case {said['case']} of {said['scenario']}, {runs} runs of seed {said['seed']}"
+
+
+def read(path: Path) -> StoredRuns:
+    """Return the estimates of a file.
+
+    Raises
+    ------
+    ExchangeError
+        With a sentence that names the file, the array, what was found and what is allowed: missing
+        or unknown names; another shape, frame or unit; numbers that are not finite; epochs that are
+        not those of the problem; a covariance that is not symmetric or not positive definite.
+    """
+    held = containers.read(path)
+    if unknown := sorted(set(held) - KNOWN):
+        raise ExchangeError(
+            f"{path} holds {unknown[0]}, which is no part of estimates; known are "
+            f"{', '.join(sorted(KNOWN))}"
+        )
+    problem = _problem(path, _text(path, held, "problem"))
+    runs = len(problem["fingerprints"])
+    for name, meaning in (("frame", FRAME), ("units", UNITS)):
+        said = _text(path, held, name, meaning)
+        if said.strip() != meaning:
+            raise ExchangeError(
+                f"{path}: {name} is {said[:40]!a} and must be '{meaning}': errors of the INS in m, "
+                "m/s and rad, east, north, up"
+            )
+    times = _array(path, held, "times", (problem["epochs"],))
+    if np.abs(times - problem["times"]).max() > _SAME_TIME_S:
+        worst = int(np.abs(times - problem["times"]).argmax())
+        raise ExchangeError(
+            f"{path}: times[{worst}] is {times[worst]:g} s and must be "
+            f"{problem['times'][worst]:g} s, as in the problem's file"
+        )
+    n = _states(path, held, problem["states"])
+    mean = _array(path, held, "mean", (runs, problem["epochs"], n))
+    cov = _array(path, held, "cov", (runs, problem["epochs"], n, n))
+    for run in range(runs):
+        if flaw := _flaw_of(cov[run]):
+            raise ExchangeError(f"{path}: cov of run {run} {flaw}")
+    causality, lag = _causality(path, held)
+    name = _text(path, held, "estimator", path.stem).strip()
+    if not name.isprintable() or not 0 < len(name) <= _LONGEST_NAME:
+        raise ExchangeError(
+            f"{path}: estimator is {name[:80]!a} and must be a printable name of at most "
+            f"{_LONGEST_NAME} characters"
+        )
+    seconds = _array(path, held, "seconds", (runs,)) if "seconds" in held else None
+    if seconds is not None and not (seconds >= 0.0).all():
+        raise ExchangeError(f"{path}: seconds must not be below zero")
+    return StoredRuns(mean, cov, times, problem, causality, lag, name, seconds)
+
+
+def _flaw_of(cov: np.ndarray) -> str:
+    """Return what is wrong with covariances (K, n, n), or "". Asked of the correlation matrix."""
+    variances = np.diagonal(cov, axis1=1, axis2=2)
+    if (variances <= 0.0).any():
+        k, i = (int(x) for x in np.argwhere(variances <= 0.0)[0])
+        return f"has the variance {variances[k, i]:g} of state {i} at epoch {k}: it must be above 0"
+    scale = 1.0 / np.sqrt(variances)
+    correlation = cov * scale[:, :, np.newaxis] * scale[:, np.newaxis, :]
+    uneven = np.abs(correlation - correlation.transpose(0, 2, 1)).max(axis=(1, 2))
+    if (uneven > _ROUNDING).any():
+        return f"is not symmetric at epoch {int((uneven > _ROUNDING).argmax())}"
+    least = np.linalg.eigvalsh(correlation)[:, 0]
+    judged = np.linalg.eigvalsh(correlation[:, :JUDGED, :JUDGED])[:, 0]
+    bad = (least < -_ROUNDING) | (judged <= 0.0)
+    if bad.any():
+        return f"is not positive definite at epoch {int(bad.argmax())}"
+    return ""
+
+
+def _text(path: Path, held: dict[str, Any], name: str, default: str | None = None) -> str:
+    value = held.get(name, default)
+    if not isinstance(value, str):
+        found = "is missing" if value is None else "is an array"
+        raise ExchangeError(f"{path}: {name} {found} and must be a text")
+    return value
+
+
+def _array(path: Path, held: dict[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
+    value = held.get(name)
+    wanted = " × ".join(map(str, shape))
+    if not isinstance(value, np.ndarray):
+        found = "is missing" if value is None else "is a text"
+        raise ExchangeError(f"{path}: {name} {found} and must be an array, {wanted}")
+    array = containers.shaped(value, shape)
+    if array is None:
+        found = " × ".join(map(str, value.shape))
+        hint = ""
+        if sorted(n for n in value.shape if n > 1) == sorted(n for n in shape if n > 1):
+            hint = ": its axes are in another order"
+        raise ExchangeError(f"{path}: {name} has the shape {found} and must have {wanted}{hint}")
+    if not np.isfinite(array).all():
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ExchangeError(f"{path}: {name}{list(place)} is {array[place]:g} and must be finite")
+    return array
+
+
+def _states(path: Path, held: dict[str, Any], n: int) -> int:
+    """Return how many states the estimates have: all n, or position and velocity alone."""
+    value = held.get("mean")
+    last = value.shape[-1] if isinstance(value, np.ndarray) and value.ndim else n
+    return JUDGED if last == JUDGED < n else n
+
+
+def _causality(path: Path, held: dict[str, Any]) -> tuple[Causality, float | None]:
+    causality: Any = _text(path, held, "causality").strip()
+    if causality not in get_args(Causality):
+        raise ExchangeError(
+            f"{path}: causality is {causality[:40]!a} and must be one of "
+            f"{', '.join(get_args(Causality))}"
+        )
+    if causality != "fixed-lag":
+        if "lag" in held:
+            raise ExchangeError(f"{path}: lag is of estimates whose causality is fixed-lag")
+        return causality, None
+    lag = float(_array(path, held, "lag", ()))
+    if not 0.0 < lag < 1e9:
+        raise ExchangeError(f"{path}: lag is {lag:g} s and must be above zero")
+    return causality, lag
+
+
+def _problem(path: Path, text: str) -> dict[str, Any]:
+    """Return what the problem's file said of itself."""
+    kinds = {
+        "scenario": str, "case": str, "seed": int, "states": int, "key": str, "runs": list,
+        "times": list, "fingerprints": list,
+    }  # fmt: skip
+    try:
+        found = json.loads(text)
+        flaw = [name for name, kind in kinds.items() if type(found[name]) is not kind]
+        numbers = np.array([*found["times"], *found["fingerprints"]], dtype=float)
+        if flaw or not np.isfinite(numbers).all() or not found["times"]:
+            raise ValueError(flaw or "numbers that are not finite")
+        runs = found["runs"]
+        if not runs or len(runs) != len(found["fingerprints"]) or found["seed"] < 0:
+            raise ValueError("runs")
+        if any(type(run) is not int or run < 0 for run in runs):
+            raise ValueError("runs")
+        if not 1 <= found["states"] <= 1000:
+            raise ValueError("states")
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise ExchangeError(
+            f"{path}: problem must be copied from the problem's file as it is: {text_of(error)}"
+        ) from None
+    found["times"] = np.array(found["times"], dtype=float)
+    found["epochs"] = len(found["times"])
+    return dict(found)
+
+
+@lru_cache(maxsize=32)
+def _read_once(path: Path, changed: int) -> StoredRuns:
+    return read(path)
+
+
+def stored_runs(path: Path) -> tuple[StoredRuns, ...]:
+    """Return the estimates of a file, or of all files of a folder; a changed file is read again.
+
+    Raises
+    ------
+    ExchangeError
+        As :func:`read`; or if a folder holds none, or files of several estimators.
+    """
+    try:
+        files = [path]
+        if path.is_dir():
+            files = sorted(f for f in path.iterdir() if f.suffix in containers.SUFFIXES)
+        found = tuple(_read_once(file, file.stat().st_mtime_ns) for file in files)
+    except OSError as error:
+        raise ExchangeError(f"cannot read {path}: {error.strerror}") from None
+    if not found:
+        raise ExchangeError(f"{path} holds no estimates: {', '.join(containers.SUFFIXES)} files")
+    for name in ("estimator", "causality", "lag"):
+        values = list(dict.fromkeys(getattr(one, name) for one in found))
+        if len(values) > 1 and not (name == "estimator" and path.is_dir()):
+            raise ExchangeError(
+                f"{path} holds estimates with the {name} {values[0]} and {values[1]}: give the "
+                "estimates of one estimator"
+            )
+    return found
+
+
+class StoredEstimates(Estimator):
+    """An estimator whose answers are in a file; :func:`estimator_of` makes its class."""
+
+    path: Path
+
+    @property
+    def causality(self) -> Causality:
+        """What the file declares."""
+        return stored_runs(self.path)[0].causality
+
+    @property
+    def exact_if_linear_gaussian(self) -> bool:
+        """False: it is not declared."""
+        return False
+
+    def conflict(self) -> str | None:
+        """Refuse a noise that the file's estimates do not assume."""
+        return None if self.noise_scale == 1.0 else "noise_scale changes no stored estimates"
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Return the estimates of the run with the measurements of a problem.
+
+        States that the file lacks are those of the prior, carried along, with no innovations.
+
+        Raises
+        ------
+        ExchangeError
+            If the file has no such run.
+        """
+        places = ((held, held.run_of(problem)) for held in stored_runs(self.path))
+        held, run = next(((h, r) for h, r in places if r is not None), (None, None))
+        if held is None:
+            parts = "; ".join(map(str, stored_runs(self.path)))
+            raise ExchangeError(f"{self.path} has no run with these measurements: it has {parts}")
+        n, given = problem.dimension, held.mean.shape[2]
+        mean, cov, nis = held.mean[run], held.cov[run], None
+        if given < n:
+            mean, cov = with_prior(problem, mean, cov)
+            nis = np.full(problem.epochs, math.nan)
+        info = {} if held.seconds is None else {"seconds": float(held.seconds[run])}
+        return Estimate(mean, cov, held.causality, held.lag, info, nis)
+
+
+def with_prior(
+    problem: Problem, mean: np.ndarray, cov: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (K, n) and cov (K, n, n) with position and velocity as given, else the prior's.
+
+    The states that were not estimated are independent of those that were.
+    """
+    epochs, n, given = problem.epochs, problem.dimension, mean.shape[1]
+    means, covs = np.empty((epochs, n)), np.zeros((epochs, n, n))
+    x, p = problem.prior_mean, problem.prior_cov
+    for k in range(epochs):
+        x = problem.transition[k] @ x
+        p = problem.transition[k] @ p @ problem.transition[k].T + problem.process_cov[k]
+        means[k], covs[k, given:, given:] = x, p[given:, given:]
+    means[:, :given], covs[:, :given, :given] = mean, cov
+    return means, covs
+
+
+def estimator_of(path: Path) -> type[StoredEstimates]:
+    """Return the class of the estimator that answers with a file.
+
+    Raises
+    ------
+    ExchangeError
+        As :func:`read`.
+    """
+    held = stored_runs(path)[0]
+    name = path.name if path.is_dir() else held.estimator
+    space: dict[str, Any] = {"path": path, "name": name, "__module__": __name__}
+    if held.causality == "fixed-lag":
+        space |= {"lag": held.lag, "__annotations__": {"lag": float}}
+    return dataclass(frozen=True)(type("StoredEstimates", (StoredEstimates,), space))

@@ -1,0 +1,157 @@
+"""A program in any language as an estimator: it reads a problem's file and writes estimates.
+
+``exec:PROGRAM`` is started once for a block of runs as ``PROGRAM PROBLEM ESTIMATES``.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
+from ..problem import Causality
+from . import estimate_files, problem_files
+from .containers import ExchangeError
+
+PREFIX = "exec:"
+_LONGEST_OUTPUT = 2000
+_PIECE = 1 << 16
+_LAST_WORDS_S = 1.0
+
+
+@dataclass(frozen=True)
+class ExternalProgram(BlockEstimator):
+    """A program that estimates; :func:`estimator_of` makes its class.
+
+    Parameters
+    ----------
+    format : of the two files: ``mat`` (MATLAB 5), ``nc`` (netCDF-4) or ``txt`` (plain text).
+    causes : causality that the program's estimates declare.
+    """
+
+    format: Literal["mat", "nc", "txt"] = field(default="mat", kw_only=True)
+    causes: Literal["filter", "batch"] = field(default="filter", kw_only=True)
+
+    name = "program"
+    path = Path()
+
+    @property
+    def causality(self) -> Causality:
+        """What ``causes`` says."""
+        return self.causes
+
+    @property
+    def exact_if_linear_gaussian(self) -> bool:
+        """False: it is not declared."""
+        return False
+
+    def estimate_block(
+        self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
+    ) -> EstimateBlock:
+        """Start the program on a file of the block and read what it writes.
+
+        Raises
+        ------
+        ExchangeError
+            If the program cannot be started, ends with another exit code than 0, or writes no file
+            of estimates of this problem.
+        """
+        facts = {
+            "scenario": "-", "case": "-", "seed": 0, "key": "-",
+            "runs": list(range(block.runs)),
+            "states": block.dimension, "times": block.times.tolist(),
+        }  # fmt: skip
+        with tempfile.TemporaryDirectory(prefix="ggbench-") as folder:
+            problem, estimates = (
+                Path(folder) / f"{name}.{self.format}" for name in ("problem", "estimates")
+            )
+            identity = problem_files.identity(facts, block)
+            problem_files.write(problem, block, identity)
+            self._start(problem, estimates)
+            if not estimates.exists():
+                raise ExchangeError(f"{self.path} ended without writing its second argument")
+            found = estimate_files.read(estimates)
+        if found.causality != self.causes:
+            raise ExchangeError(
+                f"{self.path} wrote estimates that are '{found.causality}', and causes says "
+                f"'{self.causes}'"
+            )
+        if not np.array_equal(
+            found.problem["fingerprints"], problem_files.fingerprints(block.measurements)
+        ):
+            raise ExchangeError(f"{self.path} wrote estimates of another problem")
+        mean, cov, nis = found.mean, found.cov, None
+        if mean.shape[2] < block.dimension:
+            pairs = [
+                estimate_files.with_prior(block.problem(run), mean[run], cov[run])
+                for run in range(block.runs)
+            ]
+            mean, cov = (np.stack(arrays) for arrays in zip(*pairs, strict=True))
+            nis = np.full(mean.shape[:2], np.nan)
+        counts = np.zeros(block.runs, dtype=np.int64)
+        return EstimateBlock(mean, cov, self.causes, nis=nis, info={"map_evaluations": counts})
+
+    def _start(self, problem: Path, estimates: Path) -> None:
+        program = str(self.path if self.path.is_absolute() else Path.cwd() / self.path)
+        try:
+            process = subprocess.Popen(
+                [program, str(problem), str(estimates)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+            )
+        except OSError as error:
+            raise ExchangeError(f"{self.path} cannot be started: {error.strerror}") from None
+        kept = _LastOutput(process.stdout)
+        code = process.wait()
+        # Children that it has left may hold its output open: they are not waited for.
+        kept.join(_LAST_WORDS_S)
+        if code:
+            how = f"exit code {code}" if code > 0 else f"signal {-code}"
+            said = kept.text
+            raise ExchangeError(f"{self.path} ended with {how}" + (f": {said}" if said else ""))
+
+
+class _LastOutput(threading.Thread):
+    """The last of what a program prints, read while it runs."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__(daemon=True)
+        self._stream, self._kept = stream, b""
+        self.start()
+
+    def run(self) -> None:
+        """Read to the end."""
+        with self._stream:
+            while piece := self._stream.read1(_PIECE):
+                self._kept = (self._kept + piece)[-_LONGEST_OUTPUT:]
+
+    @property
+    def text(self) -> str:
+        """What is kept, as text."""
+        return self._kept.decode(errors="replace").strip()
+
+
+def estimator_of(text: str) -> type[ExternalProgram]:
+    """Return the class of the estimator that starts a program.
+
+    Raises
+    ------
+    ExchangeError
+        If there is no such program, or it cannot be executed.
+    """
+    path = Path(text.removeprefix(PREFIX))
+    if not path.is_file():
+        raise ExchangeError(f"{text}: there is no program {path}")
+    if not os.access(path, os.X_OK):
+        raise ExchangeError(f"{text}: {path} cannot be executed; set its x bit (chmod +x)")
+    space: dict[str, Any] = {"path": path, "name": f"{PREFIX}{path.name}", "__module__": __name__}
+    return dataclass(frozen=True)(type("ExternalProgram", (ExternalProgram,), space))
