@@ -78,7 +78,8 @@ def root_ratio_intervals(
                 values = np.sqrt(first.sum(axis=0) / second.sum(axis=0))
                 ends = np.full((2, len(part)), math.nan)
                 if count >= FEWEST_CLUSTERS:
-                    ends = values * _ratio_ends(first, second)
+                    with np.errstate(over="ignore", invalid="ignore"):  # an open end is infinite
+                        ends = values * _ratio_ends(first, second)
             for i, value, low, high in zip(part, values, *ends, strict=True):
                 enough = len(groups[i][0]) >= fewest
                 shown = (float(low), float(high)) if enough else (math.nan, math.nan)

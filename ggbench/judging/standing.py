@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,32 +36,28 @@ def standing(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     metrics : of the scenario (:func:`.summary.metrics`), with recommendations.
     cases : of the scenario (:func:`.cases.cases`).
     """
-    import pandas as pd
-
     rows = metrics[
         (metrics["window"] == "settled")
         & ~metrics["causality"].isin(["none", *SMOOTHERS])
         & metrics["case"].isin(cases["case"])
     ]
     rows = rows[rows["runs"] == rows.groupby("case")["runs"].transform("max")]
-    best = {(case["case"], case["best"]): case["case"] for case in cases.to_dict("records")}
-    named = zip(rows["case"], rows["estimator"], rows["rms_m"], strict=True)
-    least = {best[case, label]: rms for case, label, rms in named if (case, label) in best}
-    ratios = rows["rms_m"] / rows["case"].map(least).astype(float)
-    logs = rows.assign(ratio=np.log(ratios.fillna(math.inf)), time=np.log(rows["seconds_per_run"]))
-    found = []
-    for label, own in logs.groupby("estimator", sort=False):
-        time = float(own["time"].mean())
-        found.append(
-            {
-                "estimator": label,
-                "recommended_in": int(own["recommended"].astype(bool).sum()),
-                "cases_flown": len(own),
-                "worst_ratio": math.exp(own["ratio"].max()),
-                "mean_ratio": math.exp(own["ratio"].mean()),
-                "seconds_per_run": math.exp(time),
-            }
-        )
-    table = pd.DataFrame(found, columns=[*STANDING])
+    best = dict(zip(cases["case"], cases["best"], strict=True))
+    least = rows[rows["estimator"] == rows["case"].map(best)].set_index("case")["rms_m"]
+    logs = rows.assign(
+        ratio=np.log(rows["rms_m"] / rows["case"].map(least).astype(float)),
+        time=np.log(rows["seconds_per_run"]),
+        recommended=rows["recommended"].astype(bool),
+    )
+    table = logs.groupby("estimator", sort=False).agg(
+        recommended_in=("recommended", "sum"),
+        cases_flown=("case", "count"),
+        worst_ratio=("ratio", "max"),
+        mean_ratio=("ratio", "mean"),
+        seconds_per_run=("time", "mean"),
+    )
+    for key in ("worst_ratio", "mean_ratio", "seconds_per_run"):
+        table[key] = np.exp(table[key])
     order = ["recommended_in", "mean_ratio", "seconds_per_run"]
-    return table.sort_values(order, ascending=[False, True, True], kind="stable", ignore_index=True)
+    ascending = [False, True, True]
+    return table.reset_index().sort_values(order, ascending=ascending, ignore_index=True)

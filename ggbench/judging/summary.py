@@ -129,7 +129,8 @@ def metrics(
     ratios = _ratios(finished)
     rows = []
     for cell, group in groups.items():
-        good, first = finished[cell], group.iloc[0]
+        good, first, gone = finished[cell], group.iloc[0], lost(group)
+        kept = ~gone[(group["status"] == "ok").to_numpy()]
         case, label = cell
         position, velocity = published.get(case, (math.nan, math.nan))
         false_p = consistency.false_share_p(group["false_fix"].to_numpy(), group["draw"].to_numpy())
@@ -142,7 +143,7 @@ def metrics(
             "runs": len(group),
             "failed": len(group) - len(good),
             "diverged": int(good["diverged"].sum()),
-            "lost": int(lost(group).sum()),
+            "lost": int(gone.sum()),
             "draws": group["draw"].nunique(),
             "recommended": False,
             "published_m": position,
@@ -152,7 +153,7 @@ def metrics(
             row = common | {"window": window}
             if len(good):
                 sizes = (measurements or {}).get(case, {}).get(window, (0, 0))
-                row |= _window_row(good, window, sizes) | ratios[case, label, window]
+                row |= _window_row(good, kept, window, sizes) | ratios[case, label, window]
                 row["consistency"] = consistency.consistency(
                     good[f"{window}_nees"].to_numpy(),
                     good[f"{window}_coverage"].to_numpy(),
@@ -204,8 +205,10 @@ def _ratios(
     return found
 
 
-def _window_row(good: pd.DataFrame, window: str, measurements: tuple[int, float]) -> dict[str, Any]:
-    """Return metrics of one window over the runs that finished."""
+def _window_row(
+    good: pd.DataFrame, kept: np.ndarray, window: str, measurements: tuple[int, float]
+) -> dict[str, Any]:
+    """Return metrics of one window over the runs that finished, of which some are kept."""
 
     def column(key: str) -> np.ndarray:
         return good[f"{window}_{key}"].to_numpy()
@@ -218,13 +221,12 @@ def _window_row(good: pd.DataFrame, window: str, measurements: tuple[int, float]
     # Only a filter has innovations: without a mean there is no band.
     read = len(good) * epochs if len(present) else 0
     band = mean_band(read, channels)
-    errors, found = np.sqrt(column("position_ms")), ~lost(good)
-    kept = column("position_ms")[found]
-    median, quantile = np.quantile(errors, [0.5, 0.95])
+    squares = column("position_ms")
+    median, quantile = np.sqrt(np.quantile(squares, [0.5, 0.95]))
     return {
         "median_m": float(median),
         "p95_m": float(quantile),
-        "kept_rms_m": math.sqrt(float(kept.mean())) if len(kept) else math.nan,
+        "kept_rms_m": math.sqrt(float(squares[kept].mean())) if kept.any() else math.nan,
         "bound_m": math.sqrt(float(column("bound_position_ms").mean())),
         "velocity_bound_mps": math.sqrt(float(column("bound_velocity_ms").mean())),
         "seconds_per_run": _median_seconds(good),
