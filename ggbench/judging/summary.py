@@ -145,6 +145,7 @@ def metrics(
             "diverged": int(good["diverged"].sum()),
             "lost": int(gone.sum()),
             "draws": group["draw"].nunique(),
+            "noise_fit": "",
             "recommended": False,
             "published_m": position,
             "published_mps": velocity,

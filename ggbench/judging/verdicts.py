@@ -110,7 +110,7 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
     table = metrics[metrics["window"] == "settled"].set_index("estimator").loc[list(flown)]
     consistent = set(table.index[table["consistency"].isin([CONSISTENT, CONSERVATIVE])])
     best = _least(flown, consistent or set(flown))
-    halves = [{label: half(own, rest) for label, own in flown.items()} for rest in (0, 1)]
+    halves = [{label: _half(own, rest) for label, own in flown.items()} for rest in (0, 1)]
     folds = [(halves[0], halves[1]), (halves[1], halves[0])]
     gain = "" if ins is None else _gain(folds, ins, consistent or set(flown))
     informative = {label for label in consistent if table.loc[label, "nees"] >= LEAST_NEES}
@@ -135,7 +135,7 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
     return Verdict(best, tuple(cheapest), len(consistent), gain, reason)
 
 
-def half(own: PairedRuns, rest: int) -> PairedRuns:
+def _half(own: PairedRuns, rest: int) -> PairedRuns:
     """Return the runs of even (0) or odd (1) number."""
     return own.among(own.run[own.run % 2 == rest])
 
@@ -216,7 +216,7 @@ def _gain(
     """Return the verdict on the best of each half against the INS, on the other half."""
     found = set()
     for choosing, comparing in folds:
-        if not all(len(own.run) for half in (choosing, comparing) for own in half.values()):
+        if not all(len(own.run) for own in (*choosing.values(), *comparing.values())):
             return ""
         pair = compared(comparing[_least(choosing, among)], ins)
         found.add(str(judged([pair])[0]["verdict"]))

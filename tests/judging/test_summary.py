@@ -417,6 +417,7 @@ def test_metrics_without_a_finished_run():
     assert table["failed"].tolist() == [2, 2, 2]
     assert table["rms_m"].isna().all()
     assert (table["success"] == 0.0).all()
+    assert (table["noise_fit"] == "").all() and not table["as_ins"].any()
     empty = table_of([])
     assert len(empty) == 0
     assert tuple(empty.columns) == METRICS
