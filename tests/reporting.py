@@ -47,6 +47,7 @@ def metric(case: str, label: str, window: str, rms: float, runs: int = 40) -> di
         "efficiency": rms / bound, "success": 0.0 if causality == "none" else 1.0,
         "consistency": "" if causality == "none" else "consistent",
         "recommended": label == "ekf" and window == "settled", "seconds_per_run": 0.0123,
+        "lost": 0, "as_ins": False, "noise_fit": "",
     }  # fmt: skip
 
 
@@ -58,7 +59,7 @@ def cases(count: int = 2, **changes: Any) -> pd.DataFrame:
             "situation": "plain", "bound_m": 4.0 * 2.0**number, "ins_m": 100.0 * 2.0**number,
             "runs": 40, "recommended": "ekf", "best": "gaussian-sum", "gain": "better",
             "best_smoother": "factor-graph[mode=batch]", "consistent": 3, "duration_s": 60.0,
-            "speed_mps": 50.0, "height_m": 1000.0,
+            "speed_mps": 50.0, "height_m": 1000.0, "not_recommended": "",
         }
         | changes
         for number in range(count)

@@ -37,7 +37,6 @@ SCANNED = [
 INSTEAD = {
     r"(?:dis)?honest\w*": "consistent",
     "nobody": "no estimator",
-    "lost": "diverged, a false fix, not available",
     "anew": "again",
     "beside": "compared with, as well as",
     "told": "modelled, assumed",

@@ -89,7 +89,7 @@ def _print(found: Advice) -> None:
     from ..report import columns
     from ..score import advice as advices
 
-    headings = ("RMS m", "× bound", "success", "", "ms/run")
+    headings = ("RMS m", "× oracle", "success", "", "ms/run")
     table = ResponsiveTable(
         f"{found.case.title}: bound {columns.metres(found.bound_m)} m",
         [("estimator", "name"), *((heading, "number") for heading in headings)],
@@ -108,7 +108,7 @@ def _print(found: Advice) -> None:
     label, surely = advices.recommended(found)
     own = rows[rows["estimator"] == label]
     if len(own):
-        what = "Use" if surely else "No estimator is recommended; the best is"
+        what = "Use" if surely else "No estimator is recommended; the least bad is"
         row = own.iloc[0]
         console.out(
             f"{what} {label}: RMS error {columns.metres(row['rms_m'])} m, "

@@ -12,7 +12,8 @@ from ..display.timing import COLD
 from ..estimator_spec import shown_names
 from ..figures.numbers import counted, span
 from ..judging.comparison import UNFINISHED, Comparison
-from ..judging.summary import MARKS, SMOOTHERS, ordered
+from ..judging.consistency import MARKS
+from ..judging.summary import SMOOTHERS, ordered
 from ..spec.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -23,7 +24,18 @@ _UNITS = {"position": "m", "velocity": "m/s", UNFINISHED: "fail/div"}
 _COLOURS = {"worse": "red", "better": "green"}
 
 
-_HEADINGS = ("RMS m", "95 %", "× bound", "success", "NEES", "", "RMS m/s", "fail/div", "ms/run")
+_HEADINGS = (
+    "RMS m",
+    "95 %",
+    "× oracle",
+    "success",
+    "NEES",
+    "NIS",
+    "",
+    "RMS m/s",
+    "fail/div",
+    "ms/run",
+)
 
 
 def print_metrics(
@@ -52,11 +64,14 @@ def print_metrics(
             table.add_row(
                 names[row["estimator"]],
                 _digits(row["rms_m"]),
-                span(_digits(row["rms_lo"]), _digits(row["rms_hi"]), "-"),
+                ""
+                if math.isnan(row["rms_lo"])
+                else span(_digits(row["rms_lo"]), _digits(row["rms_hi"]), "-"),
                 f"{row['efficiency']:.3f}",
                 f"{100.0 * row['success']:.0f} %",
                 f"{row['nees']:.2f}",
-                MARKS.get(row["consistency"], "").strip(),
+                "" if math.isnan(row["nis"]) else f"{row['nis']:.2f}",
+                " ".join(filter(None, (MARKS.get(row["consistency"], ""), row["noise_fit"]))),
                 f"{row['velocity_rms_mps']:.4f}",
                 f"{row['failed']}/{row['diverged']}",
                 f"{1e3 * row['seconds_per_run']:.1f}{'*' if cold else ''}",
@@ -66,7 +81,7 @@ def print_metrics(
             table.add_row(
                 "paper",
                 _digits(case.reference.position_mrse_m),
-                *[""] * 5,
+                *[""] * 6,
                 f"{case.reference.velocity_mrse_mps:.4f}",
                 *[""] * 2,
                 style="dim",

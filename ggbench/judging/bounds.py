@@ -1,4 +1,4 @@
-"""The Cramér–Rao bound that an estimate is compared with, by what it may know."""
+"""Cramér–Rao bound of an estimate's causality."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from ..simulation.bound import Bound
 
 
 def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarray:
-    """Return the covariance bound (K, n, n) that an estimate of this causality cannot beat.
+    """Return the bound (K, n, n), linearised at the truth, of an estimate of this causality.
+
+    It is the covariance of a filter or smoother that is linearised at the truth. By Jensen's
+    inequality its mean over flights is above the posterior bound, so that it is no proven limit of
+    nonlinear problems.
 
     An estimate without aiding is compared with the filtering bound: what aiding could give.
     """

@@ -33,6 +33,7 @@ CASES = (
     "smoothing_bound_m",
     "unfiltered_bound_m",
     "ins_m",
+    "ins_success",
     "runs",
     "draws",
     "epochs",
@@ -44,6 +45,7 @@ CASES = (
     "best_smoother",
     "gain",
     "consistent",
+    "not_recommended",
 )
 """Columns of :func:`cases`."""
 KINDS = ("causal", "smoother")
@@ -88,7 +90,7 @@ def cases(
 def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], metrics: pd.DataFrame) -> dict[str, Any]:
     settled = metrics[metrics["window"] == "settled"]
     causal = settled[~settled["causality"].isin(SMOOTHERS)]
-    ins = settled.loc[settled["causality"] == "none", "rms_m"]
+    ins = settled[settled["causality"] == "none"]
     scale, track = field_correlation_m(arrays), arrays["track"]
     mask = window_mask(arrays["times"], spec.windows, "settled")
     last = window_mask(arrays["times"], spec.windows, "last20")
@@ -111,7 +113,8 @@ def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], metrics: pd.DataFrame
         "bound_m": float(causal["bound_m"].iloc[0]) if len(causal) else bound("filter", mask),
         "smoothing_bound_m": bound("batch", mask),
         "unfiltered_bound_m": bound("unfiltered", mask),
-        "ins_m": float(ins.iloc[0]) if len(ins) else math.nan,
+        "ins_m": float(ins["rms_m"].iloc[0]) if len(ins) else math.nan,
+        "ins_success": float(ins["success"].iloc[0]) if len(ins) else math.nan,
         "runs": int(settled["runs"].max()) if len(settled) else 0,
         "draws": int(settled["draws"].max()) if len(settled) else 0,
         "epochs": len(arrays["times"]),
@@ -137,6 +140,7 @@ def _judged(verdicts: Mapping[str, Mapping[str, Verdict]], case: str) -> dict[st
         "best_smoother": smoothers.best,
         "gain": causal.gain,
         "consistent": causal.consistent,
+        "not_recommended": causal.reason,
     }
 
 

@@ -15,8 +15,9 @@ import pandas as pd
 from scipy.special import bdtrc
 
 from ..errors import GGBenchError
+from .bootstrap import ratio_interval
 from .run_errors import WINDOWS
-from .statistics import ALPHA, BETTER, UNDECIDED, WORSE, excess_p_value, holm, ratio_interval
+from .statistics import ALPHA, BETTER, UNDECIDED, WORSE, excess_p_value, holm
 
 SAME = "same"
 UNFINISHED = "failed or diverged"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from .statistics import (
     exact_p,
     holm,
     log_ratio,
+    runs_to_decide,
 )
 from .summary import SMOOTHERS, succeeded
 
@@ -39,6 +41,8 @@ PAIRS = (
     "verdict",
 )
 """Columns of :func:`pairs`."""
+FAMILY = (*PAIRS, "needed_runs")
+"""Columns of :func:`family`."""
 FEWEST = 20
 """Clusters of common runs that "equivalent" needs."""
 ERRORS = "settled_position_ms"
@@ -86,6 +90,39 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
             ]
         )
     return pd.DataFrame(rows).reindex(columns=[*PAIRS])
+
+
+def family(runs: pd.DataFrame, wanted: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
+    """Return chosen pairs, a family of tests of their own, with :data:`FAMILY`.
+
+    As :func:`pairs`, but p-values are adjusted over these pairs alone, such as the claims of a
+    paper. ``needed_runs`` of an undecided pair: the number of runs that would decide it
+    (:func:`.statistics.runs_to_decide`).
+
+    Parameters
+    ----------
+    runs : table of runs with a column ``draw``, the number of the cluster.
+    wanted : case, first and second estimator of each pair; all must have flown.
+    """
+    import pandas as pd
+
+    flown = {
+        (str(case), str(label)): PairedRuns.of(own)
+        for (case, label), own in runs.groupby(["case", "estimator"], sort=False)
+    }
+    rows = []
+    for case, first, second in wanted:
+        one, two = flown[case, first], flown[case, second]
+        rows.append({"case": case, "first": first, "second": second} | compared(one, two))
+    found = judged(rows)
+    for row in found:
+        one, two = (flown[row["case"], row[role]] for role in ("first", "second"))
+        one, two = one.among(two.run), two.among(one.run)
+        both = (one.squares > 0.0) & (two.squares > 0.0)
+        squares = one.squares[both], two.squares[both]
+        needed = runs_to_decide(*squares, one.draw[both], 2 * len(wanted))
+        row["needed_runs"] = needed if row["verdict"] == UNDECIDED else math.nan
+    return pd.DataFrame(found).reindex(columns=[*FAMILY])
 
 
 class PairedRuns(NamedTuple):

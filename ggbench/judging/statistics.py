@@ -1,94 +1,28 @@
-"""What many runs say: intervals, bands of consistency, and tests, on arrays.
+"""Tests, bands of consistency, and intervals of shares and means, on arrays of runs.
 
 A run is one independent sample: its epochs are strongly correlated, so everything here counts
-runs. Every resampling has a fixed seed: the same runs give the same numbers.
+runs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
-from scipy.special import bdtr, chdtri, ndtri, stdtr, stdtrit
+from scipy.special import bdtr, bdtrc, chdtri, ndtri, stdtr, stdtrit
 
 ALPHA = 0.05
 """False-alarm rate of every interval, band and verdict."""
+FEWEST_CLUSTERS = 10
+"""Number of clusters of runs below which RMS errors have no interval, and noise no verdict."""
 BETTER, WORSE, EQUIVALENT, UNDECIDED = "better", "worse", "equivalent", "undecided"
 EQUIVALENCE_RATIO = 1.05
 """Ratio of errors within which two estimators are equivalent."""
 ROUNDING = 1e-9
 """Relative difference of errors below which two runs are tied: rounding differs by machine."""
-_ENDS = (100.0 * ALPHA / 2.0, 100.0 * (1.0 - ALPHA / 2.0))
-_SAMPLES = 2000
-_SEED = 20130
-_BLOCK = 2_000_000
-"""Draws held in memory at a time: 16 MB, and all samples of up to 1000 runs."""
-
-
-def _draw(runs: int, seed: int) -> Iterator[np.ndarray]:
-    """Yield (b, runs): how often each of b bootstrap samples holds each run, in blocks."""
-    rng = np.random.default_rng(seed)
-    rows = max(1, _BLOCK // runs)
-    for start in range(0, _SAMPLES, rows):
-        shape = (min(rows, _SAMPLES - start), runs)
-        cells = rng.integers(0, runs, shape) + runs * np.arange(shape[0])[:, None]
-        yield np.bincount(cells.ravel(), minlength=cells.size).reshape(shape).astype(float)
-
-
-@lru_cache(maxsize=4)
-def _drawn(runs: int, seed: int) -> tuple[np.ndarray, ...]:
-    """Return the draws of a common number of runs, which most metrics of a campaign share."""
-    return tuple(_draw(runs, seed))
-
-
-def _resampled_means(columns: np.ndarray, seed: int = _SEED) -> np.ndarray:
-    """Return (2000, ...): the means of (runs, ...) over bootstrap samples of the runs."""
-    runs = len(columns)
-    draws = _drawn(runs, seed) if runs * _SAMPLES <= _BLOCK else _draw(runs, seed)
-    with np.errstate(invalid="ignore"):  # an infinite error has no interval
-        return np.concatenate([counts @ columns for counts in draws]) / runs
-
-
-def root_ratio_intervals(
-    groups: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-) -> list[tuple[float, float, float]]:
-    """Return √(mean of first / mean of second) of each group, and its 95 % interval.
-
-    The percentile bootstrap (Efron 1979) over clusters: runs that share a track or a map error are
-    drawn together. Groups with equal numbers of clusters share their draws. Measured coverage: 95 %
-    from 100 clusters on, 92 % with 20.
-
-    Parameters
-    ----------
-    groups : (first, second, cluster) of (runs,) each: mean squares, and the number of the cluster.
-
-    Returns
-    -------
-    The ratio and the ends of its interval; NaN without runs, the ends also with one cluster.
-    """
-    found = [(math.nan, math.nan, math.nan)] * len(groups)
-    sums = [_cluster_sums(*group) for group in groups]
-    for count in {len(s) for s in sums if len(s) > 0}:
-        chosen = [i for i, s in enumerate(sums) if len(s) == count]
-        stacked = np.concatenate([sums[i] for i in chosen], axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.sqrt(stacked[:, 0::2].sum(axis=0) / stacked[:, 1::2].sum(axis=0))
-            ends = np.full((2, len(chosen)), math.nan)
-            if count >= 2:
-                means = _resampled_means(stacked)
-                ends = np.percentile(np.sqrt(means[:, 0::2] / means[:, 1::2]), _ENDS, axis=0)
-        for i, value, low, high in zip(chosen, values, *ends, strict=True):
-            found[i] = float(value), float(low), float(high)
-    return found
-
-
-def _cluster_sums(first: np.ndarray, second: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    """Return the sums (C, 2) of two columns over the runs of each cluster."""
-    _, where = np.unique(cluster, return_inverse=True)
-    return np.column_stack([np.bincount(where, weights=w) for w in (first, second)])
 
 
 def cluster_means(values: np.ndarray, cluster: np.ndarray) -> np.ndarray:
@@ -149,6 +83,32 @@ def log_ratio(first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray) 
     return LogRatio(math.exp(mean), low, high, p, p_equivalent)
 
 
+def runs_to_decide(
+    first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray, tests: int
+) -> float:
+    """Return the number of runs that a verdict on a pair needs, as these runs are.
+
+    The least one with which the means of as many runs differ, or are equivalent, with a power of
+    80 % (normal approximation); ∞ where none is enough, NaN with fewer than two clusters.
+
+    Parameters
+    ----------
+    first_ms, second_ms, cluster : as of :func:`log_ratio`.
+    tests : number of tests of the family, by which the difference is tested at 5 % (Bonferroni).
+    """
+    means = cluster_means(0.5 * np.log(first_ms / second_ms), cluster) if len(cluster) else cluster
+    if len(means) < 2:
+        return math.nan
+    mean, spread = abs(float(means.mean())), float(means.std(ddof=1))
+    power = float(ndtri(0.8))
+    differ = float(ndtri(1.0 - ALPHA / (2.0 * tests))) + power
+    needed = (differ * spread / mean) ** 2 if mean > 0.0 else math.inf
+    room = math.log(EQUIVALENCE_RATIO) - mean
+    if room > 0.0:
+        needed = min(needed, ((float(ndtri(1.0 - ALPHA)) + power) * spread / room) ** 2)
+    return needed * len(first_ms) / len(means)
+
+
 def exact_p(one: int, other: int) -> float:
     """Return the two-sided p-value of "one and other are equally likely" (binomial, exact).
 
@@ -169,17 +129,52 @@ def share_interval(hits: np.ndarray, cluster: np.ndarray) -> tuple[float, float,
     hits : (runs,) which runs are counted.
     cluster : (runs,) number of the track or map error that runs share.
     """
-    runs = len(hits)
-    if runs == 0:
+    if len(hits) == 0:
         return math.nan, math.nan, math.nan
-    share = float(hits.mean())
+    count = _independent_runs(hits, cluster)
+    return wilson(float(hits.mean()) * count, count)
+
+
+def _independent_runs(hits: np.ndarray, cluster: np.ndarray) -> float:
+    """Return the number of independent runs whose share varies as that of clustered ones."""
+    runs, share = len(hits), float(hits.mean())
     means = cluster_means(hits.astype(float), cluster)
-    count = float(runs)
-    if 1 < len(means) < runs:
-        variance = float(means.var(ddof=1)) / len(means)
-        worth = share * (1.0 - share) / variance if variance > 0.0 else float(len(means))
-        count = min(count, max(worth, 1.0))
-    return wilson(share * count, count)
+    if not 1 < len(means) < runs:
+        return float(runs)
+    variance = float(means.var(ddof=1)) / len(means)
+    worth = share * (1.0 - share) / variance if variance > 0.0 else float(len(means))
+    return min(float(runs), max(worth, 1.0))
+
+
+def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
+    """Return the p-value of "at most this share of runs" (binomial, exact); 1 without runs.
+
+    Parameters
+    ----------
+    hits : (runs,) which runs are counted, or what part of each.
+    cluster : (runs,) number of the track or map error that runs share.
+    share : to be tested.
+    """
+    if len(hits) == 0:
+        return 1.0
+    count = math.floor(_independent_runs(hits, cluster))
+    least = math.floor(float(hits.mean()) * count + ROUNDING)
+    return float(bdtrc(least - 1, count, share)) if least else 1.0
+
+
+def share_below(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
+    """Return the p-value of "at least this share of runs", see :func:`share_above`."""
+    return share_above(1.0 - hits.astype(float), cluster, 1.0 - share)
+
+
+def mean_interval(values: np.ndarray, cluster: np.ndarray) -> tuple[float, float, float]:
+    """Return the mean over clusters and its 95 % interval (Student's t), NaN with one cluster."""
+    means = cluster_means(values, cluster)
+    mean, count = float(means.mean()), len(means)
+    if count < 2:
+        return mean, math.nan, math.nan
+    half = float(stdtrit(count - 1, 1.0 - ALPHA / 2.0) * means.std(ddof=1)) / math.sqrt(count)
+    return mean, mean - half, mean + half
 
 
 def wilson(hits: float, runs: float) -> tuple[float, float, float]:
@@ -248,35 +243,6 @@ def _difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
         raise ValueError(f"pairs have one shape, not {before.shape} and {after.shape}")
     difference = after - before
     return np.where(np.abs(difference) <= ROUNDING * np.maximum(before, after), 0.0, difference)
-
-
-def ratio_interval(
-    before_ms: np.ndarray, after_ms: np.ndarray, paired: bool
-) -> tuple[float, float, float]:
-    """Return √(mean after / mean before) and its 95 % percentile-bootstrap interval.
-
-    Parameters
-    ----------
-    before_ms, after_ms : (runs,) mean squared errors [m² or m²/s²].
-    paired : the two are of the same runs, which are then drawn together; else independently.
-
-    Returns
-    -------
-    The ratio of MRSE and the ends of its interval (which covers the truth in 92 % of campaigns of
-    30 runs, 95 % from 100 on). All NaN without runs or with a ``before`` of
-    zeros; the ends also with a single run.
-    """
-    if min(len(before_ms), len(after_ms)) == 0 or not np.any(before_ms):
-        return math.nan, math.nan, math.nan
-    if paired:
-        return root_ratio_intervals([(after_ms, before_ms, np.arange(len(before_ms)))])[0]
-    value = math.sqrt(float(np.mean(after_ms)) / float(np.mean(before_ms)))
-    if min(len(before_ms), len(after_ms)) < 2:
-        return value, math.nan, math.nan
-    before, after = _resampled_means(before_ms), _resampled_means(after_ms, _SEED + 1)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a sample of zeros
-        low, high = np.percentile(np.sqrt(after / before), _ENDS)
-    return value, float(low), float(high)
 
 
 def excess_p_value(

@@ -1,20 +1,23 @@
 """What a case says: its best estimator, those recommended, and what aiding gains.
 
-Estimators are compared on equal runs. The best one is chosen on the runs of even number, and
-compared on those of odd number.
+Estimators are compared on equal runs. Recommendations are cross-fitted: the best estimator of the
+runs of even number is compared on those of odd number, then the reverse. Both must agree.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Set
+import math
+from collections.abc import Mapping, Sequence, Set
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .pairs import ERRORS, PairedRuns, compared, judged, kind
-from .statistics import ALPHA, BETTER, root_ratio_intervals
-from .summary import CONSERVATIVE, CONSISTENT
+from .bootstrap import root_ratio_intervals
+from .consistency import CONSERVATIVE, CONSISTENT
+from .pairs import PairedRuns, compared, judged, kind
+from .run_errors import JUDGED
+from .statistics import ALPHA, BETTER, UNDECIDED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,10 +26,16 @@ MOST_FAILED = 0.05
 """Share of failed runs above which an estimator is not compared."""
 RECOMMENDED_RATIO = 1.10
 """Ratio of RMS errors to the best estimator's within which one is recommended."""
-FEWEST_RUNS = 10
-"""Runs of a case below which no estimator is recommended: half of them choose, half compare."""
+FEWEST_RUNS = 40
+"""Runs of a case below which no estimator is recommended."""
+LEAST_SUCCESS = 0.5
+"""Share of runs within the required error that a recommended estimator has at least."""
+LEAST_NEES = 0.5 * JUDGED
+"""Mean NEES of a recommended estimator: its covariance is at most twice too large."""
 ALIKE_TIMES = 2.0
 """Ratio of times of a run up to which they are alike: they differ between machines and loads."""
+_INS = ""
+"""Label of the INS among estimators."""
 
 
 class Verdict(NamedTuple):
@@ -35,16 +44,19 @@ class Verdict(NamedTuple):
     Attributes
     ----------
     best : the estimator of least RMS error among the consistent ones, else among all; "" if none
-        was compared.
+        was compared. Where none is recommended, it is the *least bad*.
     recommended : labels of those recommended: first those as cheap as any, in the campaign's order.
     consistent : number of consistent estimators.
-    gain : verdict on the best against the INS, "" without an INS.
+    gain : verdict on the best of each half against the INS in the other half, "undecided" where
+        the two differ, "" without an INS or with a single run.
+    reason : why none is recommended, "" if one is.
     """
 
     best: str = ""
     recommended: tuple[str, ...] = ()
     consistent: int = 0
     gain: str = ""
+    reason: str = ""
 
 
 class UnequalRunsError(ValueError):
@@ -71,10 +83,15 @@ def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
 def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Verdict:
     """Return the verdict on the estimators of a kind in one case.
 
-    An estimator is *recommended* if it is consistent or conservative, does not succeed surely less
-    often than another one, and its RMS error is surely within 10 % of the best one's. These
-    comparisons are on the runs of odd number. None is where the best one is not surely better than
-    the INS, if that flew, or where there are fewer than ten runs.
+    An estimator is *recommended* if
+
+    - it is consistent or conservative, its covariance at most twice too large;
+    - it succeeds in half of the runs or more, and not surely less often than another one;
+    - its RMS error is near that of the best one in both halves of the runs (:func:`_near`).
+
+    None is recommended where the best one is not surely better than the INS in both halves, if
+    that flew, or where there are fewer than 40 runs. A failed run counts with the largest error of
+    any estimator in it, the INS included.
 
     Parameters
     ----------
@@ -83,54 +100,124 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
     of : "causal" or "smoother".
     """
     runs = with_equal_runs(runs)
-    aided = runs[(runs["causality"] != "none") & (runs["causality"].map(kind) == of)]
+    unaided = runs["causality"] == "none"
+    aided = runs[~unaided & (runs["causality"].map(kind) == of)]
     if aided.empty:
         return Verdict()
     require_equal_runs(aided)
-    even, odd = (aided[aided["run"] % 2 == rest] for rest in (0, 1))
-    if odd.empty:  # a single run chooses and compares nothing
-        return Verdict()
-    squares = even.groupby("estimator", sort=False)[ERRORS].mean()
-    table = metrics[metrics["window"] == "settled"].set_index("estimator").loc[squares.index]
+    flown = _with_failures(aided, runs[unaided])
+    ins = flown.pop(_INS, None)
+    table = metrics[metrics["window"] == "settled"].set_index("estimator").loc[list(flown)]
     consistent = set(table.index[table["consistency"].isin([CONSISTENT, CONSERVATIVE])])
-    best = str((squares[squares.index.isin(consistent)] if consistent else squares).idxmin())
-    flown = {str(label): PairedRuns.of(own) for label, own in odd.groupby("estimator", sort=False)}
-    gain = _gain(runs, flown[best])
-    enough = aided["run"].nunique() >= FEWEST_RUNS
-    near = _surely_near(flown, best, consistent) if enough and gain in ("", BETTER) else []
+    best = _least(flown, consistent or set(flown))
+    halves = [{label: _half(own, rest) for label, own in flown.items()} for rest in (0, 1)]
+    folds = [(halves[0], halves[1]), (halves[1], halves[0])]
+    gain = "" if ins is None else _gain(folds, ins, consistent or set(flown))
+    informative = {label for label in consistent if table.loc[label, "nees"] >= LEAST_NEES}
+    finding = {label for label in informative if table.loc[label, "success"] >= LEAST_SUCCESS}
+    least_often = _succeeding_less(flown) if finding else set()
+    near = finding - least_often
+    for choosing, comparing in folds if near else ():
+        near &= _near(choosing, comparing, consistent)
+    reasons = {
+        f"there are fewer than {FEWEST_RUNS} runs": aided["run"].nunique() >= FEWEST_RUNS,
+        "none is consistent": consistent,
+        "covariances are more than twice too large": informative,
+        "none succeeds in half of the runs": finding,
+        "none is surely better than the INS": gain in ("", BETTER),
+        "none is near the best in both halves of the runs": near,
+    }
+    reason = next((text for text, held in reasons.items() if not held), "")
     seconds = table["seconds_per_run"]
-    limit = ALIKE_TIMES * min((seconds[label] for label in near), default=0.0)
-    cheapest = sorted(near, key=lambda label: max(seconds[label], limit))
-    return Verdict(best, tuple(cheapest), len(consistent), gain)
+    named = [label for label in flown if label in near and not reason]
+    limit = ALIKE_TIMES * min((seconds[label] for label in named), default=0.0)
+    cheapest = sorted(named, key=lambda label: max(seconds[label], limit))
+    return Verdict(best, tuple(cheapest), len(consistent), gain, reason)
 
 
-def _surely_near(flown: Mapping[str, PairedRuns], best: str, among: Set[str]) -> list[str]:
-    """Return which of some estimators are recommended, given the best one."""
-    labels = [label for label in flown if label in among]
-    reference = flown[best]
+def _half(own: PairedRuns, rest: int) -> PairedRuns:
+    """Return the runs of even (0) or odd (1) number."""
+    return own.among(own.run[own.run % 2 == rest])
+
+
+def _with_failures(aided: pd.DataFrame, ins: pd.DataFrame) -> dict[str, PairedRuns]:
+    """Return the runs of each estimator, and as ``_INS`` those of the INS if it flew.
+
+    Squared errors of failed runs are the largest of their run.
+    """
+    flown = {
+        str(label): PairedRuns.of(own) for label, own in aided.groupby("estimator", sort=False)
+    }
+    if len(ins):
+        flown[_INS] = PairedRuns.of(ins)
+    largest = np.fmax.reduce([own.squares for own in flown.values()])
+    return {
+        label: own._replace(squares=np.where(np.isnan(own.squares), largest, own.squares))
+        for label, own in flown.items()
+    }
+
+
+def _least(flown: Mapping[str, PairedRuns], among: Set[str]) -> str:
+    """Return which of some estimators has the least RMS error, the first of equals."""
+    return min((label for label in flown if label in among), key=lambda one: _mean(flown[one]))
+
+
+def _mean(own: PairedRuns) -> float:
+    """Return the mean squared error; of no runs, and of any run without one, it is infinite."""
+    mean = float(own.squares.mean()) if len(own.squares) else math.inf
+    return math.inf if math.isnan(mean) else mean
+
+
+def _near(
+    choosing: Mapping[str, PairedRuns], comparing: Mapping[str, PairedRuns], among: Set[str]
+) -> set[str]:
+    """Return which estimators are near the best of one half of the runs, in the other half.
+
+    The RMS error is surely within 10 % of that of the best one. That of the best one itself is
+    within 10 % of the least: a few catastrophes in one half are seen there.
+    """
+    labels = [label for label in choosing if label in among]
+    best = _least(choosing, among)
+    reference = comparing[best]
     groups = []
     for label in labels:
-        own = flown[label]
+        own = comparing[label]
         both = np.isfinite(own.squares) & np.isfinite(reference.squares)
         groups.append((own.squares[both], reference.squares[both], own.draw[both]))
+    found = root_ratio_intervals(groups, fewest=FEWEST_RUNS // 2)
+    near = {
+        label
+        for label, (_, _, high) in zip(labels, found, strict=True)
+        if label != best and high <= RECOMMENDED_RATIO
+    }
+    least = min(_mean(comparing[label]) for label in labels)
+    itself = {best} if _mean(reference) <= RECOMMENDED_RATIO**2 * least else set()
+    return near | itself
+
+
+def _succeeding_less(flown: Mapping[str, PairedRuns]) -> set[str]:
+    """Return which estimators succeed surely less often than another one."""
     tests = {
         (one, two): compared(flown[one], flown[two])
-        for one, two in itertools.combinations(labels, 2)
+        for one, two in itertools.combinations(flown, 2)
     }
-    lower = set()
-    for (one, two), pair in zip(tests, judged([*tests.values()]), strict=True):
-        if pair["success_p"] < ALPHA:
-            lower.add(one if tests[one, two]["_lead"] < 0.0 else two)
-    return [
-        label
-        for label, (_, _, high) in zip(labels, root_ratio_intervals(groups), strict=True)
-        if label not in lower and (label == best or high <= RECOMMENDED_RATIO)
-    ]
+    return {
+        one if tests[one, two]["_lead"] < 0.0 else two
+        for (one, two), pair in zip(tests, judged([*tests.values()]), strict=True)
+        if pair["success_p"] < ALPHA
+    }
 
 
-def _gain(runs: pd.DataFrame, best: PairedRuns) -> str:
-    """Return the verdict on the best estimator against the INS, on its runs."""
-    ins = runs[runs["causality"] == "none"]
-    if ins.empty:
-        return ""
-    return str(judged([compared(best, PairedRuns.of(ins))])[0]["verdict"])
+def _gain(
+    folds: Sequence[tuple[Mapping[str, PairedRuns], Mapping[str, PairedRuns]]],
+    ins: PairedRuns,
+    among: Set[str],
+) -> str:
+    """Return the verdict on the best of each half against the INS, on the other half."""
+    found = set()
+    for choosing, comparing in folds:
+        if not all(len(own.run) for own in (*choosing.values(), *comparing.values())):
+            return ""
+        pair = compared(comparing[_least(choosing, among)], ins)
+        found.add(str(judged([pair])[0]["verdict"]))
+    return found.pop() if len(found) == 1 else UNDECIDED

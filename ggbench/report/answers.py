@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from ..judging.judgement import OUTSIDE
+from ..judging.standing import standing
 from ..judging.verdicts import FEWEST_RUNS
 from ..results.folder import Results
 from . import published, sweeps, views
@@ -25,19 +26,20 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
 def answer(results: Results) -> dict[str, Any]:
     """Return what the template ``answer.j2`` states.
 
-    ``label`` is the estimator recommended in most cases, else the best in most; ``row`` its
-    metrics in the ``lead`` case, the first in which it is that.
+    ``label`` is the estimator recommended in most cases (:func:`.standing.standing`), else the
+    best in most; ``row`` its metrics in the ``lead`` case, the first in which it is that;
+    ``reason`` says why none is recommended in the first case without.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]
-    key = "recommended" if len(recommended) else "best"
-    named = cases[key][cases[key] != ""]
+    named = cases["best"][cases["best"] != ""]
     sweep, of_the_prior = results.scenario.sweep, sweeps.is_of_the_prior(results.scenario)
     found: dict[str, Any] = {
         "total": len(cases),
         "recommended": len(recommended),
         "label": "",
         "without": cases.loc[cases["recommended"] == "", "title"].tolist(),
+        "reason": next((text for text in cases["not_recommended"] if text), ""),
         "inconsistent": views.not_consistent(metrics),
         "targets": sweeps.reached(results.scenario, metrics, cases),
         "axis": sweep.axes[0].label if sweep else "",
@@ -49,12 +51,19 @@ def answer(results: Results) -> dict[str, Any]:
     }
     if named.empty:
         return found
-    label = named.value_counts().index[0]
-    lead = cases[cases[key] == label].iloc[0]
-    settled = metrics[(metrics["window"] == "settled") & (metrics["case"] == lead["case"])]
+    settled = metrics[metrics["window"] == "settled"]
+    if len(recommended):
+        label = standing(metrics, cases)["estimator"].iloc[0]
+        of_label = settled[settled["recommended"].astype(bool) & (settled["estimator"] == label)]
+        leads = cases["case"].isin(of_label["case"])
+    else:
+        label = named.value_counts().index[0]
+        leads = cases["best"] == label
+    lead = cases[leads].iloc[0]
+    settled = settled[settled["case"] == lead["case"]]
     return found | {
         "label": label,
-        "count": int((named == label).sum()),
+        "count": int(leads.sum()),
         "lead": lead.to_dict(),
         "row": settled[settled["estimator"] == label].iloc[0].to_dict(),
     }

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..judging.summary import MARKS
+from ..judging.consistency import MARKS
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -59,16 +59,21 @@ COLUMNS = _registered()
 """All columns of the tables, by their keys."""
 DEFINED = (
     "rms_m",
+    "median_m",
+    "p95_m",
+    "lost",
     "bound_m",
     "efficiency",
-    "oracle_ratio",
     "times_ins",
     "success",
     "required_m",
     "diverged",
     "false_fixes",
     "nees",
+    "trimmed_nees",
     "coverage",
+    "nis",
+    "noise_fit",
     "consistency",
     "recommended",
     "error_ratio",
@@ -111,6 +116,11 @@ def ratio(value: float) -> str:
     return significant(value, 2)
 
 
+def efficiency(value: float) -> str:
+    """Return a ratio to the oracle with two decimals, two significant digits from 10 on."""
+    return f"{value:.2f}" if value < 9.995 else significant(value, 2)
+
+
 def share(value: float) -> str:
     """Return a share in per cent with two significant digits; 100% is every run."""
     text = significant(100.0 * value, 2)
@@ -128,6 +138,7 @@ _FORMS = {
     "count": lambda value: f"{value:.0f}",
     "metres": metres,
     "ratio": ratio,
+    "efficiency": efficiency,
     "share": share,
     "time": duration,
     "p": lambda value: "< 0.001" if value < 1e-3 else significant(value, 2),

@@ -28,10 +28,12 @@ def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Envir
     made.filters |= {
         "metres": columns.metres,
         "ratio": columns.ratio,
+        "efficiency": columns.efficiency,
         "share": columns.share,
         "table": tables.text,
     }
     made.globals |= {
+        "cell": columns.cell,
         "names": tables.names,
         "counted": counted,
         "span": span,

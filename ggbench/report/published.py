@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..judging.pairs import pair_of
 from ..judging.statistics import BETTER, EQUIVALENCE_RATIO, EQUIVALENT, UNDECIDED, WORSE
 from ..results.folder import Results
 from . import columns
@@ -21,6 +20,8 @@ MOST_GROUPS = 6
 STARTS_S = (0.0, 50.0, 75.0, 100.0, 150.0)
 """Starts of windows for the table of window starts [s]."""
 WINDOWS = ("whole", "settled")
+MOST_RUNS = 400
+"""Runs up to which the pairs of a claim are flown."""
 _QUANTITIES = {
     "east position": 0,
     "north position": 1,
@@ -141,40 +142,56 @@ def claimed(results: Any) -> pd.DataFrame:
     """Return the published claims on pairs of estimators, and their verdicts here.
 
     A claim of *equal* holds if the pair is equivalent; a claim of *larger* or *smaller* holds if
-    the pair is worse or better. A claim on times compares medians.
+    the pair is worse or better. A claim on times compares medians. The claims of a scenario are a
+    family of tests of their own. An undecided one is open, with the number of runs that would
+    decide it.
     """
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
-    metrics, pairs = results.metrics(), results.pairs()
+    metrics = results.metrics()
     settled = metrics[metrics["window"] == "settled"].set_index(["case", "estimator"])
+    shown = results.shown
+
+    def has_flown(case: str, label: str) -> bool:
+        return (case, shown.get(label, label)) in settled.index
+
+    flown = [
+        (claim, value, claim.case, *claim.labels(value))
+        for claim in results.scenario.comparisons
+        for value in claim.values
+        if all(has_flown(claim.case, label) for label in claim.labels(value))
+    ]
+    of_errors = [tuple(row[2:]) for row in flown if row[0].quantity != "time"]
+    family = iter(results.pairs_of(of_errors).to_dict("records") if of_errors else ())
     rows = []
-    for claim in results.scenario.comparisons:
-        for value in claim.values:
-            first, second = (results.shown.get(label, label) for label in claim.labels(value))
-            if not {(claim.case, first), (claim.case, second)} <= set(settled.index):
-                continue
-            if claim.quantity == "time":
-                one, two = (
-                    settled.loc[(claim.case, label), "seconds_per_run"] for label in (first, second)
-                )
-                ratio, found = one / two, _of_ratio(one / two)
-            else:
-                pair = pair_of(pairs, claim.case, first, second)
-                ratio, found = (
-                    (math.nan, "") if pair is None else (pair["error_ratio"], pair["verdict"])
-                )
-            verdict = "open" if found in (UNDECIDED, "") else "does not hold"
-            verdict = "holds" if found == judged[claim.relation] else verdict
-            title = f"{claim.title} ({value})" if value else claim.title
-            rows.append(
-                {
-                    "claim": title,
-                    "first": f"`{first}`",
-                    "second": f"`{second}`",
-                    "error_ratio": ratio,
-                    "holds": verdict,
-                }
-            )
-    return pd.DataFrame(rows)
+    for claim, value, case, first, second in flown:
+        names = shown.get(first, first), shown.get(second, second)
+        if claim.quantity == "time":
+            one, two = (settled.loc[(case, name), "seconds_per_run"] for name in names)
+            pair = {"error_ratio": one / two, "verdict": _of_ratio(one / two)}
+        else:
+            pair = next(family)
+        verdict = "open" if pair["verdict"] == UNDECIDED else "does not hold"
+        verdict = "holds" if pair["verdict"] == judged[claim.relation] else verdict
+        rows.append(
+            {
+                "claim": f"{claim.title} ({value})" if value else claim.title,
+                "first": f"`{names[0]}`",
+                "second": f"`{names[1]}`",
+                "error_ratio": pair["error_ratio"],
+                "holds": verdict,
+                "needed_runs": _needed(pair.get("needed_runs", math.nan)),
+            }
+        )
+    table = pd.DataFrame(rows)
+    decided = table.empty or (table["needed_runs"] == columns.NONE).all()
+    return table.drop(columns="needed_runs", errors="ignore") if decided else table
+
+
+def _needed(runs: float) -> str:
+    """Return a number of runs rounded up to tens, at most :data:`MOST_RUNS`."""
+    if math.isnan(runs):
+        return columns.NONE
+    return f"> {MOST_RUNS}" if runs > MOST_RUNS else f"{10 * math.ceil(runs / 10.0)}"
 
 
 def _of_ratio(ratio: float) -> str:

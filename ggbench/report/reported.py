@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..estimator_spec import shown_names
+from ..judging.standing import standing
 from ..results import digest
 from ..results.folder import Results, as_argument
 from . import published
@@ -72,6 +73,7 @@ class Reported(Results):
         """Return the tables besides metrics, cases and pairs that are not empty, by name."""
         tables = {
             "studies": self._named(self.studies()),
+            "standing": standing(self.metrics(), self.cases()),
             "claims": published.claimed(self),
             "gravity_claims": published.gravity_claims(self),
             "fixes": self._named(self.fix_metrics()),

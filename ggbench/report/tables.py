@@ -11,6 +11,8 @@ from . import columns
 
 MOST_ROWS, MOST_COLUMNS = 10, 8
 """Limits of a table on a markdown page."""
+MOST_LOST = 0.5
+"""Share of lost runs above which a cell has no RMS error."""
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -39,17 +41,24 @@ def text(table: pd.DataFrame) -> str:
 
 
 def error_cell(row: Mapping[str, Any]) -> str:
-    """Return ``RMS (× bound), success †`` of a row of metrics; success only below 100%.
+    """Return ``RMS (× oracle), success †`` of a row of metrics; success only below 100%.
 
-    The INS has its RMS error, and a success rate if any run succeeds by chance.
+    The INS has its RMS error, and a success rate if any run succeeds by chance. Where most runs
+    are lost, the cell has their share alone. "as the INS": no more runs succeed than of the INS.
     """
+    if row["lost"] > MOST_LOST * row["runs"]:
+        return columns.marked(
+            f"lost {columns.share(row['lost'] / row['runs'])}", row["consistency"]
+        )
     parts = columns.cell("rms_m", row["rms_m"])
     if row.get("causality") == "none":
         return f"{parts}, {columns.share(row['success'])}" if row["success"] > 0.0 else parts
     if pd.notna(row["efficiency"]):
-        parts += f" (×{columns.ratio(row['efficiency'])})"
-    if row["success"] < 1.0:
+        parts += f" (×{columns.efficiency(row['efficiency'])})"
+    if row["success"] < 1.0 or row["as_ins"]:
         parts += f", {columns.share(row['success'])}"
+    if row["as_ins"]:
+        parts += " as the INS"
     return columns.marked(parts, row["consistency"])
 
 

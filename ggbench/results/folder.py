@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -291,6 +291,10 @@ class Results:
     @cached_property
     def _pairs(self) -> pd.DataFrame:
         return pairs.pairs(self._cases_runs)
+
+    def pairs_of(self, wanted: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
+        """Return chosen pairs as a family of tests of their own (:func:`.pairs.family`)."""
+        return pairs.family(self._cases_runs, wanted)
 
     def cases(self) -> pd.DataFrame:
         """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`)."""

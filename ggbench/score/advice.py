@@ -19,7 +19,7 @@ from ..spec.scenario import Scenario
 from . import stored_runs
 from .stored_runs import ScoreError
 
-RUNS = 20
+RUNS = 40
 _FINEST, _COARSEST = 1e-6, 1e4
 """Noise of a gradiometer between which one is sought for a target, in its own unit."""
 _STEPS = 14

@@ -59,7 +59,9 @@ class Question(_Part):
     rms_lo: Number = Field(default=None, description="Lower end of its 95% interval [m].")
     rms_hi: Number = Field(default=None, description="Upper end of its 95% interval [m].")
     bound_m: Number = Field(default=None, description="Cramér–Rao bound [m].")
-    efficiency: Number = Field(default=None, description="RMS error over the bound.")
+    efficiency: Number = Field(
+        default=None, description="RMS error over the oracle's, on the same runs."
+    )
     success: Number = Field(default=None, description="Share of runs within the required error.")
     nees: Number = Field(
         default=None, description="Mean NEES of position and velocity; 6 is right."

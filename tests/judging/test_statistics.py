@@ -6,7 +6,6 @@ Squared errors are drawn from χ² and heavier laws, skewed as real ones are.
 from __future__ import annotations
 
 import math
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -23,73 +22,6 @@ LAWS = {
     ),
 }
 each_law = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-
-
-def root_mean(squares: np.ndarray, cluster: np.ndarray | None = None) -> tuple[float, float, float]:
-    """The RMS of runs and its interval; every run is a cluster if none are given."""
-    clusters = np.arange(len(squares)) if cluster is None else cluster
-    return statistics.root_ratio_intervals([(squares, np.ones(len(squares)), clusters)])[0]
-
-
-def test_rms_and_its_interval():
-    """The RMS is the root of the mean square; its interval contains it, and one run has none."""
-    value, low, high = root_mean(np.array([9.0, 16.0, 25.0]))
-    assert value == pytest.approx(math.sqrt(50.0 / 3.0))
-    assert 3.0 <= low < value < high <= 5.0
-    value, low, high = root_mean(np.array([9.0]))
-    assert value == 3.0
-    assert math.isnan(low) and math.isnan(high)
-    assert all(math.isnan(x) for x in root_mean(np.array([])))
-
-
-def test_interval_covers_the_truth():
-    """The 95 % interval holds the true RMS in about 95 of 100 campaigns of 100 runs.
-
-    300 campaigns with mean squares of three degrees of freedom, skewed as real ones are. The
-    bootstrap is known to be a little short (94 %); between 91 and 98 % the false-alarm rate is
-    below 2 %.
-    """
-    generator = np.random.default_rng(11)
-    hits = 0
-    for _ in range(300):
-        _, low, high = root_mean(generator.chisquare(3, 100))
-        hits += low < math.sqrt(3.0) < high
-    assert 0.91 <= hits / 300 <= 0.98
-
-
-@pytest.mark.parametrize("clustered", [True, False])
-def test_interval_covers_the_truth_of_runs_that_share_a_map(clustered):
-    """Over 20 clusters of 10 runs the interval covers in 89 to 97 %; runs alone do not.
-
-    Half of the variation is common to a cluster. 300 campaigns: a standard error of 1.5 %. The
-    control: an interval over runs misses the truth in more than a quarter.
-    """
-    generator, cluster = np.random.default_rng(13), np.repeat(np.arange(20), 10)
-    hits = 0
-    for _ in range(300):
-        squares = generator.chisquare(3, 20)[cluster] + generator.chisquare(3, 200)
-        _, low, high = root_mean(squares, cluster if clustered else None)
-        hits += low < math.sqrt(6.0) < high
-    assert 0.88 <= hits / 300 <= 0.97 if clustered else hits / 300 < 0.75
-
-
-@pytest.mark.parametrize("runs", [2, 20, 100, 300, 1000, 2500])
-def test_interval_is_the_plain_bootstrap(runs):
-    """Draws in blocks are the draws at once."""
-    squares = np.random.default_rng(runs).chisquare(3, runs)
-    draws = np.random.default_rng(20130).integers(0, runs, (2000, runs))
-    plain = np.percentile(np.sqrt(squares[draws].mean(axis=1)), [2.5, 97.5])
-    assert root_mean(squares)[1:] == pytest.approx(plain, rel=1e-12)
-
-
-def test_memory_does_not_grow_with_the_runs():
-    """All draws of 10,000 runs would be 160 MB; blocks of them are less than 80."""
-    squares = np.random.default_rng(1).chisquare(3, 10_000)
-    tracemalloc.start()
-    root_mean(squares)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 80e6
 
 
 def test_a_pair_on_hand_numbers():
@@ -113,6 +45,31 @@ def test_clusters_count_once():
     once = statistics.log_ratio(first, second, np.arange(20))
     copies = [np.repeat(values, 10) for values in (first, second, np.arange(20))]
     assert statistics.log_ratio(*copies).p == pytest.approx(once.p)
+
+
+def test_the_runs_that_decide_a_pair():
+    """As many as the normal approximation says, of which four in five campaigns decide."""
+    generator = np.random.default_rng(3)
+    pilot = generator.lognormal(0.0, 1.0, 2000) * 1.2**2
+    needed = statistics.runs_to_decide(pilot, np.ones(2000), np.arange(2000), 1)
+    spread, mean = 0.5, math.log(1.2)
+    assert needed == pytest.approx((2.80 * spread / mean) ** 2, rel=0.2)
+    count, found = round(needed), 0
+    for _ in range(300):
+        first = generator.lognormal(0.0, 1.0, count) * 1.2**2
+        found += statistics.log_ratio(first, np.ones(count), np.arange(count)).p < 0.05
+    assert 0.7 < found / 300 < 0.9
+    more = statistics.runs_to_decide(pilot, np.ones(2000), np.arange(2000), 500)
+    assert more > 2.0 * needed
+    shared = statistics.runs_to_decide(
+        np.repeat(pilot, 5), np.ones(10_000), np.repeat(np.arange(2000), 5), 1
+    )
+    assert shared == pytest.approx(5.0 * needed)
+    same = statistics.runs_to_decide(
+        generator.lognormal(0.0, 0.1, 50), np.ones(50), np.arange(50), 1
+    )
+    assert 5 < same < 100  # equivalent
+    assert math.isnan(statistics.runs_to_decide(pilot[:1], pilot[:1], np.arange(1), 1))
 
 
 @pytest.mark.parametrize("runs", [0, 1])
@@ -263,36 +220,6 @@ def test_coverage_band_leaves_as_much_out_below_as_above(runs):
     assert found == tuple(binom.ppf([0.025, 0.975], runs, 0.95).astype(int))
     low, high = found
     assert binom.cdf(low - 1, runs, 0.95) <= 0.025 >= binom.sf(high, runs, 0.95)
-
-
-def test_ratio_on_hand_numbers():
-    """A ratio of roots; in pairs what is common cancels, in independent samples it does not."""
-    before = np.random.default_rng(7).chisquare(3, 50)
-    value, low, high = statistics.ratio_interval(before, 4.0 * before, paired=True)
-    assert (value, low, high) == pytest.approx((2.0, 2.0, 2.0))
-    value, low, high = statistics.ratio_interval(before, 4.0 * before, paired=False)
-    assert low < 1.9 < value < 2.1 < high
-    assert all(math.isnan(x) for x in statistics.ratio_interval(before[:0], before[:0], True))
-    assert all(math.isnan(x) for x in statistics.ratio_interval(np.zeros(3), before[:3], True))
-    value, low, high = statistics.ratio_interval(before[:1], 4.0 * before[:1], paired=True)
-    assert value == pytest.approx(2.0)
-    assert math.isnan(low) and math.isnan(high)
-
-
-@pytest.mark.parametrize("paired", [True, False])
-def test_ratio_interval_covers_the_truth(paired):
-    """The interval holds the true ratio in about 95 of 100 campaigns of 100 runs.
-
-    300 campaigns: between 91 and 98 % the false-alarm rate is below 2 %.
-    """
-    generator = np.random.default_rng(12)
-    hits = 0
-    for _ in range(300):
-        common = 2.0 * generator.chisquare(3, 100) if paired else 6.0
-        before, after = (common + generator.chisquare(3, 100) for _ in range(2))
-        _, low, high = statistics.ratio_interval(before, 1.44 * after, paired)
-        hits += low < 1.2 < high
-    assert 0.91 <= hits / 300 <= 0.98
 
 
 def test_excess_without_spread_or_runs():

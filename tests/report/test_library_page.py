@@ -14,7 +14,7 @@ from ggbench.results import digest as digests
 def test_the_front_page_lists_every_scenario_and_the_suite():
     text = library.text([digest("suite", "A suite"), digest("ship", "A ship?")])
     assert "- [suite](suite.md): A suite\n- [ship](ship.md): A ship?" in text
-    assert "|`ekf`|5.00 (×1.2)|10.0 (×1.2)|10 ms|" in text
+    assert "|`ekf`|5.00 (×1.25)|10.0 (×1.25)|10 ms|" in text
     assert "## Suite" not in library.text([digest("ship")])
 
 

@@ -128,7 +128,7 @@ def test_numbers_of_a_page_are_those_of_the_data(page, output):
         (line,) = [line for line in page.splitlines() if line.startswith(f"|{title}")]
         ekf, ins = rows.loc[(case, "ekf")], rows.loc[(case, "ins")]
         assert f"|{columns.metres(ekf['bound_m'])}|{columns.metres(ins['rms_m'])}" in line
-        cell = f"{columns.metres(ekf['rms_m'])} (×{columns.ratio(ekf['efficiency'])})"
+        cell = f"{columns.metres(ekf['rms_m'])} (×{columns.efficiency(ekf['efficiency'])})"
         # In italics where no estimator is surely better than the INS.
         assert f"|{cell}" in line or f"|*{cell}*|" in line
 

@@ -43,12 +43,25 @@ def test_an_estimator_with_fewer_runs_is_compared_run_by_run():
 
 def test_cells_have_error_ratio_success_and_symbol():
     row = metric("c0", "ekf", "settled", 6.0)
-    assert tables.error_cell(row) == "6.00 (×1.5)"
+    assert tables.error_cell(row) == "6.00 (×1.50)"
     assert tables.error_cell(row | {"success": 0.5, "consistency": "unsafe"}) == (
-        "6.00 (×1.5), 50% ‡"
+        "6.00 (×1.50), 50% ‡"
     )
     assert tables.error_cell(row | {"efficiency": float("nan")}) == "6.00"
     assert tables.error_cell(metric("c0", "ins", "settled", 100.0)) == "100"
+
+
+def test_a_cell_of_lost_runs_has_their_share():
+    """Of most runs, not of half of them."""
+    row = metric("c0", "ekf", "settled", 22900.0) | {"consistency": "unsafe", "success": 0.05}
+    assert tables.error_cell(row | {"lost": 38}) == "lost 95% ‡"
+    assert tables.error_cell(row | {"lost": 20}) == "22900 (×5700), 5.0% ‡"
+
+
+def test_a_cell_says_where_the_ins_succeeds_as_often():
+    row = metric("c0", "ekf", "settled", 6.0) | {"as_ins": True}
+    assert tables.error_cell(row) == "6.00 (×1.50), 100% as the INS"
+    assert tables.error_cell(row | {"success": 0.84}) == "6.00 (×1.50), 84% as the INS"
 
 
 def test_the_recommended_ekf_is_one_column():
@@ -56,17 +69,17 @@ def test_the_recommended_ekf_is_one_column():
     assert list(shown) == [
         "case", "bound_m", "INS", "EKF (recommended)", "best smoother: `factor-graph[mode=batch]`"
     ]  # fmt: skip
-    assert shown["EKF (recommended)"].tolist() == ["5.00 (×1.2)", "10.0 (×1.2)"]
+    assert shown["EKF (recommended)"].tolist() == ["5.00 (×1.25)", "10.0 (×1.25)"]
 
 
 def test_the_best_is_in_italics_where_none_is_recommended():
     shown = views.answer_table(metrics(), pairs(), cases(recommended=""))
-    assert shown["recommended: `gaussian-sum`"].tolist() == ["*4.00 (×1.0)*", "*8.00 (×1.0)*"]
+    assert shown["recommended: `gaussian-sum`"].tolist() == ["*4.00 (×1.00)*", "*8.00 (×1.00)*"]
 
 
 def test_the_ekf_alone_is_called_the_best_where_it_is_not_recommended():
     shown = views.answer_table(metrics(), pairs(), cases(recommended="", best="ekf"))
-    assert shown["EKF (best)"].tolist() == ["*5.00 (×1.2)*", "*10.0 (×1.2)*"]
+    assert shown["EKF (best)"].tolist() == ["*5.00 (×1.25)*", "*10.0 (×1.25)*"]
 
 
 def test_an_error_surely_below_a_bound_is_remarked_where_the_model_is_wrong():
@@ -82,7 +95,7 @@ def test_cells_that_agree_within_one_per_cent_are_said_to_be_equal():
     named = cases()
     named["recommended"] = ["ukf", "gaussian-sum"]
     shown = views.answer_table(metrics(), pairs(), named)
-    assert shown["recommended"].tolist() == ["`ukf` = EKF", "`gaussian-sum` 8.00 (×1.0)"]
+    assert shown["recommended"].tolist() == ["`ukf` = EKF", "`gaussian-sum` 8.00 (×1.00)"]
 
 
 def test_cases_are_spread_evenly():
@@ -124,23 +137,35 @@ def test_published_errors_are_set_against_the_bound():
 
 
 @pytest.mark.parametrize(
-    ("relation", "verdict", "holds"),
+    ("relation", "verdict", "needed", "row"),
     [
-        ("smaller", "better", "holds"), ("smaller", "worse", "does not hold"),
-        ("larger", "worse", "holds"), ("equal", "equivalent", "holds"),
-        ("equal", "better", "does not hold"), ("smaller", "undecided", "open"),
+        ("smaller", "better", math.nan, {"holds": "holds"}),
+        ("smaller", "worse", math.nan, {"holds": "does not hold"}),
+        ("larger", "worse", math.nan, {"holds": "holds"}),
+        ("equal", "equivalent", math.nan, {"holds": "holds"}),
+        ("equal", "better", math.nan, {"holds": "does not hold"}),
+        ("smaller", "undecided", 151.3, {"holds": "open", "needed_runs": "160"}),
+        ("smaller", "undecided", 4000.0, {"holds": "open", "needed_runs": "> 400"}),
     ],
-)  # fmt: skip
-def test_claims_on_pairs_follow_the_verdict(relation, verdict, holds):
-    """Whichever of the two is first in the table of pairs."""
+)
+def test_claims_on_pairs_follow_the_verdict(relation, verdict, needed, row):
+    """Of the family of claims; an open one says how many runs would decide it."""
     claim = ComparisonSpec(
         title="A", case="c0", first="ukf", relation=relation, quantity="error", second="ekf"
     )
-    turned = {"better": "worse", "worse": "better"}.get(verdict, verdict)
-    for row in (("ukf", "ekf", 0.5, verdict), ("ekf", "ukf", 2.0, turned)):
-        held = pairs(("c0", row[0], row[1], row[2], 40, row[3]))
-        results = scenario(
-            scenario=scenario(comparisons=(claim,)), metrics=metrics, pairs=lambda held=held: held
-        )
-        (found,) = claimed(results).to_dict("records")
-        assert (found["holds"], found["error_ratio"]) == (holds, 0.5)
+    absent = claim.model_copy(update={"first": "not-flown"})
+    asked = []
+
+    def pairs_of(wanted: list[tuple[str, str, str]]) -> pd.DataFrame:
+        asked.extend(wanted)
+        held = pairs(*((*names, 0.5, 40, verdict) for names in wanted))
+        return held.assign(needed_runs=needed)
+
+    results = scenario(
+        scenario=scenario(comparisons=(absent, claim)), metrics=metrics, pairs_of=pairs_of
+    )
+    (found,) = claimed(results).to_dict("records")
+    assert asked == [("c0", "ukf", "ekf")]
+    assert found == {
+        "claim": "A", "first": "`ukf`", "second": "`ekf`", "error_ratio": 0.5
+    } | row  # fmt: skip

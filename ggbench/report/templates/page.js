@@ -8,7 +8,7 @@ URL.revokeObjectURL(address);
 
 const HEADS = {
   metrics: "All metrics", pairs: "Pairs of estimators, run by run", cases: "Cases",
-  studies: "Changed assumptions", claims: "Claims of the source", gravity_claims: "Claims on gravity",
+  studies: "Changed assumptions", standing: "Standing over the cases", claims: "Claims of the source", gravity_claims: "Claims on gravity",
   fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
 };
 const HINT = "Click a name in the legend to switch it. Drag to move, turn the wheel to zoom, double-click to reset.";

@@ -1,0 +1,63 @@
+"""Standing of estimators over the cases of a scenario."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .summary import SMOOTHERS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+STANDING = (
+    "estimator",
+    "recommended_in",
+    "cases_flown",
+    "worst_ratio",
+    "mean_ratio",
+    "seconds_per_run",
+)
+"""Columns of :func:`standing`."""
+
+
+def standing(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each causal estimator but the INS, with :data:`STANDING`.
+
+    ``recommended_in``: the number of cases in which it is recommended; ``worst_ratio``,
+    ``mean_ratio``: largest and geometric mean of its RMS error over that of the best estimator of a
+    case; ``seconds_per_run``: the geometric mean. Those recommended most often come first, then
+    those of the least mean ratio, then the cheapest. Only estimators that flew all runs of a case
+    count in it.
+
+    Parameters
+    ----------
+    metrics : of the scenario (:func:`.summary.metrics`), with recommendations.
+    cases : of the scenario (:func:`.cases.cases`).
+    """
+    rows = metrics[
+        (metrics["window"] == "settled")
+        & ~metrics["causality"].isin(["none", *SMOOTHERS])
+        & metrics["case"].isin(cases["case"])
+    ]
+    rows = rows[rows["runs"] == rows.groupby("case")["runs"].transform("max")]
+    best = dict(zip(cases["case"], cases["best"], strict=True))
+    least = rows[rows["estimator"] == rows["case"].map(best)].set_index("case")["rms_m"]
+    logs = rows.assign(
+        ratio=np.log(rows["rms_m"] / rows["case"].map(least).astype(float)),
+        time=np.log(rows["seconds_per_run"]),
+        recommended=rows["recommended"].astype(bool),
+    )
+    table = logs.groupby("estimator", sort=False).agg(
+        recommended_in=("recommended", "sum"),
+        cases_flown=("case", "count"),
+        worst_ratio=("ratio", "max"),
+        mean_ratio=("ratio", "mean"),
+        seconds_per_run=("time", "mean"),
+    )
+    for key in ("worst_ratio", "mean_ratio", "seconds_per_run"):
+        table[key] = np.exp(table[key])
+    order = ["recommended_in", "mean_ratio", "seconds_per_run"]
+    ascending = [False, True, True]
+    return table.reset_index().sort_values(order, ascending=ascending, ignore_index=True)
