@@ -110,6 +110,26 @@ class UpdateOptions(NamedTuple):
 
 
 @compiled
+def scatter_evidence(
+    squared: np.ndarray, lower: np.ndarray, first: int, count: int, k: int, evidence: np.ndarray
+) -> None:
+    """Write ln p(z_k | z_0 … z_{k−1}) of a group, up to the constants of the noise.
+
+    Parameters
+    ----------
+    squared : (1, 1, lanes) twice the cost of the update.
+    lower : (m, m, lanes) root of H P Hᵀ + 1, its diagonal inverted.
+    first, count, k : of the group; epoch.
+    evidence : (R, K) output.
+    """
+    for r in range(count):
+        total = -0.5 * squared[0, 0, r]
+        for c in range(lower.shape[0]):
+            total += math.log(lower[c, c, r])
+        evidence[first + r, k] = total
+
+
+@compiled
 def _extended(
     batch: Batch,
     rules: Rules | None,
@@ -119,9 +139,10 @@ def _extended(
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
+    evidence: np.ndarray,
     counts: np.ndarray,
 ) -> None:
-    """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K).
+    """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K), evidence (R, K).
 
     Parameters
     ----------
@@ -196,6 +217,7 @@ def _extended(
                 lane_algebra.joseph(
                     gain=gain, hp=hp, rows=reading.rows, m=m, p=p, scratch=scratch, change=half
                 )
+                scatter_evidence(reading.squared, s, first, count, k, evidence)
                 counts[first : first + count, :2] += 1
             else:
                 lane_algebra.copy(unexplained, reading.squared)
@@ -203,6 +225,12 @@ def _extended(
                     apply_noise_estimate(noise, reading)
                 minimise(search, group, count, k, x, p)
                 update(search, x, p, scratch)
+                if rules.iterations == 1:
+                    lane_algebra.add_squares(search.white, m, reading.squared)
+                else:
+                    for r in range(count):
+                        reading.squared[0, 0, r] = 2.0 * search.cost[r]
+                scatter_evidence(reading.squared, search.s, first, count, k, evidence)
                 if memory > 0:
                     reading.precision[:] = 1.0
                     linearise(batch, group, count, k, x, reading)
@@ -221,9 +249,21 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
     block : the runs.
     options : of the updates.
     """
+    return extended_with_evidence(block, options)[0]
+
+
+def extended_with_evidence(
+    block: ProblemBlock, options: UpdateOptions
+) -> tuple[EstimateBlock, np.ndarray]:
+    """Run the filter; return the estimates and the evidence of each epoch's readings (R, K).
+
+    The evidence is ln p(z_k | z_0 … z_{k−1}), less the logarithm of the density of noise that is
+    zero. Of an iterated update it is Laplace's approximation.
+    """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    nis, counts = np.empty((runs, epochs)), np.zeros((runs, 3), dtype=np.int64)
+    nis, evidence = np.empty((runs, epochs)), np.empty((runs, epochs))
+    counts = np.zeros((runs, 3), dtype=np.int64)
     loss, memory = number_of(options.loss, options.threshold), options.noise_memory
     whole, rules = loss != NONE or memory > 0, None
     if options.iterations > 1 or whole:
@@ -238,9 +278,10 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
         mean=mean,
         cov=cov,
         nis=nis,
+        evidence=evidence,
         counts=counts,
     )
     info = {"linearisations": counts[:, 0], "map_evaluations": counts[:, 1]}
     if options.gate:
         info["rejected"] = counts[:, 2]
-    return EstimateBlock(mean, cov, "filter", nis=nis, info=info)
+    return EstimateBlock(mean, cov, "filter", nis=nis, info=info), evidence
