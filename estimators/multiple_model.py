@@ -18,7 +18,7 @@ from pydantic import Field
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines.model_hypotheses import Hypothesis, map_error
-from ..engines.multiple_model import CellOptions, multiple_model
+from ..engines.multiple_model import SearchOptions, map_spacing, multiple_model
 from ..parameters import AtLeastOne, Positive
 from .robust import THRESHOLDS
 
@@ -45,7 +45,7 @@ class MultipleModel(BlockEstimator):
     gravity : whether there may be gravity that the INS does not know.
     outliers : whether the noise may have heavy tails.
     spacing_m, most : distance [m] and largest number of the Gaussians that a wide prior is split
-        into, as in ``gaussian-sum``; by each hypothesis.
+        into, as in ``gaussian-sum``. If not given, the distance fits the map.
     iterations : linearisations of h in each update (see ``ekf``).
     """
 
@@ -53,8 +53,8 @@ class MultipleModel(BlockEstimator):
     errors: bool = True
     gravity: bool = True
     outliers: bool = True
-    spacing_m: Positive = field(default=500.0, kw_only=True)
-    most: Annotated[int, Field(ge=1, le=_MOST)] = field(default=400, kw_only=True)
+    spacing_m: Positive | None = field(default=None, kw_only=True)
+    most: Annotated[int, Field(ge=1, le=_MOST)] = field(default=4000, kw_only=True)
     iterations: AtLeastOne = field(default=2, kw_only=True)
 
     name = "multiple-model"
@@ -100,7 +100,8 @@ class MultipleModel(BlockEstimator):
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
         """Filter all runs of a block."""
-        options = CellOptions(self.spacing_m, self.most, self.iterations)
+        spacing = map_spacing(block.map) if self.spacing_m is None else self.spacing_m
+        options = SearchOptions(spacing, self.most, self.iterations)
         return multiple_model(block, self.hypotheses, options)
 
 

@@ -129,9 +129,30 @@ def scatter_evidence(
         evidence[first + r, k] = total
 
 
+@record
+class Starts:
+    """The state of each run before its first epoch.
+
+    Attributes
+    ----------
+    means : (R, 1, n).
+    covs : (R, 1, n, n).
+    """
+
+    means: np.ndarray
+    covs: np.ndarray
+
+
+def prior_of(block: ProblemBlock) -> Starts:
+    """Return the prior that all runs of a block share."""
+    means = np.tile(block.prior_mean, (block.runs, 1, 1))
+    return Starts(means, np.tile(block.prior_cov, (block.runs, 1, 1, 1)))
+
+
 @compiled
 def _extended(
     batch: Batch,
+    starts: Starts,
     rules: Rules | None,
     memory: int,
     whole: bool,
@@ -167,8 +188,8 @@ def _extended(
         noise = AdaptiveNoise(memory, lanes.lanes(1, m), lanes.lanes(1, m))
     for first in lanes.group_starts(runs):
         count, group = lanes.count_from(first, runs), lanes.group_members(first, runs)
-        lanes.broadcast(batch.prior_mean, x)
-        lanes.broadcast(batch.prior_cov, p)
+        lanes.gather_row(starts.means, group, 0, x)
+        lanes.gather_rows(starts.covs, group, 0, n, p)
         if rules is not None:
             search.counts[:] = 0
             noise.variances[:] = 1.0
@@ -253,12 +274,16 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
 
 
 def extended_with_evidence(
-    block: ProblemBlock, options: UpdateOptions
+    block: ProblemBlock, options: UpdateOptions, starts: Starts | None = None
 ) -> tuple[EstimateBlock, np.ndarray]:
     """Run the filter; return the estimates and the evidence of each epoch's readings (R, K).
 
     The evidence is ln p(z_k | z_0 … z_{k−1}), less the logarithm of the density of noise that is
     zero. Of an iterated update it is Laplace's approximation.
+
+    Parameters
+    ----------
+    starts : the prior of the block, if not given.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
@@ -271,6 +296,7 @@ def extended_with_evidence(
     gating = gate_options(block, options.gate, options.underweighting)
     _extended(
         batch=batch_of(block),
+        starts=prior_of(block) if starts is None else starts,
         rules=rules,
         memory=memory,
         whole=whole,

@@ -65,6 +65,11 @@ class Hypothesis:
     estimate: Hypothesis | None = None
 
     @property
+    def keeps_states(self) -> bool:
+        """Whether the states are those of the block."""
+        return not (self.constant or self.wander or self.gravity_mgal)
+
+    @property
     def words(self) -> str:
         """The hypothesis as a person would say it."""
         said = []
@@ -105,9 +110,9 @@ def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) 
 
 def takes(hypothesis: Hypothesis, block: ProblemBlock) -> bool:
     """Return whether a block has what a hypothesis speaks of."""
-    if hypothesis.constant or hypothesis.wander or hypothesis.noise != 1.0:
-        if not _of_the_map(block).any():
-            return False
+    of_channels = hypothesis.constant or hypothesis.wander or hypothesis.noise != 1.0
+    if of_channels and not _of_the_map(block).any():
+        return False
     if hypothesis.wander and block.tracks is None:
         return False
     if hypothesis.gravity_mgal and (block.tracks is None or _accelerometer(block) is None):

@@ -13,12 +13,13 @@ from problems import block_of_runs
 from ggbench.block import block_of
 from ggbench.campaign.registry import choose
 from ggbench.engines import model_hypotheses
+from ggbench.engines.extended_filter import UpdateOptions, extended_with_evidence
 from ggbench.engines.model_hypotheses import Hypothesis, augmented, map_error
-from ggbench.engines.multiple_model import CellOptions, filtered, log_weights, multiple_model
+from ggbench.engines.multiple_model import SearchOptions, log_weights, multiple_model
 from ggbench.engines.robust_weights import losses
 from ggbench.estimators.multiple_model import MultipleModel
 
-ONE_CELL = CellOptions(spacing_m=1e9, most=1, iterations=1)
+ONE_CELL = SearchOptions(spacing_m=1e9, most=1, iterations=1)
 SMOOTH = Hypothesis("map_errors", wander=4.0, length_m=1500.0, constant=7.0)
 HYPOTHESES = (
     Hypothesis("as_assumed", prior=4.0),
@@ -91,7 +92,8 @@ def test_evidence_is_the_density_of_the_readings():
         ]
     )
     for noise in (1.0, 3.0):
-        _, evidence = filtered(flat, Hypothesis("noise", noise=noise), ONE_CELL)
+        scaled, peak = augmented(flat, Hypothesis("noise", noise=noise))
+        evidence = extended_with_evidence(scaled, UpdateOptions())[1] + peak
         sigma = np.sqrt(np.diag(problem.noise_cov))
         sigma = np.where([c.unit == "E" for c in problem.channels], noise, 1.0) * sigma
         expected = np.sum(
@@ -132,11 +134,11 @@ def test_a_smooth_error_has_its_covariance():
 def test_weights_are_those_of_bayes_rule():
     """Two hypotheses of given densities; one whose filter fails weighs nothing from there on."""
     evidence = np.log(np.array([[[0.5, 0.1]], [[0.25, 0.3]]]))
-    weights = np.exp(log_weights(evidence, np.array([1.0, 3.0])))
+    weights = np.exp(log_weights(evidence, np.log([[1.0], [3.0]])))
     np.testing.assert_allclose(weights[:, 0, 0], [0.4, 0.6])
     np.testing.assert_allclose(weights[:, 0, 1], [0.05 / 0.275, 0.225 / 0.275])
     evidence[1, 0, 1] = np.nan
-    np.testing.assert_allclose(np.exp(log_weights(evidence, np.ones(2)))[:, 0, 1], [1.0, 0.0])
+    np.testing.assert_allclose(np.exp(log_weights(evidence, np.zeros((2, 1))))[:, 0, 1], [1.0, 0.0])
 
 
 @pytest.mark.parametrize(
