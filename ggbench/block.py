@@ -116,6 +116,17 @@ class ProblemBlock:
             replays=None,
         )
 
+    def some(self, first: int, stop: int) -> ProblemBlock:
+        """Return the runs from ``first`` to before ``stop``."""
+        runs = slice(first, stop)
+        replays = self.replays
+        return replace(
+            self,
+            **self._with_axis("R", lambda array, axis: array[runs]),
+            model=self.model.mapped(lambda array: read_only(array[runs])),
+            replays=None if replays is None else [replays[run] for run in range(first, stop)],
+        )
+
     def problem(self, run: int) -> Problem:
         """Return one run as every estimator takes it."""
         values = vars(self) | self._with_axis("R", lambda array, axis: array[run])

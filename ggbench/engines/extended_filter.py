@@ -110,8 +110,49 @@ class UpdateOptions(NamedTuple):
 
 
 @compiled
+def scatter_evidence(
+    squared: np.ndarray, lower: np.ndarray, first: int, count: int, k: int, evidence: np.ndarray
+) -> None:
+    """Write ln p(z_k | z_0 … z_{k−1}) of a group, up to the constants of the noise.
+
+    Parameters
+    ----------
+    squared : (1, 1, lanes) twice the cost of the update.
+    lower : (m, m, lanes) root of H P Hᵀ + 1, its diagonal inverted.
+    first, count, k : of the group; epoch.
+    evidence : (R, K) output.
+    """
+    for r in range(count):
+        total = -0.5 * squared[0, 0, r]
+        for c in range(lower.shape[0]):
+            total += math.log(lower[c, c, r])
+        evidence[first + r, k] = total
+
+
+@record
+class Starts:
+    """The state of each run before its first epoch.
+
+    Attributes
+    ----------
+    means : (R, 1, n).
+    covs : (R, 1, n, n).
+    """
+
+    means: np.ndarray
+    covs: np.ndarray
+
+
+def prior_of(block: ProblemBlock) -> Starts:
+    """Return the prior that all runs of a block share."""
+    means = np.tile(block.prior_mean, (block.runs, 1, 1))
+    return Starts(means, np.tile(block.prior_cov, (block.runs, 1, 1, 1)))
+
+
+@compiled
 def _extended(
     batch: Batch,
+    starts: Starts,
     rules: Rules | None,
     memory: int,
     whole: bool,
@@ -119,9 +160,10 @@ def _extended(
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
+    evidence: np.ndarray,
     counts: np.ndarray,
 ) -> None:
-    """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K).
+    """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K), evidence (R, K).
 
     Parameters
     ----------
@@ -146,8 +188,8 @@ def _extended(
         noise = AdaptiveNoise(memory, lanes.lanes(1, m), lanes.lanes(1, m))
     for first in lanes.group_starts(runs):
         count, group = lanes.count_from(first, runs), lanes.group_members(first, runs)
-        lanes.broadcast(batch.prior_mean, x)
-        lanes.broadcast(batch.prior_cov, p)
+        lanes.gather_row(starts.means, group, 0, x)
+        lanes.gather_rows(starts.covs, group, 0, n, p)
         if rules is not None:
             search.counts[:] = 0
             noise.variances[:] = 1.0
@@ -196,6 +238,7 @@ def _extended(
                 lane_algebra.joseph(
                     gain=gain, hp=hp, rows=reading.rows, m=m, p=p, scratch=scratch, change=half
                 )
+                scatter_evidence(reading.squared, s, first, count, k, evidence)
                 counts[first : first + count, :2] += 1
             else:
                 lane_algebra.copy(unexplained, reading.squared)
@@ -203,6 +246,12 @@ def _extended(
                     apply_noise_estimate(noise, reading)
                 minimise(search, group, count, k, x, p)
                 update(search, x, p, scratch)
+                if rules.iterations == 1:
+                    lane_algebra.add_squares(search.white, m, reading.squared)
+                else:
+                    for r in range(count):
+                        reading.squared[0, 0, r] = 2.0 * search.cost[r]
+                scatter_evidence(reading.squared, search.s, first, count, k, evidence)
                 if memory > 0:
                     reading.precision[:] = 1.0
                     linearise(batch, group, count, k, x, reading)
@@ -221,9 +270,25 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
     block : the runs.
     options : of the updates.
     """
+    return extended_with_evidence(block, options)[0]
+
+
+def extended_with_evidence(
+    block: ProblemBlock, options: UpdateOptions, starts: Starts | None = None
+) -> tuple[EstimateBlock, np.ndarray]:
+    """Run the filter; return the estimates and the evidence of each epoch's readings (R, K).
+
+    The evidence is ln p(z_k | z_0 … z_{k−1}), less the logarithm of the density of noise that is
+    zero. Of an iterated update it is Laplace's approximation.
+
+    Parameters
+    ----------
+    starts : the prior of the block, if not given.
+    """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    nis, counts = np.empty((runs, epochs)), np.zeros((runs, 3), dtype=np.int64)
+    nis, evidence = np.empty((runs, epochs)), np.empty((runs, epochs))
+    counts = np.zeros((runs, 3), dtype=np.int64)
     loss, memory = number_of(options.loss, options.threshold), options.noise_memory
     whole, rules = loss != NONE or memory > 0, None
     if options.iterations > 1 or whole:
@@ -231,6 +296,7 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
     gating = gate_options(block, options.gate, options.underweighting)
     _extended(
         batch=batch_of(block),
+        starts=prior_of(block) if starts is None else starts,
         rules=rules,
         memory=memory,
         whole=whole,
@@ -238,9 +304,10 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
         mean=mean,
         cov=cov,
         nis=nis,
+        evidence=evidence,
         counts=counts,
     )
     info = {"linearisations": counts[:, 0], "map_evaluations": counts[:, 1]}
     if options.gate:
         info["rejected"] = counts[:, 2]
-    return EstimateBlock(mean, cov, "filter", nis=nis, info=info)
+    return EstimateBlock(mean, cov, "filter", nis=nis, info=info), evidence

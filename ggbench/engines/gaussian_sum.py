@@ -50,10 +50,11 @@ def _filter(
     rules: Rules,
     mean: np.ndarray,
     cov: np.ndarray,
+    evidence: np.ndarray,
     counts: np.ndarray,
     sizes: np.ndarray,
 ) -> None:
-    """Fill mean (R, K, n), cov (R, K, n, n), counts of h (R,) and mean numbers of hypotheses (R,).
+    """Fill mean (R, K, n), cov (R, K, n, n), evidence (R, K), counts of h and mean sizes (R,).
 
     The mean is NaN from the epoch on at which no hypothesis has a finite likelihood.
 
@@ -81,7 +82,7 @@ def _filter(
                 now.means[j, a] = prior.means[j, a]
                 for b in range(n):
                     now.covs[j, a, b] = prior.covs[0, a, b]
-        total = 0
+        total, before = 0, _log_sum(now.weights[:count])
         for k in range(epochs):
             moving = lanes.gather(
                 transition=batch.transition,
@@ -109,15 +110,32 @@ def _filter(
                     for c in range(m):
                         now.weights[first + r] += math.log(search.s[c, c, r])
                 _unpack(x, p, first, used, now)
+            evidence[run, k] = _log_sum(now.weights[:count]) - before
             count = _dropped(now, count)
             if count == 0:
                 mean[run, k:] = np.nan
                 cov[run, k:] = np.nan
+                evidence[run, k:] = -math.inf
                 break
             count = _merged(now, count)
+            before = _log_sum(now.weights[:count])
             total += count
             _moments(now, everyone[:count], 0, 0.0, mean[run, k], cov[run, k])
         counts[run], sizes[run] = search.counts[:, 1].sum(), total / epochs
+
+
+@compiled
+def _log_sum(weights: np.ndarray) -> float:
+    """Return the logarithm of the sum of the weights whose logarithms (J,) are finite; or −∞."""
+    largest = -math.inf
+    for weight in weights:
+        if math.isfinite(weight) and weight > largest:
+            largest = weight
+    total = 0.0
+    for weight in weights:
+        if math.isfinite(weight):
+            total += math.exp(weight - largest)
+    return largest + math.log(total) if total > 0.0 else -math.inf
 
 
 @compiled
@@ -287,11 +305,22 @@ def gaussian_sum(
     iterations : linearisations of h in each update of a hypothesis.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     """
+    return gaussian_sum_with_evidence(block, spacing_m, most, iterations, loss, threshold)[0]
+
+
+def gaussian_sum_with_evidence(
+    block: ProblemBlock, spacing_m: float, most: int, iterations: int, loss: str, threshold: float
+) -> tuple[EstimateBlock, np.ndarray]:
+    """Run the filter; return the estimates and the evidence of each epoch's readings (R, K).
+
+    See :func:`.extended_with_evidence`.
+    """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
     scale = np.sqrt(np.diag(block.prior_cov))
     counts, sizes = np.zeros(runs, dtype=np.int64), np.zeros(runs)
+    evidence = np.empty((runs, epochs))
     prior = Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
     rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
     _filter(
@@ -300,9 +329,10 @@ def gaussian_sum(
         rules=rules,
         mean=mean,
         cov=cov,
+        evidence=evidence,
         counts=counts,
         sizes=sizes,
     )
     started = np.full(runs, len(weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}
-    return EstimateBlock(mean, cov, "filter", info=info)
+    return EstimateBlock(mean, cov, "filter", info=info), evidence

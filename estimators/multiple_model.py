@@ -1,0 +1,111 @@
+"""Multiple-model filter: a bank of filters of what nobody knows about the model.
+
+Each filter takes another hypothesis: noise larger or smaller than assumed, errors of the map,
+constant biases of the channels, gravity that the INS does not know, outliers. The evidence of the
+measurements weighs them (Magill 1965; Bar-Shalom, Li & Kirubarajan 2001, sec. 11.6), and the
+answer has the moments of their mixture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
+from ..engines.model_hypotheses import Hypothesis, map_error
+from ..engines.multiple_model import SearchOptions, map_spacing, multiple_model
+from ..parameters import AtLeastOne, Positive
+from .robust import THRESHOLDS
+
+_MOST = 100_000
+_AS_ASSUMED = 4.0
+"""Weight of the model as it is, before any measurement, against that of another hypothesis."""
+_NOISES = (0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
+_CONSTANTS = (5.0, 30.0)
+_SIZES, _LENGTHS = (1.2, 2.4, 5.0, 10.0, 20.0), (400.0, 1000.0, 2500.0, 6000.0)
+_GRAVITIES, _DISTANCES, _INTEGRATED = (10.0, 30.0, 100.0), (20.0, 80.0), (30.0, 100.0)
+_HEAVY_TAILED = (1.0, 2.5)
+
+
+@dataclass(frozen=True)
+class MultipleModel(BlockEstimator):
+    """Multiple-model filter.
+
+    Parameters
+    ----------
+    noise : whether the noise of gravity and gradient channels may be other than assumed, from a
+        third to ten times.
+    errors : whether these channels may have constant errors, and errors of the map that change
+        along the track.
+    gravity : whether there may be gravity that the INS does not know.
+    outliers : whether the noise may have heavy tails.
+    spacing_m, most : distance [m] and largest number of the Gaussians that a wide prior is split
+        into, as in ``gaussian-sum``. If not given, the distance fits the map.
+    iterations : linearisations of h in each update (see ``ekf``).
+    """
+
+    noise: bool = True
+    errors: bool = True
+    gravity: bool = True
+    outliers: bool = True
+    spacing_m: Positive | None = field(default=None, kw_only=True)
+    most: Annotated[int, Field(ge=1, le=_MOST)] = field(default=4000, kw_only=True)
+    iterations: AtLeastOne = field(default=2, kw_only=True)
+
+    name = "multiple-model"
+    family = "mixture"
+    causality = "filter"
+
+    @property
+    def exact_if_linear_gaussian(self) -> bool:
+        """Only if nothing is doubted."""
+        return not (self.noise or self.errors or self.gravity or self.outliers)
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The bank: before any measurement all kinds of a doubt weigh the same, together."""
+        bank = [Hypothesis("as_assumed", prior=_AS_ASSUMED)]
+        if self.noise:
+            bank += _evenly(Hypothesis("noise", noise=factor) for factor in _NOISES)
+        if self.errors:
+            sizes, constants = tuple(product(_SIZES, _LENGTHS)), (0.0, _CONSTANTS[-1])
+            bank += _evenly(Hypothesis("constants", constant=size) for size in _CONSTANTS)
+            bank += _evenly(
+                map_error("map_errors", size, length, constant)
+                for constant, (size, length) in product(constants, sizes)
+            )
+        if self.gravity:
+            bank += _evenly(
+                [
+                    *(
+                        Hypothesis("gravity", gravity_mgal=size, gravity_km=distance)
+                        for size, distance in product(_GRAVITIES, _DISTANCES)
+                    ),
+                    *(Hypothesis("gravity", gravity_mgal=g, integrated=True) for g in _INTEGRATED),
+                ]
+            )
+        if self.outliers:
+            bank += _evenly(
+                Hypothesis("outliers", noise=factor, loss="cauchy", threshold=THRESHOLDS["cauchy"])
+                for factor in _HEAVY_TAILED
+            )
+        return tuple(bank)
+
+    def estimate_block(
+        self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
+    ) -> EstimateBlock:
+        """Filter all runs of a block."""
+        spacing = map_spacing(block.map) if self.spacing_m is None else self.spacing_m
+        options = SearchOptions(spacing, self.most, self.iterations)
+        return multiple_model(block, self.hypotheses, options)
+
+
+def _evenly(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses that share a weight of one."""
+    bank = list(hypotheses)
+    return [replace(hypothesis, prior=1.0 / len(bank)) for hypothesis in bank]

@@ -1,0 +1,166 @@
+"""The multiple-model filter beside NumPy's, and that it finds what has been planted."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from oracles import multiple_model as oracle
+from problems import block_of_runs
+
+from ggbench.block import block_of
+from ggbench.campaign.registry import choose
+from ggbench.engines import model_hypotheses
+from ggbench.engines.extended_filter import UpdateOptions, extended_with_evidence
+from ggbench.engines.model_hypotheses import Hypothesis, augmented, map_error
+from ggbench.engines.multiple_model import SearchOptions, log_weights, multiple_model
+from ggbench.engines.robust_weights import losses
+from ggbench.estimators.multiple_model import MultipleModel
+
+ONE_CELL = SearchOptions(spacing_m=1e9, most=1, iterations=1)
+SMOOTH = Hypothesis("map_errors", wander=4.0, length_m=1500.0, constant=7.0)
+HYPOTHESES = (
+    Hypothesis("as_assumed", prior=4.0),
+    Hypothesis("noise", noise=3.0),
+    Hypothesis("constants", constant=20.0),
+    SMOOTH,
+    map_error("map_errors", 2.0, 3000.0),
+    Hypothesis("gravity", gravity_mgal=40.0, gravity_km=30.0),
+    Hypothesis("gravity", gravity_mgal=40.0, integrated=True),
+    Hypothesis("outliers", noise=1.5, loss="cauchy", threshold=2.385),
+)
+
+
+def flight(case: str, runs: int = 2, epochs: int = 40):
+    """The first epochs of runs of a case of the suite."""
+    return block_of_runs("suite", case, 0, runs).until(epochs)
+
+
+@pytest.mark.parametrize("case", ["air-narrow", "gravity", "outliers"])
+@pytest.mark.parametrize(("iterations", "limit"), [(1, 1e-6), (2, 1e-4)])
+def test_numpy_gives_the_same_answer(case, iterations, limit):
+    """Weights, means and covariances in deviations of the prior; of every kind of hypothesis.
+
+    Without a loss the plain update has no search, whose end is decided by rounding.
+    """
+    block = flight(case)
+    bank = HYPOTHESES if iterations > 1 else HYPOTHESES[:-1]
+    found = multiple_model(block, bank, ONE_CELL._replace(iterations=iterations))
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    for run in range(block.runs):
+        mean, cov, weights = oracle.mixture(bank, iterations, block.problem(run))
+        assert np.abs((found.mean[run] - mean) / sigma).max() < limit
+        assert np.abs((found.cov[run] - cov) / np.outer(sigma, sigma)).max() < limit
+        for kind, weight in weights.items():
+            assert found.info[f"weight_{kind}"][run] == pytest.approx(weight, abs=limit)
+
+
+def test_a_run_does_not_depend_on_its_neighbours():
+    """Alone and among others: the same bits."""
+    block = flight("air-narrow")
+    both = multiple_model(block, HYPOTHESES[:4], ONE_CELL)
+    for run in range(2):
+        alone = multiple_model(block_of(block.problem(run)), HYPOTHESES[:4], ONE_CELL)
+        np.testing.assert_array_equal(alone.mean[0], both.mean[run])
+        np.testing.assert_array_equal(alone.cov[0], both.cov[run])
+        assert alone.info["models"][0] == both.info["models"][run]
+
+
+def test_one_hypothesis_is_the_filter_itself():
+    """The model as it is, alone: the bits of ``ekf``."""
+    block = flight("air-narrow")
+    found = multiple_model(block, HYPOTHESES[:1], ONE_CELL)
+    plain = choose("ekf").estimator.estimate_block(block)
+    np.testing.assert_allclose(found.mean, plain.mean, rtol=1e-12)
+    np.testing.assert_allclose(found.cov, plain.cov, rtol=1e-9, atol=1e-30)
+    assert "as assumed 1.00" in found.info["models"][0]
+
+
+def test_evidence_is_the_density_of_the_readings():
+    """Of a linear problem, the normal density of all readings together, of any scaled noise."""
+    block = flight("air-narrow", runs=1, epochs=5)
+    flat = dataclasses.replace(
+        block, prior_cov=1e-12 * block.prior_cov, process_cov=1e-12 * block.process_cov
+    )
+    problem = flat.problem(0)
+    residual = np.array(
+        [
+            problem.measurements[k] - problem.model.predict(k, problem.prior_mean)
+            for k in range(problem.epochs)
+        ]
+    )
+    for noise in (1.0, 3.0):
+        scaled, peak = augmented(flat, Hypothesis("noise", noise=noise))
+        evidence = extended_with_evidence(scaled, UpdateOptions())[1] + peak
+        sigma = np.sqrt(np.diag(problem.noise_cov))
+        sigma = np.where([c.unit == "E" for c in problem.channels], noise, 1.0) * sigma
+        expected = np.sum(
+            np.where(problem.present, -0.5 * (residual / sigma) ** 2 - np.log(sigma), 0.0), axis=1
+        )
+        np.testing.assert_allclose(evidence[0], expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+def test_a_loss_is_a_density(loss):
+    """What its tails take is counted: ∫ exp(−ρ) is that of the normal density by this factor."""
+    hypothesis = Hypothesis("outliers", loss=loss, threshold=2.385)
+    grid = np.linspace(-2e4, 2e4, 4_000_001)
+    total = np.exp(-losses(grid, loss, 2.385)).sum() * (grid[1] - grid[0])
+    found = model_hypotheses._spread(hypothesis)
+    assert found == pytest.approx(math.log(total / math.sqrt(2.0 * math.pi)), abs=1e-5)
+
+
+def test_a_smooth_error_has_its_covariance():
+    """Of a process carried along the track: Matérn's, at any two epochs."""
+    block = flight("air-narrow", runs=1, epochs=30)
+    problem, _ = augmented(block, SMOOTH)
+    n = block.dimension
+    p = problem.prior_cov
+    phi = np.eye(len(p))
+    for k in range(30):
+        p = problem.transition[0, k] @ p @ problem.transition[0, k].T + problem.process_cov[0, k]
+        phi = problem.transition[0, k] @ phi if k > 10 else np.eye(len(p))
+        if k == 10:
+            start = p
+    assert p[n, n] == pytest.approx(SMOOTH.wander**2, rel=1e-9)
+    speeds = np.linalg.norm(block.tracks[0, :, 3:6], axis=1)
+    way = (speeds * np.diff(block.times, prepend=0.0))[11:].sum() * math.sqrt(3.0) / 1500.0
+    expected = SMOOTH.wander**2 * (1.0 + way) * math.exp(-way)
+    assert (phi @ start)[n, n] == pytest.approx(expected, rel=1e-9)
+
+
+def test_weights_are_those_of_bayes_rule():
+    """Two hypotheses of given densities; one whose filter fails weighs nothing from there on."""
+    evidence = np.log(np.array([[[0.5, 0.1]], [[0.25, 0.3]]]))
+    weights = np.exp(log_weights(evidence, np.log([[1.0], [3.0]])))
+    np.testing.assert_allclose(weights[:, 0, 0], [0.4, 0.6])
+    np.testing.assert_allclose(weights[:, 0, 1], [0.05 / 0.275, 0.225 / 0.275])
+    evidence[1, 0, 1] = np.nan
+    np.testing.assert_allclose(np.exp(log_weights(evidence, np.zeros((2, 1))))[:, 0, 1], [1.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("case", "kind", "words"),
+    [
+        ("air-narrow", "as_assumed", "as assumed"),
+        ("wrong-noise", "noise", "noise 2.8 times as assumed"),
+        ("outliers", "outliers", "outliers"),
+    ],
+)
+@pytest.mark.long
+def test_what_has_been_planted_is_found(case, kind, words):
+    """The kind that the truth is of weighs more than any other of another effect, in words."""
+    found = MultipleModel().estimate_block(flight(case, runs=2, epochs=120))
+    for run in range(2):
+        weights = {name: value[run] for name, value in found.info.items() if "weight" in name}
+        assert max(weights, key=weights.get) == f"weight_{kind}"
+        assert words in found.info["models"][run]
+
+
+def test_of_a_problem_without_map_or_track_only_what_it_has_is_doubted():
+    """Hypotheses that a block has nothing of are left out."""
+    block = dataclasses.replace(flight("air-narrow"), tracks=None)
+    taken = [h for h in HYPOTHESES if model_hypotheses.takes(h, block)]
+    assert {h.kind for h in taken} == {"as_assumed", "noise", "constants", "outliers"}
