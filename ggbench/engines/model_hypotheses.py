@@ -114,6 +114,9 @@ def takes(hypothesis: Hypothesis, block: ProblemBlock) -> bool:
     of_channels = hypothesis.constant or hypothesis.wander or hypothesis.noise != 1.0
     if of_channels and not _of_the_map(block).any():
         return False
+    # Errors that are modelled as walks are rougher than they are: less noise would make up for it.
+    if hypothesis.noise < 1.0 and _walking_errors(block):
+        return False
     if hypothesis.wander and block.tracks is None:
         return False
     if hypothesis.gravity_mgal and (block.tracks is None or _accelerometer(block) is None):
@@ -248,6 +251,13 @@ def _of_the_map(block: ProblemBlock) -> np.ndarray:
     if not block.channels:
         return np.ones(block.measurements.shape[2], dtype=bool)
     return np.array([channel.unit in _OF_THE_MAP for channel in block.channels])
+
+
+def _walking_errors(block: ProblemBlock) -> bool:
+    """Return whether the model has errors of the map's channels that change during a flight."""
+    linear = block.model.linear[:, :, _of_the_map(block)]
+    states = np.flatnonzero(linear.any(axis=(0, 1, 2)))
+    return bool(np.diagonal(block.process_cov, axis1=2, axis2=3)[..., states].any())
 
 
 def _spread(hypothesis: Hypothesis) -> float:

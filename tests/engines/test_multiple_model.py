@@ -164,3 +164,12 @@ def test_of_a_problem_without_map_or_track_only_what_it_has_is_doubted():
     block = dataclasses.replace(flight("air-narrow"), tracks=None)
     taken = [h for h in HYPOTHESES if model_hypotheses.takes(h, block)]
     assert {h.kind for h in taken} == {"as_assumed", "noise", "constants", "outliers"}
+
+
+def test_less_noise_is_no_answer_to_errors_that_are_modelled_too_rough():
+    """Where the model has walking biases no noise below the assumed one is doubted."""
+    less, more = Hypothesis("noise", noise=0.5), Hypothesis("noise", noise=2.0)
+    for case, taken in (("map-error", True), ("map-error-modelled", False)):
+        block = flight(case, runs=1, epochs=3)
+        assert model_hypotheses.takes(less, block) is taken
+        assert model_hypotheses.takes(more, block)
