@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ _FIXED = 1e-6
 """Standard deviation of the state that stands for the number one: a covariance is positive."""
 _LARGER, _SHORTER = 2.0, 0.7
 """Deviation and distance of the process by which a map's error is estimated over those found."""
-_COMPONENT = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+_COMPONENTS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 _WITHOUT_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 
@@ -113,6 +114,9 @@ def takes(hypothesis: Hypothesis, block: ProblemBlock) -> bool:
     of_channels = hypothesis.constant or hypothesis.wander or hypothesis.noise != 1.0
     if of_channels and not _of_the_map(block).any():
         return False
+    # Errors that are modelled as walks are rougher than they are: less noise would make up for it.
+    if hypothesis.noise < 1.0 and _walking_errors(block):
+        return False
     if hypothesis.wander and block.tracks is None:
         return False
     if hypothesis.gravity_mgal and (block.tracks is None or _accelerometer(block) is None):
@@ -120,10 +124,50 @@ def takes(hypothesis: Hypothesis, block: ProblemBlock) -> bool:
     return not hypothesis.integrated or _whole_tensor(block)
 
 
-def augmented(block: ProblemBlock, hypothesis: Hypothesis) -> tuple[ProblemBlock, np.ndarray]:
+class Motion(NamedTuple):
+    """What hypotheses need to know of a block's tracks, epoch by epoch.
+
+    Attributes
+    ----------
+    ways : (R, K) from the epoch before, or the start [m]; zero without a track.
+    known : (R, K, 3) by how much what the INS errs by has changed since the start, on average over
+        the time from the epoch before, as gradients tell [m/s²] ENU; zero if they do not.
+    walked : (R, K) variance that the noise of the gradients adds to it.
+    """
+
+    ways: np.ndarray
+    known: np.ndarray
+    walked: np.ndarray
+
+    def part(self, first: int, stop: int) -> Motion:
+        """Return that of the epochs from ``first`` to before ``stop``."""
+        return Motion(*(array[:, first:stop] for array in self))
+
+
+def motion_of(block: ProblemBlock) -> Motion:
+    """Return what hypotheses need to know of the tracks of a whole flight."""
+    runs, epochs = block.runs, block.epochs
+    known, walked = np.zeros((runs, epochs, 3)), np.zeros((runs, epochs))
+    if block.tracks is None:
+        return Motion(np.zeros((runs, epochs)), known, walked)
+    if _whole_tensor(block):
+        change, walked = _integrated_gradients(block)
+        known = 0.5 * change
+        known[:, 1:] += 0.5 * change[:, :-1]
+    speeds = np.linalg.norm(block.tracks[..., 3:6], axis=2)
+    return Motion(speeds * np.diff(block.times, prepend=0.0), known, walked)
+
+
+def augmented(
+    block: ProblemBlock, hypothesis: Hypothesis, motion: Motion
+) -> tuple[ProblemBlock, np.ndarray]:
     """Return a block by a hypothesis, its states behind those of the block.
 
     Also what the evidence (R, K) lacks of it: the logarithm of the density of noise that is zero.
+
+    Parameters
+    ----------
+    block : of the epochs of ``motion``.
     """
     channels = np.flatnonzero(_of_the_map(block))
     scales = np.ones(block.noise_cov.shape[-1])
@@ -152,7 +196,7 @@ def augmented(block: ProblemBlock, hypothesis: Hypothesis) -> tuple[ProblemBlock
     added = np.arange(n, size)
     phi[..., added, added] = 1.0
     there = np.where(block.present[..., channels], 1.0, 0.0)
-    ways = _ways(block)
+    ways = motion.ways
     units = 1.0 if block.channels else roots.reshape(-1, len(scales))[0, channels]
     units = units * np.ones(g)
     if moving:
@@ -170,11 +214,8 @@ def augmented(block: ProblemBlock, hypothesis: Hypothesis) -> tuple[ProblemBlock
         index = np.arange(place.start, place.stop)
         cov[index, index] = sigma**2
         if hypothesis.integrated:
-            walk, noise = _integrated_gradients(block, noise_cov)
-            before = np.concatenate([np.zeros_like(walk[:, :1]), walk[:, :-1]], axis=1)
-            known = 0.5 * (walk + before)
-            phi[..., :n, place.stop] = np.einsum("rkab,rkb->rka", coupling, known)
-            q[..., index, index] = noise[..., np.newaxis]
+            phi[..., :n, place.stop] = np.einsum("rkab,rkb->rka", coupling, motion.known)
+            q[..., index, index] = motion.walked[..., np.newaxis]
             mean[place.stop], cov[place.stop, place.stop] = 1.0, _FIXED**2
         else:
             kept = np.exp(-1e-3 * ways / hypothesis.gravity_km)[..., np.newaxis]
@@ -212,6 +253,13 @@ def _of_the_map(block: ProblemBlock) -> np.ndarray:
     return np.array([channel.unit in _OF_THE_MAP for channel in block.channels])
 
 
+def _walking_errors(block: ProblemBlock) -> bool:
+    """Return whether the model has errors of the map's channels that change during a flight."""
+    linear = block.model.linear[:, :, _of_the_map(block)]
+    states = np.flatnonzero(linear.any(axis=(0, 1, 2)))
+    return bool(np.diagonal(block.process_cov, axis1=2, axis2=3)[..., states].any())
+
+
 def _spread(hypothesis: Hypothesis) -> float:
     """Return ln ∫ exp(−ρ) less that of the normal density: what a loss's tails take."""
     if hypothesis.loss == "none":
@@ -224,14 +272,6 @@ def _spread(hypothesis: Hypothesis) -> float:
     grid = np.linspace(-200.0, 200.0, 400_001)
     density = np.exp(-losses(grid, hypothesis.loss, hypothesis.threshold))
     return math.log(density.sum() * (grid[1] - grid[0])) - 0.5 * math.log(2.0 * math.pi)
-
-
-def _ways(block: ProblemBlock) -> np.ndarray:
-    """Return how far the vehicle comes up to each epoch [m] (R, K); zero without a track."""
-    if block.tracks is None:
-        return np.zeros((block.runs, block.epochs))
-    speeds = np.linalg.norm(block.tracks[..., 3:6], axis=2)
-    return np.asarray(speeds * np.diff(block.times, prepend=0.0))
 
 
 def _fill_markov(
@@ -299,9 +339,7 @@ def _whole_tensor(block: ProblemBlock) -> bool:
     return np.linalg.matrix_rank(np.vstack([model.channels, _WITHOUT_TRACE])) == 6
 
 
-def _integrated_gradients(
-    block: ProblemBlock, noise_cov: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _integrated_gradients(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray]:
     """Return the change (R, K, 3) of what the INS errs by, from gradients along its track.
 
     In m/s², ENU; and the variance (R, K) that the noise of the readings adds at each epoch.
@@ -309,7 +347,8 @@ def _integrated_gradients(
     assert block.tracks is not None
     model, tracks = block.model, block.tracks
     g = len(model.channels)
-    sigma = math.sqrt(np.mean(noise_cov.reshape(-1, *noise_cov.shape[-2:])[0].diagonal()[:g]))
+    covs = block.noise_cov.reshape(-1, *block.noise_cov.shape[-2:])
+    sigma = math.sqrt(np.mean(covs[0].diagonal()[:g]))
     inverse = np.linalg.pinv(np.vstack([model.channels, _WITHOUT_TRACE * 1e3]))[:, :g]
     normal = np.zeros((*tracks.shape[:2], 6))
     for r in range(block.runs):
@@ -323,12 +362,13 @@ def _integrated_gradients(
     tensors = EOTVOS * (readings @ inverse.T)
     change, variance = np.zeros((*tracks.shape[:2], 3)), np.zeros(tracks.shape[:2])
     steps = np.diff(block.times, prepend=0.0)
+    components = np.array(_COMPONENTS)
     held, total = tensors[:, 0], np.zeros((block.runs, 3))
     for k in range(block.epochs):
-        there = block.present[:, k, :g].all(axis=1)[:, np.newaxis]
+        there = np.asarray(block.present[:, k, :g].all(axis=1))[:, np.newaxis]
         new = np.where(there, tensors[:, k], held)
         velocity = tracks[:, max(k - 1, 0), 3:6] + tracks[:, k, 3:6]
-        rate = 0.5 * (new + held)[:, _COMPONENT]
+        rate = 0.5 * (new + held)[:, components]
         total = total - steps[k] * np.einsum("rij,rj->ri", rate, 0.5 * velocity)
         held = new
         change[:, k] = total

@@ -19,11 +19,11 @@ from . import position_grid
 from .banks import split_prior
 from .extended_filter import Starts, UpdateOptions, extended_with_evidence, prior_of
 from .gaussian_sum import WIDTH, gaussian_sum_with_evidence
-from .model_hypotheses import Hypothesis, augmented, takes
+from .model_hypotheses import Hypothesis, Motion, augmented, motion_of, takes
 
 _SUMMARIES = 4
 """Times in a flight at which the weights are told in words."""
-_WORTH_TELLING = 0.05
+_WORTH_TELLING, _MOST_TOLD = 0.05, 3
 _STAGES = (1, 2, 4, 8, 16)
 """Ends of the stages, in sixteenths of the epochs."""
 _NEGLIGIBLE = -25.0
@@ -90,15 +90,25 @@ def multiple_model(
         out = Mixture(
             all_of.mean[some], all_of.cov[some], all_of.weights[:, some], all_of.counts[some]
         )
+        motion = motion_of(part)
         begins = np.zeros(part.runs, dtype=np.int64)
         logs = np.tile(priors[:, np.newaxis], part.runs)
         if len(log_cells) > 1:
-            begins = _search(part, chosen, logs, options, out)
+            begins = _search(part, chosen, logs, motion, options, out)
         for begin in np.unique(begins):
             if begin < epochs:
-                _follow(part, chosen, logs, options, int(begin), begins == begin, out)
+                _follow(
+                    block=part,
+                    hypotheses=chosen,
+                    logs=logs,
+                    motion=motion,
+                    options=options,
+                    begin=int(begin),
+                    chosen=begins == begin,
+                    out=out,
+                )
     shares = np.exp(all_of.weights)
-    info = {"map_evaluations": all_of.counts, "models": summaries(block.times, chosen, shares)}
+    info = {"map_evaluations": all_of.counts, **summaries(block.times, chosen, shares)}
     for kind in dict.fromkeys(hypothesis.kind for hypothesis in chosen):
         members = [j for j, hypothesis in enumerate(chosen) if hypothesis.kind == kind]
         info[f"weight_{kind}"] = shares[members, :, -1].sum(axis=0)
@@ -133,6 +143,7 @@ def _search(
     block: ProblemBlock,
     hypotheses: Sequence[Hypothesis],
     logs: np.ndarray,
+    motion: Motion,
     options: SearchOptions,
     out: Mixture,
 ) -> np.ndarray:
@@ -143,7 +154,7 @@ def _search(
     simple = [j for j, hypothesis in enumerate(hypotheses) if hypothesis.keeps_states]
     found, evidences = [], []
     for j in simple:
-        problem, peak = augmented(block, hypotheses[j])
+        problem, peak = augmented(block, hypotheses[j], motion)
         estimate, evidence = gaussian_sum_with_evidence(
             problem,
             options.spacing_m,
@@ -180,6 +191,7 @@ def _follow(
     block: ProblemBlock,
     hypotheses: Sequence[Hypothesis],
     logs: np.ndarray,
+    motion: Motion,
     options: SearchOptions,
     begin: int,
     chosen: np.ndarray,
@@ -200,6 +212,7 @@ def _follow(
         shape = len(hypotheses), runs, stop - first
         mean, cov = np.zeros((*shape, n)), np.zeros((*shape, n, n))
         evidence = np.full(shape, -np.inf)
+        part = block.part(first, stop, block.prior_mean, block.prior_cov)
         for j, hypothesis in enumerate(hypotheses):
             if not alive[j].any():
                 continue
@@ -207,12 +220,11 @@ def _follow(
                 if one is None:
                     continue
                 key = j, one is hypothesis
-                problem, peak = augmented(block, one)
+                problem, peak = augmented(part, one, motion.part(first, stop))
                 if key not in states:
                     states[key] = _starts(problem, starts)
-                part = problem.part(first, stop, problem.prior_mean, problem.prior_cov)
                 estimate, found = extended_with_evidence(
-                    part,
+                    problem,
                     UpdateOptions(
                         iterations=_iterations(one, options), loss=one.loss, threshold=one.threshold
                     ),
@@ -224,7 +236,7 @@ def _follow(
                 )
                 out.counts[:] += np.where(alive[j], estimate.info["map_evaluations"], 0)
                 if one is hypothesis:
-                    evidence[j] = found + peak[:, first:stop]
+                    evidence[j] = found + peak
                 mean[j], cov[j] = estimate.mean[..., :n], estimate.cov[..., :n, :n]
         evidence[~alive] = -np.inf
         weights = log_weights(evidence, logs)
@@ -293,22 +305,20 @@ def mix(
 
 def summaries(
     times: np.ndarray, hypotheses: Sequence[Hypothesis], shares: np.ndarray
-) -> np.ndarray:
-    """Return for each run in words which hypotheses weigh something, at some times of the flight.
+) -> dict[str, np.ndarray]:
+    """Return for some times which hypotheses weigh something then, in words for each run (R,).
 
     Parameters
     ----------
     times : (K,).
     shares : (J, R, K).
     """
-    epochs = np.unique(np.linspace(0, len(times) - 1, _SUMMARIES + 1)[1:].astype(int))
-    texts = []
-    for run in range(shares.shape[1]):
-        parts = []
-        for k in epochs:
-            share = shares[:, run, k]
+    told = {}
+    for k in np.unique(np.linspace(0, len(times) - 1, _SUMMARIES + 1)[1:].astype(int)):
+        texts = []
+        for share in shares[:, :, k].T:
             order = [j for j in np.argsort(-share, kind="stable") if share[j] >= _WORTH_TELLING]
-            said = "; ".join(f"{hypotheses[j].words} {share[j]:.2f}" for j in order)
-            parts.append(f"at {times[k]:.0f} s {said or 'nothing in particular'}")
-        texts.append(" | ".join(parts))
-    return np.array(texts, dtype=np.str_)
+            parts = [f"{hypotheses[j].words} {100.0 * share[j]:.0f} %" for j in order[:_MOST_TOLD]]
+            texts.append(", ".join(parts) or "nothing in particular")
+        told[f"at_{times[k]:.0f}_s"] = np.array(texts, dtype=np.str_)
+    return told
