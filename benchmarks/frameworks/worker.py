@@ -1,6 +1,6 @@
 """One estimator in a process of its own: ``python -m frameworks.worker LABEL REFERENCE``.
 
-Prints a JSON object: times of the first and of later runs, peak memory, the difference from the
+Prints a JSON object: processor times of the first and of later runs, peak memory, the difference from the
 reference, and what becomes of a wide prior, an indefinite covariance and a NaN.
 """
 
@@ -84,9 +84,9 @@ def main(label: str, reference: str) -> None:
     before = peak_memory_mb()
     seconds, answers = [], []
     for problem in held:
-        start = time.perf_counter()
+        start = time.process_time()
         answers.append(estimated(own, problem))
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     peak = peak_memory_mb()
     worst = 0.0
     for problem, (mean, cov) in zip(held, answers, strict=True):
