@@ -30,6 +30,8 @@ BEYOND = float(chdtri(JUDGED, FARTHEST))
 """NEES that a consistent estimate exceeds with that probability; a run counts with no more."""
 LARGE_SHARE = 0.20
 _LARGE = float(chdtri(JUDGED, LARGE_SHARE))
+_STRICT = 0.02
+"""Twice the level at which a mean is surely too large: with the band, marks stay below 2.5 %."""
 MISFIT = 1.10
 """Ratio of the mean NIS to the end of its band from which R does not fit."""
 UNFIT = "R does not fit"
@@ -56,7 +58,8 @@ def consistency(
       than the 20 % of χ² exceed its 80 % quantile;
     - "consistent" otherwise; "" without covariances.
 
-    "Surely" is at 2.5 %, by Student's t over clusters and the exact binomial test.
+    "Surely" is at 2.5 % by the exact binomial test, and by Student's t over clusters at 2.5 %, or
+    at 1 % above 6.
 
     Parameters
     ----------
@@ -105,7 +108,7 @@ def noise_fit(
 
 def _above(values: np.ndarray, dimension: float, limit: float, cluster: np.ndarray) -> bool:
     """Return whether a trimmed mean lies above a limit, and surely above the dimension."""
-    mean, low, _ = mean_interval(trimmed(values, dimension), cluster)
+    mean, low, _ = mean_interval(trimmed(values, dimension), cluster, _STRICT)
     return mean > limit and low > dimension
 
 

@@ -167,13 +167,18 @@ def share_below(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
     return share_above(1.0 - hits.astype(float), cluster, 1.0 - share)
 
 
-def mean_interval(values: np.ndarray, cluster: np.ndarray) -> tuple[float, float, float]:
-    """Return the mean over clusters and its 95 % interval (Student's t), NaN with one cluster."""
+def mean_interval(
+    values: np.ndarray, cluster: np.ndarray, alpha: float = ALPHA
+) -> tuple[float, float, float]:
+    """Return the mean over clusters and its interval (Student's t), NaN with one cluster.
+
+    The interval leaves out ``alpha``, half of it on each side.
+    """
     means = cluster_means(values, cluster)
     mean, count = float(means.mean()), len(means)
     if count < 2:
         return mean, math.nan, math.nan
-    half = float(stdtrit(count - 1, 1.0 - ALPHA / 2.0) * means.std(ddof=1)) / math.sqrt(count)
+    half = float(stdtrit(count - 1, 1.0 - alpha / 2.0) * means.std(ddof=1)) / math.sqrt(count)
     return mean, mean - half, mean + half
 
 
