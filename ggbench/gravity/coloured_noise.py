@@ -51,6 +51,11 @@ class Whitening(NamedTuple):
 
     weights: np.ndarray
 
+    @property
+    def of_constant(self) -> np.ndarray:
+        """Matrices (G, m, m) from constant errors of the channels to those of whitened readings."""
+        return np.asarray(self.weights.sum(axis=1))
+
     def apply(self, readings: np.ndarray) -> np.ndarray:
         """Return w (..., G, m) of readings (..., G, m)."""
         white = np.einsum("gij,...gj->...gi", self.weights[:, 0], readings)

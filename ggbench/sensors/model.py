@@ -161,6 +161,8 @@ def model_arrays(
         still = np.zeros((*epochs, 3))[..., at, :]
         seen = Seen(motion, still, gain[..., at], at_reference)
         add_columns(linear, at, slice(0, g), states, gradiometer, seen)
+        if whitening is not None:
+            linear[..., at, :g, :] = whitening.of_constant @ linear[..., at, :g, :]
     first_linear, columns = linear_reach(linear, weights)
     mount = Mount(instrument, taken.positions, then, delayed_attitudes, taken.rows)
     mount = turned(mount, states)

@@ -29,8 +29,9 @@ class ModelArrays:
     attitude less the attitude error [rad]. The sum counts the readings that the whitening of
     coloured noise combines: one without it, with lag 0. Only the gradiometer's rows have it, the
     rows of S_ki of the others are zero. Biases, scale factors, lever arms, gravity and clocks are
-    columns of C_k or B_k; mounting angles and delays are columns of B_k. A channel that delivers
-    nothing at an epoch has an offset and rows of zeros there.
+    columns of C_k or B_k; mounting angles and delays are columns of B_k. Whitening combines
+    the constant biases of the gradiometer as it combines readings. A channel that delivers nothing
+    at an epoch has an offset and rows of zeros there.
 
     For many runs at once (a block) the arrays that differ from run to run have the run as leading
     axis: those in :data:`OF_A_RUN`.

@@ -115,9 +115,9 @@ class GradiometerSpec(PeriodicSpec):
             )
         if self.coloured_noise is not None:
             self._require_plain("coloured_noise")
-            if self.bias_eotvos > 0.0 or self.drift_eotvos_per_sqrt_h > 0.0:
+            if self.drift_eotvos_per_sqrt_h > 0.0:
                 raise ValueError(
-                    "coloured_noise is whitened without states of biases: bias_eotvos and "
+                    "coloured_noise is whitened with constant biases only: "
                     "drift_eotvos_per_sqrt_h must be 0"
                 )
             if self.mounting_sigma_arcmin > 0.0 and self.instrument != "local-level":

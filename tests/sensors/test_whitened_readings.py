@@ -112,6 +112,57 @@ def test_readings_are_whitened_as_they_come(coloured, mounting_arcmin):
     assert (np.abs(later) < 4.0 / np.sqrt(50 * (block.epochs - 1))).all()  # 4 σ: 1e-4 together
 
 
+def test_constant_biases_are_whitened_as_the_readings_are(coloured):
+    """Columns of the biases: the whitening of ones in one channel, across a gap.
+
+    Negative control: columns that are not whitened differ by more than a tenth.
+    """
+    gap = {"truth.gradiometer.dropouts_s": [[9.5, 12.5]]}
+    flight = small_flight(coloured | gap | {"gradiometer.bias_eotvos": 50.0})
+    problem, _ = simulate(flight, 5, 1)
+    epochs = np.arange(problem.epochs)
+    slopes = problem.model.jacobian_along(epochs, np.zeros((problem.epochs, problem.dimension)))
+    biases = slopes[:, :, 15:]
+    whitening = NOISE.whitening(flight.times, flight.absent)
+    expected = [whitening.apply(np.tile(unit, (problem.epochs, 1))) for unit in np.eye(2)]
+    np.testing.assert_allclose(biases, np.stack(expected, axis=-1), rtol=0.0, atol=1e-12)
+    assert not biases[9:12].any()
+    assert np.abs(biases[5] - np.eye(2)).max() > 0.1
+
+
+def test_the_information_on_biases_is_that_of_the_dense_covariance(coloured):
+    """Generalised least squares in plain NumPy, with the noise's covariance of all readings."""
+    flight = small_flight(coloured | {"gradiometer.bias_eotvos": 50.0})
+    problem, _ = simulate(flight, 5, 1)
+    epochs = np.arange(problem.epochs)
+    slopes = problem.model.jacobian_along(epochs, np.zeros((problem.epochs, problem.dimension)))
+    inverse = np.linalg.inv(problem.noise_cov)
+    information = np.einsum("kca,cd,kdb->ab", slopes[:, :, 15:], inverse, slopes[:, :, 15:])
+    lags = NOISE.autocovariance(problem.epochs)
+    blocks = [[lags[i - j] if i >= j else lags[j - i].T for j in epochs] for i in epochs]
+    ones = np.tile(np.eye(2), (problem.epochs, 1))
+    exact = ones.T @ np.linalg.solve(np.block(blocks), ones)
+    np.testing.assert_allclose(information, exact, rtol=1e-8)
+
+
+@pytest.mark.parametrize("bias_eotvos", [0.0, 50.0])
+def test_biases_of_truth_reach_whitened_readings(coloured, bias_eotvos):
+    """With the true states, residuals are white of the declared σ; χ² at its false-alarm rate."""
+    flight = small_flight(
+        coloured | {"initial_error.velocity_mps": 1e-3, "gradiometer.bias_eotvos": bias_eotvos}
+    )
+    block, truth = simulate_block(flight, 5, range(50))
+    white, blind = [], []
+    for run in range(block.runs):
+        problem, states = block.problem(run), truth.error_state[run]
+        for found, at in ((white, states), (blind, states * (np.arange(states.shape[-1]) < 15))):
+            found.append(problem.measurements - problem.model.predict_along(np.arange(20), at))
+    squares = (np.stack(white) / NOISE.deviations) ** 2
+    assert likely(squares.sum(), chi2(squares.size))
+    unmodelled = (np.stack(blind) / NOISE.deviations) ** 2
+    assert likely(unmodelled.sum(), chi2(squares.size)) == (bias_eotvos == 0.0)
+
+
 @pytest.mark.parametrize("spread", [1.0, 4.0])
 def test_white_noise_in_a_file_is_white_noise(coloured, tmp_path, spread):
     """A negative control: of order zero the problem is that of noise_eotvos, bit by bit."""
@@ -139,7 +190,7 @@ def test_white_noise_in_a_file_is_white_noise(coloured, tmp_path, spread):
         ({"gradiometer.components": ["xx", "yz"]}, "has components xx, xz, and the gradiometer"),
         ({"gradiometer.period_s": 2.0}, "has interval_s 1, and gradiometer.period_s is 2"),
         ({"gradiometer.coloured_noise": "gone.json"}, "cannot read the noise model gone.json"),
-        ({"gradiometer.bias_eotvos": 1.0}, "bias_eotvos and drift_eotvos_per_sqrt_h must be 0"),
+        ({"gradiometer.drift_eotvos_per_sqrt_h": 1.0}, "drift_eotvos_per_sqrt_h must be 0"),
         ({"gradiometer.filter": "butterworth"}, "coloured_noise and filter exclude each other"),
         ({"gradiometer.latency_s": 0.1}, "coloured_noise and latency_s exclude each other"),
         ({"gradiometer.instrument": "strapdown"}, "exclude each other"),
