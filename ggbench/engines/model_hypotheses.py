@@ -26,6 +26,10 @@ _FIXED = 1e-6
 """Standard deviation of the state that stands for the number one: a covariance is positive."""
 _LARGER, _SHORTER = 2.0, 0.7
 """Deviation and distance of the process by which a map's error is estimated over those found."""
+_THRESHOLD, _HEAVY = 2.385, 1.5
+"""Thresholds of Cauchy's loss: as usual (Zhang 1997); of the density of many outliers."""
+_CORE = 0.7
+"""Scale of that density over the standard deviation of the noise among the outliers."""
 _COMPONENTS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 _WITHOUT_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
@@ -73,9 +77,9 @@ class Hypothesis:
     @property
     def words(self) -> str:
         """The hypothesis as a person would say it."""
-        said = []
-        if self.noise != 1.0:
-            said.append(f"noise {self.noise:.2g} times as assumed")
+        said, noise = [], self.noise if self.estimate is None else self.estimate.noise
+        if noise != 1.0:
+            said.append(f"noise {noise:.2g} times as assumed")
         if self.loss != "none":
             said.append("outliers")
         if self.constant:
@@ -86,6 +90,22 @@ class Hypothesis:
             far = f" over {self.gravity_km:.0f} km" if math.isfinite(self.gravity_km) else ""
             said.append(f"gravity of {self.gravity_mgal:.2g} mGal{far}")
         return ", ".join(said) or "as assumed"
+
+
+def heavy_tails(kind: str, noise: float) -> Hypothesis:
+    """Return the hypothesis that noise of a size has outliers among it.
+
+    Tails that are heavy enough for a fifth of outliers tell the size of the others, but are no
+    density of noise that has few of them: the states are estimated with Cauchy's usual threshold.
+    """
+    usual = Hypothesis(kind=kind, noise=noise, loss="cauchy", threshold=_THRESHOLD)
+    return Hypothesis(
+        kind=kind,
+        noise=_CORE * noise,
+        loss="cauchy",
+        threshold=_HEAVY,
+        estimate=usual,
+    )
 
 
 def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) -> Hypothesis:

@@ -154,18 +154,22 @@ def _search(
     simple = [j for j, hypothesis in enumerate(hypotheses) if hypothesis.keeps_states]
     found, evidences = [], []
     for j in simple:
-        problem, peak = augmented(block, hypotheses[j], motion)
-        estimate, evidence = gaussian_sum_with_evidence(
-            problem,
-            options.spacing_m,
-            options.most,
-            _iterations(hypotheses[j], options),
-            hypotheses[j].loss,
-            hypotheses[j].threshold,
-        )
-        out.counts[:] += estimate.info["map_evaluations"]
+        for one in (hypotheses[j], hypotheses[j].estimate):
+            if one is None:
+                continue
+            problem, peak = augmented(block, one, motion)
+            estimate, evidence = gaussian_sum_with_evidence(
+                problem,
+                options.spacing_m,
+                options.most,
+                _iterations(one, options),
+                one.loss,
+                one.threshold,
+            )
+            out.counts[:] += estimate.info["map_evaluations"]
+            if one is hypotheses[j]:
+                evidences.append(evidence + peak)
         found.append(estimate)
-        evidences.append(evidence + peak)
     weights = log_weights(np.array(evidences), logs[simple])
     mix(
         weights,

@@ -14,7 +14,13 @@ from ggbench.block import block_of
 from ggbench.campaign.registry import choose
 from ggbench.engines import model_hypotheses
 from ggbench.engines.extended_filter import UpdateOptions, extended_with_evidence
-from ggbench.engines.model_hypotheses import Hypothesis, augmented, map_error, motion_of
+from ggbench.engines.model_hypotheses import (
+    Hypothesis,
+    augmented,
+    heavy_tails,
+    map_error,
+    motion_of,
+)
 from ggbench.engines.multiple_model import SearchOptions, log_weights, multiple_model
 from ggbench.engines.robust_weights import losses
 from ggbench.estimators.multiple_model import MultipleModel
@@ -29,7 +35,7 @@ HYPOTHESES = (
     map_error("map_errors", 2.0, 3000.0),
     Hypothesis("gravity", gravity_mgal=40.0, gravity_km=30.0),
     Hypothesis("gravity", gravity_mgal=40.0, integrated=True),
-    Hypothesis("outliers", noise=1.5, loss="cauchy", threshold=2.385),
+    heavy_tails("outliers", 1.5),
 )
 
 
