@@ -1,4 +1,4 @@
-"""Multiple-model filter: a bank of filters of what nobody knows about the model.
+"""Multiple-model filter: a bank of filters, each of another hypothesis about the model.
 
 Each filter takes another hypothesis: noise larger or smaller than assumed, errors of the map,
 constant biases of the channels, gravity that the INS does not know, outliers. The evidence of the
@@ -24,7 +24,10 @@ from ..parameters import AtLeastOne, Positive
 _MOST = 100_000
 _AS_ASSUMED = 4.0
 """Weight of the model as it is, before any measurement, against that of another hypothesis."""
-_NOISES = (0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
+_NOISES = (
+    *(0.25, 0.3, 0.36, 0.43, 0.51, 0.6, 0.72, 0.85),
+    *(1.18, 1.4, 1.65, 1.95, 2.3, 2.75, 3.25, 3.85, 4.55, 5.4, 6.4, 7.6, 9.0, 10.7),
+)
 _CONSTANTS = (5.0, 30.0)
 _SIZES, _LENGTHS = (1.2, 2.4, 5.0, 10.0, 20.0), (400.0, 1000.0, 2500.0, 6000.0)
 _GRAVITIES, _DISTANCES, _INTEGRATED = (10.0, 30.0, 100.0), (20.0, 80.0), (30.0, 100.0)

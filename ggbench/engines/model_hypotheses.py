@@ -30,6 +30,7 @@ _THRESHOLD, _HEAVY = 2.385, 1.5
 """Thresholds of Cauchy's loss: as usual (Zhang 1997); of the density of many outliers."""
 _CORE = 0.7
 """Scale of that density over the standard deviation of the noise among the outliers."""
+_EARTH_RADIUS = 6.371e6
 _COMPONENTS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 _WITHOUT_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
@@ -359,6 +360,13 @@ def _whole_tensor(block: ProblemBlock) -> bool:
     return np.linalg.matrix_rank(np.vstack([model.channels, _WITHOUT_TRACE])) == 6
 
 
+def _transport_rate(latitudes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Return ω_en (R, 3) [rad/s] of the local level ENU, to the flattening of the Earth."""
+    east, north = velocities[:, 0], velocities[:, 1]
+    rates = np.stack([-north, east, east * np.tan(latitudes)], axis=1)
+    return np.asarray(rates / _EARTH_RADIUS)
+
+
 def _integrated_gradients(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray]:
     """Return the change (R, K, 3) of what the INS errs by, from gradients along its track.
 
@@ -389,7 +397,10 @@ def _integrated_gradients(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray]:
         new = np.where(there, tensors[:, k], held)
         velocity = tracks[:, max(k - 1, 0), 3:6] + tracks[:, k, 3:6]
         rate = 0.5 * (new + held)[:, components]
-        total = total - steps[k] * np.einsum("rij,rj->ri", rate, 0.5 * velocity)
+        turn = _transport_rate(tracks[:, k, 0], 0.5 * velocity)
+        total = total - steps[k] * (
+            np.einsum("rij,rj->ri", rate, 0.5 * velocity) + np.cross(turn, total)
+        )
         held = new
         change[:, k] = total
         way = steps[k] * np.linalg.norm(0.5 * velocity, axis=1)
