@@ -1,4 +1,4 @@
-"""Multiple-model filter: a bank of filters of what nobody knows about the model.
+"""Multiple-model filter: a bank of filters, each of another hypothesis about the model.
 
 Each filter takes another hypothesis: noise larger or smaller than assumed, errors of the map,
 constant biases of the channels, gravity that the INS does not know, outliers. The evidence of the
@@ -17,19 +17,21 @@ import numpy as np
 from pydantic import Field
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
-from ..engines.model_hypotheses import Hypothesis, map_error
+from ..engines.model_hypotheses import Hypothesis, heavy_tails, map_error
 from ..engines.multiple_model import SearchOptions, map_spacing, multiple_model
 from ..parameters import AtLeastOne, Positive
-from .robust import THRESHOLDS
 
 _MOST = 100_000
 _AS_ASSUMED = 4.0
 """Weight of the model as it is, before any measurement, against that of another hypothesis."""
-_NOISES = (0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
+_NOISES = (
+    *(0.25, 0.3, 0.36, 0.43, 0.51, 0.6, 0.72, 0.85),
+    *(1.18, 1.4, 1.65, 1.95, 2.3, 2.75, 3.25, 3.85, 4.55, 5.4, 6.4, 7.6, 9.0, 10.7),
+)
 _CONSTANTS = (5.0, 30.0)
 _SIZES, _LENGTHS = (1.2, 2.4, 5.0, 10.0, 20.0), (400.0, 1000.0, 2500.0, 6000.0)
 _GRAVITIES, _DISTANCES, _INTEGRATED = (10.0, 30.0, 100.0), (20.0, 80.0), (30.0, 100.0)
-_HEAVY_TAILED = (1.0, 2.5)
+_HEAVY_TAILED = (1.0, 1.6, 2.5)
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,7 @@ class MultipleModel(BlockEstimator):
                 ]
             )
         if self.outliers:
-            bank += _evenly(
-                Hypothesis("outliers", noise=factor, loss="cauchy", threshold=THRESHOLDS["cauchy"])
-                for factor in _HEAVY_TAILED
-            )
+            bank += _evenly(heavy_tails("outliers", factor) for factor in _HEAVY_TAILED)
         return tuple(bank)
 
     def estimate_block(

@@ -26,6 +26,11 @@ _FIXED = 1e-6
 """Standard deviation of the state that stands for the number one: a covariance is positive."""
 _LARGER, _SHORTER = 2.0, 0.7
 """Deviation and distance of the process by which a map's error is estimated over those found."""
+_THRESHOLD, _HEAVY = 2.385, 1.5
+"""Thresholds of Cauchy's loss: as usual (Zhang 1997); of the density of many outliers."""
+_CORE = 0.7
+"""Scale of that density over the standard deviation of the noise among the outliers."""
+_EARTH_RADIUS = 6.371e6
 _COMPONENTS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 _WITHOUT_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
@@ -73,9 +78,9 @@ class Hypothesis:
     @property
     def words(self) -> str:
         """The hypothesis as a person would say it."""
-        said = []
-        if self.noise != 1.0:
-            said.append(f"noise {self.noise:.2g} times as assumed")
+        said, noise = [], self.noise if self.estimate is None else self.estimate.noise
+        if noise != 1.0:
+            said.append(f"noise {noise:.2g} times as assumed")
         if self.loss != "none":
             said.append("outliers")
         if self.constant:
@@ -86,6 +91,22 @@ class Hypothesis:
             far = f" over {self.gravity_km:.0f} km" if math.isfinite(self.gravity_km) else ""
             said.append(f"gravity of {self.gravity_mgal:.2g} mGal{far}")
         return ", ".join(said) or "as assumed"
+
+
+def heavy_tails(kind: str, noise: float) -> Hypothesis:
+    """Return the hypothesis that noise of a size has outliers among it.
+
+    Tails that are heavy enough for a fifth of outliers tell the size of the others, but are no
+    density of noise that has few of them: the states are estimated with Cauchy's usual threshold.
+    """
+    usual = Hypothesis(kind=kind, noise=noise, loss="cauchy", threshold=_THRESHOLD)
+    return Hypothesis(
+        kind=kind,
+        noise=_CORE * noise,
+        loss="cauchy",
+        threshold=_HEAVY,
+        estimate=usual,
+    )
 
 
 def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) -> Hypothesis:
@@ -339,6 +360,13 @@ def _whole_tensor(block: ProblemBlock) -> bool:
     return np.linalg.matrix_rank(np.vstack([model.channels, _WITHOUT_TRACE])) == 6
 
 
+def _transport_rate(latitudes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Return ω_en (R, 3) [rad/s] of the local level ENU, to the flattening of the Earth."""
+    east, north = velocities[:, 0], velocities[:, 1]
+    rates = np.stack([-north, east, east * np.tan(latitudes)], axis=1)
+    return np.asarray(rates / _EARTH_RADIUS)
+
+
 def _integrated_gradients(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray]:
     """Return the change (R, K, 3) of what the INS errs by, from gradients along its track.
 
@@ -369,7 +397,10 @@ def _integrated_gradients(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray]:
         new = np.where(there, tensors[:, k], held)
         velocity = tracks[:, max(k - 1, 0), 3:6] + tracks[:, k, 3:6]
         rate = 0.5 * (new + held)[:, components]
-        total = total - steps[k] * np.einsum("rij,rj->ri", rate, 0.5 * velocity)
+        turn = _transport_rate(tracks[:, k, 0], 0.5 * velocity)
+        total = total - steps[k] * (
+            np.einsum("rij,rj->ri", rate, 0.5 * velocity) + np.cross(turn, total)
+        )
         held = new
         change[:, k] = total
         way = steps[k] * np.linalg.norm(0.5 * velocity, axis=1)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import EstimateBlock, ProblemBlock
-from ..numerics.kernels import LANES
 from ..problem import GravityMap
 from . import position_grid
 from .banks import split_prior
@@ -21,8 +20,10 @@ from .extended_filter import Starts, UpdateOptions, extended_with_evidence, prio
 from .gaussian_sum import WIDTH, gaussian_sum_with_evidence
 from .model_hypotheses import Hypothesis, Motion, augmented, motion_of, takes
 
+_GROUP = 8
+"""Runs whose filters are in memory at the same time."""
 _SUMMARIES = 4
-"""Times in a flight at which the weights are told in words."""
+"""Times in a flight at which the weights are put in words."""
 _WORTH_TELLING, _MOST_TOLD = 0.05, 3
 _STAGES = (1, 2, 4, 8, 16)
 """Ends of the stages, in sixteenths of the epochs."""
@@ -84,8 +85,8 @@ def multiple_model(
     )
     log_cells, _, _ = split_prior(block.problem(0), options.spacing_m, options.most, WIDTH)
     # The hypotheses' estimates of a group of runs are in memory at the same time.
-    for first in range(0, runs, LANES):
-        some = slice(first, min(first + LANES, runs))
+    for first in range(0, runs, _GROUP):
+        some = slice(first, min(first + _GROUP, runs))
         part = block.some(some.start, some.stop)
         out = Mixture(
             all_of.mean[some], all_of.cov[some], all_of.weights[:, some], all_of.counts[some]
@@ -154,18 +155,22 @@ def _search(
     simple = [j for j, hypothesis in enumerate(hypotheses) if hypothesis.keeps_states]
     found, evidences = [], []
     for j in simple:
-        problem, peak = augmented(block, hypotheses[j], motion)
-        estimate, evidence = gaussian_sum_with_evidence(
-            problem,
-            options.spacing_m,
-            options.most,
-            _iterations(hypotheses[j], options),
-            hypotheses[j].loss,
-            hypotheses[j].threshold,
-        )
-        out.counts[:] += estimate.info["map_evaluations"]
+        for one in (hypotheses[j], hypotheses[j].estimate):
+            if one is None:
+                continue
+            problem, peak = augmented(block, one, motion)
+            estimate, evidence = gaussian_sum_with_evidence(
+                problem,
+                options.spacing_m,
+                options.most,
+                _iterations(one, options),
+                one.loss,
+                one.threshold,
+            )
+            out.counts[:] += estimate.info["map_evaluations"]
+            if one is hypotheses[j]:
+                evidences.append(evidence + peak)
         found.append(estimate)
-        evidences.append(evidence + peak)
     weights = log_weights(np.array(evidences), logs[simple])
     mix(
         weights,
@@ -292,10 +297,11 @@ def mix(
     """
     shares = np.exp(weights)
     mean[:], cov[:] = 0.0, 0.0
-    for share, its_mean in zip(shares, means, strict=True):
+    there = np.flatnonzero((shares != 0.0).any(axis=(1, 2)))
+    for share, its_mean in zip(shares[there], means[there], strict=True):
         counted = (share != 0.0)[..., np.newaxis]
         mean += share[..., np.newaxis] * np.where(counted, its_mean, 0.0)
-    for share, its_mean, its_cov in zip(shares, means, covs, strict=True):
+    for share, its_mean, its_cov in zip(shares[there], means[there], covs[there], strict=True):
         counted = (share != 0.0)[..., np.newaxis]
         off = np.where(counted, its_mean - mean, 0.0)
         spread = np.where(counted[..., np.newaxis], its_cov, 0.0)
@@ -313,12 +319,12 @@ def summaries(
     times : (K,).
     shares : (J, R, K).
     """
-    told = {}
+    texts_at = {}
     for k in np.unique(np.linspace(0, len(times) - 1, _SUMMARIES + 1)[1:].astype(int)):
         texts = []
         for share in shares[:, :, k].T:
             order = [j for j in np.argsort(-share, kind="stable") if share[j] >= _WORTH_TELLING]
             parts = [f"{hypotheses[j].words} {100.0 * share[j]:.0f} %" for j in order[:_MOST_TOLD]]
             texts.append(", ".join(parts) or "nothing in particular")
-        told[f"at_{times[k]:.0f}_s"] = np.array(texts, dtype=np.str_)
-    return told
+        texts_at[f"at_{times[k]:.0f}_s"] = np.array(texts, dtype=np.str_)
+    return texts_at

@@ -211,6 +211,8 @@ def _walk(problem: Problem, gradients: list[int]) -> np.ndarray:
             last = t
         step = problem.times[k] - (problem.times[k - 1] if k else 0.0)
         velocity = 0.5 * (track.velocities[max(k - 1, 0)] + track.velocities[k])
-        total = total - step * 0.5 * (last + t) @ velocity
+        east, north, _ = velocity / 6.371e6
+        turn = np.array([-north, east, east * math.tan(latitude)])
+        total = total - step * (0.5 * (last + t) @ velocity + np.cross(turn, total))
         last, out[k] = t, total
     return out
