@@ -40,6 +40,8 @@ FRAMEWORKS = (
               "yes", BY, BY, BY),
     Framework("gtsam", "gtsam[mode=batch]", "factor-graph[mode=batch]", ("gtsam",),
               "estimators/gtsam_smoothers.py", BY, BY, "yes", "yes"),
+    Framework("pyceres", "pyceres-batch", "factor-graph[mode=batch]", ("pyceres",),
+              ADAPTERS + "pyceres.py", BY, BY, "yes"),
     Framework("Stone Soup", "stonesoup-ekf", "ekf", ("stonesoup",), ADAPTERS + "stonesoup.py",
               "yes", BY, "yes"),
     Framework("Stone Soup", "stonesoup-ukf", "ukf", ("stonesoup",), ADAPTERS + "stonesoup.py",
@@ -64,6 +66,6 @@ OTHERS = (
     ("pykalman, simdkalman, statsmodels", "linear models only, or one Q and one R"),
     ("symforce", "needs symbolic residuals, and the map is a table"),
     ("pyrecest", "its unscented filter is the code of filterpy"),
-    ("pyceres, g2o", "least squares with a singular Q need constraints; no adapter was written"),
+    ("g2o", "least squares with a singular Q; one solver of this kind, pyceres, has an adapter"),
 )
 """Packages without a row, and why."""

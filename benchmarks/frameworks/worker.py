@@ -1,7 +1,7 @@
 """One estimator in a process of its own: ``python -m frameworks.worker LABEL REFERENCE``.
 
-Prints a JSON object: processor times of the first and of later runs, peak memory, the difference from the
-reference, and what becomes of a wide prior, an indefinite covariance and a NaN.
+Prints a JSON object: processor times of the first and of later runs, peak memory, the difference
+from the reference, and the outcome with a wide prior, an indefinite covariance and a NaN.
 """
 
 from __future__ import annotations

@@ -85,14 +85,15 @@ def load(name_or_path: str | Path) -> Scenario:
     return scenarios.load(name_or_path)
 
 
-def simulate(case: CaseSpec, seed: int = 1, run: int = 0) -> tuple[Problem, Truth]:
+def simulate(case: CaseSpec, seed: int | None = None, run: int = 0) -> tuple[Problem, Truth]:
     """Return the estimation problem of one run of a case, and the truth that it hides.
 
     Parameters
     ----------
     case : as ``scenario.case(name)`` gives it, or changed by its ``model_copy``. It is flown once;
         its runs then come quickly.
-    seed, run : with the seed of a campaign, the same problem that it has in this run.
+    seed : of the random numbers; by default that of the case's scenario, as for :func:`run`.
+    run : its number. A campaign of the same seed has the same problem in this run.
 
     Raises
     ------
@@ -105,8 +106,9 @@ def simulate(case: CaseSpec, seed: int = 1, run: int = 0) -> tuple[Problem, Trut
         raise ArgumentError(
             f"a case is simulated, as scenario.case(name) gives it, and not {kind(case)}"
         )
-    seed, run = whole("seed", seed, 0, MOST_SEED), whole("run", run, 0, MOST_RUNS)
-    return simulation.simulate(flight_of(scenarios.checked(case).of_run(run)), seed, run)
+    used = whole("seed", case.seed if seed is None else seed, 0, MOST_SEED)
+    run = whole("run", run, 0, MOST_RUNS)
+    return simulation.simulate(flight_of(scenarios.checked(case).of_run(run)), used, run)
 
 
 def estimator(text: str) -> Estimator:

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import (
     Field,
+    PrivateAttr,
     ValidationError,
     model_validator,
 )
@@ -139,6 +140,7 @@ class CaseSpec(WithSensors):
     truth: TruthSpec = TruthSpec()
     model: ModelSpec = ModelSpec()
     reference: ReferenceSpec | None = None
+    _seed: int = PrivateAttr(default=1)
 
     @model_validator(mode="after")
     def _check(self) -> CaseSpec:
@@ -251,7 +253,18 @@ class CaseSpec(WithSensors):
             If there is no such key, or the case would break a rule.
         """
         whole = laid_over(self.model_dump(warnings=False), nested(key, value))
-        return validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
+        found = validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
+        return found.with_seed(self._seed)
+
+    @property
+    def seed(self) -> int:
+        """Seed of the campaign of the scenario that the case is of; 1 if it is of none."""
+        return self._seed
+
+    def with_seed(self, seed: int) -> CaseSpec:
+        """Return the case with the seed of its campaign."""
+        self._seed = seed
+        return self
 
     def model_copy(
         self, *, update: Mapping[str, Any] | None = None, deep: bool = False

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.resources
+import itertools
 import json
 import math
 import re
@@ -224,7 +225,8 @@ def checked(case: CaseSpec) -> CaseSpec:
     ScenarioError
         As :func:`load`.
     """
-    return validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
+    found = validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
+    return found.with_seed(case.seed)
 
 
 def values(source: str) -> dict[str, Any]:
@@ -310,6 +312,8 @@ def parse(
     assumptions = tuple(_study(document, study, changes, origin) for study in studies)
     _check_unique("case", [case.name for case in cases], origin)
     _check_unique("assumption", [study.name for study in assumptions], origin)
+    for case in itertools.chain(cases, *(study.cases for study in assumptions)):
+        case.with_seed(campaign.seed)
     return Scenario(
         name=name,
         title=title,

@@ -1,0 +1,126 @@
+"""pyceres (Ceres Solver): the most probable trajectory by dense nonlinear least squares.
+
+It needs the extra ``pyceres``: ``pip install 'ggbench[pyceres]'``. The process noise is singular,
+and Ceres has no equality constraints. Therefore the unknowns are standard normal numbers: u of the
+start, x_0 = prior_mean + L u, and w_k of each step, x_k = Φ_k x_{k−1} + G_k w_k, where G_k has the
+rank of Q_k. The unknowns are residuals themselves; those of the measurements are whitened.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..parameters import AtLeastOne
+from ..problem import Causality, Estimate, Estimator, Family, Problem, jacobian_along, predict_along
+
+try:
+    import pyceres
+except ImportError as error:
+    raise ImportError(
+        f"{__name__} needs pyceres ({error}): pip install 'ggbench[pyceres]'"
+    ) from error
+
+LIBRARIES = ("pyceres",)
+"""Distributions whose version its results depend on."""
+_ENOUGH = 1e-10
+"""Relative decrease of the cost, and size of the gradient, below which a search ends."""
+
+
+class _Trajectory:
+    """The states as linear functions of the unknowns, and the whitened measurements."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        roots = [problem.noise_root(k) for k in range(problem.epochs)]
+        n, size = problem.dimension, problem.dimension + sum(root.shape[1] for root in roots)
+        self.mean = np.empty((problem.epochs, n))
+        self.rows = np.zeros((problem.epochs, n, size))
+        mean, rows, first = problem.prior_mean, np.zeros((n, size)), n
+        rows[:, :n] = np.linalg.cholesky(problem.prior_cov)
+        for k, root in enumerate(roots):
+            mean, rows = problem.transition[k] @ mean, problem.transition[k] @ rows
+            rows[:, first : first + root.shape[1]] += root
+            first += root.shape[1]
+            self.mean[k], self.rows[k] = mean, rows
+        m = problem.measurements.shape[1]
+        noise = np.broadcast_to(problem.noise_cov, (problem.epochs, m, m))
+        self._noise_root = np.linalg.cholesky(noise)
+        self._epochs = np.arange(problem.epochs)
+        self.size, self.count = size, size + problem.measurements.size
+
+    def states(self, unknowns: np.ndarray) -> np.ndarray:
+        """Return the states (K, n)."""
+        return np.asarray(self.mean + self.rows @ unknowns)
+
+    def residuals(self, unknowns: np.ndarray) -> np.ndarray:
+        """Return the residuals: the unknowns, and whitened measurements."""
+        predicted = predict_along(self.problem.model, self._epochs, self.states(unknowns))
+        left = (self.problem.measurements - predicted)[..., np.newaxis]
+        return np.concatenate([unknowns, np.linalg.solve(self._noise_root, left).ravel()])
+
+    def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
+        """Return the derivative of the residuals by the unknowns."""
+        h = jacobian_along(self.problem.model, self._epochs, self.states(unknowns))
+        along = np.linalg.solve(self._noise_root, h @ self.rows)
+        return np.concatenate([np.eye(self.size), -along.reshape(-1, self.size)])
+
+
+class _Cost(pyceres.CostFunction):  # type: ignore[misc]
+    """All residuals as one cost of Ceres."""
+
+    def __init__(self, trajectory: _Trajectory) -> None:
+        super().__init__()
+        self._trajectory = trajectory
+        self.set_num_residuals(trajectory.count)
+        self.set_parameter_block_sizes([trajectory.size])
+
+    def Evaluate(self, parameters: Any, residuals: Any, jacobians: Any) -> bool:
+        """Fill residuals and, if they are asked for, Jacobians."""
+        unknowns = np.asarray(parameters[0])
+        residuals[:] = self._trajectory.residuals(unknowns)
+        if jacobians is not None:
+            jacobians[0][:] = self._trajectory.jacobian(unknowns).ravel()
+        return True
+
+
+@dataclass(frozen=True)
+class PyceresBatch(Estimator):
+    """Batch smoother by Ceres, with steps by Levenberg and Marquardt.
+
+    Parameters
+    ----------
+    max_iterations : limit of the steps.
+    """
+
+    max_iterations: AtLeastOne = 50
+
+    name = "pyceres-batch"
+    family: ClassVar[Family] = "smoother"
+
+    @property
+    def causality(self) -> Causality:
+        """All measurements."""
+        return "batch"
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Have Ceres find the most probable trajectory; nothing is drawn."""
+        trajectory = _Trajectory(problem)
+        unknowns = np.zeros(trajectory.size)
+        graph = pyceres.Problem()
+        graph.add_residual_block(_Cost(trajectory), pyceres.TrivialLoss(), [unknowns])
+        options, summary = pyceres.SolverOptions(), pyceres.SolverSummary()
+        options.linear_solver_type = pyceres.LinearSolverType.DENSE_NORMAL_CHOLESKY
+        options.max_num_iterations = self.max_iterations
+        options.function_tolerance = options.gradient_tolerance = _ENOUGH
+        options.num_threads = 1
+        options.minimizer_progress_to_stdout = False
+        pyceres.solve(options, graph, summary)
+        jacobian = trajectory.jacobian(unknowns)
+        spread = np.linalg.inv(jacobian.T @ jacobian)
+        cov = trajectory.rows @ spread @ trajectory.rows.transpose(0, 2, 1)
+        info = {"error": float(summary.final_cost), "iterations": summary.num_successful_steps}
+        cov = 0.5 * (cov + cov.transpose(0, 2, 1))
+        return Estimate(trajectory.states(unknowns), cov, self.causality, info=info)
