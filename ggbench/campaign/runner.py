@@ -293,14 +293,14 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
 def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], list[int]]:
     """Return the remarks of each run of a block, and its evaluations of the map.
 
-    Raise ValueError if the info is not one number of each run, or has no map_evaluations.
+    Raise ValueError if the info is not one number or text of each run, or has no map_evaluations.
     """
     for name, values in info.items():
         run_errors.require_plain(f"info {name}", values)
     columns = {str(name): np.asarray(values) for name, values in info.items()}
     for name, values in columns.items():
-        if values.shape != (runs,) or values.dtype.kind not in "biuf":
-            raise ValueError(f"the estimate's info must have a number of each run as its {name}")
+        if values.shape != (runs,) or values.dtype.kind not in "biufU":
+            raise ValueError(f"the estimate's info must have a number or a text of each run as its {name}")
     if "map_evaluations" not in columns:
         raise ValueError("the estimate's info has no map_evaluations")
     evaluations = columns.pop("map_evaluations").astype(int).tolist()

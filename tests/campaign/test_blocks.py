@@ -206,7 +206,6 @@ def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
         ("no count", "the estimate's info has no map_evaluations"),
         ("masked nis", "the estimate's nis is masked in 3 of 20 places"),
         ("masked info", "the estimate's info repairs is masked in 1 of 1 places"),
-        ("text", "the estimate's info must have a number of each run as its remark"),
     ],
 )
 def test_an_engine_that_does_not_keep_to_the_interface_is_told(way, reason, many, tmp_path):
