@@ -28,7 +28,7 @@ from ggbench.campaign.registry import choose
 @dataclass(frozen=True)
 class Many(BlockEstimator):
     way: Literal["good", "nis", "nan mean", "nan cov", "indefinite", "raise", "exit", "sleep",
-                 "nothing", "batch", "short", "no count", "text", "masked nis",
+                 "nothing", "batch", "short", "no count", "masked nis",
                  "masked info"] = "good"
     name = "many"
     causality = "filter"
@@ -63,8 +63,6 @@ class Many(BlockEstimator):
             mean = mean[:-1]
         if self.way == "no count":
             del info["map_evaluations"]
-        if self.way == "text":
-            info["remark"] = np.array(["well"] * block.runs)
         if self.way == "masked nis":
             nis = np.ma.masked_less(np.tile(np.arange(block.epochs), (block.runs, 1)), 3)
         if self.way == "masked info":
