@@ -179,20 +179,3 @@ def test_less_noise_is_no_answer_to_errors_that_are_modelled_too_rough():
         block = flight(case, runs=1, epochs=3)
         assert model_hypotheses.takes(less, block) is taken
         assert model_hypotheses.takes(more, block)
-
-
-@pytest.mark.long
-def test_a_wide_prior_is_searched_before_the_model_is_doubted():
-    """Outliers and a prior of one correlation length: metres at the end.
-
-    A filter of the model as it is ends elsewhere, by more than these.
-    """
-    block = block_of_runs("unknown_model", "outliers-wide", 0, 2)
-    found = MultipleModel().estimate_block(block)
-    deviations = np.sqrt(np.diagonal(found.cov[:, -1], axis1=1, axis2=2)[:, :2])
-    assert deviations.max() < 30.0
-    plain = choose("ekf").estimator.estimate_block(block)
-    off = np.linalg.norm(plain.mean[:, -1, :2] - found.mean[:, -1, :2], axis=1)
-    assert (off > 50.0).all()
-    for run in range(2):
-        assert found.info["weight_outliers"][run] > 0.99
