@@ -263,8 +263,6 @@ class CaseSpec(WithSensors):
         fields = type(self).model_fields
         return all(getattr(self, name) == getattr(other, name) for name in fields)
 
-    __hash__ = WithSensors.__hash__
-
     @property
     def seed(self) -> int:
         """Seed of the campaign of the scenario that the case is of; 1 if it is of none."""
