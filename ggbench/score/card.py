@@ -55,6 +55,7 @@ class Question(_Part):
     runs: int = Field(default=0, description="Runs that are judged.")
     failed: int = Field(default=0, description="Runs without an estimate.")
     diverged: int = Field(default=0, description="Runs that end beyond ten bounds and the INS.")
+    lost: int = Field(default=0, description="Runs that are far off and do not report it.")
     rms_m: Number = Field(default=None, description="RMS position error, settled window [m].")
     rms_lo: Number = Field(default=None, description="Lower end of its 95% interval [m].")
     rms_hi: Number = Field(default=None, description="Upper end of its 95% interval [m].")

@@ -43,7 +43,7 @@ def _row(question: Question) -> tuple[str, ...]:
     return (
         question.title,
         columns.cell("bound_m", question.bound_m),
-        tables.error_cell(vars(question)),
+        tables.error_cell({**vars(question), "as_ins": False}),
         columns.cell("rms_m", ekf.rms_m),
         ekf.verdict,
         _named(rival),

@@ -234,6 +234,7 @@ def _questions(
                 runs=int(row["runs"]),
                 failed=int(row["failed"]),
                 diverged=int(row["diverged"]),
+                lost=int(row["lost"]),
                 consistency=row["consistency"] if isinstance(row["consistency"], str) else "",
                 against=[
                     _opponent(role, match.chosen(label), found[case.name, label])
