@@ -172,6 +172,7 @@ def _extended(
     memory : see :class:`AdaptiveNoise`.
     whole : see :func:`.readings_of`.
     gating : of plain updates.
+    evidence : (R, K) output; (0, 0) if it is not wanted, and then takes no time.
     counts : (R, 3) output, of linearisations, evaluations of h and rejected readings.
     """
     runs, epochs, n = batch.transition.shape[:3]
@@ -238,7 +239,8 @@ def _extended(
                 lane_algebra.joseph(
                     gain=gain, hp=hp, rows=reading.rows, m=m, p=p, scratch=scratch, change=half
                 )
-                scatter_evidence(reading.squared, s, first, count, k, evidence)
+                if evidence.shape[0] > 0:
+                    scatter_evidence(reading.squared, s, first, count, k, evidence)
                 counts[first : first + count, :2] += 1
             else:
                 lane_algebra.copy(unexplained, reading.squared)
@@ -246,12 +248,13 @@ def _extended(
                     apply_noise_estimate(noise, reading)
                 minimise(search, group, count, k, x, p)
                 update(search, x, p, scratch)
-                if rules.iterations == 1:
-                    lane_algebra.add_squares(search.white, m, reading.squared)
-                else:
-                    for r in range(count):
-                        reading.squared[0, 0, r] = 2.0 * search.cost[r]
-                scatter_evidence(reading.squared, search.s, first, count, k, evidence)
+                if evidence.shape[0] > 0:
+                    if rules.iterations == 1:
+                        lane_algebra.add_squares(search.white, m, reading.squared)
+                    else:
+                        for r in range(count):
+                            reading.squared[0, 0, r] = 2.0 * search.cost[r]
+                    scatter_evidence(reading.squared, search.s, first, count, k, evidence)
                 if memory > 0:
                     reading.precision[:] = 1.0
                     linearise(batch, group, count, k, x, reading)
@@ -270,7 +273,7 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
     block : the runs.
     options : of the updates.
     """
-    return extended_with_evidence(block, options)[0]
+    return _run(block, options, prior_of(block), np.empty((0, 0)))
 
 
 def extended_with_evidence(
@@ -285,10 +288,18 @@ def extended_with_evidence(
     ----------
     starts : the prior of the block, if not given.
     """
+    evidence = np.empty((block.runs, block.epochs))
+    starts = prior_of(block) if starts is None else starts
+    return _run(block, options, starts, evidence), evidence
+
+
+def _run(
+    block: ProblemBlock, options: UpdateOptions, starts: Starts, evidence: np.ndarray
+) -> EstimateBlock:
+    """Run the filter; fill the evidence unless it is empty."""
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    nis, evidence = np.empty((runs, epochs)), np.empty((runs, epochs))
-    counts = np.zeros((runs, 3), dtype=np.int64)
+    nis, counts = np.empty((runs, epochs)), np.zeros((runs, 3), dtype=np.int64)
     loss, memory = number_of(options.loss, options.threshold), options.noise_memory
     whole, rules = loss != NONE or memory > 0, None
     if options.iterations > 1 or whole:
@@ -296,7 +307,7 @@ def extended_with_evidence(
     gating = gate_options(block, options.gate, options.underweighting)
     _extended(
         batch=batch_of(block),
-        starts=prior_of(block) if starts is None else starts,
+        starts=starts,
         rules=rules,
         memory=memory,
         whole=whole,
@@ -310,4 +321,4 @@ def extended_with_evidence(
     info = {"linearisations": counts[:, 0], "map_evaluations": counts[:, 1]}
     if options.gate:
         info["rejected"] = counts[:, 2]
-    return EstimateBlock(mean, cov, "filter", nis=nis, info=info), evidence
+    return EstimateBlock(mean, cov, "filter", nis=nis, info=info)

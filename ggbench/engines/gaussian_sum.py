@@ -61,6 +61,7 @@ def _filter(
     Parameters
     ----------
     prior : J hypotheses of one covariance (1, n, n).
+    evidence : (0, 0) if it is not wanted, and then takes no time.
     """
     runs, epochs = batch.measurements.shape[:2]
     most, n = prior.means.shape
@@ -82,7 +83,9 @@ def _filter(
                 now.means[j, a] = prior.means[j, a]
                 for b in range(n):
                     now.covs[j, a, b] = prior.covs[0, a, b]
-        total, before = 0, _log_sum(now.weights[:count])
+        total, before = 0, 0.0
+        if evidence.shape[0] > 0:
+            before = _log_sum(now.weights[:count])
         for k in range(epochs):
             moving = lanes.gather(
                 transition=batch.transition,
@@ -110,15 +113,17 @@ def _filter(
                     for c in range(m):
                         now.weights[first + r] += math.log(search.s[c, c, r])
                 _unpack(x, p, first, used, now)
-            evidence[run, k] = _log_sum(now.weights[:count]) - before
+            if evidence.shape[0] > 0:
+                evidence[run, k] = _log_sum(now.weights[:count]) - before
             count = _dropped(now, count)
             if count == 0:
                 mean[run, k:] = np.nan
                 cov[run, k:] = np.nan
-                evidence[run, k:] = -math.inf
+                evidence[run : run + 1, k:] = -math.inf
                 break
             count = _merged(now, count)
-            before = _log_sum(now.weights[:count])
+            if evidence.shape[0] > 0:
+                before = _log_sum(now.weights[:count])
             total += count
             _moments(now, everyone[:count], 0, 0.0, mean[run, k], cov[run, k])
         counts[run], sizes[run] = search.counts[:, 1].sum(), total / epochs
@@ -305,7 +310,8 @@ def gaussian_sum(
     iterations : linearisations of h in each update of a hypothesis.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     """
-    return gaussian_sum_with_evidence(block, spacing_m, most, iterations, loss, threshold)[0]
+    rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
+    return _run(block, spacing_m, most, rules, np.empty((0, 0)))
 
 
 def gaussian_sum_with_evidence(
@@ -315,14 +321,21 @@ def gaussian_sum_with_evidence(
 
     See :func:`.extended_with_evidence`.
     """
+    rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
+    evidence = np.empty((block.runs, block.epochs))
+    return _run(block, spacing_m, most, rules, evidence), evidence
+
+
+def _run(
+    block: ProblemBlock, spacing_m: float, most: int, rules: Rules, evidence: np.ndarray
+) -> EstimateBlock:
+    """Run the filter; fill the evidence unless it is empty."""
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
     scale = np.sqrt(np.diag(block.prior_cov))
     counts, sizes = np.zeros(runs, dtype=np.int64), np.zeros(runs)
-    evidence = np.empty((runs, epochs))
     prior = Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
-    rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
     _filter(
         batch=batch_of(block),
         prior=prior,
@@ -335,4 +348,4 @@ def gaussian_sum_with_evidence(
     )
     started = np.full(runs, len(weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}
-    return EstimateBlock(mean, cov, "filter", info=info), evidence
+    return EstimateBlock(mean, cov, "filter", info=info)
