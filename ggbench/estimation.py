@@ -16,10 +16,7 @@ import numpy as np
 
 from .block import BlockEstimator, EstimateBlock, ProblemBlock
 from .engines.innovations import innovations_squared
-from .problem import Estimate, Estimator, Problem
-
-_OF_THE_MAP = ("E", "mGal")
-"""Units of gradient and gravity channels; the names of sensors are the case's own."""
+from .problem import Estimate, Estimator, Problem, matched_with_map
 
 Given = TypeVar("Given", Problem, ProblemBlock)
 
@@ -63,6 +60,6 @@ def with_scaled_noise(given: Given, noise_scale: float) -> Given:
     """
     if noise_scale == 1.0:
         return given
-    of_the_map = [channel.unit in _OF_THE_MAP for channel in given.channels] or True
-    scales = np.where(of_the_map, noise_scale, np.ones(given.noise_cov.shape[-1]))
+    count = given.noise_cov.shape[-1]
+    scales = np.where(matched_with_map(given.channels, count), noise_scale, 1.0)
     return replace(given, noise_cov=given.noise_cov * np.outer(scales, scales))

@@ -7,7 +7,7 @@ carries any system with linear dynamics and a nonlinear measurement of a positio
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
@@ -89,6 +89,17 @@ class Channel:
     name: str
     unit: str
     sensor: str
+
+
+_OF_THE_MAP = ("E", "mGal")
+"""Units of gradient and gravity channels; the names of sensors are the case's own."""
+
+
+def matched_with_map(channels: Sequence[Channel], count: int) -> np.ndarray:
+    """Return which of m = ``count`` channels (m,) are matched with the map; all, if unnamed."""
+    if not channels:
+        return np.ones(count, dtype=bool)
+    return np.array([channel.unit in _OF_THE_MAP for channel in channels])
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,12 @@ import numpy as np
 from ..block import ProblemBlock
 from ..gravity.ellipsoid import EOTVOS, normal_gradient_of
 from ..numerics.frozen import read_only
-from ..problem import StateBlock
+from ..problem import StateBlock, matched_with_map
 from ..sensors.aiding import MGAL
 from ..sensors.gradiometer.instrument import LOCAL_LEVEL
 from ..sensors.model_arrays import linear_reach
 from .robust_weights import losses
 
-_OF_THE_MAP = ("E", "mGal")
 _FIXED = 1e-6
 """Standard deviation of the state that stands for the number one: a covariance is positive."""
 _LARGER, _SHORTER = 2.0, 0.7
@@ -268,10 +267,8 @@ def augmented(
 
 
 def _of_the_map(block: ProblemBlock) -> np.ndarray:
-    """Return which channels (m,) are matched with the map; all, if they are not named."""
-    if not block.channels:
-        return np.ones(block.measurements.shape[2], dtype=bool)
-    return np.array([channel.unit in _OF_THE_MAP for channel in block.channels])
+    """Return which channels (m,) are matched with the map."""
+    return matched_with_map(block.channels, block.measurements.shape[2])
 
 
 def _walking_errors(block: ProblemBlock) -> bool:
