@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -177,37 +178,39 @@ def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> Non
     held : estimates of whole problems.
     cut : of the same runs, exported with ``until_s``.
     """
+    if any(whole.causality == "batch" for whole in held):
+        raise ExchangeError("estimates that are 'batch' may use all readings: give no cut")
     compared = False
-    for whole in held:
-        if whole.causality == "batch":
-            raise ExchangeError("estimates that are 'batch' may use all readings: give no cut")
-        for part in cut:
-            if (part.problem["key"], part.problem["seed"]) != (
-                whole.problem["key"],
-                whole.problem["seed"],
-            ):
-                continue
-            epochs = len(part.times)
-            last = part.times[-1] - (whole.lag or 0.0)
-            known = np.flatnonzero(whole.times[:epochs] <= last)
-            for row, number in enumerate(part.problem["runs"]):
-                if number not in whole.problem["runs"] or not len(known):
-                    continue
-                compared = True
-                own = whole.problem["runs"].index(number)
-                sigma = np.sqrt(np.diagonal(whole.cov[own][known], axis1=1, axis2=2))
-                off = np.abs(part.mean[row][known] - whole.mean[own][known]) / sigma
-                worst = off.max(axis=1)
-                if worst.max() > _SAME:
-                    k = int((worst > _SAME).argmax())
-                    raise ExchangeError(
-                        f"the estimates of {whole.problem['case']}, run {number}, are declared "
-                        f"'{whole.causality}' and use later readings: without those after "
-                        f"{part.times[-1]:g} s they differ by {worst.max():.2g} standard "
-                        f"deviations, first at {whole.times[k]:g} s"
-                    )
+    for whole, part, number in _common_runs(held, cut):
+        last = part.times[-1] - (whole.lag or 0.0)
+        known = np.flatnonzero(whole.times[: len(part.times)] <= last)
+        if not len(known):
+            continue
+        compared = True
+        own, row = (one.problem["runs"].index(number) for one in (whole, part))
+        sigma = np.sqrt(np.diagonal(whole.cov[own][known], axis1=1, axis2=2))
+        off = (np.abs(part.mean[row][known] - whole.mean[own][known]) / sigma).max(axis=1)
+        if off.max() > _SAME:
+            first = whole.times[int((off > _SAME).argmax())]
+            raise ExchangeError(
+                f"the estimates of {whole.problem['case']}, run {number}, are declared "
+                f"'{whole.causality}' and use later readings: without those after "
+                f"{part.times[-1]:g} s they differ by {off.max():.2g} standard deviations, first "
+                f"at {first:g} s"
+            )
     if not compared:
         raise ExchangeError("the cut estimates are of no run of the whole ones")
+
+
+def _common_runs(
+    held: Sequence[StoredRuns], cut: Sequence[StoredRuns]
+) -> Iterator[tuple[StoredRuns, StoredRuns, int]]:
+    """Yield the whole and the cut estimates of each run that both have, and its number."""
+    for whole, part in itertools.product(held, cut):
+        if all(whole.problem[name] == part.problem[name] for name in ("key", "seed")):
+            for number in part.problem["runs"]:
+                if number in whole.problem["runs"]:
+                    yield whole, part, number
 
 
 def misreadings(estimates: Path | str, results: Results) -> list[str]:

@@ -22,6 +22,8 @@ from typing import Any
 
 from ..errors import GGBenchError
 from ..estimator_spec import EstimatorSpec
+from ..exchange import PROGRAM
+from ..exchange.containers import SUFFIXES
 from ..parameters import parameters_of
 from ..problem import Causality, Estimator, Family
 from ..spec.rosters import expanded
@@ -132,11 +134,11 @@ def choose(text: str) -> Choice:
     name = given.name
     if name.endswith(".py"):
         cls = _from_file(Path(name))
-    elif name.startswith("exec:"):
+    elif name.startswith(PROGRAM):
         from ..exchange import programs  # not at the top: few need it
 
         cls = programs.estimator_of(name)
-    elif Path(name).suffix in (".nc", ".mat", ".txt") or Path(name).is_dir():
+    elif Path(name).suffix in SUFFIXES or Path(name).is_dir():
         from ..exchange import estimate_files
 
         cls = estimate_files.estimator_of(Path(name))

@@ -92,17 +92,9 @@ def shaped(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
 
 
 def _format_of(path: Path) -> tuple[Callable[..., None], Callable[[Path], dict[str, Any]]]:
-    formats = {
-        ".nc": (_write_netcdf, _read_netcdf),
-        ".mat": (_write_matlab, _read_matlab),
-        ".txt": (_write_text, _read_text),
-    }
-    if path.suffix not in formats:
-        raise ExchangeError(f"{path} must end with {', '.join(formats)}")
-    return formats[path.suffix]
-
-
-SUFFIXES = (".nc", ".mat", ".txt")
+    if path.suffix not in _FORMATS:
+        raise ExchangeError(f"{path} must end with {', '.join(_FORMATS)}")
+    return _FORMATS[path.suffix]
 
 
 def _checked(path: Path, name: str, value: Any) -> np.ndarray | str:
@@ -238,3 +230,12 @@ def _numbers(path: Path, name: str, sizes: list[str], lines: Iterator[str]) -> n
     if held > count:
         raise ExchangeError(f"{path}: {name} has more numbers than its shape, {count}")
     return np.concatenate(parts or [np.empty(0)]).reshape(shape)
+
+
+_FORMATS = {
+    ".nc": (_write_netcdf, _read_netcdf),
+    ".mat": (_write_matlab, _read_matlab),
+    ".txt": (_write_text, _read_text),
+}
+SUFFIXES = tuple(_FORMATS)
+"""Ends of the names of files that are written and read."""

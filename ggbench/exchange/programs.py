@@ -18,10 +18,9 @@ import numpy as np
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..problem import Causality
-from . import estimate_files, problem_files
+from . import PROGRAM, estimate_files, problem_files
 from .containers import ExchangeError
 
-PREFIX = "exec:"
 _LONGEST_OUTPUT = 2000
 _PIECE = 1 << 16
 _LAST_WORDS_S = 1.0
@@ -148,10 +147,10 @@ def estimator_of(text: str) -> type[ExternalProgram]:
     ExchangeError
         If there is no such program, or it cannot be executed.
     """
-    path = Path(text.removeprefix(PREFIX))
+    path = Path(text.removeprefix(PROGRAM))
     if not path.is_file():
         raise ExchangeError(f"{text}: there is no program {path}")
     if not os.access(path, os.X_OK):
         raise ExchangeError(f"{text}: {path} cannot be executed; set its x bit (chmod +x)")
-    space: dict[str, Any] = {"path": path, "name": f"{PREFIX}{path.name}", "__module__": __name__}
+    space: dict[str, Any] = {"path": path, "name": f"{PROGRAM}{path.name}", "__module__": __name__}
     return dataclass(frozen=True)(type("ExternalProgram", (ExternalProgram,), space))
