@@ -27,6 +27,8 @@ LIBRARIES = ("pyceres",)
 """Distributions whose version its results depend on."""
 _ENOUGH = 1e-10
 """Relative decrease of the cost, and size of the gradient, below which a search ends."""
+_UNDAMPED = 1e16
+"""Radius of the trust region at the start: the reciprocal of the damping."""
 
 
 class _Trajectory:
@@ -115,6 +117,9 @@ class PyceresBatch(Estimator):
         options.linear_solver_type = pyceres.LinearSolverType.DENSE_NORMAL_CHOLESKY
         options.max_num_iterations = self.max_iterations
         options.function_tolerance = options.gradient_tolerance = _ENOUGH
+        # The first step is one of Gauss and Newton: a damped one leaves a share of the error where
+        # the cost is flat, and a linear problem is then solved to 1e-5 posterior deviations only.
+        options.initial_trust_region_radius = _UNDAMPED
         options.num_threads = 1
         options.minimizer_progress_to_stdout = False
         pyceres.solve(options, graph, summary)
