@@ -13,7 +13,7 @@ from ..spec.axes import AxisSpec
 from ..spec.scenario import Scenario
 from ..spec.sweep import largest_within
 from . import columns
-from .views import comparable, few_cases
+from .views import comparable, deciding_cases, few_cases
 
 MOST_PARTS = 3
 """Parts of a grid that a figure shows."""
@@ -70,13 +70,13 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
 
 
 def shown_cases(results: Results) -> pd.DataFrame:
-    """Return the flown cases that a page lists: of a sweep, those of its figure."""
-    cases = results.cases()
-    cases = cases[cases["case"].isin(results.metrics()["case"])]
+    """Return the flown cases that a page lists, those that decide; of a sweep, of its figure."""
+    cases, metrics = results.cases(), results.metrics()
+    cases = cases[cases["case"].isin(metrics["case"])]
     if results.scenario.sweep is not None:
         names = [name for part in parts(results.scenario, cases) for name in part.cases]
         cases = cases.set_index("case").loc[names].reset_index()
-    return few_cases(cases)
+    return deciding_cases(metrics, cases)
 
 
 def label_of(scenario: Scenario) -> str:
