@@ -61,6 +61,7 @@ function addTable(parent, name, wanted) {
   const { columns } = data.tables[name];
   const rows = rowsOf(name, wanted);
   if (!rows.length) return;
+  const most = name === "errors" ? 20 : 60; // Rows of a page of the table.
   const kept = columns.map((_, k) => k).filter((k) =>
     !(wanted !== null && columns[k] === "case") && rows.some((row) => row[k] !== null && row[k] !== ""));
   const head = document.createElement("h2");
@@ -83,9 +84,9 @@ function addTable(parent, name, wanted) {
           : plain(shown(value, form))),
       };
     }),
-    paging: rows.length > 60, pageLength: 50, lengthChange: false, info: false, autoWidth: false, order: [],
+    paging: rows.length > most, pageLength: most, lengthChange: false, info: false, autoWidth: false, order: [],
     deferRender: true,
-    layout: { topStart: rows.length > 4 ? "search" : null, topEnd: null, bottomEnd: rows.length > 60 ? "paging" : null },
+    layout: { topStart: rows.length > 4 ? "search" : null, topEnd: null, bottomEnd: rows.length > most ? "paging" : null },
     language: { search: "", searchPlaceholder: "filter rows", zeroRecords: "no row" },
     initComplete() {
       kept.forEach((k, place) => {
@@ -100,8 +101,9 @@ const panel = document.getElementById("panel");
 const RELATED = ["fixes", "remarks", "failures", "claims", "studies", "counters"];
 
 function showAll() {
+  addTable(panel, "errors", null);
   addFigure(panel, data.figures[""].picture, `${data.figures[""].caption}. ${HINT}`);
-  for (const name of ["errors", "cases", ...Object.keys(data.tables).filter((name) => !["errors", "cases", "metrics", "pairs"].includes(name))]) {
+  for (const name of ["cases", ...Object.keys(data.tables).filter((name) => !["errors", "cases", "metrics", "pairs"].includes(name))]) {
     addTable(panel, name, null);
   }
 }
