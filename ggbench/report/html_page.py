@@ -88,7 +88,8 @@ def text(
         "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
     } | results.further_tables()
-    tables["errors"] = tables["errors"].rename(columns=lambda key: _error_key(key, results.labels))
+    errors = tables["errors"].drop(columns="case")
+    tables["errors"] = errors.rename(columns=lambda key: _error_key(key, results.labels))
     data = {
         "cases": [{"case": row.case, "title": row.title} for row in cases.itertuples()],
         "tables": {name: _packed(table) for name, table in tables.items()},
