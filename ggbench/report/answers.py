@@ -9,11 +9,13 @@ import pandas as pd
 from ..judging.judgement import OUTSIDE
 from ..judging.standing import standing
 from ..judging.verdicts import FEWEST_RUNS
-from ..results.folder import Results
 from . import published, sweeps, views
+from .reported import Reported
 
 MOST_OUTSIDE = 0.05
 """Share of an estimator's runs that may leave the map before an answer says so."""
+MOST_OWN = 2
+"""Estimators of one's own that an answer names."""
 
 
 def left_the_map(runs: pd.DataFrame) -> list[str]:
@@ -23,12 +25,13 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
     return [str(label) for label in shares.index[shares > MOST_OUTSIDE]]
 
 
-def answer(results: Results) -> dict[str, Any]:
+def answer(results: Reported) -> dict[str, Any]:
     """Return what the template ``answer.j2`` states.
 
     ``label`` is the estimator recommended in most cases (:func:`.standing.standing`), else the
     best in most; ``row`` its metrics in the ``lead`` case, the first in which it is that;
-    ``reason`` says why none is recommended in the first case without.
+    ``reason`` says why none is recommended in the first case without. ``own`` are the metrics of
+    the reader's own estimators in the lead case, those that finished.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]
@@ -38,6 +41,7 @@ def answer(results: Results) -> dict[str, Any]:
         "total": len(cases),
         "recommended": len(recommended),
         "label": "",
+        "own": [],
         "without": cases.loc[cases["recommended"] == "", "title"].tolist(),
         "reason": next((text for text in cases["not_recommended"] if text), ""),
         "inconsistent": views.not_consistent(metrics),
@@ -60,10 +64,13 @@ def answer(results: Results) -> dict[str, Any]:
         label = named.value_counts().index[0]
         leads = cases["best"] == label
     lead = cases[leads].iloc[0]
-    settled = settled[settled["case"] == lead["case"]]
+    settled = settled[settled["case"] == lead["case"]].set_index("estimator", drop=False)
+    others = [one for one in results.own if one != label and one in settled.index]
+    own = settled.loc[others].dropna(subset="rms_m")
     return found | {
         "label": label,
         "count": int(leads.sum()),
         "lead": lead.to_dict(),
-        "row": settled[settled["estimator"] == label].iloc[0].to_dict(),
+        "row": settled.loc[label].to_dict(),
+        "own": own.iloc[:MOST_OWN].to_dict("records"),
     }

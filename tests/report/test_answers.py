@@ -6,9 +6,10 @@ import pandas as pd
 from reporting import cases, metrics, scenario
 
 from ggbench.report.answers import answer
+from ggbench.report.page_templates import environment
 
 
-def stated(**changes):
+def stated(mine=(), **changes):
     """The answer of two cases in which three filters are recommended, the Gaussian sum in both."""
     table = metrics()
     settled = table["window"] == "settled"
@@ -19,8 +20,11 @@ def stated(**changes):
     named = cases().assign(**({"recommended": ["ekf", "ukf"]} | changes))
     runs = pd.DataFrame({"assumption": [""], "estimator": ["ekf"], "remark": [""]})
     return answer(
-        scenario(scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs)
-    )
+        scenario(
+            scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,
+            own=[*mine],
+        )
+    )  # fmt: skip
 
 
 def test_the_answer_counts_all_recommendations():
@@ -34,3 +38,12 @@ def test_without_a_recommendation_the_answer_says_why():
     found = stated(recommended=["", ""], not_recommended=["", "none is consistent"])
     assert (found["label"], found["recommended"]) == ("gaussian-sum", 0)
     assert found["reason"] == "none is consistent"
+
+
+def test_the_answer_has_the_error_of_ones_own_estimator():
+    """In the case of the answer; not twice where it is the answer itself."""
+    words = environment().get_template("answer.j2")
+    assert "`ekf` has 5.00 m (95%: 4.50–5.50 m, 1.25 × oracle)." in words.render(
+        answer=stated(mine=["ekf"])
+    )
+    assert stated(mine=["gaussian-sum"])["own"] == stated()["own"] == []
