@@ -97,7 +97,7 @@ def _published(results: Reported, allowed: pd.DataFrame, folder: Path) -> dict[s
     if not references:
         return {}
     titles = {case.name: case.title for case in results.scenario.cases}
-    starts = published.from_starts(results, metrics, "ekf")
+    starts = published.from_starts(results, metrics, ["ekf", *results.own])
     cases = results.cases()
     if len(starts):
         own_cases = cases[cases["case"].isin(references)]

@@ -12,7 +12,7 @@ import pandas as pd
 from ..judging.statistics import BETTER, EQUIVALENCE_RATIO, EQUIVALENT, UNDECIDED, WORSE
 from ..results.folder import Results
 from . import columns
-from .tables import FAILED
+from .tables import FAILED, MOST_ROWS
 from .views import comparable, together
 
 MOST_REFERENCES = 3
@@ -109,27 +109,31 @@ def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
     return table.assign(allowed=table["bound_m"] <= table["published_m"])
 
 
-def from_starts(results: Results, metrics: pd.DataFrame, label: str) -> pd.DataFrame:
-    """Return bound and RMS error of an estimator over windows from several starts to the end.
+def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
+    """Return bound and RMS errors of estimators over windows from several starts to the end.
 
-    Empty where a flight is too short or too long for :data:`STARTS_S`.
+    A row for the bound and for each estimator that finished, case by case, as many as a table has
+    room for. Empty where a flight is too short or too long for :data:`STARTS_S`.
     """
-    lines: dict[str, list[float]] = {}
-    for case in referenced(metrics):
-        arrays, series = results.arrays(case), results.series(case, label)
+    cases, lines = referenced(metrics), []
+    for case in cases:
+        arrays, title = results.arrays(case), results.scenario.case(case).title
         times = arrays["times"]
-        if not len(series) or not STARTS_S[-1] < times[-1] < 4.0 * STARTS_S[-1]:
+        if not STARTS_S[-1] < times[-1] < 4.0 * STARTS_S[-1]:
             return pd.DataFrame()
-        kept = times[arrays["kept"]]
-        title = results.scenario.case(case).title
-        lines[f"{title}: bound"] = [
-            float(np.sqrt(arrays["bound-filter"][times >= start, 0].mean())) for start in STARTS_S
-        ]
-        lines[f"{title}: `{label}`"] = [
-            float(np.sqrt((series[:, kept >= start, 0] ** 2).mean())) for start in STARTS_S
-        ]
-    shown = {name: [columns.metres(value) for value in held] for name, held in lines.items()}
-    return pd.DataFrame({"window from t₀ [s]": [f"{start:g}" for start in STARTS_S]} | shown)
+        kept, squares = times[arrays["kept"]], {}
+        for label in labels:
+            series = results.series(case, label)
+            if len(series):
+                squares[f"`{label}`"] = kept, (series[:, :, 0] ** 2).mean(axis=0)
+        if not squares:
+            return pd.DataFrame()
+        rows = {"bound": (times, arrays["bound-filter"][:, 0])} | squares
+        for name, (at, values) in [*rows.items()][: MOST_ROWS // len(cases)]:
+            errors = [math.sqrt(float(values[at >= start].mean())) for start in STARTS_S]
+            lines.append([f"{title}: {name}", *map(columns.metres, errors)])
+    heads = [f"t₀ = {start:g} s" for start in STARTS_S]
+    return pd.DataFrame(lines, columns=["RMS error [m] from t₀", *heads])
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import pytest
 from reporting import CAUSALITY, ERRORS, cases, metric, metrics, pairs, scenario
 
-from ggbench.report import tables, views
-from ggbench.report.published import allowed, claimed, published_table
+from ggbench.report import columns, tables, views
+from ggbench.report.published import allowed, claimed, from_starts, published_table
 from ggbench.spec.claims import ComparisonSpec
 
 
@@ -147,6 +149,28 @@ def test_published_errors_are_set_against_those_of_ones_own():
         "`ins`", "`wrong`", "`ekf`, `mine`, `ukf`", "`factor-graph[mode=batch]`", "`gaussian-sum`"
     ]  # fmt: skip
     assert shown["first: settled"].tolist()[4:6] == ["failed", "5.00"]
+
+
+def test_windows_from_several_starts_have_the_estimators_of_ones_own():
+    """Planted errors fall from 20 m to 10 m at 100 s; of three cases there are three rows each."""
+    times = np.arange(1.0, 201.0)
+    series = np.zeros((4, 200, 2))
+    series[:, :, 0] = np.where(times < 100.0, 20.0, 10.0)
+    arrays = {"times": times, "kept": np.arange(200), "bound-filter": np.full((200, 2), 9.0)}
+    results = SimpleNamespace(
+        arrays=lambda case: arrays,
+        series=lambda case, label: series if label != "broken" else series[:0],
+        scenario=SimpleNamespace(case=lambda name: SimpleNamespace(title=f"case {name}")),
+    )
+    table = metrics(3).assign(published_m=7.0)
+    found = from_starts(results, table, ["ekf", "broken", "mine", "second"])
+    assert found.iloc[:, 0].tolist() == [
+        f"case c{n}: {name}" for n in range(3) for name in ("bound", "`ekf`", "`mine`")
+    ]
+    assert found["t₀ = 100 s"].tolist() == ["3.00", "10.0", "10.0"] * 3
+    assert found["t₀ = 0 s"].tolist()[2] == columns.metres(np.sqrt((99 * 400 + 101 * 100) / 200))
+    assert tables.text(found)
+    assert from_starts(results, table, ["broken"]).empty
 
 
 def test_published_errors_are_shown_where_every_filter_failed():
