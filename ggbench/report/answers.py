@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
@@ -14,6 +15,8 @@ from .reported import Reported
 
 MOST_OUTSIDE = 0.05
 """Share of an estimator's runs that may leave the map before an answer says so."""
+MOST_RECOVERED = 4
+"""Estimators with a largest σ/ℓ in an answer."""
 MOST_OWN = 2
 """Estimators of one's own that an answer names."""
 
@@ -23,6 +26,17 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
     own = runs[runs["assumption"] == ""]
     shares = (own["remark"] == OUTSIDE).groupby(own["estimator"], sort=False).mean()
     return [str(label) for label in shares.index[shares > MOST_OUTSIDE]]
+
+
+def named_among(
+    recovered: Sequence[tuple[str, float]], own: Sequence[str]
+) -> list[tuple[str, float]]:
+    """Return the estimators that an answer names: the first ones and one's own, in order."""
+    kept = [label for label, _ in recovered if label in own][:MOST_OWN]
+    for label, _ in recovered:
+        if len(kept) < MOST_RECOVERED and label not in kept:
+            kept.append(label)
+    return [(label, widest) for label, widest in recovered if label in kept]
 
 
 def answer(results: Reported) -> dict[str, Any]:
@@ -45,11 +59,13 @@ def answer(results: Reported) -> dict[str, Any]:
         "without": cases.loc[cases["recommended"] == "", "title"].tolist(),
         "reason": next((text for text in cases["not_recommended"] if text), ""),
         "inconsistent": views.not_consistent(metrics),
-        "targets": sweeps.reached(results.scenario, metrics, cases),
+        "targets": sweeps.reached(results.scenario, metrics, cases, results.own),
         "axis": sweep.axes[0].label if sweep else "",
         "runs": int(metrics["runs"].max()) if len(metrics) else 0,
         "fewest": FEWEST_RUNS,
-        "recovered": sweeps.recovered(metrics, cases) if of_the_prior else [],
+        "recovered": named_among(sweeps.recovered(metrics, cases), results.own)
+        if of_the_prior
+        else [],
         "outside": left_the_map(results.runs()),
         "allowed": published.allowed(metrics),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 from reporting import cases, metrics, scenario
 
-from ggbench.report.answers import answer
+from ggbench.report.answers import answer, named_among
 from ggbench.report.page_templates import environment
 
 
@@ -47,3 +47,10 @@ def test_the_answer_has_the_error_of_ones_own_estimator():
         answer=stated(mine=["ekf"])
     )
     assert stated(mine=["gaussian-sum"])["own"] == stated()["own"] == []
+
+
+def test_an_answer_on_priors_names_four_estimators_with_ones_own():
+    """The widest first; one's own in its place, instead of the fourth."""
+    found = [("a", 0.9), ("b", 0.8), ("c", 0.7), ("d", 0.6), ("mine", 0.1), ("e", 0.0)]
+    assert named_among(found, []) == found[:4]
+    assert named_among(found, ["mine"]) == [*found[:3], ("mine", 0.1)]
