@@ -35,8 +35,9 @@ class Column:
 
     @property
     def head(self) -> str:
-        """Heading and unit."""
-        return f"{self.heading} [{self.unit}]" if self.unit else self.heading
+        """Heading and unit; times are written with theirs."""
+        has_unit = self.unit and self.form != "time"
+        return f"{self.heading} [{self.unit}]" if has_unit else self.heading
 
 
 def _registered() -> dict[str, Column]:
