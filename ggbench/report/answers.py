@@ -43,9 +43,9 @@ def answer(results: Reported) -> dict[str, Any]:
     """Return what the template ``answer.j2`` states.
 
     ``label`` is the estimator recommended in most cases (:func:`.standing.standing`), else the
-    best in most; ``row`` its metrics in the ``lead`` case, the first in which it is that;
-    ``reason`` says why none is recommended in the first case without. ``own`` are the metrics of
-    the reader's own estimators in the lead case, those that finished.
+    best in most; ``row`` its metrics in the ``lead`` case, the first of the page's table in which
+    it is that; ``reason`` says why none is recommended in the first case without. ``own`` are the
+    metrics of the reader's own estimators in the lead case, those that finished.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]
@@ -79,7 +79,8 @@ def answer(results: Reported) -> dict[str, Any]:
     else:
         label = named.value_counts().index[0]
         leads = cases["best"] == label
-    lead = cases[leads].iloc[0]
+    in_table = leads & cases["case"].isin(sweeps.shown_cases(results)["case"])
+    lead = cases[in_table if in_table.any() else leads].iloc[0]
     settled = settled[settled["case"] == lead["case"]].set_index("estimator", drop=False)
     others = [one for one in results.own if one != label and one in settled.index]
     own = settled.loc[others].dropna(subset="rms_m")

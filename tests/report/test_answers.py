@@ -54,3 +54,18 @@ def test_an_answer_on_priors_names_four_estimators_with_ones_own():
     found = [("a", 0.9), ("b", 0.8), ("c", 0.7), ("d", 0.6), ("mine", 0.1), ("e", 0.0)]
     assert named_among(found, []) == found[:4]
     assert named_among(found, ["mine"]) == [*found[:3], ("mine", 0.1)]
+
+
+def test_the_answer_is_of_a_case_that_the_table_shows():
+    """Of twelve cases the table shows the last five, in which the filters differ most."""
+    table, named = metrics(12), cases(12, recommended="ekf")
+    last = table["case"].isin([f"c{n}" for n in range(7, 12)])
+    table.loc[last & (table["estimator"] == "gaussian-sum"), "rms_m"] /= 10.0
+    runs = pd.DataFrame({"assumption": [""], "estimator": ["ekf"], "remark": [""]})
+    found = answer(
+        scenario(
+            scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,
+            own=[],
+        )
+    )  # fmt: skip
+    assert (found["label"], found["count"], found["lead"]["case"]) == ("ekf", 12, "c7")
