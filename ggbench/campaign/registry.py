@@ -35,6 +35,8 @@ FRAMEWORKS = "ggbench.frameworks"
 _SOURCE = "__ggbench_source__"
 _OWN_MODULE = "ggbench_user_"
 """How the module names of files of a user's own begin."""
+_SHIPPED = ("ggbench.estimators.", "ggbench.adapters.")
+"""How the names of modules of shipped estimators begin."""
 _ADAPTERS = "ggbench.adapters."
 """How the names of the modules begin by which other packages' estimators join."""
 
@@ -57,9 +59,9 @@ class Choice:
 
     @property
     def family(self) -> Family:
-        """The family of its class; a file of the user's own is none of the shipped ones."""
+        """The family of its class; "own" unless the class is shipped, whatever it derives from."""
         cls = type(self.estimator)
-        return "own" if cls.__module__.startswith(_OWN_MODULE) else cls.family
+        return cls.family if cls.__module__.startswith(_SHIPPED) else "own"
 
     @property
     def content(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from .line_styles import line_styles, stacked
+from .line_styles import is_own, line_styles, stacked
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 WIDTH = 7.3
@@ -32,18 +32,38 @@ class Curve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """Curves of a figure: title, abscissae (n,), curve by label, bound and INS (n,) [m]."""
+    """Curves of a figure.
+
+    Attributes
+    ----------
+    title : of the panel.
+    places : (n,) abscissae.
+    curves : by label.
+    bound, smoothing_bound, ins : (n,) [m]; NaN where there is none. The bound of smoothers is of
+        panels that show one.
+    """
 
     title: str
     places: np.ndarray
     curves: Mapping[str, Curve]
     bound: np.ndarray
+    smoothing_bound: np.ndarray
     ins: np.ndarray
+
+    @property
+    def references(self) -> list[tuple[str, np.ndarray, str, str]]:
+        """Name, values, colour and line of the bounds and the INS, of those with values."""
+        all_of_them = [
+            ("bound of filters", self.bound, BOUND, "-"),
+            ("bound of smoothers", self.smoothing_bound, BOUND, ":"),
+            ("INS", self.ins, INS, "--"),
+        ]
+        return [each for each in all_of_them if np.isfinite(each[1]).any()]
 
 
 @styled()
 def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) -> Drawing:
-    """Draw RMS errors by case, a row for each, with the bound and the INS as lines.
+    """Draw RMS errors by case, a row for each, with the bounds and the INS as lines.
 
     A second column shows success rates if any is below 100 %.
 
@@ -74,20 +94,17 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
             "color": style.color,
             "marker": style.marker,
             "fillstyle": _FILLED[style.ls],
-            "ms": 5.5,
+            "ms": 8.0 if is_own(label, families) else 5.5,
+            "zorder": 3.0 if is_own(label, families) else 2.0,
             "ls": "",
         }
         figure.attribute(label, *errors.plot(curve.rms, at, **marks))
         figure.attribute(label, errors.hlines(at, curve.low, curve.high, color=style.color, lw=1.4))
         if columns == 2:
             figure.attribute(label, *grid[0, 1].plot(100.0 * curve.success, at, **marks))
-    for name, values, colour, line in (
-        ("bound of filters", panel.bound, BOUND, "-"),
-        ("INS", panel.ins, INS, "--"),
-    ):
-        if np.isfinite(values).any():
-            ends = middle - 0.42, middle + 0.42
-            figure.attribute(name, errors.vlines(values, *ends, color=colour, ls=line, lw=1.8))
+    ends = middle - 0.42, middle + 0.42
+    for name, values, colour, line in panel.references:
+        figure.attribute(name, errors.vlines(values, *ends, color=colour, ls=line, lw=1.8))
     errors.set(xscale="log", xlabel="RMS position error [m], 95 % interval")
     errors.set_yticks(middle, [fill(name, _NAME) for name in names])
     errors.set_ylim(count - 0.5, -0.5)
@@ -106,7 +123,7 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
 def over_axis(
     panels: Sequence[Panel], label: str, log: bool, families: Mapping[str, str]
 ) -> Drawing:
-    """Draw RMS errors against the axis of a sweep, with the bound and the INS as lines.
+    """Draw RMS errors against the axis of a sweep, with the bounds and the INS as lines.
 
     A second row shows success rates if any is below 100 %.
 
@@ -129,12 +146,13 @@ def over_axis(
     styles = line_styles(families)
     for column, panel in enumerate(panels):
         top: Axes = grid[0, column]
-        for name, width in stacked(panel.curves, families):
+        for name, width, alpha in stacked(panel.curves, families):
             curve, style = panel.curves[name], styles[name]
             look: dict[str, Any] = style._asdict() | {
                 "fillstyle": _FILLED[style.ls],
                 "ms": 4.5,
                 "lw": width,
+                "alpha": alpha,
             }
             figure.attribute(name, *top.plot(panel.places, curve.rms, **look))
             interval = top.fill_between(
@@ -144,9 +162,8 @@ def over_axis(
             if rows == 2:
                 success = grid[1, column].plot(panel.places, 100.0 * curve.success, **look)
                 figure.attribute(name, *success)
-        bound = top.plot(panel.places, panel.bound, color=BOUND, lw=1.6)
-        figure.attribute("bound of filters", *bound)
-        figure.attribute("INS", *top.plot(panel.places, panel.ins, color=INS, lw=1.6, ls="--"))
+        for name, values, colour, line in panel.references:
+            figure.attribute(name, *top.plot(panel.places, values, color=colour, lw=1.6, ls=line))
         top.set(xscale="log" if log else "linear", yscale="log")
         top.set_title(fill(panel.title, _TITLES // len(panels)), fontsize=9)
         grid[-1, column].set_xlabel(fill(label, _TITLES // len(panels)))

@@ -46,7 +46,7 @@ def error_over_time(flights: Sequence[Flight], families: Mapping[str, str]) -> D
     for column, (title, times, errors, bounds) in enumerate(flights):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
             axis: Axes = grid[row, column]
-            for label, width in stacked(errors, families):
+            for label, width, alpha in stacked(errors, families):
                 style, name = styles[label], "INS" if label == "ins" else label
                 line = axis.semilogy(
                     times,
@@ -54,6 +54,7 @@ def error_over_time(flights: Sequence[Flight], families: Mapping[str, str]) -> D
                     ls=style.ls,
                     color=style.color,
                     lw=width,
+                    alpha=alpha,
                     label=name,
                 )
                 figure.attribute(name, *line)

@@ -32,8 +32,10 @@ _MARKERS = "xosD^v<>pP*Xhd8"
 _LINES = ("-", "--", "-.", ":")
 _LAYERS = {"inertial": 0, "own": 2}
 """Layers of families; others have 1."""
-_WIDTHS = 4.2, 1.2
-"""Widths of the first and of the last line of a figure [pt]."""
+_WIDTHS = 3.4, 1.2
+"""Widths of the first and of the last line of a figure [pt], of shipped estimators."""
+_OWN = 4.2, 0.75
+"""Width [pt] and opacity of lines of one's own estimators: equal ones are seen through them."""
 
 
 class LineStyle(NamedTuple):
@@ -67,14 +69,30 @@ def line_styles(families: Mapping[str, str]) -> dict[str, LineStyle]:
     return styles
 
 
-def stacked(labels: Iterable[str], families: Mapping[str, str]) -> list[tuple[str, float]]:
-    """Return labels in the order of drawing, each with the width of its line [pt].
+class Layer(NamedTuple):
+    """A line of a figure: label, width [pt], opacity."""
 
-    Lines become thinner, so that equal curves stay visible at the sides. The INS comes first and
-    estimators of one's own come last, on top.
+    label: str
+    width: float
+    alpha: float
+
+
+def is_own(label: str, families: Mapping[str, str]) -> bool:
+    """Return whether an estimator is not a shipped one."""
+    return families.get(label, "own") not in set(COLOURS) - {"own"}
+
+
+def stacked(labels: Iterable[str], families: Mapping[str, str]) -> list[Layer]:
+    """Return the lines of a figure in the order of drawing.
+
+    The INS comes first. Lines become thinner, so that equal curves stay visible at the sides.
+    Estimators of one's own come last: on top, the thickest, translucent.
     """
     order = sorted(labels, key=lambda label: _LAYERS.get(families[label], 1))
-    return list(zip(order, np.linspace(*_WIDTHS, len(order)).tolist(), strict=True))
+    shipped = [label for label in order if not is_own(label, families)]
+    widths = np.linspace(*_WIDTHS, len(shipped)).tolist()
+    lines = [Layer(label, width, 1.0) for label, width in zip(shipped, widths, strict=True)]
+    return lines + [Layer(label, *_OWN) for label in order if is_own(label, families)]
 
 
 def _lighter(colour: str, steps: int) -> str:

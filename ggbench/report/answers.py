@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
@@ -9,11 +10,15 @@ import pandas as pd
 from ..judging.judgement import OUTSIDE
 from ..judging.standing import standing
 from ..judging.verdicts import FEWEST_RUNS
-from ..results.folder import Results
 from . import published, sweeps, views
+from .reported import Reported
 
 MOST_OUTSIDE = 0.05
 """Share of an estimator's runs that may leave the map before an answer says so."""
+MOST_RECOVERED = 4
+"""Estimators with a largest σ/ℓ in an answer."""
+MOST_OWN = 2
+"""Estimators of one's own that an answer names."""
 
 
 def left_the_map(runs: pd.DataFrame) -> list[str]:
@@ -23,12 +28,24 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
     return [str(label) for label in shares.index[shares > MOST_OUTSIDE]]
 
 
-def answer(results: Results) -> dict[str, Any]:
+def named_among(
+    recovered: Sequence[tuple[str, float]], own: Sequence[str]
+) -> list[tuple[str, float]]:
+    """Return the estimators that an answer names: the first ones and one's own, in order."""
+    kept = [label for label, _ in recovered if label in own][:MOST_OWN]
+    for label, _ in recovered:
+        if len(kept) < MOST_RECOVERED and label not in kept:
+            kept.append(label)
+    return [(label, widest) for label, widest in recovered if label in kept]
+
+
+def answer(results: Reported) -> dict[str, Any]:
     """Return what the template ``answer.j2`` states.
 
     ``label`` is the estimator recommended in most cases (:func:`.standing.standing`), else the
-    best in most; ``row`` its metrics in the ``lead`` case, the first in which it is that;
-    ``reason`` says why none is recommended in the first case without.
+    best in most; ``row`` its metrics in the ``lead`` case, the first of the page's table in which
+    it is that; ``reason`` says why none is recommended in the first case without. ``own`` are the
+    metrics of the reader's own estimators in the lead case, those that finished.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]
@@ -38,14 +55,17 @@ def answer(results: Results) -> dict[str, Any]:
         "total": len(cases),
         "recommended": len(recommended),
         "label": "",
+        "own": [],
         "without": cases.loc[cases["recommended"] == "", "title"].tolist(),
         "reason": next((text for text in cases["not_recommended"] if text), ""),
         "inconsistent": views.not_consistent(metrics),
-        "targets": sweeps.reached(results.scenario, metrics, cases),
+        "targets": sweeps.reached(results.scenario, metrics, cases, results.own),
         "axis": sweep.axes[0].label if sweep else "",
         "runs": int(metrics["runs"].max()) if len(metrics) else 0,
         "fewest": FEWEST_RUNS,
-        "recovered": sweeps.recovered(metrics, cases) if of_the_prior else [],
+        "recovered": named_among(sweeps.recovered(metrics, cases), results.own)
+        if of_the_prior
+        else [],
         "outside": left_the_map(results.runs()),
         "allowed": published.allowed(metrics),
     }
@@ -59,11 +79,15 @@ def answer(results: Results) -> dict[str, Any]:
     else:
         label = named.value_counts().index[0]
         leads = cases["best"] == label
-    lead = cases[leads].iloc[0]
-    settled = settled[settled["case"] == lead["case"]]
+    in_table = leads & cases["case"].isin(sweeps.shown_cases(results)["case"])
+    lead = cases[in_table if in_table.any() else leads].iloc[0]
+    settled = settled[settled["case"] == lead["case"]].set_index("estimator", drop=False)
+    others = [one for one in results.own if one != label and one in settled.index]
+    own = settled.loc[others].dropna(subset="rms_m")
     return found | {
         "label": label,
         "count": int(leads.sum()),
         "lead": lead.to_dict(),
-        "row": settled[settled["estimator"] == label].iloc[0].to_dict(),
+        "row": settled.loc[label].to_dict(),
+        "own": own.iloc[:MOST_OWN].to_dict("records"),
     }

@@ -35,8 +35,9 @@ class Column:
 
     @property
     def head(self) -> str:
-        """Heading and unit."""
-        return f"{self.heading} [{self.unit}]" if self.unit else self.heading
+        """Heading and unit; times are written with theirs."""
+        has_unit = self.unit and self.form != "time"
+        return f"{self.heading} [{self.unit}]" if has_unit else self.heading
 
 
 def _registered() -> dict[str, Column]:
@@ -96,7 +97,14 @@ def column(key: str) -> Column:
 
 
 def significant(value: float, digits: int) -> str:
-    """Return a number with that many significant digits, without an exponent where it is short."""
+    """Return a number with that many significant digits, without an exponent where it is short.
+
+    A dash for NaN: a failed estimator has no number.
+    """
+    if math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "∞"
     if value == 0.0:
         return "0"
     rounded = float(f"{value:.{digits - 1}e}")
@@ -118,11 +126,13 @@ def ratio(value: float) -> str:
 
 def efficiency(value: float) -> str:
     """Return a ratio to the oracle with two decimals, two significant digits from 10 on."""
-    return f"{value:.2f}" if value < 9.995 else significant(value, 2)
+    return f"{value:.2f}" if abs(value) < 9.995 else significant(value, 2)
 
 
 def share(value: float) -> str:
     """Return a share in per cent with two significant digits; 100% is every run."""
+    if math.isnan(value):
+        return NONE
     text = significant(100.0 * value, 2)
     return ">99%" if text == "100" and value < 1.0 else f"{text}%"
 

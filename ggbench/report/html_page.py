@@ -7,7 +7,7 @@ the markdown page and of the Python interface, as SVG; the script shows their va
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..figures import interactive
 from ..files import written_whole
 from . import columns, libraries, page_templates, pictures, sweeps, views
 from .answers import answer
+from .columns import Column
 from .conditions import conditions
 from .libraries import PageError
 from .pictures import Picture
@@ -34,6 +35,8 @@ _SIZES = ((True, True), (False, True), (False, False))
 """Whether a page has pairs, and all windows: the fullest first."""
 _DIGITS = 4
 """Digits of a number in the page."""
+_CELLS = "RMS error (× oracle), success below 100%; † overconfident, ‡ unsafe."
+"""Definition of a column of the table of errors."""
 _DROPPED = ("name", "parameters")
 """Columns of the metrics that repeat the estimator's label."""
 
@@ -85,6 +88,8 @@ def text(
         "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
     } | results.further_tables()
+    errors = tables["errors"].drop(columns="case")
+    tables["errors"] = errors.rename(columns=lambda key: _error_key(key, results.labels))
     data = {
         "cases": [{"case": row.case, "title": row.title} for row in cases.itertuples()],
         "tables": {name: _packed(table) for name, table in tables.items()},
@@ -102,7 +107,11 @@ def text(
     script = "\n".join(
         (columns.TEMPLATES / name).read_text(encoding="utf-8") for name in ("figure.js", "page.js")
     )
-    stated = page_templates.environment().get_template("answer.j2").render(answer=answer(results))
+    stated = answer(results)
+    words = page_templates.environment()
+    first, remark = (
+        words.get_template(name).render(answer=stated) for name in ("answer.j2", "remark.j2")
+    )
     parser = libraries.package("markdown_it").MarkdownIt("commonmark", {"html": False})
     return environment.get_template("scenario.html.j2").render(
         policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
@@ -112,7 +121,8 @@ def text(
         table_script=table_script,
         script=script,
         title=loaded.title,
-        answer=parser.render(stated),
+        answer=parser.render(first),
+        remark=parser.render(remark),
         notes=parser.enable("table").render(notes),
         conditions=conditions(loaded.cases, cases).to_dict("records"),
         definitions=[columns.COLUMNS[key] for key in columns.DEFINED],
@@ -148,11 +158,22 @@ def _number(value: Any) -> float | bool | None:
     return int(short) if short.is_integer() and abs(short) < 1e9 else short
 
 
+_ERROR = "error of "
+"""Begin of the keys of columns that have errors of an estimator: its name may be any."""
+
+
+def _error_key(key: str, labels: Sequence[str]) -> str:
+    """Return the key of a column of the table of errors."""
+    return f"{_ERROR}{key}" if key in labels else key
+
+
 def _meanings(tables: Any) -> dict[str, dict[str, str]]:
     found = {}
     for table in tables:
         for key in table:
             column = columns.column(key)
+            if key.startswith(_ERROR):
+                column = Column(key.removeprefix(_ERROR), "m", "error", _CELLS)
             found[key] = {"head": column.head, "form": column.form, "definition": column.definition}
     return found
 
@@ -163,7 +184,8 @@ def _figures(results: Reported, answer: Picture) -> dict[str, Any]:
     Over time, estimators that are not in the answer's figure are switched off at first.
     """
     cases = views.few_cases(results.cases(), _MOST_DRAWN)
-    labels = views.drawn_estimators(results.metrics(), sweeps.shown_cases(results))
+    shown = sweeps.shown_cases(results)
+    labels = views.drawn_estimators(results.metrics(), shown, results.own)
     hidden = {label for label in results.labels if label not in (*labels, "ins")}
     most = max(1, _MOST_POINTS // ((len(results.labels) + 2) * len(cases)))
     drawn = {"": _figure(answer, set())}
@@ -174,4 +196,5 @@ def _figures(results: Reported, answer: Picture) -> dict[str, Any]:
 
 
 def _figure(picture: Picture, hidden: Set[str]) -> dict[str, Any]:
-    return {"picture": interactive.picture(picture.figure, hidden), "caption": picture.caption}
+    caption = ". ".join(filter(None, [picture.caption, picture.explanation.rstrip(".")]))
+    return {"picture": interactive.picture(picture.figure, hidden), "caption": caption}

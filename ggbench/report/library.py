@@ -1,4 +1,4 @@
-"""The front page of a folder of reports: findings, the suite's matrix, the scenarios."""
+"""The front page of a folder of reports: findings, the league of the suite, the scenarios."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import pandas as pd
 
 from ..errors import GGBenchError
 from ..files import reason_of
+from ..judging.standing import standing
 from ..results import digest
 from ..results.digest import Digest
-from . import columns
 from .findings import SUITE, findings
+from .league import CAPTION, EXPLANATION
+from .markdown_page import ANSWER
 from .page_templates import markdown
 from .render import ReportError, write_definitions
-from .tables import MOST_COLUMNS, MOST_ROWS, error_cell
-from .views import require_equal_runs
+from .tables import MOST_ROWS
 
 FILE = "README.md"
 """Name of the page."""
@@ -43,7 +44,8 @@ def write(output: Path) -> tuple[Path, list[str]]:
         raise ReportError("; ".join([f"{output} holds no report with its data", *remarks]))
     path = output / FILE
     try:
-        path.write_text(text(digests), encoding="utf-8")
+        has_league = (output / SUITE / ANSWER).exists()
+        path.write_text(text(digests, has_league), encoding="utf-8")
         write_definitions(output)
     except OSError as error:
         raise ReportError(f"cannot write to {output}: {reason_of(error)}") from None
@@ -61,8 +63,8 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
     return digests, remarks
 
 
-def text(digests: Sequence[Digest]) -> str:
-    """Return the page as markdown."""
+def text(digests: Sequence[Digest], has_league: bool = True) -> str:
+    """Return the page as markdown; ``has_league``: the figure of the suite is next to it."""
     suite = [found for found in digests if found.manifest["scenario"] == SUITE]
     scenarios = [
         {"name": found.manifest["scenario"], "title": found.manifest["title"]} for found in digests
@@ -70,41 +72,15 @@ def text(digests: Sequence[Digest]) -> str:
     return markdown(
         "library.md.j2",
         findings=findings(digests),
-        suite=matrix(suite[0]) if suite else [],
+        ranking=ranking(suite[0]) if suite else pd.DataFrame(),
+        league=f"{SUITE}/{ANSWER}" if has_league else "",
+        caption=CAPTION,
+        explanation=EXPLANATION,
         scenarios=scenarios,
     )
 
 
-def matrix(suite: Digest) -> list[pd.DataFrame]:
-    """Return the matrix of the suite, estimators × cases, in tables that fit a page.
-
-    A row for each estimator, at most ten in a table, and columns of at most seven cases; the last
-    columns are the cost. Estimators with fewer runs than the suite's have a matrix of their own.
-    """
-    titles = suite.cases.set_index("case")["title"]
-    tables = []
-    for runs, rows in sorted(suite.metrics.groupby("runs"), reverse=True, key=lambda item: item[0]):
-        require_equal_runs(rows)
-        wide = _wide(rows, titles)
-        names = list(wide.columns)
-        width = MOST_COLUMNS - 1
-        for first in range(0, len(wide), MOST_ROWS):
-            for left in range(0, len(names), width):
-                part = wide.iloc[first : first + MOST_ROWS][names[left : left + width]]
-                label = f"estimator ({runs:.0f} runs)"
-                tables.append(part.rename_axis(label).reset_index())
-    return tables
-
-
-def _wide(rows: pd.DataFrame, titles: pd.Series) -> pd.DataFrame:
-    """Return cells by estimator and title of the case, and the median cost of a run."""
-    cells = rows.assign(cell=[error_cell(row) for row in rows.to_dict("records")])
-    table = cells.pivot(index="estimator", columns="case", values="cell")
-    order = rows["estimator"].drop_duplicates()
-    kept = [case for case in titles.index if case in table]
-    table = table.loc[order, kept].fillna(columns.NONE)
-    table.columns = pd.Index([titles[case] for case in kept])
-    cost = rows.groupby("estimator")["seconds_per_run"].median()
-    table["time a run"] = [columns.cell("seconds_per_run", cost[label]) for label in order]
-    table.index = pd.Index([f"`{label}`" for label in order])
-    return table
+def ranking(suite: Digest) -> pd.DataFrame:
+    """Return the first rows of the standing of causal estimators over the cases of the suite."""
+    table = standing(suite.metrics, suite.cases).iloc[:MOST_ROWS]
+    return table.assign(estimator=[f"`{label}`" for label in table["estimator"]])

@@ -8,6 +8,7 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from ..figures.numbers import counted
 from ..figures.style import save
 from . import pictures, published, sweeps, tables, views
 from .answers import answer
@@ -49,10 +50,12 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
         answer=stated,
         targets=stated["targets"].iloc[: tables.MOST_ROWS],
         caption=picture.caption,
+        explanation=picture.explanation,
         picture=ANSWER,
         folder=quote(loaded.name),
-        table=tables.text(views.answer_table(metrics, results.pairs(), shown)),
+        table=tables.text(views.answer_table(metrics, results.pairs(), shown, results.own)),
         seeking=results.seeking,
+        failing=_failing(results),
         failed=int(metrics.groupby(["case", "estimator"])["failed"].first().sum()),
         left_out=views.left_out(metrics, shown),
         below_bound=views.below_bound(metrics, shown),
@@ -69,21 +72,40 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
     )
 
 
+def _failing(results: Reported) -> list[str]:
+    """Return a sentence for each estimator that failed in every run of a case, with the reason."""
+    metrics, failures = results.metrics(), results.failures()
+    cells = metrics[metrics["window"] == "settled"]
+    titles = {case.name: case.title for case in results.scenario.cases}
+    found = []
+    for label, own in cells.groupby("estimator", sort=False):
+        none = own.loc[own["failed"] == own["runs"], "case"].tolist()
+        if not none:
+            continue
+        reasons = failures[(failures["estimator"] == label) & (failures["case"] == none[0])]
+        more = counted(len(none) - 1, "more case")
+        where = f" of “{titles[none[0]]}”" + (f" and {more}" if len(none) > 1 else "")
+        where = "" if len(none) == len(own) else where
+        found.append(f"`{label}` failed in every run{where}: {reasons['reason'].iloc[0]}")
+    return found
+
+
 def _published(results: Reported, allowed: pd.DataFrame, folder: Path) -> dict[str, Any]:
     """Return the values of ``published.j2``; nothing without published errors."""
     metrics = results.metrics()
-    if allowed.empty:
-        return {}
     references = published.referenced(metrics)
+    if not references:
+        return {}
     titles = {case.name: case.title for case in results.scenario.cases}
-    starts = published.from_starts(results, metrics, "ekf")
+    starts = published.from_starts(results, metrics, ["ekf", *results.own])
     cases = results.cases()
     if len(starts):
-        labels = views.drawn_estimators(metrics, cases[cases["case"].isin(references)])
+        own_cases = cases[cases["case"].isin(references)]
+        labels = views.drawn_estimators(metrics, own_cases, results.own)
         save(pictures.over_time(results, references, labels).figure, folder / EXPLANATION)
     values = {
         "allowed": allowed,
-        "table": published.published_table(metrics, titles),
+        "table": published.published_table(metrics, titles, results.own),
         "starts": starts,
         "filtered": cases[cases["case"].isin(references) & cases["unfiltered_bound_m"].notna()],
         "picture": EXPLANATION,

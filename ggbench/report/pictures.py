@@ -9,10 +9,14 @@ import numpy as np
 import pandas as pd
 
 from ..figures import answer, stored
+from ..figures import league as league_figure
 from ..figures.answer import Curve, Panel
 from ..figures.style import Drawing
 from ..results.folder import Results
 from . import sweeps
+from .findings import SUITE
+from .league import CAPTION, EXPLANATION, league
+from .reported import Reported
 from .views import comparable, drawn_estimators
 
 MOST_COLUMNS = 3
@@ -20,10 +24,11 @@ MOST_COLUMNS = 3
 
 
 class Picture(NamedTuple):
-    """A figure and its caption."""
+    """A figure, its caption, and a sentence that explains it where it needs one."""
 
     figure: Drawing
     caption: str
+    explanation: str = ""
 
 
 def panel(
@@ -46,16 +51,20 @@ def panel(
         label: Curve(*(values(label, key) for key in ("rms_m", "rms_lo", "rms_hi", "success")))
         for label in labels
     }
-    filtering = rows[rows["causality"] == "filter"].groupby("case")["bound_m"].first()
-    bound = np.asarray(filtering.reindex(names), dtype=float)
+
+    def bound(causality: str) -> np.ndarray:
+        own = rows[(rows["causality"] == causality) & rows["estimator"].isin(labels)]
+        own = own if causality == "batch" else rows[rows["causality"] == causality]
+        return np.asarray(own.groupby("case")["bound_m"].first().reindex(names), dtype=float)
+
     where = np.arange(len(names), dtype=float) if places is None else places
-    return Panel(title, where, curves, bound, values("ins", "rms_m"))
+    return Panel(title, where, curves, bound("filter"), bound("batch"), values("ins", "rms_m"))
 
 
-def of_answer(results: Results) -> Picture:
+def of_answer(results: Reported) -> Picture:
     """Return the figure that answers the scenario's question."""
     metrics, shown = results.metrics(), sweeps.shown_cases(results)
-    labels = drawn_estimators(metrics, shown)
+    labels = drawn_estimators(metrics, shown, results.own)
     if results.scenario.sweep is not None:
         parts = sweeps.parts(results.scenario, results.cases())
         panels = [panel(metrics, p.cases, labels, p.title, p.places) for p in parts]
@@ -67,6 +76,9 @@ def of_answer(results: Results) -> Picture:
     names = shown["case"].tolist()
     if len(names) == 1:
         return over_time(results, names, labels)
+    if results.scenario.name == SUITE:
+        drawn = league_figure.league(league(metrics, results.cases()), results.families)
+        return Picture(drawn, CAPTION, EXPLANATION)
     titles, errors = shown["title"].tolist(), panel(metrics, names, labels)
     figure = answer.over_cases(titles, errors, results.families)
     return Picture(figure, "RMS position error by case")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pandas as pd
 from ..judging.statistics import BETTER, EQUIVALENCE_RATIO, EQUIVALENT, UNDECIDED, WORSE
 from ..results.folder import Results
 from . import columns
+from .tables import FAILED, MOST_ROWS
 from .views import comparable, together
 
 MOST_REFERENCES = 3
@@ -44,73 +46,94 @@ def referenced(metrics: pd.DataFrame) -> list[str]:
     return metrics.loc[metrics["published_m"].notna(), "case"].unique().tolist()[:MOST_REFERENCES]
 
 
-def published_table(metrics: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
+def published_table(
+    metrics: pd.DataFrame, titles: Mapping[str, str], own: Sequence[str] = ()
+) -> pd.DataFrame:
     """Return published errors, bounds and estimators: a column for each case and window.
 
-    Estimators that agree within 1% in all columns share a row; the nearest ones come first.
+    Estimators that agree within 1% in all columns share a row; the nearest ones come first. Those
+    of one's own come before all others, and have a row even if they failed.
     """
     cases = referenced(metrics)
-    own = metrics[metrics["case"].isin(cases) & metrics["window"].isin(WINDOWS)]
-    rows = pd.concat([comparable(own, window) for window in WINDOWS])
+    chosen = metrics[metrics["case"].isin(cases) & metrics["window"].isin(WINDOWS)]
+    rows = pd.concat([comparable(chosen, window) for window in WINDOWS])
     wide = rows.pivot(index="estimator", columns=["case", "window"], values="rms_m")
     places = [(case, window) for case in cases for window in WINDOWS if (case, window) in wide]
-    wide = wide[places].dropna()
-    order = wide[places[-1]].sort_values().index
-    groups = together([label for label in order if label != "ins"], wide)[:MOST_GROUPS]
+    wide = wide[places]
+    failing = [[label] for label in own if label in wide.index and wide.loc[label].isna().any()]
+    wide = wide.dropna(how="all")
+    order = wide.dropna()[places[-1]].sort_values().index
+    groups = together([label for label in order if label != "ins"], wide)
+    groups.sort(key=lambda group: not set(group) & set(own))  # stable
+    groups = [*failing, *groups][:MOST_GROUPS]
 
     def at(key: str, causality: str) -> list[str]:
         found = rows[rows["causality"] == causality]
         held = found.groupby(["case", "window"])[key].first()
         return [columns.cell("rms_m", held.get(place, math.nan)) for place in places]
 
-    found = allowed(own).set_index(["case", "window"])
-    published = [
-        f"{columns.metres(row.published_m)} ({'allowed' if row.allowed else 'below the bound'})"
-        for row in found.loc[places].itertuples()
-    ]
+    found = allowed(chosen).set_index(["case", "window"])
+    stated = rows.groupby(["case", "window"])["published_m"].first()
+    published = [_published(stated[place], found["allowed"].get(place)) for place in places]
     lines = [["*published*", *published], ["*bound, filter*", *at("bound_m", "filter")]]
     if (rows["causality"] == "batch").any():
         lines.append(["*bound, smoother*", *at("bound_m", "batch")])
     shown = [["ins"], *groups] if "ins" in wide.index else groups
     for group in shown:
-        cells = [columns.cell("rms_m", wide.loc[group[0], place]) for place in places]
+        errors = wide.reindex([group[0]])
+        cells = [columns.cell("rms_m", errors.at[group[0], place]) for place in places]
+        cells = [FAILED if cell == columns.NONE else cell for cell in cells]
         lines.append([", ".join(f"`{label}`" for label in group), *cells])
     heads = [f"{titles[case]}: {window}" for case, window in places]
     return pd.DataFrame(lines, columns=["RMS error [m]", *heads])
 
 
+def _published(error: float, is_allowed: bool | None) -> str:
+    """Return a published error, and whether the bound allows it if there is one."""
+    text = columns.metres(error)
+    if is_allowed is None:
+        return text
+    return f"{text} ({'allowed' if is_allowed else 'below the bound'})"
+
+
 def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
     """Return for each case with a published error whether the filtering bound lies below it.
 
-    Columns case, window, published_m, bound_m, allowed.
+    Columns case, window, published_m, bound_m, allowed. Where every filter failed, there is no
+    bound, and the case is left out.
     """
     rows = metrics[metrics["published_m"].notna() & (metrics["causality"] == "filter")]
+    rows = rows[rows["bound_m"].notna()]
     rows = rows[rows["window"].isin(WINDOWS)].groupby(["case", "window"], sort=False).first()
     table = rows[["published_m", "bound_m"]].reset_index()
     return table.assign(allowed=table["bound_m"] <= table["published_m"])
 
 
-def from_starts(results: Results, metrics: pd.DataFrame, label: str) -> pd.DataFrame:
-    """Return bound and RMS error of an estimator over windows from several starts to the end.
+def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
+    """Return bound and RMS errors of estimators over windows from several starts to the end.
 
-    Empty where a flight is too short or too long for :data:`STARTS_S`.
+    A row for the bound and for each estimator that finished, case by case, as many as a table has
+    room for. Empty where a flight is too short or too long for :data:`STARTS_S`.
     """
-    lines: dict[str, list[float]] = {}
-    for case in referenced(metrics):
-        arrays, series = results.arrays(case), results.series(case, label)
+    cases, lines = referenced(metrics), []
+    for case in cases:
+        arrays, title = results.arrays(case), results.scenario.case(case).title
         times = arrays["times"]
-        if not len(series) or not STARTS_S[-1] < times[-1] < 4.0 * STARTS_S[-1]:
+        if not STARTS_S[-1] < times[-1] < 4.0 * STARTS_S[-1]:
             return pd.DataFrame()
-        kept = times[arrays["kept"]]
-        title = results.scenario.case(case).title
-        lines[f"{title}: bound"] = [
-            float(np.sqrt(arrays["bound-filter"][times >= start, 0].mean())) for start in STARTS_S
-        ]
-        lines[f"{title}: `{label}`"] = [
-            float(np.sqrt((series[:, kept >= start, 0] ** 2).mean())) for start in STARTS_S
-        ]
-    shown = {name: [columns.metres(value) for value in held] for name, held in lines.items()}
-    return pd.DataFrame({"window from t₀ [s]": [f"{start:g}" for start in STARTS_S]} | shown)
+        kept, squares = times[arrays["kept"]], {}
+        for label in labels:
+            series = results.series(case, label)
+            if len(series):
+                squares[f"`{label}`"] = kept, (series[:, :, 0] ** 2).mean(axis=0)
+        if not squares:
+            return pd.DataFrame()
+        rows = {"bound": (times, arrays["bound-filter"][:, 0])} | squares
+        for name, (at, values) in [*rows.items()][: MOST_ROWS // len(cases)]:
+            errors = [math.sqrt(float(values[at >= start].mean())) for start in STARTS_S]
+            lines.append([f"{title}: {name}", *map(columns.metres, errors)])
+    heads = [f"t₀ = {start:g} s" for start in STARTS_S]
+    return pd.DataFrame(lines, columns=["RMS error [m] from t₀", *heads])
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:

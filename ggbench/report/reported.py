@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 
 from ..estimator_spec import shown_names
+from ..figures.line_styles import is_own
 from ..judging.standing import standing
 from ..results import digest
 from ..results.folder import Results, as_argument
-from . import published
+from . import league, published
 
 _LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother")
 """Columns of tables that name estimators."""
@@ -44,6 +45,12 @@ class Reported(Results):
         return {self.shown[label]: family for label, family in super().families.items()}
 
     @property
+    def own(self) -> list[str]:
+        """The shown names of estimators that are not shipped, in order."""
+        families = self.families
+        return [label for label in self.labels if is_own(label, families)]
+
+    @property
     def seeking(self) -> dict[str, str]:
         """Names that an estimator's source uses to find truth, by its shown name."""
         return {self.shown[label]: names for label, names in super().seeking.items()}
@@ -69,17 +76,25 @@ class Reported(Results):
         """Return a row per case: set-up, bounds and verdicts."""
         return self._named(super().cases())
 
+    def failures(self) -> pd.DataFrame:
+        """Return the runs that failed."""
+        return self._named(super().failures())
+
     def further_tables(self) -> dict[str, pd.DataFrame]:
-        """Return the tables besides metrics, cases and pairs that are not empty, by name."""
+        """Return the tables besides metrics, cases and pairs that are not empty, by name.
+
+        In the order of a page: errors first, counters last.
+        """
         tables = {
+            "errors": league.errors(self.metrics(), self.cases()),
             "studies": self._named(self.studies()),
             "standing": standing(self.metrics(), self.cases()),
             "claims": published.claimed(self),
             "gravity_claims": published.gravity_claims(self),
             "fixes": self._named(self.fix_metrics()),
-            "counters": self._named(self.counters()),
             "remarks": self._remarks(),
-            "failures": self._named(self.failures()),
+            "failures": self.failures(),
+            "counters": self._named(self.counters()),
         }
         return {name: table for name, table in tables.items() if len(table)}
 

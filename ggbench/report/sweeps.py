@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,11 @@ from ..spec.axes import AxisSpec
 from ..spec.scenario import Scenario
 from ..spec.sweep import largest_within
 from . import columns
-from .views import comparable, few_cases
+from .tables import MOST_COLUMNS
+from .views import comparable, deciding_cases, few_cases
 
+_FIXED_COLUMNS = 3
+"""Columns of the table of targets besides estimators: error, case, bound."""
 MOST_PARTS = 3
 """Parts of a grid that a figure shows."""
 SUCCESS = 0.95
@@ -70,13 +74,13 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
 
 
 def shown_cases(results: Results) -> pd.DataFrame:
-    """Return the flown cases that a page lists: of a sweep, those of its figure."""
-    cases = results.cases()
-    cases = cases[cases["case"].isin(results.metrics()["case"])]
+    """Return the flown cases that a page lists, those that decide; of a sweep, of its figure."""
+    cases, metrics = results.cases(), results.metrics()
+    cases = cases[cases["case"].isin(metrics["case"])]
     if results.scenario.sweep is not None:
         names = [name for part in parts(results.scenario, cases) for name in part.cases]
         cases = cases.set_index("case").loc[names].reset_index()
-    return few_cases(cases)
+    return deciding_cases(metrics, cases)
 
 
 def label_of(scenario: Scenario) -> str:
@@ -87,10 +91,13 @@ def label_of(scenario: Scenario) -> str:
     return scenario.sweep.axes[0].title
 
 
-def reached(scenario: Scenario, metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+def reached(
+    scenario: Scenario, metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = ()
+) -> pd.DataFrame:
     """Return for each target the values of the first axis that reach it, part by part.
 
-    Of the bound and of the EKF, for which the interval of its errors leads to one in parentheses.
+    Of the bound, the EKF and the first of one's own estimators, for which the interval of the
+    errors leads to one in parentheses.
     ``3.2 E`` means up to there, which is interpolated: only where no error is surely smaller than
     the one before, else the values themselves are listed. Empty without a sweep.
     """
@@ -98,16 +105,25 @@ def reached(scenario: Scenario, metrics: pd.DataFrame, cases: pd.DataFrame) -> p
         return pd.DataFrame()
     axis = scenario.sweep.axes[0]
     settled = metrics[metrics["window"] == "settled"].set_index(["estimator", "case"])
+    labels = ["ekf", *own][: MOST_COLUMNS - _FIXED_COLUMNS]
     rows = []
     for target in sorted(scenario.sweep.targets_m):
         for part in parts(scenario, cases):
             if len(part.cases) < len(axis.values) or "ekf" not in settled.index.levels[0]:
                 continue
-            own = settled.loc["ekf"].reindex(part.cases)
-            bound, *errors = own[["bound_m", "rms_m", "rms_lo", "rms_hi"]].to_numpy(dtype=float).T
-            ends = [_reach(axis, target, *of) for of in ((bound, bound, bound), errors)]
-            rows.append([f"{target:g}", part.title, *ends])
-    return pd.DataFrame(rows, columns=["RMS error [m]", "case", "bound", "EKF"])
+            errors = [_errors(settled, label, part.cases) for label in labels]
+            bound = errors[0][0]
+            reach = [_reach(axis, target, bound, bound, bound)]
+            reach += [_reach(axis, target, *found[1:]) for found in errors]
+            rows.append([f"{target:g}", part.title, *reach])
+    heads = ["EKF", *(f"`{label}`" for label in labels[1:])]
+    return pd.DataFrame(rows, columns=["RMS error [m]", "case", "bound", *heads])
+
+
+def _errors(settled: pd.DataFrame, label: str, names: Sequence[str]) -> np.ndarray:
+    """Return bound, RMS error and the ends of its interval (4, n) of an estimator in n cases."""
+    rows = settled.reindex([(label, name) for name in names])
+    return rows[["bound_m", "rms_m", "rms_lo", "rms_hi"]].to_numpy(dtype=float).T
 
 
 def _reach(

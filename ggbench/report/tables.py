@@ -11,6 +11,8 @@ from . import columns
 
 MOST_ROWS, MOST_COLUMNS = 10, 8
 """Limits of a table on a markdown page."""
+FAILED = "failed"
+"""A cell of an estimator without a finished run."""
 MOST_LOST = 0.5
 """Share of lost runs above which a cell has no RMS error."""
 
@@ -44,9 +46,12 @@ def error_cell(row: Mapping[str, Any]) -> str:
     """Return ``RMS (× oracle), success †`` of a row of metrics; success only below 100%.
 
     The INS has its RMS error, and a success rate if any run succeeds by chance. Where most runs
-    are lost, the cell has their share alone. "as the INS": no more runs succeed than of the INS.
+    are lost, the cell has their share alone; where all failed, "failed". "as the INS": no more runs
+    succeed than of the INS.
     """
-    if row["lost"] > MOST_LOST * row["runs"]:
+    if row["failed"] == row["runs"]:
+        return FAILED
+    if is_lost(row):
         return columns.marked(
             f"lost {columns.share(row['lost'] / row['runs'])}", row["consistency"]
         )
@@ -60,6 +65,11 @@ def error_cell(row: Mapping[str, Any]) -> str:
     if row["as_ins"]:
         parts += " as the INS"
     return columns.marked(parts, row["consistency"])
+
+
+def is_lost(row: Mapping[str, Any]) -> bool:
+    """Return whether most runs of a row of metrics are lost."""
+    return bool(row["lost"] > MOST_LOST * row["runs"])
 
 
 def names(labels: Sequence[str], most: int = 3) -> str:

@@ -13,10 +13,12 @@ import pandas as pd
 from ..judging.pairs import pair_of
 from ..judging.verdicts import UnequalRunsError
 from . import columns
-from .tables import error_cell
+from .tables import MOST_COLUMNS, MOST_ROWS, error_cell
 
 MOST_CASES = 5
 """Cases of a page's table."""
+_FIXED_ROWS = 5
+"""Rows of a table of estimators besides one's own: bound, INS, EKF, recommended, smoother."""
 MOST_DRAWN = 6
 """Estimators of a figure."""
 ALIKE = 1.01
@@ -57,6 +59,29 @@ def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
     return bool((rows["rms_hi"] < rows["bound_m"]).any())
 
 
+def deciding_cases(
+    metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_CASES
+) -> pd.DataFrame:
+    """Return at most so many cases that decide between estimators, in the order of the file.
+
+    Of cases with the same set of recommended estimators the one in which causal estimators differ
+    most comes first, by the ratio of their largest and least RMS errors; then the other cases.
+    Larger ratios come first in both groups.
+    """
+    if len(cases) <= most:
+        return cases
+    rows = comparable(metrics[metrics["case"].isin(cases["case"])])
+    rows = rows[rows["causality"] == "filter"]
+    errors = rows.groupby("case")["rms_m"]
+    spread = (errors.max() / errors.min()).reindex(cases["case"]).fillna(1.0)
+    chosen = rows[rows["recommended"].astype(bool)].groupby("case")["estimator"].agg(frozenset)
+    ordered = spread.sort_values(ascending=False, kind="stable").index
+    verdicts = [chosen.get(name, frozenset()) for name in ordered]
+    again = pd.Series(verdicts, index=ordered).duplicated()
+    decisive = [*ordered[~again], *ordered[again]][:most]
+    return cases[cases["case"].isin(decisive)]
+
+
 def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
     """Return at most so many cases, evenly spread in the order of the file, both ends included."""
     if len(cases) <= most:
@@ -64,14 +89,23 @@ def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
     return cases.iloc[np.unique(np.linspace(0, len(cases) - 1, most).round().astype(int))]
 
 
-def answer_table(metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the page's table: bound, INS, EKF, recommended and best smoother of each case."""
+def answer_table(
+    metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Return the page's table: bound, INS, EKF, recommended and best smoother of each case.
+
+    Estimators of one's own have a column each. If these are too many for a page, the table has a
+    column for each case and a row for each estimator, of one's own the first ones.
+    """
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
-    named = {"recommended": causal, "best smoother": cases["best_smoother"].tolist()}
+    plain = (cases["recommended"] != "").to_numpy()
+    kind = "recommended" if plain.any() else "least bad"
+    named = {kind: causal, "best smoother": cases["best_smoother"].tolist()}
     heads = {
         key: f"{key}: `{labels[0]}`" if len(set(labels)) == 1 and labels[0] else key
         for key, labels in named.items()
     }
+    fixed = {"EKF": "ekf"} | {f"`{label}`": label for label in own[: MOST_ROWS - _FIXED_ROWS]}
     rows = []
     for number, case in enumerate(cases.to_dict("records")):
         cells = _Cells(case["case"], metrics, pairs)
@@ -79,27 +113,32 @@ def answer_table(metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame
             "case": case["title"],
             "bound_m": case["bound_m"],
             "INS": cells.of("ins"),
-            "EKF": cells.of("ekf"),
-        }
+        } | {head: cells.of(label) for head, label in fixed.items()}
         for key, labels in named.items():
             text = cells.of(labels[number])
             if labels[number] and cells.alike(labels[number], "ekf"):
                 text = "= EKF"
             if labels[number] not in ("", "ekf") and heads[key] == key:
                 text = f"`{labels[number]}` {text}"
-            plain = key != "recommended" or case["recommended"] or text == columns.NONE
-            row[heads[key]] = text if plain else f"*{text}*"
+            causal_one = key == kind and not case["recommended"] and text != columns.NONE
+            row[heads[key]] = f"*{text}*" if causal_one else text
         rows.append(row)
     table = pd.DataFrame(rows)
+    for head, label in fixed.items():
+        for key in (key for key, labels in named.items() if set(labels) == {label}):
+            if key == kind:
+                table[head] = table[head].where(plain, "*" + table[head] + "*")
+            table = table.drop(columns=heads[key]).rename(columns={head: f"{head} ({key})"})
     empty = [key for key in table if table[key].eq(columns.NONE).all()]
     table = table.drop(columns=empty)
-    if set(causal) == {"ekf"}:
-        table = table.drop(columns=heads["recommended"])
-        plain = (cases["recommended"] != "").to_numpy()
-        table["EKF"] = table["EKF"].where(plain, "*" + table["EKF"] + "*")
-        kind = "recommended" if plain.any() else "best"
-        table = table.rename(columns={"EKF": f"EKF ({kind})"})
-    return table
+    return table if len(table.columns) <= MOST_COLUMNS else _transposed(table)
+
+
+def _transposed(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of cases with a column for each case, and a row for each other column."""
+    bounds = [columns.cell("bound_m", value) for value in table["bound_m"]]
+    turned = table.assign(bound_m=bounds).rename(columns={"bound_m": "bound"}).set_index("case").T
+    return turned.rename_axis("RMS error [m]").rename_axis(None, axis=1).reset_index()
 
 
 class _Cells:
@@ -141,12 +180,13 @@ class _Cells:
 
 
 def drawn_estimators(
-    metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_DRAWN
+    metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = (), most: int = MOST_DRAWN
 ) -> list[str]:
-    """Return the estimators of a figure: the EKF, those that a table names, then the best ones.
+    """Return the estimators of a figure: the EKF, one's own, those of a table, the best ones.
 
-    Of each name and causality one is drawn, with the least mean logarithm of error over the bound.
-    Only estimators that flew all runs of every case shown count.
+    Of each name and causality one is drawn, with the least mean logarithm of error over the bound;
+    of one's own all, up to the number of lines. Only estimators that flew all runs of every case
+    shown count.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]
@@ -155,14 +195,14 @@ def drawn_estimators(
         merit=("merit", "mean"), count=("case", "count"), causality=("causality", "first")
     )
     table = table[table["count"] == table["count"].max()]
-    named = ["ekf"]
+    named = ["ekf", *own]
     for key in ("recommended", "best", "best_smoother"):
         named += cases[key].value_counts().index.tolist()
     wanted = [label for label in dict.fromkeys(named) if label in table.index]
     order = [*wanted, *table.sort_values("merit").index]
     drawn: dict[tuple[str, str], str] = {}
     for label in dict.fromkeys(order):
-        kind = label.partition("[")[0], table.loc[label, "causality"]
+        kind = label if label in own else label.partition("[")[0], table.loc[label, "causality"]
         drawn.setdefault(kind, label)
     return list(drawn.values())[:most]
 

@@ -58,7 +58,8 @@ def a_curve(seed: int, success: float = 1.0) -> Curve:
 def test_errors_by_case_have_intervals_bound_and_ins():
     """A row for each case, from the top; success has a panel if any run fails."""
     curves = {"ekf": a_curve(1), "ukf": a_curve(2)}
-    panel = Panel("", np.arange(2.0), curves, np.array([1.0, 2.0]), np.array([50.0, np.nan]))
+    bounds, ins = (np.array([1.0, 2.0]), np.array([0.5, np.nan])), np.array([50.0, np.nan])
+    panel = Panel("", np.arange(2.0), curves, *bounds, ins)
     figure = answer.over_cases(
         ["a case", "a case with a name that is long enough to wrap"], panel, FAMILIES
     )
@@ -71,25 +72,28 @@ def test_errors_by_case_have_intervals_bound_and_ins():
     segments = [found.get_segments() for found in axis.collections]
     assert segments[0][0][:, 0] == pytest.approx([curves["ekf"].low[0], curves["ekf"].high[0]])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        "ekf", "ukf", "bound of filters", "INS"
+        "ekf", "ukf", "bound of filters", "bound of smoothers", "INS"
     ]  # fmt: skip
+    without = panel._replace(smoothing_bound=np.full(2, np.nan))
+    assert "bound of smoothers" not in answer.over_cases(["a", "b"], without, FAMILIES).series
     lost = panel._replace(curves=curves | {"ukf": a_curve(2, 0.5)})
     _, success = answer.over_cases(["a", "b"], lost, FAMILIES).axes
     assert list(success.get_lines()[1].get_xdata()) == [50.0, 50.0]
 
 
 def test_errors_over_an_axis_have_a_panel_for_each_part():
+    levels = np.ones(2), np.full(2, 0.5), np.full(2, 9.0)
     panels = [
-        Panel(name, np.array([0.1, 1.0]), {"ekf": a_curve(n, 0.5)}, np.ones(2), np.full(2, 9.0))
+        Panel(name, np.array([0.1, 1.0]), {"ekf": a_curve(n, 0.5)}, *levels)
         for n, name in enumerate(("one", "other"))
     ]
     figure = answer.over_axis(panels, "noise [E]", log=True, families=FAMILIES)
     assert len(figure.axes) == 4 and figure.axes[0].get_xscale() == "log"
     for axis, panel in zip(figure.axes[:2], panels, strict=True):
         assert axis.get_title() == panel.title
-        rms, bound, ins = (line.get_ydata() for line in axis.get_lines())
+        rms, *drawn = (line.get_ydata() for line in axis.get_lines())
         assert list(rms) == list(panel.curves["ekf"].rms)
-        assert (list(bound), list(ins)) == ([1.0, 1.0], [9.0, 9.0])
+        assert [list(values) for values in drawn] == [list(values) for values in levels]
 
 
 def test_long_titles_of_panels_do_not_collide():

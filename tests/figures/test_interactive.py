@@ -78,7 +78,9 @@ def test_a_series_can_be_switched_in_the_legend():
 def test_cases_are_axes_with_names():
     """A row is a case; intervals have no points."""
     curve = Curve(*np.sort(np.random.default_rng(1).uniform(1.0, 9.0, (3, 2)), axis=0), np.ones(2))
-    panel = Panel("", np.arange(2.0), {"ekf": curve}, np.ones(2), np.full(2, 9.0))
+    panel = Panel(
+        "", np.arange(2.0), {"ekf": curve}, np.ones(2), np.full(2, np.nan), np.full(2, 9.0)
+    )
     figure = answer.over_cases(["one", "a case of many words that is wrapped"], panel, FAMILIES)
     picture = interactive.picture(figure)
     (scales,) = picture["panels"]

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import importlib.metadata
 import itertools
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb, to_rgba
+from colour_vision import SIGHT, lab
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from thinning import thinned
 
 from ggbench.campaign import registry
+from ggbench.estimators.ekf import ExtendedKalmanFilter
 from ggbench.figures import answer
 from ggbench.figures.answer import Curve, Panel
 from ggbench.figures.errors import Flight, component_errors, error_over_time
@@ -40,7 +44,8 @@ def over_time(labels: list[str]) -> Figure:
 
 def panel(labels: list[str]) -> Panel:
     curves = dict.fromkeys(labels, Curve(*np.ones((4, 2))))
-    return Panel("a part", np.array([1.0, 2.0]), curves, np.ones(2), np.full(2, 9.0))
+    bounds = np.ones(2), np.full(2, np.nan)
+    return Panel("a part", np.array([1.0, 2.0]), curves, *bounds, np.full(2, 9.0))
 
 
 def over_cases(labels: list[str]) -> Figure:
@@ -124,7 +129,7 @@ def test_an_estimator_of_a_file_has_a_colour_that_no_shipped_one_has(tmp_path, b
     assert own == COLOURS["own"] and own not in {style.color for style in styles.values()}
 
 
-def test_an_estimator_of_another_package_states_a_family_or_is_its_own():
+def test_a_class_without_a_family_is_ones_own():
     assert Estimator.family == "own"
     assert line_styles({"theirs": "of a later version"})["theirs"].color == COLOURS["own"]
 
@@ -136,32 +141,48 @@ def test_many_variants_differ():
 
 
 def test_an_estimator_of_ones_own_is_drawn_on_top():
-    """Thinnest and last, so that equal curves stay visible; the INS is drawn first."""
+    """Last, the thickest, and equal curves are seen through it; the INS is drawn first."""
     order = stacked(["mine", "ekf", "ins", "ukf"], FAMILIES)
-    assert [label for label, _ in order] == ["ins", "ekf", "ukf", "mine"]
-    widths = [width for _, width in order]
-    assert widths == sorted(widths, reverse=True) and widths[-1] >= 1.0
+    assert [layer.label for layer in order] == ["ins", "ekf", "ukf", "mine"]
+    *widths, own = [layer.width for layer in order]
+    assert widths == sorted(widths, reverse=True) and widths[-1] >= 1.0 and own > max(widths)
+    assert [layer.alpha < 1.0 for layer in order] == [False, False, False, True]
 
 
-SIGHT = {
-    "normal": np.eye(3),
-    "protanopia": [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
-    "deuteranopia": [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
-    "tritanopia": [[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]],
-}
-"""What is left of linear RGB (Machado, Oliveira & Fernandes 2009, severity 1)."""
+@pytest.mark.parametrize("draw", [over_time, over_an_axis])
+def test_figures_draw_the_own_line_thickest_and_last(draw):
+    axis = draw(["mine", "ekf", "ukf"]).axes[0]
+    own = to_rgba(COLOURS["own"])
+    curves = [
+        line
+        for line in axis.get_lines()
+        if to_rgba(line.get_color()) not in map(to_rgba, (BOUND, INS))
+    ]
+    assert to_rgba(curves[-1].get_color()) == own
+    assert curves[-1].get_linewidth() == max(line.get_linewidth() for line in curves)
+    assert [to_rgba(line.get_color()) == own for line in curves].count(True) == 1
 
 
-def lab(colour: str, sight: str) -> np.ndarray:
-    """CIE L*a*b* of a colour as it is seen."""
-    rgb = np.array(to_rgb(colour))
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    to_xyz = np.array(
-        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-    )
-    xyz = to_xyz @ np.clip(np.asarray(SIGHT[sight]) @ linear, 0.0, 1.0) / [0.9505, 1.0, 1.089]
-    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16.0 / 116.0)
-    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+def test_an_own_marker_is_the_largest():
+    """Of figures by case."""
+    sizes = {
+        to_rgba(line.get_color()): line.get_markersize()
+        for line in over_cases(["mine", "ekf", "ukf"]).axes[0].get_lines()
+        if len(line.get_xdata()) == 2 and line.get_marker() not in ("", "None")
+    }
+    assert max(sizes, key=sizes.__getitem__) == to_rgba(COLOURS["own"])
+
+
+def test_an_estimator_of_an_installed_package_is_ones_own(monkeypatch):
+    """Whatever family its class states or inherits: it is not shipped."""
+
+    @dataclass(frozen=True)
+    class Theirs(ExtendedKalmanFilter):
+        name = "theirs"
+
+    point = SimpleNamespace(load=lambda: Theirs, value="theirs.filters:Theirs")
+    monkeypatch.setattr(registry, "estimator_points", lambda: {"theirs": point})
+    assert Theirs.family == "kalman" and registry.choose("theirs").family == "own"
 
 
 @pytest.mark.parametrize("sight", SIGHT)

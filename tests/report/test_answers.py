@@ -5,10 +5,11 @@ from __future__ import annotations
 import pandas as pd
 from reporting import cases, metrics, scenario
 
-from ggbench.report.answers import answer
+from ggbench.report.answers import answer, named_among
+from ggbench.report.page_templates import environment
 
 
-def stated(**changes):
+def stated(mine=(), **changes):
     """The answer of two cases in which three filters are recommended, the Gaussian sum in both."""
     table = metrics()
     settled = table["window"] == "settled"
@@ -19,8 +20,11 @@ def stated(**changes):
     named = cases().assign(**({"recommended": ["ekf", "ukf"]} | changes))
     runs = pd.DataFrame({"assumption": [""], "estimator": ["ekf"], "remark": [""]})
     return answer(
-        scenario(scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs)
-    )
+        scenario(
+            scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,
+            own=[*mine],
+        )
+    )  # fmt: skip
 
 
 def test_the_answer_counts_all_recommendations():
@@ -34,3 +38,34 @@ def test_without_a_recommendation_the_answer_says_why():
     found = stated(recommended=["", ""], not_recommended=["", "none is consistent"])
     assert (found["label"], found["recommended"]) == ("gaussian-sum", 0)
     assert found["reason"] == "none is consistent"
+
+
+def test_the_answer_has_the_error_of_ones_own_estimator():
+    """In the case of the answer; not twice where it is the answer itself."""
+    words = environment().get_template("answer.j2")
+    assert "`ekf` has 5.00 m (95%: 4.50–5.50 m, 1.25 × oracle)." in words.render(
+        answer=stated(mine=["ekf"])
+    )
+    assert stated(mine=["gaussian-sum"])["own"] == stated()["own"] == []
+
+
+def test_an_answer_on_priors_names_four_estimators_with_ones_own():
+    """The widest first; one's own in its place, instead of the fourth."""
+    found = [("a", 0.9), ("b", 0.8), ("c", 0.7), ("d", 0.6), ("mine", 0.1), ("e", 0.0)]
+    assert named_among(found, []) == found[:4]
+    assert named_among(found, ["mine"]) == [*found[:3], ("mine", 0.1)]
+
+
+def test_the_answer_is_of_a_case_that_the_table_shows():
+    """Of twelve cases the table shows the last five, in which the filters differ most."""
+    table, named = metrics(12), cases(12, recommended="ekf")
+    last = table["case"].isin([f"c{n}" for n in range(7, 12)])
+    table.loc[last & (table["estimator"] == "gaussian-sum"), "rms_m"] /= 10.0
+    runs = pd.DataFrame({"assumption": [""], "estimator": ["ekf"], "remark": [""]})
+    found = answer(
+        scenario(
+            scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,
+            own=[],
+        )
+    )  # fmt: skip
+    assert (found["label"], found["count"], found["lead"]["case"]) == ("ekf", 12, "c7")

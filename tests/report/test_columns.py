@@ -38,3 +38,16 @@ def test_every_defined_column_has_a_definition():
 def test_numbers_have_their_digits(key, value, text):
     """Metres three, ratios and shares two, times one; no value is a dash."""
     assert columns.cell(key, value) == text
+
+
+def test_a_heading_has_the_unit_of_numbers_without_one():
+    """A time of a run is written as 10 ms."""
+    heads = [columns.COLUMNS[key].head for key in ("rms_m", "efficiency", "seconds_per_run")]
+    assert heads == ["RMS error [m]", "× oracle", "time a run"]
+
+
+@pytest.mark.parametrize("form", ["metres", "ratio", "efficiency", "share"])
+def test_sentences_have_a_dash_for_a_failed_estimator(form):
+    """Templates write numbers without the check of a cell."""
+    write = getattr(columns, form)
+    assert write(math.nan) == "–" and write(1.0) != "–"

@@ -1,8 +1,9 @@
-"""The front page: the suite's matrix in tables that fit, findings, and every scenario."""
+"""The front page: findings, the league of the suite, and every scenario."""
 
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from reporting import cases, digest, metrics, pairs
@@ -12,21 +13,26 @@ from ggbench.results import digest as digests
 
 
 def test_the_front_page_lists_every_scenario_and_the_suite():
+    """With the figure of the league, if it is there, and the standing of the filters."""
     text = library.text([digest("suite", "A suite"), digest("ship", "A ship?")])
     assert "- [suite](suite.md): A suite\n- [ship](ship.md): A ship?" in text
-    assert "|`ekf`|5.00 (×1.25)|10.0 (×1.25)|10 ms|" in text
+    assert "![League of the estimators](suite/answer.png)" in text
+    assert "|`ekf`|2|2|1.2|1.2|10 ms|" in text
+    assert "suite/answer.png" not in library.text([digest("suite")], has_league=False)
     assert "## Suite" not in library.text([digest("ship")])
 
 
-def test_the_matrix_is_split_into_tables_that_fit():
-    """Ten rows and eight columns at most, estimators with fewer runs apart; nothing is lost."""
+def test_the_front_page_has_one_table_of_ten_rows():
+    """Whatever the roster; filters recommended most often come first, then the nearest ones."""
     errors = {"ekf": 1.0} | {f"filter-{k}": 2.0 + k for k in range(12)}
-    settled = metrics(10, errors, {"filter-3": 5})[lambda table: table["window"] == "settled"]
-    tables = library.matrix(digest("suite", metrics=settled, cases=cases(10)))
-    assert all(len(table) <= 10 and len(table.columns) <= 8 for table in tables)
-    assert sum(table.shape[0] * (table.shape[1] - 1) for table in tables) == 13 * 11
-    apart = [table for table in tables if "estimator (5 runs)" in table]
-    assert [table["estimator (5 runs)"].tolist() for table in apart] == [["`filter-3`"]] * 2
+    settled = metrics(10, errors)[lambda table: table["window"] == "settled"]
+    suite = digest("suite", metrics=settled, cases=cases(10, best="ekf"))
+    assert library.ranking(suite)["estimator"].tolist() == [
+        "`ekf`",
+        *(f"`filter-{k}`" for k in range(9)),
+    ]
+    text = library.text([suite])
+    assert len(re.findall(r"^\|---", text, re.MULTILINE)) == 1
 
 
 def test_a_damaged_digest_is_named_and_left_out(tmp_path):

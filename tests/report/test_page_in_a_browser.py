@@ -87,6 +87,22 @@ def test_a_table_is_sorted_by_numbers_and_filtered(page):
     assert table.locator("tbody tr").count() == 3
 
 
+def test_all_cases_begin_with_the_table_of_errors(page):
+    """Before the figure; sorted by the number with which a cell begins; counters come last."""
+    heads = page.locator("#panel h2").all_inner_texts()
+    assert heads[:2] == ["All cases", "Errors"] and heads[-1] == "Counters of estimators"
+    table = page.locator("#panel table").first
+    assert table.bounding_box()["y"] < page.locator("#panel figure").bounding_box()["y"]
+    names = [" ".join(head.split()) for head in table.locator("thead th").all_inner_texts()]
+    place = names.index("ekf [m]")
+    for click, order in enumerate((1.0, -1.0)):
+        table.locator("thead th").nth(place).click()
+        page.wait_for_timeout(300)
+        cells = table.locator(f"tbody td:nth-child({place + 1})").all_inner_texts()
+        values = [order * float(cell.split()[0].rstrip(",")) for cell in cells]
+        assert len(values) == 2 and values == sorted(values), click
+
+
 def test_an_estimator_is_switched_in_the_legend(page):
     """Its lines and intervals vanish and come back."""
     choose(page, "as it is")

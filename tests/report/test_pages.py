@@ -15,7 +15,10 @@ import pytest
 from campaigns import ran, small
 from problems import SMALL
 
+from ggbench.figures.league import league as draw_league
+from ggbench.figures.line_styles import COLOURS
 from ggbench.report import (
+    answers,
     columns,
     html_page,
     libraries,
@@ -24,7 +27,9 @@ from ggbench.report import (
     pictures,
     render,
     reported,
+    views,
 )
+from ggbench.report.league import league as league_of
 from ggbench.report.reported import Reported
 from ggbench.results.folder import Results
 
@@ -48,6 +53,131 @@ def output(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def page(output) -> str:
     return (output / "small.md").read_text(encoding="utf-8")
+
+
+OWN = """
+from dataclasses import dataclass
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+@dataclass(frozen=True)
+class Mine(Estimator):
+    name = "{name}"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        if {fails}:
+            raise ValueError("the gain is singular")
+        shape = problem.epochs, len(problem.prior_mean)
+        cov = np.broadcast_to(1e6 * np.eye(shape[1]), (*shape, shape[1]))
+        return Estimate(np.zeros(shape), cov.copy(), self.causality)
+"""
+
+
+@pytest.fixture(scope="module")
+def with_own(tmp_path_factory) -> Path:
+    """A folder of the report of two own estimators next to the EKF; one fails in every run."""
+    folder = tmp_path_factory.mktemp("own")
+    for name, fails in (("mine", False), ("broken", True)):
+        (folder / f"{name}.py").write_text(OWN.format(name=f"{name}-filter", fails=fails))
+    labels = ("ins", *(str(folder / f"{name}.py") for name in ("mine", "broken")), "ekf", "ukf")
+    ran(folder, labels=labels, runs=4).store.close()
+    render.write(folder / "out", folder / "reports")
+    return folder
+
+
+def test_a_report_shows_the_estimators_of_ones_own(with_own):
+    """In the first table, that of published numbers, and the table of errors, by one name."""
+    text = (with_own / "reports" / "small.md").read_text(encoding="utf-8")
+    first = next(block for block in text.split("\n\n") if block.startswith("|"))
+    head = first.splitlines()[0].split("|")
+    metrics = pd.read_csv(with_own / "reports" / "small" / "data" / "metrics.csv")
+    own = metrics[metrics["estimator"] == "mine-filter"].set_index("case")["rms_m"]
+    (row,) = [line.split("|") for line in first.splitlines() if line.startswith("|as it is|")]
+    assert columns.metres(own["base"]) in row[head.index("`mine-filter`")]
+    assert row[head.index("`broken-filter`")] == "failed"
+    published = text.partition("## Published numbers")[2]
+    assert "|`mine-filter`|" in published and "|`broken-filter`|failed|" in published
+    errors = pd.read_csv(with_own / "reports" / "small" / "data" / "errors.csv")
+    assert errors["mine-filter"].str.startswith(columns.metres(own["base"]))[0]
+    assert "mine.py" not in text.partition("## Again")[0]
+
+
+def test_a_report_of_an_estimator_that_fails_says_why(with_own):
+    text = (with_own / "reports" / "small.md").read_text(encoding="utf-8")
+    assert "`broken-filter` failed in every run: ValueError: the gain is singular" in text
+
+
+def test_a_report_of_failing_estimators_alone_is_written(with_own, monkeypatch, tmp_path):
+    """No error, no bound and no curve, but the reason, and published errors."""
+    monkeypatch.setattr(libraries, "_PACKAGES", ("no_such_package",))
+    labels = ("ins", str(with_own / "broken.py"))
+    ran(tmp_path, labels=labels, runs=2).store.close()
+    render.write(tmp_path / "out", tmp_path / "reports")
+    text = (tmp_path / "reports" / "small.md").read_text(encoding="utf-8")
+    assert "**Answer.** No causal estimator finished." in text
+    assert "`broken-filter` failed in every run: ValueError: the gain is singular" in text
+    assert not re.search(r"\bnan\b", text) and "|*published*|" in text
+
+
+def test_figures_have_the_estimators_of_ones_own_in_their_colour(with_own):
+    """By case, over time, and in the league."""
+    results = Reported(with_own / "out")
+    assert results.own == ["mine-filter", "broken-filter"]
+    labels = views.drawn_estimators(results.metrics(), results.cases(), results.own)
+    league = draw_league(league_of(results.metrics(), results.cases()), results.families)
+    figures = [
+        pictures.of_answer(results).figure, league,
+        pictures.over_time(results, ["base"], labels).figure,
+    ]  # fmt: skip
+    for figure in figures:
+        colour = figure.series["mine-filter"][0].get_color()
+        assert colour == COLOURS["own"] != figure.series["ekf"][0].get_color()
+    results.store.close()
+
+
+def test_all_cases_begin_with_errors_and_end_with_counters(with_own):
+    """Tables of the page for browsers, by name and column."""
+    data = data_of(with_own / "reports" / "small.html")
+    names = [name for name in data["tables"] if name not in ("metrics", "pairs", "cases")]
+    assert names[0] == "errors" and ("counters" not in names or names[-1] == "counters")
+    heads = {key: data["columns"][key] for key in data["tables"]["errors"]["columns"]}
+    assert heads["error of mine-filter"]["head"] == "mine-filter [m]"
+    assert heads["error of mine-filter"]["form"] == "error"
+
+
+def test_counters_come_last(output):
+    names = list(Reported(output.parent / "out").further_tables())
+    assert names[0] == "errors" and names[-1] == "counters"
+
+
+def test_the_suite_is_answered_by_its_league(output, monkeypatch):
+    """With an explanation below it; other scenarios have errors by case."""
+    results = Reported(output.parent / "out")
+    assert pictures.of_answer(results).explanation == ""
+    monkeypatch.setattr(pictures, "SUITE", results.scenario.name)
+    picture = pictures.of_answer(results)
+    assert (
+        len(picture.figure.axes) == 2
+        and "recommended" in picture.figure.legends[0].get_texts()[-5].get_text()
+    )
+    text = markdown_page.text(results, picture, output / "league", "", with_cost=False)
+    assert "† overconfident, ‡ unsafe; lost" in text
+    results.store.close()
+
+
+def test_a_remark_on_the_map_is_below_the_table(output, monkeypatch, tmp_path):
+    """The first sentence is the answer; what to do about it is said once, in both pages."""
+    monkeypatch.setattr(answers, "left_the_map", lambda runs: ["ekf", "ukf"])
+    results = Reported(output.parent / "out")
+    picture = pictures.of_answer(results)
+    text = markdown_page.text(results, picture, tmp_path / "small", "", with_cost=False)
+    page = html_page.text(results, {}, "")
+    results.store.close()
+    remark = "Runs of `ekf` and `ukf` left the map"
+    assert text.count(remark) == 1 and text.index(remark) > text.index("|case|bound [m]|")
+    assert "**Answer.** Runs" not in text
+    assert page.index("left the map") > page.index('id="panel"')
 
 
 def scripts_of(text: str) -> list[str | None]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -51,6 +53,24 @@ def test_a_target_is_reached_where_a_power_law_reaches_it():
     assert found[["bound", "EKF"]].to_numpy().tolist() == [
         ["none", "none"], ["0.063 E", "0.032 E (0.029–0.035)"], ["any", "any"]
     ]  # fmt: skip
+
+
+def test_targets_have_a_column_of_ones_own_estimator():
+    """With a tenth of the EKF's errors it reaches 3.16 m at ten times the noise.
+
+    Others have no column; one that failed has no value.
+    """
+    rows = [
+        metric(f"c{n}", label, "settled", factor * 10.0**n)
+        for n in range(3)
+        for label, factor in (("ekf", 1.0), ("mine", 0.1), ("ukf", 1.0), ("broken", math.nan))
+    ]
+    loaded = grid(NOISE, targets=(10.0**0.5,))
+    table = pd.DataFrame(rows, columns=[*METRICS])
+    found = sweeps.reached(loaded, table, cases(3), ["mine", "broken"])
+    assert list(found)[3:] == ["EKF", "`mine`", "`broken`"]
+    assert found.iloc[0, 3:].tolist()[:2] == ["0.032 E (0.029–0.035)", "0.32 E (0.29–0.35)"]
+    assert found.iloc[0, 5] == "–"
 
 
 HEADING = AxisSpec(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import pytest
-from reporting import CAUSALITY, cases, metric, metrics, pairs, scenario
+from reporting import CAUSALITY, ERRORS, cases, metric, metrics, pairs, scenario
 
-from ggbench.report import tables, views
-from ggbench.report.published import allowed, claimed, published_table
+from ggbench.report import columns, tables, views
+from ggbench.report.published import allowed, claimed, from_starts, published_table
 from ggbench.spec.claims import ComparisonSpec
 
 
@@ -73,13 +75,17 @@ def test_the_recommended_ekf_is_one_column():
 
 
 def test_the_best_is_in_italics_where_none_is_recommended():
+    """Where that is so in all cases, the column is of the least bad."""
     shown = views.answer_table(metrics(), pairs(), cases(recommended=""))
-    assert shown["recommended: `gaussian-sum`"].tolist() == ["*4.00 (×1.00)*", "*8.00 (×1.00)*"]
+    assert shown["least bad: `gaussian-sum`"].tolist() == ["*4.00 (×1.00)*", "*8.00 (×1.00)*"]
+    named = cases().assign(recommended=["gaussian-sum", ""])
+    shown = views.answer_table(metrics(), pairs(), named)
+    assert shown["recommended: `gaussian-sum`"].tolist() == ["4.00 (×1.00)", "*8.00 (×1.00)*"]
 
 
-def test_the_ekf_alone_is_called_the_best_where_it_is_not_recommended():
+def test_the_ekf_alone_is_called_the_least_bad_where_it_is_not_recommended():
     shown = views.answer_table(metrics(), pairs(), cases(recommended="", best="ekf"))
-    assert shown["EKF (best)"].tolist() == ["*5.00 (×1.25)*", "*10.0 (×1.25)*"]
+    assert shown["EKF (least bad)"].tolist() == ["*5.00 (×1.25)*", "*10.0 (×1.25)*"]
 
 
 def test_an_error_surely_below_a_bound_is_remarked_where_the_model_is_wrong():
@@ -98,8 +104,103 @@ def test_cells_that_agree_within_one_per_cent_are_said_to_be_equal():
     assert shown["recommended"].tolist() == ["`ukf` = EKF", "`gaussian-sum` 8.00 (×1.00)"]
 
 
+def test_estimators_of_ones_own_have_columns():
+    """Next to the EKF, with RMS errors, even if no table would name them; merged if recommended."""
+    errors = ERRORS | {"mine": 6.0, "mine[gain=2]": 5.0}
+    own = ["mine", "mine[gain=2]"]
+    table = metrics(errors=errors)
+    shown = views.answer_table(table, pairs(), cases(), own)
+    assert list(shown)[3:6] == ["EKF (recommended)", "`mine`", "`mine[gain=2]`"]
+    assert shown["`mine`"].tolist() == ["6.00 (×1.50)", "12.0 (×1.50)"]
+    merged = views.answer_table(table, pairs(), cases(recommended="mine"), own)
+    assert merged["`mine` (recommended)"].tolist() == shown["`mine`"].tolist()
+    assert not [head for head in merged if head.startswith("recommended")]
+
+
+def test_many_estimators_of_ones_own_have_rows():
+    """A row for each of five, and a column for each case, within the limits of a table."""
+    own = [f"mine-{k}" for k in range(7)]
+    table = metrics(5, ERRORS | dict.fromkeys(own, 6.0))
+    shown = views.answer_table(table, pairs(), cases(5, recommended="gaussian-sum"), own)
+    assert shown["RMS error [m]"].tolist() == [
+        "bound", "INS", "EKF", *(f"`{label}`" for label in own[:5]),
+        "recommended: `gaussian-sum`", "best smoother: `factor-graph[mode=batch]`",
+    ]  # fmt: skip
+    assert shown["case 1"].tolist()[:4] == ["8.00", "200", "10.0 (×1.25)", "12.0 (×1.50)"]
+    assert tables.text(shown)
+
+
+def test_an_estimator_that_failed_everywhere_has_its_column():
+    table = metrics(errors=ERRORS | {"mine": 6.0})
+    table.loc[table["estimator"] == "mine", ["rms_m", "efficiency"]] = math.nan
+    table.loc[table["estimator"] == "mine", "failed"] = 40
+    shown = views.answer_table(table, pairs(), cases(), ["mine"])
+    assert shown["`mine`"].tolist() == ["failed", "failed"]
+
+
+def test_published_errors_are_set_against_those_of_ones_own():
+    """Before nearer ones, in a row that others share; also of an estimator that failed."""
+    table = metrics(1, ERRORS | {"mine": 5.01, "wrong": 1.0}).assign(published_m=7.0)
+    gone = table["estimator"] == "wrong"
+    table.loc[gone, ["rms_m", "rms_lo", "rms_hi", "bound_m"]] = math.nan
+    table.loc[gone, "failed"] = 40
+    shown = published_table(table, {"c0": "first"}, ["mine", "wrong"])
+    assert shown["RMS error [m]"].tolist()[3:] == [
+        "`ins`", "`wrong`", "`ekf`, `mine`, `ukf`", "`factor-graph[mode=batch]`", "`gaussian-sum`"
+    ]  # fmt: skip
+    assert shown["first: settled"].tolist()[4:6] == ["failed", "5.00"]
+
+
+def test_windows_from_several_starts_have_the_estimators_of_ones_own():
+    """Planted errors fall from 20 m to 10 m at 100 s; of three cases there are three rows each."""
+    times = np.arange(1.0, 201.0)
+    series = np.zeros((4, 200, 2))
+    series[:, :, 0] = np.where(times < 100.0, 20.0, 10.0)
+    arrays = {"times": times, "kept": np.arange(200), "bound-filter": np.full((200, 2), 9.0)}
+    results = SimpleNamespace(
+        arrays=lambda case: arrays,
+        series=lambda case, label: series if label != "broken" else series[:0],
+        scenario=SimpleNamespace(case=lambda name: SimpleNamespace(title=f"case {name}")),
+    )
+    table = metrics(3).assign(published_m=7.0)
+    found = from_starts(results, table, ["ekf", "broken", "mine", "second"])
+    assert found.iloc[:, 0].tolist() == [
+        f"case c{n}: {name}" for n in range(3) for name in ("bound", "`ekf`", "`mine`")
+    ]
+    assert found["t₀ = 100 s"].tolist() == ["3.00", "10.0", "10.0"] * 3
+    assert found["t₀ = 0 s"].tolist()[2] == columns.metres(np.sqrt((99 * 400 + 101 * 100) / 200))
+    assert tables.text(found)
+    assert from_starts(results, table, ["broken"]).empty
+
+
+def test_published_errors_are_shown_where_every_filter_failed():
+    table = metrics(1, {"ekf": 1.0}).assign(published_m=7.0, bound_m=math.nan, rms_m=math.nan)
+    assert allowed(table).empty
+    shown = published_table(table, {"c0": "first"}, ["ekf"])
+    assert shown["first: whole"].tolist() == ["7.00", "–", "failed"]
+
+
+def test_a_page_shows_the_cases_that_decide():
+    """One case of each set of recommended estimators, then those in which estimators differ most.
+
+    Of twelve cases the EKF is recommended in all but c3 and c7; in c5, c6 and c9 the Gaussian sum
+    is planted 10, 30 and 20 times better than in the others.
+    """
+    table, named = metrics(12), cases(12)
+    settled = table["window"] == "settled"
+    for case, label in (("c3", "ukf"), ("c7", "")):
+        own = settled & (table["case"] == case)
+        table.loc[own, "recommended"] = table.loc[own, "estimator"] == label
+    for case, factor in (("c5", 10.0), ("c6", 30.0), ("c9", 20.0)):
+        own = (table["case"] == case) & (table["estimator"] == "gaussian-sum")
+        table.loc[own, "rms_m"] /= factor
+    few = views.deciding_cases(table, named)
+    assert few["case"].tolist() == ["c3", "c5", "c6", "c7", "c9"]
+    assert len(views.deciding_cases(table, named.iloc[:4])) == 4
+
+
 def test_cases_are_spread_evenly():
-    """At most eight, in their order, with the first and the last one."""
+    """Of figures over time and parts of a sweep: in order, with the first and the last one."""
     few = views.few_cases(cases(20))
     assert len(few) == 5 and few["case"].iloc[[0, -1]].tolist() == ["c0", "c19"]
     assert few["case"].tolist() == [f"c{n}" for n in sorted(int(k[1:]) for k in few["case"])]
@@ -114,6 +215,15 @@ def test_a_figure_has_six_families_at_most():
     assert found[:3] == ["ekf", "filter-8", "factor-graph[mode=batch]"]
     assert len(found) == 6 and "ins" not in found and "ekf[iterations=5]" not in found
     assert CAUSALITY["factor-graph[mode=batch]"] == "batch" and "factor-graph" in found
+
+
+def test_a_figure_has_all_estimators_of_ones_own():
+    """Behind the EKF, though others are better; variants of one name, too."""
+    own = ["mine", "mine[gain=2]"]
+    errors = ERRORS | dict.fromkeys(own, 90.0) | {f"filter-{k}": 1.0 for k in range(9)}
+    found = views.drawn_estimators(metrics(errors=errors), cases(), own)
+    assert found[:3] == ["ekf", *own] and len(found) == 6
+    assert not set(own) & set(views.drawn_estimators(metrics(errors=errors), cases()))
 
 
 def test_tables_that_do_not_fit_are_refused():

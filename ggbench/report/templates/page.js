@@ -7,7 +7,7 @@ const { default: DataTable } = await import(address);
 URL.revokeObjectURL(address);
 
 const HEADS = {
-  metrics: "All metrics", pairs: "Pairs of estimators, run by run", cases: "Cases",
+  errors: "Errors", metrics: "All metrics", pairs: "Pairs of estimators, run by run", cases: "Cases",
   studies: "Changed assumptions", standing: "Standing over the cases", claims: "Claims of the source", gravity_claims: "Claims on gravity",
   fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
 };
@@ -25,6 +25,7 @@ const FORMS = {
   count: (value) => String(value),
   metres: (value) => significant(value, 3),
   ratio: (value) => significant(value, 2),
+  efficiency: (value) => (value < 9.995 ? value.toFixed(2) : significant(value, 2)),
   share: (value) => {
     const text = significant(100 * value, 2);
     return text === "100" && value < 1 ? ">99%" : `${text}%`;
@@ -36,6 +37,12 @@ function shown(value, form) {
   if (value === null || value === "") return "–";
   if (typeof value === "boolean") return value ? "yes" : "no";
   return typeof value === "number" && FORMS[form] ? FORMS[form](value) : String(value);
+}
+
+// The number with which a text begins; texts without one come last.
+function leading(text) {
+  const number = Number.parseFloat(text);
+  return Number.isNaN(number) ? Infinity : number;
 }
 
 // Rows of a table as arrays of values, of one case or of all.
@@ -54,6 +61,7 @@ function addTable(parent, name, wanted) {
   const { columns } = data.tables[name];
   const rows = rowsOf(name, wanted);
   if (!rows.length) return;
+  const most = name === "errors" ? 20 : 60; // Rows of a page of the table.
   const kept = columns.map((_, k) => k).filter((k) =>
     !(wanted !== null && columns[k] === "case") && rows.some((row) => row[k] !== null && row[k] !== ""));
   const head = document.createElement("h2");
@@ -62,19 +70,23 @@ function addTable(parent, name, wanted) {
   parent.append(head, table);
   new DataTable(table, {
     data: rows,
-    columns: kept.map((k) => ({
-      data: k,
-      title: plain(data.columns[columns[k]].head),
-      className: rows.some((row) => typeof row[k] === "number") ? "number" : "",
-      type: rows.some((row) => typeof row[k] === "number") ? "num" : "string",
-      // Sorted by the number itself, missing ones last.
-      render: (value, kind) => (kind === "sort" || kind === "type"
-        ? value ?? (rows.some((row) => typeof row[k] === "number") ? Infinity : "")
-        : plain(shown(value, data.columns[columns[k]].form))),
-    })),
-    paging: rows.length > 60, pageLength: 50, lengthChange: false, info: false, autoWidth: false, order: [],
+    columns: kept.map((k) => {
+      const { head: title, form } = data.columns[columns[k]];
+      const numeric = form === "error" || rows.some((row) => typeof row[k] === "number");
+      return {
+        data: k,
+        title: plain(title),
+        className: numeric ? "number" : "",
+        type: numeric ? "num" : "string",
+        // Sorted by the number itself, missing ones last.
+        render: (value, kind) => (kind === "sort" || kind === "type"
+          ? (form === "error" ? leading(value) : value ?? (numeric ? Infinity : ""))
+          : plain(shown(value, form))),
+      };
+    }),
+    paging: rows.length > most, pageLength: most, lengthChange: false, info: false, autoWidth: false, order: [],
     deferRender: true,
-    layout: { topStart: rows.length > 4 ? "search" : null, topEnd: null, bottomEnd: rows.length > 60 ? "paging" : null },
+    layout: { topStart: rows.length > 4 ? "search" : null, topEnd: null, bottomEnd: rows.length > most ? "paging" : null },
     language: { search: "", searchPlaceholder: "filter rows", zeroRecords: "no row" },
     initComplete() {
       kept.forEach((k, place) => {
@@ -86,11 +98,12 @@ function addTable(parent, name, wanted) {
 }
 
 const panel = document.getElementById("panel");
-const RELATED = ["fixes", "counters", "remarks", "failures", "claims", "studies"];
+const RELATED = ["fixes", "remarks", "failures", "claims", "studies", "counters"];
 
 function showAll() {
+  addTable(panel, "errors", null);
   addFigure(panel, data.figures[""].picture, `${data.figures[""].caption}. ${HINT}`);
-  for (const name of ["cases", ...Object.keys(data.tables).filter((name) => !["cases", "metrics", "pairs"].includes(name))]) {
+  for (const name of ["cases", ...Object.keys(data.tables).filter((name) => !["errors", "cases", "metrics", "pairs"].includes(name))]) {
     addTable(panel, name, null);
   }
 }

@@ -1,0 +1,115 @@
+"""League of estimators over the cases of a scenario: numbers of the figure, and a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..figures.league import League
+from ..judging.summary import SMOOTHERS
+from . import columns, tables
+
+CAPTION = "League of the estimators"
+EXPLANATION = (
+    "Cases (bound of a filter) and estimators, smoothers apart: RMS error × oracle, × bound where "
+    "the model is wrong; † overconfident, ‡ unsafe; lost: most runs end outside the required "
+    "error without reporting it. Below: share of cases within a ratio of the best filter."
+)
+"""Words below the figure."""
+
+
+def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
+    """Return the league of the settled window: ratios, texts of cells, and the profile's ratios.
+
+    A cell has the ratio to the oracle, or to the bound of the assumed model where there is no
+    oracle; the share of lost runs where most are lost. Estimators are in the order of the metrics,
+    smoothers last. Only estimators with all runs of a case have a place in its profile.
+
+    Parameters
+    ----------
+    metrics : of the scenario (:func:`.judging.summary.metrics`).
+    cases : of the scenario (:func:`.judging.cases.cases`).
+    """
+    rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
+    late = rows.groupby("estimator", sort=False)["causality"].first().isin(SMOOTHERS)
+    labels = [*late.index[~late], *late.index[late]]
+    cells = rows.set_index(["case", "estimator"]).to_dict("index")
+    flown = [case for case in cases.to_dict("records") if case["case"] in set(rows["case"])]
+    names = [case["case"] for case in flown]
+    held = [[cells.get((name, label)) for label in labels] for name in names]
+    most = rows.groupby("case")["runs"].max()
+    squares = {
+        label: np.array([_of_all_runs(cells.get((name, label)), most[name]) for name in names])
+        for label in late.index[~late]
+    }
+    least = np.fmin.reduce([*squares.values(), np.full(len(names), math.nan)])
+    return League(
+        cases=[
+            f"{case['title']} ({columns.cell('bound_m', case['bound_m'])}\N{NO-BREAK SPACE}m)"
+            for case in flown
+        ],
+        estimators=labels,
+        smoothers=int(late.sum()),
+        ratios=np.array([[ratio_of(cell) for cell in row] for row in held]),
+        texts=np.array([[_text(cell) for cell in row] for row in held]),
+        framed=np.array(
+            [[cell is not None and bool(cell["recommended"]) for cell in row] for row in held]
+        ),
+        to_best={label: errors / least for label, errors in squares.items()},
+    )
+
+
+def _of_all_runs(cell: Mapping[str, Any] | None, most: int) -> float:
+    """Return the RMS error of an estimator that flew all runs, else NaN."""
+    return math.nan if cell is None or cell["runs"] < most else float(cell["rms_m"])
+
+
+def ratio_of(cell: Mapping[str, Any] | None) -> float:
+    """Return an error over the oracle's, else over the bound; infinite if most runs are lost."""
+    if cell is None or cell["failed"] == cell["runs"]:
+        return math.nan
+    if tables.is_lost(cell):
+        return math.inf
+    over_oracle = float(cell["efficiency"])
+    return over_oracle if math.isfinite(over_oracle) else float(cell["rms_m"] / cell["bound_m"])
+
+
+def _text(cell: Mapping[str, Any] | None) -> str:
+    """Return what stands in a cell."""
+    if cell is None:
+        return columns.NONE
+    if cell["failed"] == cell["runs"]:
+        return "failed"
+    if tables.is_lost(cell):
+        share = columns.share(cell["lost"] / cell["runs"])
+        return columns.marked(f"lost\n{share}", cell["consistency"]).replace(" ", "")
+    ratio = ratio_of(cell)
+    if math.isnan(ratio):
+        return columns.NONE
+    text = columns.efficiency(ratio) if ratio < 999.5 else ">999"
+    return columns.marked(text, cell["consistency"]).replace(" ", "")
+
+
+def errors(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of errors: a row for each case, a column for each estimator.
+
+    Cells are those of :func:`.tables.error_cell`, of the settled window; estimators with fewer
+    runs than others of a case have the number of their runs.
+    """
+    rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
+    most = rows["case"].map(rows.groupby("case")["runs"].max())
+    shown = [tables.error_cell(row) for row in rows.to_dict("records")]
+    fewer = [
+        f" ({count} runs)" if count < of else ""
+        for count, of in zip(rows["runs"], most, strict=True)
+    ]
+    cells = rows.assign(cell=[text + more for text, more in zip(shown, fewer, strict=True)])
+    wide = cells.pivot(index="case", columns="estimator", values="cell")
+    order = [name for name in cases["case"] if name in wide.index]
+    wide = wide.loc[order, rows["estimator"].unique()].fillna("")
+    about = cases.set_index("case").loc[order, ["title", "bound_m"]]
+    return pd.concat([about, wide], axis=1).reset_index()
