@@ -22,15 +22,17 @@ from ..engines.multiple_model import SearchOptions, map_spacing, multiple_model
 from ..parameters import AtLeastOne, Positive
 
 _MOST = 100_000
-_AS_ASSUMED = 4.0
+_AS_ASSUMED = 10.0
 """Weight of the model as it is, before any measurement, against that of another hypothesis."""
+_UNKNOWN_GRAVITY = 100.0
+"""The same of all hypotheses about gravity: it is never normal, and to doubt it costs little."""
 _NOISES = (
     *(0.25, 0.3, 0.36, 0.43, 0.51, 0.6, 0.72, 0.85),
     *(1.18, 1.4, 1.65, 1.95, 2.3, 2.75, 3.25, 3.85, 4.55, 5.4, 6.4, 7.6, 9.0, 10.7),
 )
 _CONSTANTS = (5.0, 30.0)
 _SIZES, _LENGTHS = (1.2, 2.4, 5.0, 10.0, 20.0), (400.0, 1000.0, 2500.0, 6000.0)
-_GRAVITIES, _DISTANCES, _INTEGRATED = (10.0, 30.0, 100.0), (20.0, 80.0), (30.0, 100.0)
+_GRAVITIES, _DISTANCES, _INTEGRATED = (10.0, 30.0, 100.0), (20.0, 80.0), (60.0, 150.0)
 _HEAVY_TAILED = (1.0, 1.6, 2.5)
 
 
@@ -57,7 +59,7 @@ class MultipleModel(BlockEstimator):
     outliers: bool = True
     spacing_m: Positive | None = field(default=None, kw_only=True)
     most: Annotated[int, Field(ge=1, le=_MOST)] = field(default=4000, kw_only=True)
-    iterations: AtLeastOne = field(default=2, kw_only=True)
+    iterations: AtLeastOne = field(default=1, kw_only=True)
 
     name = "multiple-model"
     family = "mixture"
@@ -70,7 +72,7 @@ class MultipleModel(BlockEstimator):
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """The bank: before any measurement all kinds of a doubt weigh the same, together."""
+        """The bank."""
         bank = [Hypothesis("as_assumed", prior=_AS_ASSUMED)]
         if self.noise:
             bank += _evenly(Hypothesis("noise", noise=factor) for factor in _NOISES)
@@ -89,7 +91,8 @@ class MultipleModel(BlockEstimator):
                         for size, distance in product(_GRAVITIES, _DISTANCES)
                     ),
                     *(Hypothesis("gravity", gravity_mgal=g, integrated=True) for g in _INTEGRATED),
-                ]
+                ],
+                _UNKNOWN_GRAVITY,
             )
         if self.outliers:
             bank += _evenly(heavy_tails("outliers", factor) for factor in _HEAVY_TAILED)
@@ -104,7 +107,7 @@ class MultipleModel(BlockEstimator):
         return multiple_model(block, self.hypotheses, options)
 
 
-def _evenly(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
-    """Return hypotheses that share a weight of one."""
+def _evenly(hypotheses: Iterable[Hypothesis], total: float = 1.0) -> list[Hypothesis]:
+    """Return hypotheses that share a weight."""
     bank = list(hypotheses)
-    return [replace(hypothesis, prior=1.0 / len(bank)) for hypothesis in bank]
+    return [replace(hypothesis, prior=total / len(bank)) for hypothesis in bank]

@@ -294,8 +294,8 @@ class EstimateBlock:
     causality, lag : as in :class:`.problem.Estimate`.
     nis : (R, K) normalised innovation squared, NaN where there was no reading; None unless the
         estimator is a filter.
-    info : counters, an array (R,) each; ``map_evaluations`` counts the points at which the map was
-        evaluated.
+    info : counters and texts, an array (R,) each; ``map_evaluations`` counts the points at which
+        the map was evaluated.
     """
 
     mean: np.ndarray

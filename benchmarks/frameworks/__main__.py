@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Template
 
 from ggbench.errors import GGBenchError
@@ -18,8 +19,8 @@ from .packages import FRAMEWORKS, OTHERS, Framework
 
 PAGE = Path("reports") / "frameworks.md"
 TEMPLATE = Path(__file__).with_name("frameworks.md.j2")
-SAME = 1e-6
-"""Difference [prior σ] up to which two answers are the same."""
+SAME = 1e-4
+"""Difference [prior σ] up to which two answers are the same: where searches end."""
 
 
 def measured(framework: Framework) -> dict[str, Any]:
@@ -56,81 +57,79 @@ def licence(framework: Framework) -> str:
     )
 
 
-def rows() -> list[list[str]]:
-    """Return the cells of the table, a row for each estimator."""
-    found = []
-    for framework in FRAMEWORKS:
-        print(framework.label, flush=True)
-        held = measured(framework)
-        same = held["difference"]
-        lines = len(Path(framework.adapter).read_text(encoding="utf-8").splitlines())
-        version = importlib.metadata.version(framework.distributions[0])
-        found.append(
-            [
-                f"{framework.name} {version}",
-                f"`{framework.label}`",
-                f"{same:.0e}" + ("" if same <= SAME else " (other points)"),
-                f"{held['ms']:.3g}",
-                f"{held['first_ms']:.0f}",
-                f"{held['memory_mb']:.0f}",
-                f"{size_mb(framework):.3g}",
-                str(lines),
-                held["contract"],
-                held["wide"],
-                held["indefinite"],
-                held["nan"],
-                licence(framework),
-            ]
-        )
-    return found
+def row(framework: Framework) -> dict[str, str]:
+    """Return what is measured of an estimator, by the heads of the columns."""
+    print(framework.label, flush=True)
+    held = measured(framework)
+    lines = len(Path(framework.adapter).read_text(encoding="utf-8").splitlines())
+    same = held["difference"] <= SAME
+    return {
+        "package": f"{framework.name} {importlib.metadata.version(framework.distributions[0])}",
+        "estimator": f"`{framework.label}`",
+        "difference [prior σ]": f"{held['difference']:.0e}" + ("" if same else ", other points"),
+        "contract": held["contract"],
+        "ms/run": f"{held['ms']:.3g}",
+        "first run [ms]": f"{held['first_ms']:.0f}",
+        "memory [MB]": f"{held['memory_mb']:.0f}",
+        "installation [MB]": f"{size_mb(framework):.3g}",
+        "adapter [lines]": str(lines),
+        "licence": licence(framework),
+        "singular Q": framework.singular,
+        "missing channels": framework.missing,
+        "R of each epoch": framework.noise,
+        "robust loss per channel": framework.loss,
+        "wide prior": held["wide"],
+        "indefinite prior": held["indefinite"],
+        "NaN measured": held["nan"],
+    }
 
 
-HEAD = [
-    "package", "estimator", "largest difference [prior σ]", "ms/run", "first run [ms]",
-    "memory [MB]", "installation [MB]", "lines of adapter", "contract", "wide prior",
+MEASURED = (
+    "package", "estimator", "difference [prior σ]", "contract", "ms/run", "first run [ms]",
+    "installation [MB]", "adapter [lines]",
+)  # fmt: skip
+BEHAVIOUR = (
+    "package", "singular Q", "missing channels", "R of each epoch", "robust loss per channel",
     "indefinite prior", "NaN measured", "licence",
-]  # fmt: skip
+)  # fmt: skip
 
 
-PROPERTIES = [
-    "package", "estimator", "singular Q", "missing channels", "R of each epoch",
-    "robust loss per channel",
-]  # fmt: skip
-
-
-def table(head: list[str], body: list[list[str]]) -> str:
-    """Return a table in markdown."""
-    lines = [head, ["---"] * len(head), *body]
+def table(rows: list[dict[str, str]], head: tuple[str, ...]) -> str:
+    """Return columns of the first estimator of each package in markdown."""
+    first = {row["package"]: row for row in reversed(rows)}
+    names = dict.fromkeys(row["package"] for row in rows)
+    body = [[first[name][key] for key in head] for name in names]
+    lines = [list(head), ["---"] * len(head), *body]
     return "\n".join("|" + "|".join(line) + "|" for line in lines)
 
 
-def page() -> str:
+def page(rows: list[dict[str, str]]) -> str:
     """Return the text of the page."""
-    body = rows()
-    names = list(dict.fromkeys(framework.name for framework in FRAMEWORKS))
-    same = [row[1] for row in body if "other" not in row[2]]
-    timed = {row[1]: float(row[3]) for row in body if "ekf" in row[1]}
+    same = [row for row in rows if "other" not in row["difference [prior σ]"]]
+    timed = {
+        row["estimator"]: float(row["ms/run"]) for row in rows if row["estimator"].endswith("ekf`")
+    }
     order = sorted(timed, key=lambda label: timed[label])
-    properties = [
-        [f.name, f"`{f.label}`", f.singular, f.missing, f.noise, f.loss] for f in FRAMEWORKS
-    ]
     template = Template(TEMPLATE.read_text(encoding="utf-8"), keep_trailing_newline=True)
     return template.render(
-        frameworks=len(names),
+        frameworks=len({row["package"] for row in rows}),
         same=len(same),
-        rows=len(body),
+        rows=len(rows),
         limit=f"{SAME:g}",
         fastest=order[0],
         least_ms=f"{timed[order[0]]:.3g}",
         slowest=order[-1],
         most_ms=f"{timed[order[-1]]:.3g}",
-        measured=table(HEAD, body),
-        properties=table(PROPERTIES, properties),
-        others=table(["package", "reason"], [list(row) for row in OTHERS]),
+        measured=table(rows, MEASURED),
+        behaviour=table(rows, BEHAVIOUR),
+        others="; ".join(f"{name} ({reason})" for name, reason in OTHERS),
     )
 
 
 if __name__ == "__main__":
+    found = [row(framework) for framework in FRAMEWORKS]
     with written_whole(PAGE, GGBenchError) as temporary:
-        temporary.write_text(page(), encoding="utf-8")
-    print(f"Wrote {PAGE}")
+        temporary.write_text(page(found), encoding="utf-8")
+    with written_whole(PAGE.with_suffix(".csv"), GGBenchError) as temporary:
+        pd.DataFrame(found).to_csv(temporary, index=False)
+    print(f"Wrote {PAGE} and {PAGE.with_suffix('.csv')}")

@@ -63,9 +63,9 @@ FRAMEWORKS = (
 )  # fmt: skip
 
 OTHERS = (
-    ("pykalman, simdkalman, statsmodels", "linear models only, or one Q and one R"),
-    ("symforce", "needs symbolic residuals, and the map is a table"),
-    ("pyrecest", "its unscented filter is the code of filterpy"),
-    ("g2o", "least squares with a singular Q; one solver of this kind, pyceres, has an adapter"),
+    ("pykalman, simdkalman, statsmodels", "linear, or one Q and R"),
+    ("symforce", "symbolic residuals"),
+    ("pyrecest", "filterpy's code"),
+    ("g2o", "as pyceres"),
 )
 """Packages without a row, and why."""

@@ -26,7 +26,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..problem import Causality, Estimate, Estimator, Family, Problem
-from .jax_callback import MeasurementCallback
 
 try:
     import jax
@@ -38,6 +37,8 @@ try:
         extended_kalman_smoother,
         unscented_kalman_filter,
     )
+
+    from .jax_callback import MeasurementCallback
 except ImportError as error:
     raise ImportError(
         f"{__name__} needs dynamax ({error}): pip install 'ggbench[dynamax]'"

@@ -68,7 +68,7 @@ class _Trajectory:
         return np.concatenate([np.eye(self.size), -along.reshape(-1, self.size)])
 
 
-class _Cost(pyceres.CostFunction):  # type: ignore[misc]
+class _Cost(pyceres.CostFunction):
     """All residuals as one cost of Ceres."""
 
     def __init__(self, trajectory: _Trajectory) -> None:

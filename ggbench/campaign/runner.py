@@ -299,8 +299,10 @@ def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], 
         run_errors.require_plain(f"info {name}", values)
     columns = {str(name): np.asarray(values) for name, values in info.items()}
     for name, values in columns.items():
-        if values.shape != (runs,) or values.dtype.kind not in "biuf":
-            raise ValueError(f"the estimate's info must have a number of each run as its {name}")
+        if values.shape != (runs,) or values.dtype.kind not in "biufU":
+            raise ValueError(
+                f"the estimate's info must have a number or a text of each run as its {name}"
+            )
     if "map_evaluations" not in columns:
         raise ValueError("the estimate's info has no map_evaluations")
     evaluations = columns.pop("map_evaluations").astype(int).tolist()

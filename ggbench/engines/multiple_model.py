@@ -30,7 +30,7 @@ _STAGES = (1, 2, 4, 8, 16)
 _NEGLIGIBLE = -25.0
 """Logarithm of the weight at the end of a stage below which a hypothesis is dropped."""
 _SAMPLES, _STEP_M, _EARTH_RADIUS = 64, 50.0, 6.371e6
-_STRAIGHT = 0.6
+_STRAIGHT = 0.3
 """Spacing over the distance in which the gradients' slope changes by itself."""
 _CHECKS = 24
 """How often in a flight the search may end."""

@@ -28,7 +28,7 @@ from ggbench.campaign.registry import choose
 @dataclass(frozen=True)
 class Many(BlockEstimator):
     way: Literal["good", "nis", "nan mean", "nan cov", "indefinite", "raise", "exit", "sleep",
-                 "nothing", "batch", "short", "no count", "text", "masked nis",
+                 "nothing", "batch", "short", "no count", "complex", "masked nis",
                  "masked info"] = "good"
     name = "many"
     causality = "filter"
@@ -63,8 +63,8 @@ class Many(BlockEstimator):
             mean = mean[:-1]
         if self.way == "no count":
             del info["map_evaluations"]
-        if self.way == "text":
-            info["remark"] = np.array(["well"] * block.runs)
+        if self.way == "complex":
+            info["remark"] = np.full(block.runs, 1j)
         if self.way == "masked nis":
             nis = np.ma.masked_less(np.tile(np.arange(block.epochs), (block.runs, 1)), 3)
         if self.way == "masked info":
@@ -206,7 +206,7 @@ def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
         ("no count", "the estimate's info has no map_evaluations"),
         ("masked nis", "the estimate's nis is masked in 3 of 20 places"),
         ("masked info", "the estimate's info repairs is masked in 1 of 1 places"),
-        ("text", "the estimate's info must have a number of each run as its remark"),
+        ("complex", "the estimate's info must have a number or a text of each run as its remark"),
     ],
 )
 def test_an_engine_that_does_not_keep_to_the_interface_is_told(way, reason, many, tmp_path):

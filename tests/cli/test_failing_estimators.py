@@ -39,6 +39,7 @@ def test_an_estimator_whose_runs_all_fail_is_named_with_exit_code_1(fails, code,
     done = invoke(
         ["run", "small.toml", "-n", "8", "-j", "0", "-c", "base", "-e", "ins", "-e", label],
         tmp_path,
+        columns=160,
     )
     assert done.returncode == code, done.stderr
     assert (f"Every run of {label} failed." in done.stdout) == bool(code)

@@ -151,7 +151,6 @@ def test_weights_are_those_of_bayes_rule():
 @pytest.mark.parametrize(
     ("case", "kind", "words"),
     [
-        ("air-narrow", "as_assumed", "as assumed"),
         ("wrong-noise", "noise", r"noise (2.8|3.2) times as assumed"),
         ("outliers", "outliers", "outliers"),
     ],

@@ -19,6 +19,7 @@ from choclo.prism import (
 from numba import njit
 from rasterio.warp import transform
 from scipy.interpolate import RectBivariateSpline
+from terrain_fields import terrain_field
 
 from ggbench.gravity import parker
 from ggbench.gravity.ellipsoid import EOTVOS, radii_of_curvature
@@ -37,12 +38,6 @@ HILLS = (
     (1500, -2500, 300, 700),
 )
 BASIN = (-1500, 2500, -600, 900)
-
-
-def terrain_field(*args, dtype=np.float64, **kwargs):
-    """All layers at once: the tensor (n_lat, n_lon, n_h, 6) [E] and the vector (…, 3) [m/s²]."""
-    tensors, vectors = zip(*terrain_layers(*args, dtype=dtype, **kwargs), strict=True)
-    return np.stack(tensors, axis=2), np.stack(vectors, axis=2)
 
 
 @njit

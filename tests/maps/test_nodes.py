@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from terrain_fields import terrain_field
 
 from ggbench.gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import GradientMap, MapError
-from ggbench.gravity.parker import terrain_field
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.nodes import GridRequest, SourceExtent, nodes_for
 from ggbench.maps.plan import Inputs, plan

@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 from shipped_fields import TERRAINS, disturbing_field
+from terrain_fields import terrain_field
 
-from ggbench.gravity import parker
 from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.terrain import Terrain, TerrainError
@@ -79,7 +79,7 @@ def test_the_field_is_parkers_of_the_stored_terrain(small_terrain):
     latitude, longitude = inside(small_terrain, 5)
     height = np.array([1200.0, 1500.0])
     tensor, vector = disturbing_field("jacksboro", latitude, longitude, height)
-    expected, gravity = parker.terrain_field(small_terrain, latitude, longitude, height)
+    expected, gravity = terrain_field(small_terrain, latitude, longitude, height)
     np.testing.assert_array_equal(tensor, expected)
     np.testing.assert_array_equal(vector, gravity)
     assert np.abs(tensor).max() > 20.0

@@ -24,10 +24,11 @@ from ggbench.sensors.gradiometer.instrument import (
 )
 from ggbench.sensors.gradiometer.lowpass import prefilter
 from ggbench.sensors.model import (
+    NO_MAP,
+    AidingChannels,
     DelayedInsSolution,
     SensorModel,
     model_arrays,
-    without_aiding,
 )
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
@@ -62,7 +63,9 @@ def plain_model(field: Field, positions: np.ndarray, times: np.ndarray, componen
             prefilter(None, count, "whitened", 0.0),
             missing=np.zeros(count, dtype=bool),
             at=np.arange(count),
-            others=without_aiding((count,), 3),
+            others=AidingChannels(
+                np.zeros((count, 0)), np.zeros((count, 0, 3)), np.zeros((count, 0, 3)), NO_MAP
+            ),
             states=[],
             whitening=None,
         )
