@@ -27,8 +27,11 @@ the Cramér–Rao bound allows, and is wrong by hundreds of metres.
 The posterior is exact in the limit of many particles N: jitter falls as N^{−1/2}, and the bending
 that counts as straight as N^{−1}. Priors of 600 m and 1 km, two and three states, against a grid:
 the mean is 0.03 to 0.08 standard deviations off with 4000 particles (rms), and 0.015 to 0.05 with
-16,000. What remains is sampling noise. Where modes stay alike for minutes, each resampling lets
-their weights drift: the shares of two valleys after 80 readings need 30,000 particles.
+16,000. What remains is sampling noise. Large biases and a truth in the tail of the prior cost
+accuracy: with 20 E per channel and 2.5 σ on one axis it is 0.09, 0.07 and 0.02 off with 1000, 4000
+and 16,000. A single run scatters by a factor of three about that. Where modes stay alike for
+minutes, each resampling lets their weights drift: the shares of two valleys after 80 readings need
+30,000 particles.
 """
 
 from __future__ import annotations

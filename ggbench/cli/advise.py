@@ -122,6 +122,7 @@ def _print(found: Advice) -> None:
         change = f"−{100.0 * limit.gain:.0f} %" if limit.gain > _SMALL else "none"
         table.add_row(limit.cause, columns.metres(limit.bound_m), change)
     table.print(console)
+    console.out("Each cause is halved in truth and model together.")
 
 
 def _print_target(found: Advice, target: float) -> bool:
@@ -138,6 +139,6 @@ def _print_target(found: Advice, target: float) -> bool:
         return False
     console.out(
         f"For {target:g} m the gradiometer's noise may be {columns.metres(found.noise)} "
-        f"{found.unit} at most, at the rate of the case."
+        f"{found.unit} at most, in truth and model, at the rate of the case."
     )
     return True

@@ -7,9 +7,11 @@ A reading z_k = h_k + n_k is whitened by what the model predicts of its noise,
 
 with V = D C⁻¹, Σ = C Cᵀ (Cholesky) and D the diagonal of C. The noise of w then has the covariance
 D² at every reading: each channel keeps its unit and is cleared of what the channels before it tell
-of its noise. At the start of a stretch of readings without a gap less is known of the noise before:
-the best linear predictor of as many readings as there are takes the place of the A_i, and its own
-root that of C. That is exact for a stationary process: the likelihood of w is that of z.
+of its noise. At the start, and behind a gap, some of the p readings before are missing. The best
+linear predictor of the last p readings that exist takes the place of the A_i, and the root of what
+it leaves that of C: both follow from the autocovariance of these readings. Without gaps the
+likelihood of w is that of z. So it is with gaps if p is at most 1; else readings further back
+would tell a little more.
 """
 
 from __future__ import annotations
@@ -35,6 +37,8 @@ _KEYS = (
 _MOST_ORDER = 64
 _TIMING = 1e-3
 """By how much readings may be off the model's interval [intervals]."""
+_REACH = _MOST_ORDER
+"""How far back a reading behind a gap is predicted from [intervals]; a longer gap starts anew."""
 
 
 class ColouredNoiseError(GGBenchError):
@@ -47,9 +51,12 @@ class Whitening(NamedTuple):
     Attributes
     ----------
     weights : (G, p + 1, m, m) of a reading and of those before it; zero where there is none.
+    lags : (G, p + 1) by how many readings each is earlier, missing ones counted; −1 where there is
+        none.
     """
 
     weights: np.ndarray
+    lags: np.ndarray
 
     @property
     def of_constant(self) -> np.ndarray:
@@ -58,11 +65,11 @@ class Whitening(NamedTuple):
 
     def apply(self, readings: np.ndarray) -> np.ndarray:
         """Return w (..., G, m) of readings (..., G, m)."""
-        white = np.einsum("gij,...gj->...gi", self.weights[:, 0], readings)
-        for lag in range(1, self.weights.shape[1]):
-            earlier = readings[..., : max(readings.shape[-2] - lag, 0), :]
-            weights = self.weights[lag:, lag]
-            white[..., lag:, :] += np.einsum("gij,...gj->...gi", weights, earlier)
+        white = np.zeros(readings.shape)
+        for weights, lags in zip(self.weights.swapaxes(0, 1), self.lags.T, strict=True):
+            at = np.flatnonzero(lags >= 0)
+            earlier = readings[..., at - lags[at], :]
+            white[..., at, :] += np.einsum("gij,...gj->...gi", weights[at], earlier)
         return np.asarray(white)
 
 
@@ -168,42 +175,56 @@ class VectorAutoregression:
         return frozen(np.diag(np.linalg.cholesky(self.innovation_cov)))
 
     @cached_property
-    def _rows(self) -> np.ndarray:
-        """Weights (p + 1, p + 1, m, m) of a reading with 0, …, p earlier ones, and of those."""
-        m, p = len(self.components), self.order
-        rows = np.zeros((p + 1, p + 1, m, m))
-        covariance = self.autocovariance(p)
-        for known in range(p + 1):
-            predictor, left = self.coefficients, self.innovation_cov
-            if known < p:
-                predictor, left = _predictor(covariance, known)
-            scaled = self.deviations[:, np.newaxis] * np.linalg.inv(np.linalg.cholesky(left))
-            rows[known, 0] = scaled
-            rows[known, 1 : known + 1] = -scaled @ predictor
-        return rows
+    def _start_rows(self) -> list[np.ndarray]:
+        """Weights (k + 1, m, m) of a reading with k = 0, …, p ones straight before it."""
+        return [self._row(tuple(range(1, known + 1))) for known in range(self.order + 1)]
+
+    @cached_property
+    def _reached(self) -> np.ndarray:
+        """Γ as far back as predictions reach."""
+        return self.autocovariance(_REACH)
+
+    def _row(self, lags: tuple[int, ...]) -> np.ndarray:
+        """Return weights (k + 1, m, m) of a reading and of k earlier ones, by lags [intervals]."""
+        predictor, left = self.coefficients, self.innovation_cov
+        if lags != tuple(range(1, self.order + 1)):
+            predictor, left = _predictor(self._reached, lags)
+        scaled = self.deviations[:, np.newaxis] * np.linalg.inv(np.linalg.cholesky(left))
+        return np.concatenate([scaled[np.newaxis], -scaled @ predictor])
 
     def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening:
         """Return the whitening of readings at times (G,) [s], some of them missing (G,).
 
-        A stretch ends where a reading is missing, or comes later than the interval.
+        A reading is predicted from the last p readings that exist, none more than 64 intervals
+        earlier. Nothing is predicted across a time that is no multiple of the interval.
         """
-        known, since = np.zeros(len(times), dtype=int), -1
-        for k, gone in enumerate(missing):
-            follows = k > 0 and times[k] - times[k - 1] < (1.0 + _TIMING) * self.interval
-            since = -1 if gone else since + 1 if follows else 0
-            known[k] = min(since, self.order)
-        weights = self._rows[known]
-        weights[known < 0] = 0.0
-        return Whitening(weights)
+        m, taps = len(self.components), self.order + 1
+        weights, lags = np.zeros((len(times), taps, m, m)), np.full((len(times), taps), -1)
+        rows: dict[tuple[int, ...], np.ndarray] = {}
+        steps = np.diff(times, prepend=times[:1]) / self.interval
+        ticks = np.cumsum(np.round(steps).astype(int))
+        stretches = np.cumsum(np.abs(steps - np.round(steps)) > _TIMING)
+        before: list[int] = []
+        for k in np.flatnonzero(~missing):
+            before = [
+                j for j in before if stretches[j] == stretches[k] and ticks[k] - ticks[j] <= _REACH
+            ][: self.order]
+            pattern = tuple(int(ticks[k] - ticks[j]) for j in before)
+            if pattern not in rows:
+                rows[pattern] = self._row(pattern)
+            weights[k, : len(before) + 1] = rows[pattern]
+            lags[k, : len(before) + 1] = [0, *(k - j for j in before)]
+            before.insert(0, int(k))
+        return Whitening(weights, lags)
 
     def simulate(self, white: np.ndarray) -> np.ndarray:
         """Return noise (K, m) [E] of a stationary process, of standard normal numbers (K, m)."""
-        noise, rows, p = np.zeros(white.shape), self._rows, self.order
-        inverse = np.linalg.inv(rows[:, 0])
+        noise, rows, p = np.zeros(white.shape), self._start_rows, self.order
+        inverse = [np.linalg.inv(row[0]) for row in rows]
         for k, drawn in enumerate(white):
             known = min(k, p)
             before = noise[k - known : k][::-1]
-            predicted = np.einsum("iab,ib->a", rows[known, 1 : known + 1], before)
+            predicted = np.einsum("iab,ib->a", rows[known][1:], before)
             noise[k] = inverse[known] @ (self.deviations * drawn - predicted)
         return noise
 
@@ -289,22 +310,19 @@ def _is_covariance(cov: np.ndarray) -> bool:
     return bool(np.linalg.eigvalsh(cov).min() > 0.0)
 
 
-def _predictor(covariance: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best linear predictor (known, m, m) of earlier values, and what it leaves.
+def _predictor(covariance: np.ndarray, lags: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the best linear predictor (k, m, m) of earlier values, and what it leaves (m, m).
 
-    ``covariance`` (p + 1, m, m) is Γ of the process; (m, m) is left.
+    ``covariance`` (., m, m) is Γ of the process. ``lags`` are those of the k values, in order.
     """
-    m = covariance.shape[1]
+    m, known = covariance.shape[1], len(lags)
     if known == 0:
         return np.zeros((0, m, m)), covariance[0]
-    # Of n_{k−1}, …, n_{k−known}: E[n_{k−i} n_{k−j}ᵀ] is Γ of the lag j − i.
+    # Of n_{k−a} and n_{k−b}: E[n_{k−a} n_{k−b}ᵀ] is Γ of the lag b − a.
     among = np.block(
-        [
-            [covariance[j - i] if j >= i else covariance[i - j].T for j in range(known)]
-            for i in range(known)
-        ]
+        [[covariance[b - a] if b >= a else covariance[a - b].T for b in lags] for a in lags]
     )
-    across = np.hstack([*covariance[1 : known + 1]])
+    across = np.hstack([covariance[lag] for lag in lags])
     gains = np.linalg.solve(among, across.T).T
     left = covariance[0] - gains @ across.T
     return gains.reshape(m, known, m).swapaxes(0, 1), 0.5 * (left + left.T)

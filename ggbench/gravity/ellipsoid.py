@@ -200,22 +200,31 @@ def _geocentric(
 
 
 @inlined
-def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float, float, float]:
-    """Return what :func:`normal_gravity` does, where sin L and cos L are given.
+def _geocentric_gravity(r: float, s: float, c: float) -> tuple[float, float, float, float, float]:
+    """Return gravity north and up [m/s²] and its gradient NN, NU, UU [s⁻²] in geocentric axes.
 
-    γ is the magnitude of gravity (gravitation and centrifugal); the mechanization applies it along
-    the ellipsoidal vertical. Since γ = |g|, dγ = g·dg/γ with dg from the gradient tensor.
+    Of gravitation and centrifugal acceleration, at a radius and the sine and cosine of a geocentric
+    latitude.
     """
-    r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
-    # Gravity and its gradient in geocentric north and up.
     omega2 = ROTATION_RATE * ROTATION_RATE
     north = c * v_s / r - omega2 * r * c * s
     up = v_r + omega2 * r * c * c
-    gamma = math.sqrt(north * north + up * up)
     north_north = (c * c * v_ss - s * v_s) / (r * r) + v_r / r + omega2 * s * s
     north_up = c * (v_rs / r - v_s / (r * r)) - omega2 * s * c
     up_up = v_rr + omega2 * c * c
+    return north, up, north_north, north_up, up_up
+
+
+@inlined
+def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float, float, float]:
+    """Return what :func:`normal_gravity` does, where sin L and cos L are given.
+
+    Since γ = |g|, dγ = g·dg/γ with dg from the gradient tensor.
+    """
+    r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
+    north, up, north_north, north_up, up_up = _geocentric_gravity(r, s, c)
+    gamma = math.sqrt(north * north + up * up)
     along_north = (north * north_north + up * north_up) / gamma
     along_up = (north * north_up + up * up_up) / gamma
     # Geodetic north and up are geocentric north and up turned by ψ.
@@ -225,9 +234,44 @@ def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float,
     return gamma, d_latitude, d_height
 
 
+@inlined
+def normal_gravity_vector_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
+    """Return normal gravity to the geodetic north and up [m/s²]; to the east there is none.
+
+    Plumb lines of the normal field are curved: above the ellipsoid gravity has a part to the south,
+    −8.08e-9 h sin 2L (Heiskanen & Moritz 1967, sec. 5-6), 4 mGal at 5 km and 45°.
+    """
+    r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
+    north, up, _, _, _ = _geocentric_gravity(r, s, c)
+    return cos_psi * north - sin_psi * up, sin_psi * north + cos_psi * up
+
+
+@inlined
+def normal_gravity_slopes_of(
+    sine: float, cosine: float, height: float
+) -> tuple[float, float, float, float]:
+    """Return ∂g_N/∂L, ∂g_N/∂h, ∂g_U/∂L, ∂g_U/∂h of :func:`normal_gravity_vector_of`.
+
+    By the gradient tensor, and by the turn of the axes over (R_M + h) dL.
+    """
+    r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
+    north, up, north_north, north_up, up_up = _geocentric_gravity(r, s, c)
+    sin2, cos2, cross = sin_psi * sin_psi, cos_psi * cos_psi, sin_psi * cos_psi
+    nn = cos2 * north_north - 2.0 * cross * north_up + sin2 * up_up
+    nu = cross * (north_north - up_up) + (cos2 - sin2) * north_up
+    uu = sin2 * north_north + 2.0 * cross * north_up + cos2 * up_up
+    meridian, _ = radii_of_sine(sine)
+    radius = meridian + height
+    along_north, along_up = cos_psi * north - sin_psi * up, sin_psi * north + cos_psi * up
+    return radius * nn - along_up, nu, radius * nu + along_north, uu
+
+
 @compiled
 def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]:
-    """Return normal gravity γ [m/s²], ∂γ/∂L [m/s²/rad] and ∂γ/∂h [s⁻²] at a geodetic position."""
+    """Return normal gravity γ [m/s²], ∂γ/∂L [m/s²/rad] and ∂γ/∂h [s⁻²] at a geodetic position.
+
+    γ is the magnitude of gravity: gravitation and centrifugal acceleration.
+    """
     return normal_gravity_of(math.sin(latitude), math.cos(latitude), height)
 
 

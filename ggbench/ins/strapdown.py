@@ -4,7 +4,7 @@ State: geodetic latitude L, longitude λ [rad], ellipsoidal height h [m], veloci
 and C_nb, which maps the body frame (right-forward-up) to n::
 
     L' = v_N/(R_M+h)     λ' = v_E/((R_N+h) cos L)     h' = v_U
-    v' = C_nb f − (2ω_ie + ω_en) × v + g        g = (0, 0, −γ(L, h)) + disturbance
+    v' = C_nb f − (2ω_ie + ω_en) × v + g        g = (0, g_N(L, h), g_U(L, h)) + disturbance
     C_nb' = C_nb [ω_ib×] − [(ω_ie + ω_en)×] C_nb
 
 Each step takes the increments of an IMU over the step, ∫ω_ib dt and ∫f dt in body axes, and is of
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..gravity.ellipsoid import normal_gravity_of
+from ..gravity.ellipsoid import normal_gravity_vector_of
 from ..gravity.field import DisturbanceMap
 from ..gravity.spline import vector_at
 from ..numerics.kernels import compiled, copied, inlined
@@ -39,14 +39,14 @@ TRACK = 15
 
 @inlined
 def velocity_rate_of(place: Place, height: float, v: Vector, f: Vector) -> Vector:
-    """Return v' [m/s²] for a specific force in n axes: f^n − (2ω_ie + ω_en) × v + (0, 0, −γ)."""
+    """Return v' [m/s²] for a specific force in n axes: f^n − (2ω_ie + ω_en) × v + (0, g_N, g_U)."""
     ie_n, ie_u, x, en_n, en_u = frame_rates_of(place, v[0], v[1])
     y, z = 2.0 * ie_n + en_n, 2.0 * ie_u + en_u
-    gamma, _, _ = normal_gravity_of(place[0], place[1], height)
+    north, up = normal_gravity_vector_of(place[0], place[1], height)
     return (
         f[0] - (y * v[2] - z * v[1]),
-        f[1] - (z * v[0] - x * v[2]),
-        f[2] - (x * v[1] - y * v[0]) - gamma,
+        f[1] - (z * v[0] - x * v[2]) + north,
+        f[2] - (x * v[1] - y * v[0]) + up,
     )
 
 
@@ -114,7 +114,7 @@ def step(
 def steady_force(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     """Return the specific force (..., 3), ENU [m/s²], that keeps a velocity in normal gravity.
 
-    (2ω_ie + ω_en) × v + (0, 0, γ), at positions (..., 3) [rad, rad, m] and velocities ENU [m/s].
+    (2ω_ie + ω_en) × v − (0, g_N, g_U), at positions (..., 3) [rad, rad, m], velocities ENU [m/s].
     """
     places, speeds = (np.ascontiguousarray(a, float) for a in (positions, velocities))
     return _steady_forces(places.reshape(-1, 3), speeds.reshape(-1, 3)).reshape(places.shape)

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ..gravity.ellipsoid import normal_gravity_of, radii_derivatives_of
+from ..gravity.ellipsoid import normal_gravity_slopes_of, radii_derivatives_of
 from ..gravity.field import DisturbanceMap
 from ..gravity.spline import vector_at
 from ..numerics.kernels import compiled, copied, inlined
@@ -68,7 +68,7 @@ def _fill(
     tangent = sine * secant
     d_m, d_n = radii_derivatives_of(sine, cosine)
     ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
-    _, gamma_latitude, gamma_height = normal_gravity_of(sine, cosine, height)
+    north_l, north_h, up_l, up_h = normal_gravity_slopes_of(sine, cosine, height)
     # Derivatives of ω_ie and ω_en with respect to L, h and v_E, v_N.
     en_e_h, en_n_h = v[1] * c_m * c_m, -v[0] * c_n * c_n
     en_u_h = en_n_h * tangent
@@ -87,13 +87,13 @@ def _fill(
     store(out, m, VELOCITY + 2, en_u_e * v[1] - en_n_e * v[2])
     store(out, m, VELOCITY + 3, z)
     store(out, m, VELOCITY + 4, -y)
-    store(out, m, VELOCITY + 5, x_l * v[2] - z_l * v[0])
-    store(out, m, VELOCITY + 6, en_e_h * v[2] - en_u_h * v[0])
+    store(out, m, VELOCITY + 5, x_l * v[2] - z_l * v[0] + north_l)
+    store(out, m, VELOCITY + 6, en_e_h * v[2] - en_u_h * v[0] + north_h)
     store(out, m, VELOCITY + 7, -en_u_e * v[0] - z)
     store(out, m, VELOCITY + 8, en_e_n * v[2])
     store(out, m, VELOCITY + 9, x)
-    store(out, m, VELOCITY + 10, y_l * v[0] - x_l * v[1] - gamma_latitude)
-    store(out, m, VELOCITY + 11, en_n_h * v[0] - en_e_h * v[1] - gamma_height)
+    store(out, m, VELOCITY + 10, y_l * v[0] - x_l * v[1] + up_l)
+    store(out, m, VELOCITY + 11, en_n_h * v[0] - en_e_h * v[1] + up_h)
     store(out, m, VELOCITY + 12, en_n_e * v[0] + y)
     store(out, m, VELOCITY + 13, -en_e_n * v[1] - x)
     store(out, m, VELOCITY + 14, 0.0)

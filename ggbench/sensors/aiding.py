@@ -234,8 +234,8 @@ class Gravimeter(AidingSensor):
     """A gravimeter whose readings are reduced with what the INS indicates [mGal].
 
     An accelerometer in steady flight feels f = c(v, p) + γ(p) − δg, with the Eötvös accelerations
-    c = (2ω_ie + ω_en) × v and normal gravity γ, upwards. Reduced, turned by the INS's attitude, it
-    says c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f: the disturbance δg at the true place, and what the INS's
+    c = (2ω_ie + ω_en) × v and normal gravity −γ. Reduced, turned by the INS's attitude, it says
+    c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f: the disturbance δg at the true place, and what the INS's
     errors make of c, γ and f (Li 2011). ``scalar`` is the excess of gravity, −δg_U. The
     accelerations of the vehicle are taken as known; what they leave is part of the noise. Squares
     of errors are neglected: 0.02 mGal for 1 m/s or 10 km, 0.04 mGal for a tilt of 1′.

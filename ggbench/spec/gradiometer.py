@@ -56,7 +56,7 @@ class GradiometerSpec(PeriodicSpec):
     mounting_sigma_arcmin: q.Arcmin = 0.0
     """Standard deviation of the angle about each axis by which the mount is turned, once per run.
 
-    Where estimators assume one, the three angles are states.
+    The turn is right-handed. Where estimators assume one, the three angles are states.
     """
     components: Annotated[Several[Component], distinct("a component")] = (
         "xx",
@@ -216,7 +216,11 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     misalignment_arcmin: q.Arcmin = 0.0
     """Standard deviation, drawn once per run and axis: of the mount, which turns the tensor."""
     mounting_error_arcmin: Three[q.MountingError] = (0.0, 0.0, 0.0)
-    """Fixed angles about x, y, z of the mount by which it is not mounted as estimators believe."""
+    """Right-handed turn of the mount about its axes x, y, z, of which estimators do not know.
+
+    `[0, 0, 60]` turns x towards y by one degree. The axes are east, north, up of a `"local-level"`
+    mount, right, forward, up of a `"strapdown"` one, and the inertial ones of a `"platform"`.
+    """
     lever_arm_error_m: Three[q.LeverArm] = (0.0, 0.0, 0.0)
     """Right, forward, up: from where estimators believe the instrument to where it is.
 

@@ -7,11 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 from oracles import solver
-from problems import block_of_runs, entangled, propagated
+from problems import block_of_runs, entangled, estimator, propagated
+from scipy.optimize import least_squares
+from small_cases import rough_map, small_flight
 
 from ggbench.block import EstimateBlock, ProblemBlock, block_of
 from ggbench.campaign.registry import choose
 from ggbench.numerics.frozen import read_only
+from ggbench.simulation.runs import simulate
 
 pytestmark = pytest.mark.long
 
@@ -153,3 +156,42 @@ def test_matchers_find_the_places_of_the_search_in_numpy(label):
     np.testing.assert_allclose(found.fixes.statistic, expected.fixes.statistic, rtol=1e-4)
     assert np.abs((found.mean - expected.mean) / sigma).max() < 1e-4
     assert np.abs((found.cov - expected.cov) / np.outer(sigma, sigma)).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", ["factor-graph[mode=batch]", "gauss-newton"])
+@pytest.mark.parametrize("position_m", [1e-6, 10.0])
+def test_a_motion_without_noise_and_a_tiny_prior_have_an_answer(name, position_m, tmp_path):
+    """No IMU noise and 1 µm of position: the most probable start, by dense least squares.
+
+    The motion has no freedom but its start, so that the cost is that of 15 numbers. To 1e-3 of a
+    posterior σ; the prior mean is more than 0.3 off.
+    """
+    quiet = {f"imu.{key}": 0.0 for key in ("gyro_noise_deg_per_sqrt_h",
+                                            "accelerometer_noise_ug_per_sqrt_hz")}  # fmt: skip
+    rough = {"field.source": rough_map(tmp_path / "map.nc", rms=300.0)}
+    flight = small_flight(quiet | rough | {"initial_error.position_m": position_m})
+    problem, _ = simulate(flight, 5, 0)
+    assert not problem.process_cov.any()
+    sigma = np.sqrt(np.diag(problem.prior_cov))
+    moved = np.empty((problem.epochs, 15, 15))
+    for k in range(problem.epochs):
+        moved[k] = problem.transition[k] @ (moved[k - 1] if k else np.eye(15))
+    noise = np.sqrt(np.diag(problem.noise_cov))
+
+    def residuals(start: np.ndarray) -> np.ndarray:
+        states = moved @ (sigma * start)
+        read = problem.model.predict_along(np.arange(problem.epochs), states)
+        return np.concatenate([start, ((problem.measurements - read) / noise).ravel()])
+
+    def slopes(start: np.ndarray) -> np.ndarray:
+        states = moved @ (sigma * start)
+        rows = problem.model.jacobian_along(np.arange(problem.epochs), states) @ moved * sigma
+        return np.concatenate([np.eye(15), -(rows / noise[:, np.newaxis]).reshape(-1, 15)])
+
+    found = least_squares(residuals, np.zeros(15), slopes, xtol=1e-15, ftol=1e-15, gtol=1e-12)
+    expected = moved @ (sigma * found.x)
+    given = estimator(name).estimate(problem, np.random.default_rng(0))
+    posterior = np.sqrt(np.diagonal(given.cov, axis1=1, axis2=2))
+    assert np.isfinite(given.mean).all() and np.isfinite(given.cov).all()
+    assert (np.abs(given.mean - expected) < 1e-3 * posterior).all()
+    assert np.abs(expected / posterior).max() > 0.3

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import difference, ecef, local_axes, metres, square, third_derivatives
 from oracles import points
+from oracles.normal_gravity import closed_form_gravity
 
 from ggbench.gravity import ellipsoid
 
@@ -104,6 +105,36 @@ def test_normal_gravity_at_altitude_is_the_whole_vector(height):
     across = slope / np.hypot(u, ELLIPSOID.linear_eccentricity * np.sin(np.radians(reduced)))
     ours = [ellipsoid.normal_gravity(np.radians(d), height)[0] for d in LATITUDES_DEG]
     np.testing.assert_allclose(ours, np.hypot(along, across), rtol=1e-12)
+
+
+@pytest.mark.parametrize("height", [0.0, 5e3, 50e3])
+def test_normal_gravity_points_to_the_equator_above_the_ellipsoid(height):
+    """Both parts against the closed form, to 1e-11 m/s²; at 5 km and 45° 4 mGal are horizontal."""
+    for latitude in np.radians(LATITUDES_DEG[1:-1]):
+        found = ellipsoid.normal_gravity_vector_of(np.sin(latitude), np.cos(latitude), height)
+        np.testing.assert_allclose(
+            found, closed_form_gravity(latitude, height), rtol=0.0, atol=1e-11
+        )
+        rule = -8.08e-9 * height * np.sin(2.0 * latitude)
+        assert found[0] == pytest.approx(rule, rel=0.02, abs=1e-11)
+    at_45 = ellipsoid.normal_gravity_vector_of(np.sqrt(0.5), np.sqrt(0.5), 5e3)
+    assert at_45[0] == pytest.approx(-4.04e-5, rel=0.01)
+
+
+def test_slopes_of_both_parts_of_normal_gravity():
+    """By central differences of the closed form, which has 12 digits."""
+    for latitude, _, height in positions(20, seed=1):
+        found = ellipsoid.normal_gravity_slopes_of(np.sin(latitude), np.cos(latitude), height)
+        along_latitude, along_height = (
+            (np.array(closed_form_gravity(*ahead)) - closed_form_gravity(*behind)) / step
+            for ahead, behind, step in (
+                ((latitude + 1e-3, height), (latitude - 1e-3, height), 2e-3),
+                ((latitude, height + 1e3), (latitude, height - 1e3), 2e3),
+            )
+        )
+        expected = [along_latitude[0], along_height[0], along_latitude[1], along_height[1]]
+        rounding = 1e-12 / np.array([5e-4, 1e3, 5e-4, 1e3])
+        assert (np.abs(found - np.array(expected)) < 1e-5 * np.abs(expected) + rounding).all()
 
 
 def test_derivatives_of_normal_gravity():

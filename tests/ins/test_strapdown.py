@@ -8,6 +8,7 @@ import pytest
 from conftest import cross_matrix, difference, ecef, local_axes
 from error_free import closure
 from oracles import points
+from oracles.normal_gravity import closed_form_gravity
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -134,11 +135,8 @@ def test_rest_reads_gravity_and_earth_rate():
         )
         axes = local_axes(*position[:2])
         np.testing.assert_allclose(angles / 0.05, [c_nb.T @ axes.T @ EARTH_RATE] * 2, atol=1e-14)
-        gravity = boule.WGS84.normal_gravity(
-            (None, np.degrees(position[0]), position[2]), si_units=True
-        )
-        # boule's closed form is 1e-10 short at 10 km: see test_earth.
-        np.testing.assert_allclose(velocities / 0.05, [c_nb.T @ UP * gravity] * 2, atol=1e-8)
+        gravity = np.array([0.0, *closed_form_gravity(position[0], position[2])])
+        np.testing.assert_allclose(velocities / 0.05, [-c_nb.T @ gravity] * 2, atol=1e-10)
 
 
 def test_ins_at_rest_stays():
@@ -148,10 +146,10 @@ def test_ins_at_rest_stays():
     channel's instability.
     """
     for position, _, c_nb in random_states(3, seed=6):
-        gravity, _, _ = ellipsoid.normal_gravity(position[0], position[2])
+        gravity = np.array([0.0, *closed_form_gravity(position[0], position[2])])
         dt, count = 0.1, 36000
         angle = c_nb.T @ local_axes(*position[:2]).T @ EARTH_RATE * dt
-        velocity = c_nb.T @ UP * gravity * dt
+        velocity = -c_nb.T @ gravity * dt
         positions, velocities, attitudes = strapdown.navigate(
             position,
             np.zeros(3),
@@ -277,7 +275,7 @@ def angular_rate(t: float) -> np.ndarray:
 def cartesian_motion(position, velocity, c_nb, signals, duration):
     """Integrate r'' = C f + g − 2Ω × r', C' = C [ω×] − [Ω×] C in Earth-fixed axes to 1e-12.
 
-    Geodetic coordinates are boule's; gravity is the normal one along the ellipsoidal vertical.
+    Geodetic coordinates are boule's; gravity is the closed form of the normal field.
     """
     axes = local_axes(*position[:2])
     angular_rate, specific_force = signals
@@ -285,9 +283,9 @@ def cartesian_motion(position, velocity, c_nb, signals, duration):
     def rates(t: float, state: np.ndarray) -> np.ndarray:
         place, speed, c_eb = state[:3], state[3:6], state[6:].reshape(3, 3)
         longitude, latitude, height = boule.WGS84.cartesian_to_geodetic(tuple(place))
-        vertical = local_axes(np.radians(latitude), np.radians(longitude))[:, 2]
-        gamma, _, _ = ellipsoid.normal_gravity(np.radians(latitude), float(height))
-        force = c_eb @ specific_force(t) - gamma * vertical - 2.0 * np.cross(EARTH_RATE, speed)
+        local = local_axes(np.radians(latitude), np.radians(longitude))
+        gravity = local[:, 1:] @ closed_form_gravity(np.radians(latitude), float(height))
+        force = c_eb @ specific_force(t) + gravity - 2.0 * np.cross(EARTH_RATE, speed)
         turn = c_eb @ cross_matrix(angular_rate(t)) - cross_matrix(EARTH_RATE) @ c_eb
         return np.concatenate([speed, force, turn.ravel()])
 

@@ -97,7 +97,8 @@ def test_the_command_says_what_to_use_and_what_limits(tmp_path):
     done = invoke(command, tmp_path, columns=120)
     assert done.returncode == 1, done.stderr
     best = "the least bad is" if "the least bad is" in done.stdout else "Use "
-    for words in (best, "What limits", "No gradiometer reaches 1e-09 m here"):
+    both = "Each cause is halved in truth and model together."
+    for words in (best, "What limits", both, "No gradiometer reaches 1e-09 m here"):
         assert words in done.stdout
 
 

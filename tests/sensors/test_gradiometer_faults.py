@@ -114,8 +114,8 @@ def test_a_mount_that_is_turned_and_scaled_reads_that():
         np.testing.assert_allclose(
             np.linalg.eigvalsh(full), np.sort(tensor[0, [0, 3, 5]]), rtol=0.0, atol=1e-9
         )
-        # To first order (R D Rᵀ)_ij = φ_k (D_ii − D_jj) for a cyclic i, j, k.
-        vectors.append([yz / (-1600.0 - 3100.0), xz / (3100.0 + 1500.0), xy / (-1500.0 + 1600.0)])
+        # To first order (Rᵀ D R)_ij = φ_k (D_jj − D_ii) for a cyclic i, j, k.
+        vectors.append([yz / (3100.0 + 1600.0), xz / (-1500.0 - 3100.0), xy / (-1600.0 + 1500.0)])
     assert likely((np.square(vectors) / sigma**2).sum(), chi2(1200), 1e-3)
     own = np.random.default_rng(1)
     scaled = Faults(scale_factor=1e-3).distort(np.ones((5, 6)), np.eye(6), np.zeros(3), own)

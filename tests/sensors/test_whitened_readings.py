@@ -41,20 +41,23 @@ def test_h_is_the_whitened_field_at_the_displaced_track(coloured):
     flight = small_flight(coloured | {"truth.gradiometer.dropouts_s": [[9.5, 12.5]]})
     problem, _ = simulate(flight, 5, 1)
     states = 20.0 * np.random.default_rng(1).normal(size=(problem.epochs, problem.dimension))
-    weights = NOISE.whitening(flight.times, flight.absent).weights
+    whitening = NOISE.whitening(flight.times, flight.absent)
     channels = np.array([[1.0, 0, 0, 0, 0, 0], [0, 0, 1.0, 0, 0, 0]])
     track, found = problem.track.positions, problem.model.predict_along
     for k, state in enumerate(states):
         expected = np.zeros(2)
-        for lag in range(min(k, NOISE.order) + 1):
+        for weights, lag in zip(whitening.weights[k], whitening.lags[k], strict=True):
+            if lag < 0:
+                continue
             north, east = metres_per_radian(track[k - lag])
             place = track[k - lag] - state[[1, 0, 2]] / [north, east, 1.0]
-            expected += weights[k, lag] @ channels @ flight.model_field.tensor(*place)
+            expected += weights @ channels @ flight.model_field.tensor(*place)
         np.testing.assert_allclose(
             found(np.array([k]), state[np.newaxis])[0], expected, rtol=0.0, atol=1e-4
         )
     assert not problem.present[9:12].any()
     np.testing.assert_array_equal(problem.measurements[9:12], 0.0)
+    assert list(whitening.lags[12]) == [0, 4, 5]  # behind the gap of three readings
 
 
 def test_the_jacobian_is_the_slope_of_h(coloured):

@@ -79,16 +79,49 @@ def test_a_gradiometer_reads_the_field_where_it_is(tmp_path):
 
 
 def test_a_mounting_error_turns_the_tensor():
-    """By the same angles in every run."""
+    """By the same angles in every run: Rᵀ Γ R, the axes of the mount being the columns of R."""
     angles = [30.0, -20.0, 60.0]
     flight = small_flight(QUIET | {"truth.gradiometer.mounting_error_arcmin": angles})
     block, _ = simulate_block(flight, 1, range(3))
     turn = np.empty((3, 3))
     rotation_matrix(np.radians(angles) / 60.0, turn)
     full = flight.noise_free[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    turned = (turn @ full @ turn.T)[:, *np.triu_indices(3)]
+    turned = (turn.T @ full @ turn)[:, *np.triu_indices(3)]
     for run in range(3):
         np.testing.assert_allclose(block.measurements[run], turned, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("axis", "turned_to", "component"), [(0, (1, 2), "yy"), (1, (2, 0), "zz"), (2, (0, 1), "xx")]
+)
+@pytest.mark.parametrize("known", [False, True], ids=["truth", "equation"])
+def test_a_mounting_angle_turns_right_handed(tmp_path, axis, turned_to, component, known):
+    """[0, 0, 60] turns x of a level mount from east towards north: xx is eᵀ Γ e of that axis.
+
+    Also in the equation of measurement of an estimator that has the angles as states. A left-handed
+    turn differs by more than 1 E.
+    """
+    angles, level = [0.0, 0.0, 0.0], {"gradiometer.instrument": "local-level"}
+    level["field.source"] = rough_map(tmp_path / "map.nc", rms=300.0)
+    angles[axis] = 60.0
+    error = {"truth.gradiometer.mounting_error_arcmin": angles}
+    if known:
+        error["gradiometer.mounting_sigma_arcmin"] = 1e-6
+    flight = small_flight(QUIET | level | error)
+    block, truth = simulate_block(flight, 1, range(1))
+    problem, read_as = block.problem(0), ("xx", "xy", "xz", "yy", "yz", "zz").index(component)
+    found = problem.measurements
+    if known:
+        epochs = np.arange(problem.epochs)
+        found = problem.model.predict_along(epochs, truth.error_state[0])
+    full = flight.noise_free[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    before, after = np.eye(3)[list(turned_to)]
+    right, left = (
+        np.cos(np.pi / 180.0) * before + sign * np.sin(np.pi / 180.0) * after for sign in (1, -1)
+    )
+    expected, other = (np.einsum("kij,i,j->k", full, e, e) for e in (right, left))
+    np.testing.assert_allclose(found[:, read_as], expected, rtol=0.0, atol=1e-3)
+    assert np.abs(expected - other).max() > 1.0
 
 
 def test_an_arm_has_three_parts_and_bounds():

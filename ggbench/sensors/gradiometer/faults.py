@@ -30,7 +30,7 @@ class Faults:
     scale_factor : σ of each channel's relative error, drawn once per run.
     scale_drift : root PSD of the random walk of each channel's scale factor [1/√s].
     misalignment : σ of the mount's rotation about each of its axes, drawn once per run [rad].
-    mount : its rotation about each of its axes, the same in all runs [rad].
+    mount : its right-handed rotation about each of its axes, the same in all runs [rad].
     tilt : σ of the rotation of a level mount about each horizontal axis, Gauss–Markov [rad].
     tilt_time : its correlation time [s].
     doubling : rate [rad/s] and acceleration [m/s²] at which the white noise is twice that at rest.
@@ -80,11 +80,14 @@ class Faults:
         angles: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
-        """Return channels (K, m) of tensors (K, 6) in a mount turned by angles (3,), and scaled."""
+        """Return channels (K, m) of tensors (K, 6) in a mount turned by angles (3,), and scaled.
+
+        A mount that is turned by R = exp[angles×] against its axes reads Rᵀ Γ R.
+        """
         turn = np.empty((3, 3))
         rotation_matrix(angles, turn)
         scale = 1.0 + self.scale_factor * rng.standard_normal(len(channels))
-        return np.asarray(scale * (rotate_tensors(turn, tensors) @ channels.T))
+        return np.asarray(scale * (rotate_tensors(turn.T, tensors) @ channels.T))
 
     def tilted(
         self, tensors: np.ndarray, times: np.ndarray, rng: np.random.Generator

@@ -1,10 +1,10 @@
 """Mounting angles of a gradiometer as states: any mount modelled as one that is fixed to a body.
 
-A mount whose axes are turned by angles α against those that estimators believe reads R Γ Rᵀ with
-R = exp[α×]. With A from the believed axes to ENU these are the readings of an instrument that is
-strapped down at the attitude A, whose attitude error is −A α. What else turns A is added: the
-attitude error of the body (strapdown), or the turn of the local level with the position (platform).
-Their products with α are neglected, 0.01 E for 30′ and 3′ near 3000 E; α alone is exact.
+A mount that is turned right-handed about its believed axes by angles α reads Rᵀ Γ R, R = exp[α×].
+With A from the believed axes to ENU these are the readings of an instrument that is strapped down
+at the attitude A R: at A, with the attitude error A α. What else turns A is added: the attitude
+error of the body (strapdown), or the turn of the local level with the position (platform). Their
+products with α are neglected, 0.01 E for 30′ and 3′ near 3000 E; α alone is exact.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def with_mounting_angles(mount: Mount, first: int) -> Mount:
         axes = np.swapaxes(inertial_from_local(mount.positions, mount.times), -1, -2)
         turns = _level_turns(np.ascontiguousarray(mount.positions.reshape(-1, 3)))
         found[..., 3:, :columns] = turns.reshape(axes.shape) @ rows[..., :3, :]
-    found[..., 3:, first:] = -axes
+    found[..., 3:, first:] = axes
     return replace(mount, instrument=STRAPDOWN, attitudes=axes, rows=found)
 
 
