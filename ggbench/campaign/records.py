@@ -307,7 +307,8 @@ def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str,
 
     Where the whole tensor was measured, the measurement is in place of that noise.
     """
-    streams, vertical = RandomStreams(seed, DETAILED_RUN), COMPONENTS.index("zz")
+    streams = RandomStreams(seed, DETAILED_RUN, flight.case.draw.name)
+    vertical = COMPONENTS.index("zz")
     # Coloured noise is of the channels that there are: another one shows white noise of its RMS.
     instrument = replace(true, components=COMPONENTS, colour=None)
     at, measured = flight.epochs[flight.gradient_epochs], flight.measured

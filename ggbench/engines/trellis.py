@@ -16,11 +16,10 @@ from scipy.special import ive
 from ..numerics.kernels import compiled
 from ..problem import Problem
 from .lattices import Lattice
+from .position_grid import REACH
 
 _NEGLIGIBLE = 1e-10
 """Probability against the largest one below which a cell is left out."""
-_REACH = 3.5
-"""The first cells end at this many standard deviations of the prior."""
 _DRAWN = 64
 """Cells at which it is asked how much a reading changes within one."""
 
@@ -88,7 +87,7 @@ class Trellis:
         self, problem: Problem, steps: np.ndarray, most: int, extra_noise: np.ndarray
     ) -> None:
         self.problem, self.most, self.extra_noise = problem, most, extra_noise
-        lattice = Lattice(problem.prior_mean, problem.prior_cov, steps, _REACH)
+        lattice = Lattice(problem.prior_mean, problem.prior_cov, steps, REACH)
         masses, low = lattice.masses, np.zeros(len(steps), dtype=int)
         ones = [np.ones(1)] * len(steps)
         self.layers = [self._layer(masses, low, np.ones(masses.size), ones, lattice)]
@@ -237,7 +236,7 @@ def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
     """
     sigma = np.sqrt(np.diag(cov))
     sides = np.minimum(side, sigma)
-    while np.prod(2.0 * np.ceil(_REACH * sigma / sides) + 1.0) > most and side < sigma.max():
+    while np.prod(2.0 * np.ceil(REACH * sigma / sides) + 1.0) > most and side < sigma.max():
         side *= 1.1
         sides = np.minimum(side, sigma)
     return np.asarray(sides)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
+
+from ..spec.draws import words_of
 
 FIRST_KEYS = {
     "initial_error": 0,
@@ -46,8 +46,6 @@ FIRST_KEYS = {
 
 Stored results have their random numbers. The table is complete: a new source needs no row.
 """
-_KEY_WORDS = 4
-"""Length of the key of any other source, so that it is none of the table's, which have one."""
 
 
 def spawn_key(source: str) -> tuple[int, ...]:
@@ -58,10 +56,7 @@ def spawn_key(source: str) -> tuple[int, ...]:
     source : str
         ``SENSOR/ERROR``; ``SENSOR/`` is the white noise of a sensor.
     """
-    if source in FIRST_KEYS:
-        return (FIRST_KEYS[source],)
-    digest = hashlib.sha256(source.encode()).digest()
-    return tuple(np.frombuffer(digest, dtype="<u4", count=_KEY_WORDS).tolist())
+    return (FIRST_KEYS[source],) if source in FIRST_KEYS else words_of(source)
 
 
 class RandomStreams:
@@ -76,10 +71,12 @@ class RandomStreams:
         Seed of the campaign.
     run : int
         Number of the run.
+    draw : str
+        Name of the case's draw, which enters the seed unless it is empty.
     """
 
-    def __init__(self, seed: int, run: int) -> None:
-        self._entropy = [seed, run]
+    def __init__(self, seed: int, run: int, draw: str = "") -> None:
+        self._entropy = [seed, run, *words_of(draw)]
         self._generators: dict[str, np.random.Generator] = {}
 
     def __getitem__(self, source: str) -> np.random.Generator:

@@ -89,7 +89,10 @@ def simulate_flights(
     for flight in flights:
         require_together(first, flight)
     model, when = first.model, first.schedule
-    streams = [RandomStreams(seed, run) for run in runs]
+    streams = [
+        RandomStreams(seed, run, flight.case.draw.name)
+        for flight, run in zip(flights, runs, strict=True)
+    ]
     parts = [slice(0, len(runs))]
     if any(flight is not first for flight in flights):
         parts = [slice(r, r + 1) for r in range(len(runs))]
@@ -165,7 +168,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     flight : the case.
     seed, run : the campaign's seed and the run's number.
     """
-    streams = [RandomStreams(seed, run)]
+    streams = [RandomStreams(seed, run, flight.case.draw.name)]
     seen = gradients(flight, streams)
     gravity = flight.added_gravity(flight.model_field, seen[:2])
     scratch = _Scratch.of(flight)

@@ -405,7 +405,7 @@ class CaseSpec(WithSensors):
 def _of_run(case: CaseSpec, run: int) -> CaseSpec:
     """Return a case with the track and the map errors of a run."""
     change: dict[str, Any] = {
-        "draw": DrawSpec(),
+        "draw": DrawSpec(name=case.draw.name),
         "trajectory": drawn_track(case.trajectory, case.draw, run),
     }
     for side, error in case.map_errors().items() if case.draw.maps > 1 else ():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from typing import Annotated
 
@@ -28,12 +29,22 @@ class DrawSpec(Section):
     """Largest angle by which a track is turned, to either side."""
     maps: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of map errors; run r has map error r modulo this number."""
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]*$", max_length=60)] = ""
+    """Enters the seed: cases of one name share tracks and random numbers, run by run."""
+
+
+def words_of(name: str) -> tuple[int, ...]:
+    """Return four numbers of 32 bits that a name alone determines; none of an empty name."""
+    if not name:
+        return ()
+    digest = hashlib.sha256(name.encode()).digest()
+    return tuple(np.frombuffer(digest, dtype="<u4", count=4).tolist())
 
 
 def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpec:
     """Return the track of a run: segments moved and turned, or one of several survey lines."""
     if draw.tracks > 1:
-        rng = np.random.default_rng([_SEED, run % draw.tracks])
+        rng = np.random.default_rng([_SEED, run % draw.tracks, *words_of(draw.name)])
         east, north, turn = rng.uniform(-1.0, 1.0, 3).tolist()
         spec = moved(spec, draw.start_km * east, draw.start_km * north, draw.heading_deg * turn)
     if lines := spec.drawn_lines:
