@@ -7,6 +7,7 @@ file of estimates, or ``exec:`` and the path of a program.
 
 from __future__ import annotations
 
+import ast
 import difflib
 import hashlib
 import importlib.metadata
@@ -267,7 +268,8 @@ def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
     """Return a hash of the file that defines a class, as it was when it was loaded, and its seeks.
 
     With it go the modules of the same package from which it imports, as robust losses are, and the
-    adapters that it uses.
+    adapters that it uses. Of installed modules only the code counts: their docstrings and comments
+    do not change a result.
     """
     module = sys.modules[cls.__module__]
     if "path" in vars(cls):  # of a program, or a file of estimates
@@ -276,16 +278,18 @@ def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
             files = sorted(files[0].iterdir())
         contents = [file.read_bytes() for file in files if file.is_file()]
         return hashlib.sha256(b"".join(contents)).hexdigest(), ()
-    contents = [content_of(name) for name in _adapters_of(cls)]
+    contents, installed = [], _adapters_of(cls)
     if _SOURCE in vars(module):
-        contents = [vars(module)[_SOURCE], *contents]
+        contents = [vars(module)[_SOURCE]]
     else:
-        found = {cls.__module__}
+        modules = {cls.__module__}
         if module.__package__:
-            found |= {n for n in _used_by(cls) if n.startswith(f"{module.__package__}.")}
-        contents += [content_of(name) for name in sorted(found) if name in sys.modules]
-    seeks = {name for content in contents for name in suspicious_names(content)}
-    return hashlib.sha256(b"".join(contents)).hexdigest(), tuple(sorted(seeks))
+            modules |= {n for n in _used_by(cls) if n.startswith(f"{module.__package__}.")}
+        installed += [name for name in sorted(modules) if name in sys.modules]
+    sources = [content_of(name) for name in installed]
+    seeks = {name for content in (*contents, *sources) for name in suspicious_names(content)}
+    code = b"".join((*contents, *map(code_of, sources)))
+    return hashlib.sha256(code).hexdigest(), tuple(sorted(seeks))
 
 
 def _used_by(cls: type[Estimator]) -> set[str]:
@@ -304,6 +308,23 @@ def _libraries_of(cls: type[Estimator]) -> dict[str, str]:
     """Return the versions of the packages to which its adapters lead."""
     names = [name for one in _adapters_of(cls) for name in sys.modules[one].LIBRARIES]
     return {name: importlib.metadata.version(name) for name in names}
+
+
+def code_of(source: bytes) -> bytes:
+    """Return the syntax tree of a module as text, without docstrings, comments and layout.
+
+    Return the source itself where it is no Python.
+    """
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):
+        return source
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                node.body = node.body[1:]
+    return ast.dump(tree).encode()
 
 
 def content_of(module: str) -> bytes:
