@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..sensors.gradiometer.instrument import Gradiometer, readings
-from ..sensors.states import MOUNTING, gradiometer_states
+from ..sensors.states import MOUNTING, SensorStates, gradiometer_states
 from .error_free_flight import Flight, gradiometer_places
 from .random_streams import RandomStreams
 
@@ -45,15 +45,32 @@ class Gradients(NamedTuple):
 
 def gradients(flight: Flight, streams: Sequence[RandomStreams]) -> Gradients:
     """Return what the gradiometers of R runs deliver; of no readings without one."""
-    runs, width = len(streams), flight.model.gradients
-    if flight.measured is not None:
-        # What was measured is the same in all runs; nothing is known of biases and of the mount.
+    runs, width, instrument = len(streams), flight.model.gradients, flight.true.gradiometer
+    if instrument is not None and flight.measured is not None:
+        # What was measured is the same in all runs; biases are those that the truth adds.
         output = np.tile(np.nan_to_num(flight.measured), (runs, 1, 1))
-        return Gradients(output, np.tile(flight.absent, (runs, 1)), {})
-    if flight.true.gradiometer is not None:
-        return _with_errors(flight, flight.true.gradiometer, streams)
+        kinds, states = _drawn_states(flight, instrument, streams)
+        for kind in kinds:
+            values = states[kind.name][:, flight.gradient_epochs]
+            output = np.stack(list(map(kind.distort, output, values)))
+        return Gradients(output, np.tile(flight.absent, (runs, 1)), states)
+    if instrument is not None:
+        return _with_errors(flight, instrument, streams)
     none = np.zeros((runs, 0), dtype=bool)
     return Gradients(np.zeros((runs, 0, width)), none, {})
+
+
+def _drawn_states(
+    flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
+) -> tuple[list[SensorStates], dict[str, np.ndarray]]:
+    """Return the kinds of states that an instrument has, and their values (R, K, s) by name."""
+    kinds = [kind for kind in gradiometer_states(instrument) if kind.sigma]
+    return kinds, {
+        kind.name: np.stack(
+            [kind.draw(flight.times, of_run[f"gradiometer/{kind.stream}"]) for of_run in streams]
+        )
+        for kind in kinds
+    }
 
 
 def _with_errors(
@@ -65,10 +82,8 @@ def _with_errors(
     channels = instrument.channels
     undistorted = flight.noise_free @ channels.T
     output = np.empty((len(streams), len(times), len(channels)))
-    kinds = [kind for kind in gradiometer_states(instrument) if kind.sigma]
-    shape = len(streams), len(flight.times)
-    states = {kind.name: np.zeros((*shape, len(kind.sigma))) for kind in kinds}
-    states[MOUNTING] = np.zeros((*shape, 3))
+    kinds, states = _drawn_states(flight, instrument, streams)
+    states.setdefault(MOUNTING, np.zeros((len(streams), len(flight.times), 3)))
     for run, of_run in enumerate(streams):
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
@@ -77,8 +92,6 @@ def _with_errors(
             tensors = faults.tilted(tensors, times, of_run["gradiometer/tilt"])
         if tensors is not flight.noise_free:
             exact = tensors @ channels.T
-        for kind in kinds:
-            states[kind.name][run] = kind.draw(flight.times, of_run[f"gradiometer/{kind.stream}"])
         angles = states[MOUNTING][run]
         if faults.distorts or flight.disks is not None or angles.any():
             angles += faults.mounting(of_run["gradiometer/errors"])

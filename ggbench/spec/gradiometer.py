@@ -34,6 +34,10 @@ class RotatingSpec(Section):
     """White noise of each accelerometer, from which that of the channels follows."""
 
 
+_ADDED = "bias_eotvos"
+"""The only error that can be added to readings that were measured."""
+
+
 class GradiometerSpec(PeriodicSpec):
     """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
 
@@ -269,10 +273,10 @@ class TrueGradiometer(GradiometerChange, Interruptions):
 
     def require_possible(self, spec: GradiometerSpec) -> None:
         """Raise ValueError if an instrument, as it is in truth, cannot have these errors."""
-        if spec.readings == "measured" and self.model_dump(exclude_defaults=True):
+        if spec.readings == "measured" and self.model_dump(exclude_defaults=True).keys() - {_ADDED}:
             raise ValueError(
                 "truth.gradiometer: measured readings have the errors that they have; remove its "
-                "keys"
+                f"keys but {_ADDED}, a constant that is added to them"
             )
         of_white_noise = ("noise_freedom", "noise_doubles_at_deg_per_s", "noise_doubles_at_mps2")
         if spec.coloured_noise is not None and (

@@ -68,14 +68,20 @@ def sources_of_a_profile(lines: SurveyLines, settings: Settings) -> EquivalentSo
 
 
 def write_map(
-    folder: Path, name: str, leave_out: tuple[str, ...], fit_options: FitOptions, quantity: Quantity
+    folder: Path,
+    name: str,
+    survey: str,
+    leave_out: tuple[str, ...],
+    fit_options: FitOptions,
+    quantity: Quantity,
 ) -> None:
     """Write the point masses of a shipped survey's lines, and the noise of its gradients.
 
-    The lines are read from the folder, as anybody has them.
+    The lines are read from the folder, as anybody has them. The noise is that of the map of the
+    survey's name alone.
     """
     inputs = SurveyInputs(
-        folder / f"{name}.csv.gz",
+        folder / f"{survey}.csv.gz",
         {},
         leave_out=leave_out,
         fit_options=fit_options,
@@ -101,7 +107,7 @@ def write_map(
         ),
         depth_m=np.array(fit.settings.depth_m),
     )  # fmt: skip
-    if quantity == "disturbance":  # a gravimeter's noise is white
+    if quantity == "disturbance" or name != survey:  # a gravimeter's noise is white
         return
     model, scores = noise_of(fit)
     print({order: round(score, 4) for order, score in scores.items()})
