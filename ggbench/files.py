@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and what stands for their content."""
+"""Atomic writing of files, and hashes of their content."""
 
 from __future__ import annotations
 

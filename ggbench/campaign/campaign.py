@@ -1,4 +1,4 @@
-"""Many runs: what they are, and which of them are stored already.
+"""Campaigns: the runs of a scenario, and the stored results that they can reuse.
 
 A task is runs of one case, simulated once and given to every estimator, so that differences
 between estimators are paired. Estimators that take many runs at once have tasks of their own; what

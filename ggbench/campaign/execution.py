@@ -1,4 +1,4 @@
-"""Running tasks on this machine: in this process, or in worker processes with one BLAS thread.
+"""Execution of tasks on this machine: in this process, or in single-threaded workers.
 
 Each engine yields results as they come, in whatever order; what a result is does not depend on it.
 """

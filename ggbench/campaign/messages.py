@@ -1,4 +1,4 @@
-"""Messages between two processes, of which one runs code that may write anything anywhere.
+"""Messages between a campaign and its workers, framed against arbitrary output.
 
 A message is its length, a checksum and its pickled bytes. Nothing is unpickled that was not sent as
 a message: bytes that something else wrote in between are seen, and are no message.

@@ -1,4 +1,4 @@
-"""What runs leave behind: a record of each, its time series, and what all runs of a case share."""
+"""Records of runs, their time series, and arrays common to the runs of a case."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A process of its own for runs: what an estimator does to it is its own affair.
+"""Worker process that isolates estimators from the campaign.
 
 The parent gives a :class:`Worker` one task at a time and receives, as they come, who has started
 and what has finished. A worker that dies or must be killed takes only the runs in flight with it,

@@ -1,4 +1,4 @@
-"""``ggbench advise``: which estimator and which instrument for one's own case."""
+"""``ggbench advise``: recommended estimator and instrument for a user's case."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ggbench check``: does an estimator keep the contract, and if not, where not."""
+"""``ggbench check``: test of an estimator against the contract."""
 
 from __future__ import annotations
 

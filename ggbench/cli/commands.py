@@ -1,4 +1,4 @@
-"""The group of all commands: how they end, and what they print to."""
+"""Base class of all commands: exit codes and output streams."""
 
 from __future__ import annotations
 

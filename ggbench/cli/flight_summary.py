@@ -1,4 +1,4 @@
-"""Flights of a scenario in a line each, and warnings of those that no vehicle flies."""
+"""Summaries of a scenario's flights, one line each, with warnings about unusual motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Separate process in which ``ggbench check`` asks an estimator its checks.
+"""Separate process for the checks of ``ggbench check``.
 
 A user's file may print without end, end its process or never return. Answers go through a pipe.
 """

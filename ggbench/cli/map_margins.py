@@ -1,4 +1,4 @@
-"""How far inside its map a flight stays, and whether the error of its INS has room there."""
+"""Margins between a flight and the edges of its map, compared with the drift of the INS."""
 
 from __future__ import annotations
 

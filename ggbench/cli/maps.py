@@ -1,4 +1,4 @@
-"""``ggbench map``: build a gravity-gradient map from a user's own data, show what a map is."""
+"""``ggbench map``: build a gravity-gradient map from user data, or describe a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ggbench new``: a commented scenario or estimator to begin with, which runs as it is."""
+"""``ggbench new``: commented templates of a scenario or an estimator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The options of ``ggbench map build`` for maps of survey lines, and what follows from them."""
+"""Options of ``ggbench map build`` for maps of survey lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ggbench validate``: what is wrong with a scenario, and what its flights are."""
+"""``ggbench validate``: errors, warnings and flights of a scenario."""
 
 from __future__ import annotations
 

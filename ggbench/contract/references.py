@@ -1,4 +1,4 @@
-"""Linear problems whose answer is known, and the textbook recursions that give it."""
+"""Linear problems with known answers, and the textbook recursions that solve them."""
 
 from __future__ import annotations
 

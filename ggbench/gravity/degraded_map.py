@@ -1,4 +1,4 @@
-"""What is wrong with a map: made from a map that is taken as right, for a model off the truth.
+"""Maps with declared errors, for a model that differs from the truth.
 
 An estimator's map differs from the field in four ways that practice knows: it does not resolve
 what is shorter than its data, the density assumed for the terrain is not the rock's, and its values

@@ -1,4 +1,4 @@
-"""Units and signs in which grids of heights, of a geoid and of gravity come."""
+"""Units and signs of grids of heights, geoid and gravity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The highest ground of a terrain, which decides how low a map of its field can begin.
+"""Highest ground of a terrain, the lower limit of the map of its field.
 
 Layers of a map are level, and Parker's series holds above the highest ground only: over a valley a
 map begins as high as over the summit.

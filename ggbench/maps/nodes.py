@@ -1,4 +1,4 @@
-"""The nodes of a map: what a user asks for, or else what the inputs can serve."""
+"""Nodes of a map: requested by the user, or the finest that the inputs support."""
 
 from __future__ import annotations
 

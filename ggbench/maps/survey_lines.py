@@ -1,4 +1,4 @@
-"""Lines of an airborne gravity survey, in ggbench's own axes, and how they are selected.
+"""Lines of an airborne gravity survey in ggbench's axes, and their selection.
 
 :mod:`.survey_files` reads them. Components have the names of the gradiometer's channels: ``xx`` is
 east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.

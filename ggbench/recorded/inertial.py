@@ -1,4 +1,4 @@
-"""What the INS of a recorded flight indicates: its own solution, or one that is mechanised here."""
+"""INS solution of a recorded flight, as recorded or mechanized from an IMU log."""
 
 from __future__ import annotations
 

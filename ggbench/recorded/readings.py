@@ -1,4 +1,4 @@
-"""Recorded readings of the sensors: which columns they are, and to which samples they belong."""
+"""Recorded measurements: their columns, and their assignment to INS samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated runs written as recorded flights: what estimators receive, and no more."""
+"""Simulated runs written as recorded flights, without the truth."""
 
 from __future__ import annotations
 

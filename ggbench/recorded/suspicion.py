@@ -1,4 +1,4 @@
-"""What is suspicious about a recorded flight: innovations beyond belief, clocks, its reference."""
+"""Warnings about a recorded flight: large innovations, clocks, reference track."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The clock of a recorded flight: the samples of its INS, and which of them readings belong to."""
+"""Time base of a recorded flight: INS samples and their measurements."""
 
 from __future__ import annotations
 

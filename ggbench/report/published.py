@@ -1,4 +1,4 @@
-"""Views of what a source publishes: errors next to the bound, windows, and claims."""
+"""Views of published numbers: errors next to the bound, windows, and claims."""
 
 from __future__ import annotations
 

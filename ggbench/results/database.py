@@ -1,4 +1,4 @@
-"""Database of a results folder: records, fixes, time series, and what the runs of a case share.
+"""Database of a results folder: records, fixes, time series, arrays of cases.
 
 Each result is durable (written through to the disk) when it has been added. What is read is sound:
 SQLite refuses a row that the declared columns do not allow (:mod:`.results.columns`).

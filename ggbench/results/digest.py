@@ -1,4 +1,4 @@
-"""A campaign's tables as a few small text files, from which the library's page is made.
+"""Tables of a campaign as small text files for the library page.
 
 ``manifest.json``  what was run.
 ``metrics.csv``    metrics of the settled window.

@@ -1,4 +1,4 @@
-"""What a results folder holds, read back: records, tables of them, and files for other tools.
+"""Reader of a results folder: records, tables, and files for other tools.
 
 Only what the folder itself holds is read: no estimator is loaded and nothing is simulated.
 """

@@ -1,4 +1,4 @@
-"""Advice on a user's own case: estimator, accuracy, what limits it, instrument for a target."""
+"""Advice on a user's case: estimator, accuracy, limiting errors, required instrument."""
 
 from __future__ import annotations
 

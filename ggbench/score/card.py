@@ -1,4 +1,4 @@
-"""Cards: what an estimator achieved in the suite, as a file that can be checked and compared."""
+"""Cards: results of an estimator in the suite, as a file to check and compare."""
 
 from __future__ import annotations
 

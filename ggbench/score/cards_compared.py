@@ -1,4 +1,4 @@
-"""Two cards: whether one is reproduced by the other, or worse than it."""
+"""Comparison of two cards: reproduction, and regressions."""
 
 from __future__ import annotations
 

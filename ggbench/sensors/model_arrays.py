@@ -1,4 +1,4 @@
-"""The equation of measurement as arrays, and what kernels of eight runs keep of an epoch."""
+"""Arrays of the equation of measurement, and quantities of an epoch for eight runs."""
 
 from __future__ import annotations
 

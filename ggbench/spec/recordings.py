@@ -1,4 +1,4 @@
-"""Tables that name a recorded file."""
+"""Tables of recorded files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The text of a CSV file of numbers whose first line names its columns."""
+"""Text of a CSV file of numbers with named columns."""
 
 from __future__ import annotations
 

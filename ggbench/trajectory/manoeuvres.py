@@ -1,4 +1,4 @@
-"""Manoeuvres: what the parts of a flight do to heading, speed and climb angle.
+"""Manoeuvres: changes of heading, speed and climb angle in parts of a flight.
 
 Each is laid out as rates at the middle of the sampling intervals, so that a flight is one sum of
 rates whatever it is made of. Rates rise and fall as raised cosines: acceleration and turn rate are

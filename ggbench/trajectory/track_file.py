@@ -1,4 +1,4 @@
-"""The text of a track: a CSV file whose first line names its columns."""
+"""Text of a track: a CSV file with named columns."""
 
 from __future__ import annotations
 
