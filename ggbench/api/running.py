@@ -80,8 +80,8 @@ def run(
         raise ArgumentError("jobs are of this machine and a cluster is others: give one of them")
     if time_limit is not None and not 0.0 < number("time_limit", time_limit) <= _LONGEST_S:
         raise ArgumentError(f"time_limit is {time_limit} s and must lie above 0, to {_LONGEST_S:g}")
-    loaded, chosen_cases = _scenario(scenario)
-    texts = [_text(item) for item in listed(estimators, str | Estimator, "estimators")]
+    loaded, chosen_cases = scenario_of(scenario)
+    texts = [text_of_estimator(item) for item in listed(estimators, str | Estimator, "estimators")]
     kept = None if output is not None else tempfile.mkdtemp(prefix="ggbench-")
     shown = shown_progress(progress, loaded.name)
     try:
@@ -163,7 +163,7 @@ def sweep(
     return run(points, estimators, runs, **options)
 
 
-def _scenario(
+def scenario_of(
     given: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
 ) -> tuple[Scenario, tuple[str, ...]]:
     """Return a whole scenario and, if only some of its cases are given, their names."""
@@ -181,5 +181,6 @@ def _scenario(
     return load(given), ()
 
 
-def _text(item: str | Estimator) -> str:
+def text_of_estimator(item: str | Estimator) -> str:
+    """Return the text that names an estimator."""
     return str(registry.spec_of(item)) if isinstance(item, Estimator) else item
