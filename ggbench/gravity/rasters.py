@@ -130,7 +130,9 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> 
 
 def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
     """The band in SI units, NaN for voids, and what to say of it."""
-    factor, of_unit = units.factor(dataset.units[0] or "", name)
+    described = dataset.descriptions[0] or ""
+    units.require_named(described, name)
+    factor, of_unit = units.factor(dataset.units[0] or "", name, described)
     band = dataset.read(1, masked=True).astype(float).filled(np.nan)
     values = (band * dataset.scales[0] + dataset.offsets[0]) * factor
     values, of_marks = marks_removed(band, values, units)
@@ -138,7 +140,7 @@ def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
     if units.what == HEIGHTS.what:
         of_datum, down = vertical(dataset.crs)
         tags = {"positive": "down"} if down else dataset.tags(1)
-        values, of_sign = upward(values, tags, dataset.descriptions[0] or "", name)
+        values, of_sign = upward(values, tags, described, name)
     return values, [of_unit, of_marks, of_sign, of_datum]
 
 

@@ -115,7 +115,9 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
             raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are allowed.")
     place = float(longitude.values.mean()), float(latitude.values.mean())
     require_wgs84(dataset.variables, grid, place, path)
-    factor, of_unit = units.factor(str(grid.attrs.get("units", "")), name)
+    factor, of_unit = units.factor(
+        str(grid.attrs.get("units", "")), name, str(grid.attrs.get("long_name", ""))
+    )
     written = np.asarray(grid.values, dtype=float)
     heights, of_marks = marks_removed(written, written * factor, units)
     heights, of_sign = upward(heights, grid.attrs, key, name)

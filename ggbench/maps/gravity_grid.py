@@ -34,7 +34,6 @@ Array = NDArray[np.floating]
 _UNITS = {"geoid": GEOID, "anomaly": GRAVITY, "disturbance": GRAVITY}
 _FEWEST = 16  # nodes per axis
 _ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
-_REDUCED = re.compile(r"bouguer|isostatic", re.IGNORECASE)
 _HEIGHT_ANOMALY = re.compile(r"height[ _]?anomal|quasi[ _-]?geoid", re.IGNORECASE)
 
 
@@ -69,7 +68,7 @@ def read_grid(
         If the file cannot be read, has gaps in the area, an irregular grid, other units, or values
         that such a grid cannot have.
     """
-    units = dataclasses.replace(_UNITS[kind], voids=tuple(voids))
+    units = dataclasses.replace(_UNITS[kind], voids=tuple(voids), kind=kind)
     try:
         path.open("rb").close()
     except OSError as error:
@@ -224,6 +223,11 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     refuse_old_gmt(dataset, path.name)
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())
+    if "ggxfVersion" in dataset.attrs:
+        raise MapError(
+            f"{path} is a file of GGXF, whose grids are not read: convert it to GeoTIFF or to "
+            "netCDF with latitude and longitude."
+        )
     grids = [
         name
         for name, variable in dataset.data_vars.items()
@@ -240,13 +244,9 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     called = " ".join(
         [str(grids[0]), *(str(variable.attrs.get(k, "")) for k in ("long_name", "standard_name"))]
     )
-    if kind != "geoid" and _REDUCED.search(called):
-        raise MapError(
-            f"{path} holds {called.strip()!r}; free-air anomalies or disturbances are allowed: "
-            "others lack the attraction of the rock."
-        )
+    units.require_named(called, path.name)
     unit = str(variable.attrs.get("units", ""))
-    values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units)
+    values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units, called)
     latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
     place = float(longitude.mean()), float(latitude.mean())
     require_wgs84(dataset.variables, variable, place, path)
@@ -260,9 +260,11 @@ def _from_gdf(path: Path, kind: str, units: Units) -> ReadGrid:
     return grid._replace(values=values, remarks=(*remarks, *grid.remarks))
 
 
-def _in_si(path: Path, written: Array, unit: str, units: Units) -> tuple[Array, tuple[str, ...]]:
+def _in_si(
+    path: Path, written: Array, unit: str, units: Units, described: str = ""
+) -> tuple[Array, tuple[str, ...]]:
     """Values in SI units, NaN for marks of gaps, and what to say of them."""
-    factor, of_unit = units.factor(unit, path.name)
+    factor, of_unit = units.factor(unit, path.name, described)
     values, of_marks = marks_removed(written, written * factor, units)
     return values, _named(path, of_unit, of_marks)
 

@@ -19,6 +19,7 @@ EVERYWHERE = np.array([-90.0, 90.0, -360.0, 360.0])
 """Bounds of what serves the whole Earth: south, north, west, east [deg]."""
 _MOST_NODES = 400_000_000  # 14 GB of float32
 _MOST_CELLS = 1_000_000  # along an axis
+_FEWEST_STEPS = FEWEST_NODES - 1
 HIGHEST_M = 1e6
 _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
@@ -107,6 +108,9 @@ def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes,
                 + (" (across the date line: --west 179 --east -179)." if high == 3 else ".")
             )
     heights, spacing_deg = _heights_and_spacing(extents, request, remarks)
+    if request.spacing_deg is None:
+        sides = (bounds[1] - bounds[0], bounds[3] - bounds[2])
+        spacing_deg = min(spacing_deg, _round_down(3600.0 * min(sides) / _FEWEST_STEPS) / 3600.0)
     latitude = _axis(bounds[0], bounds[1], spacing_deg, allowed[1])
     longitude = _axis(bounds[2], bounds[3], spacing_deg, allowed[3])
     counts = (latitude.size, longitude.size, heights.size)
@@ -170,6 +174,8 @@ def _heights_and_spacing(
     spacing_m = request.height_spacing_m
     if spacing_m is None:
         spacing_m = _round_down(min(upwards, _WIDEST_HEIGHT_SPACING))
+        if request.highest_m is not None and lowest < request.highest_m:
+            spacing_m = min(spacing_m, _round_down((request.highest_m - lowest) / _FEWEST_STEPS))
     if not 0.0 < spacing_m < math.inf:
         raise MapError(
             f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..gravity.gradient_map import MapError
 
 Array = NDArray[np.float64]
-Quantity = Literal["gradient", "disturbance"]
+Quantity = Literal["gradient", "disturbance", "anomaly"]
 
 COMPONENTS = {
     "xx": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -33,6 +33,8 @@ COMPONENTS = {
 """What each component is of the tensor [EE, EN, EU, NN, NU, UU]."""
 DISTURBANCE = "disturbance"
 """The component of scalar gravity [mGal]: positive where gravity is stronger than normal."""
+ANOMALY = "anomaly"
+"""Free-air gravity anomalies of a file [mGal], of which disturbances are made."""
 AXES = {
     "east-north-up": {"x": ("x", 1), "y": ("y", 1), "z": ("z", 1)},
     "east-north-down": {"x": ("x", 1), "y": ("y", 1), "z": ("z", -1)},
@@ -55,6 +57,7 @@ class SurveyLines:
     components : names, see :data:`COMPONENTS`, or only :data:`DISTURBANCE`.
     values : (N, len(components)) [E], axes east, north, up; or [mGal].
     dropped : how many samples were left out because a value was missing.
+    remarks : what was made of units and missing values.
     """
 
     names: tuple[str, ...]
@@ -67,6 +70,7 @@ class SurveyLines:
     components: tuple[str, ...]
     values: Array
     dropped: int = 0
+    remarks: tuple[str, ...] = ()
 
     @property
     def quantity(self) -> Quantity:

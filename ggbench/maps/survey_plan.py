@@ -33,6 +33,7 @@ class SurveyInputs:
     lines : file of the survey.
     columns, components, axes, quantity : of the file, see :func:`.survey_files.read_lines`.
     leave_out : names, patterns or kinds of lines that the map must not know.
+    voids, crs : of the file, see :func:`.survey_files.read_lines`.
     fit_options : settings that are not to be chosen.
     """
 
@@ -42,6 +43,8 @@ class SurveyInputs:
     axes: str = "east-north-up"
     quantity: Quantity = "gradient"
     leave_out: tuple[str, ...] = ()
+    voids: tuple[float, ...] = ()
+    crs: str | None = None
     fit_options: FitOptions = dataclasses.field(default_factory=FitOptions)
 
 
@@ -51,7 +54,13 @@ def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyF
     Raises MapError if the file cannot be used, or a line that is to be left out is not in it.
     """
     lines = read_lines(
-        inputs.lines, inputs.columns, inputs.components, inputs.axes, inputs.quantity
+        path=inputs.lines,
+        columns=inputs.columns,
+        components=inputs.components,
+        axes=inputs.axes,
+        quantity=inputs.quantity,
+        voids=inputs.voids,
+        crs=inputs.crs,
     )
     return fit(lines.without(inputs.leave_out), inputs.fit_options, progress)
 
@@ -71,6 +80,7 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
         f"{name} {value:.2f}" for name, value in zip(lines.components, rms, strict=True)
     )
     remarks.append(f"residuals of lines held back, noise included: {found} {lines.unit}")
+    remarks.extend(lines.remarks)
     if lines.dropped:
         remarks.append(f"{lines.dropped} samples with missing values are left out")
     attributes = {
@@ -125,13 +135,20 @@ def _extent(fit: SurveyFit) -> SourceExtent:
 
 
 def _with_heights(fit: SurveyFit, request: GridRequest) -> GridRequest:
-    """Return a request whose heights are those of the flights, unless the user says otherwise."""
-    lowest, highest = fit.lines.height_m.min(), fit.lines.height_m.max()
+    """Return a request whose heights are those of the flights, unless the user says otherwise.
+
+    A height of the user's beyond those of the flights moves the other one, which is not given.
+    """
+    room = 0.5 * fit.settings.depth_m
+    lowest, highest = fit.lines.height_m.min(), fit.lines.height_m.max() + room
     if request.lowest_m is None:
-        request = dataclasses.replace(request, lowest_m=_STEP_M * math.floor(lowest / _STEP_M))
-    if request.highest_m is None:
-        room = highest + 0.5 * fit.settings.depth_m
-        request = dataclasses.replace(request, highest_m=_STEP_M * math.ceil(room / _STEP_M))
+        if request.highest_m is not None:
+            lowest = min(lowest, request.highest_m - room)
+        lowest = max(_STEP_M * math.floor(lowest / _STEP_M), _extent(fit).floor_m)
+        request = dataclasses.replace(request, lowest_m=lowest)
+    if request.highest_m is None and request.lowest_m is not None:
+        highest = max(highest, request.lowest_m + room)
+        request = dataclasses.replace(request, highest_m=_STEP_M * math.ceil(highest / _STEP_M))
     return request
 
 
