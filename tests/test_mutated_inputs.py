@@ -169,7 +169,7 @@ def survey_lines(path: Path) -> object:
 
 def imu_log(path: Path) -> None:
     rng = np.random.default_rng(2)
-    values = rng.normal(0.0, 1e-3, (1100, 6)) + [0.0, 0.0, 0.0, 0.0, 0.0, 9.8]
+    values = rng.normal([0.0, 0.0, 0.0, 0.0, 0.0, 9.8], 1e-3, (1100, 6))
     rows = [f"{0.01 * k:.2f},{','.join(f'{v:.6f}' for v in row)}" for k, row in enumerate(values)]
     path.write_text("\n".join([f"time_s,{','.join(RATES)}", *rows, ""]))
 

@@ -34,6 +34,7 @@ from ..simulation.runs import Truth
 from ..simulation.sensor_suite import SensorSuite
 from ..simulation.suites import suite_of
 from ..spec.aiding import RecordedGnss
+from ..spec.columns import called
 from ..spec.flight import (
     FlightError,
     FlightSpec,
@@ -247,7 +248,9 @@ def _reference(
     """
     speeds = (*velocity_columns("ENU"), *velocity_columns("NED"))
     optional = tuple(dict.fromkeys((*ATTITUDE, *speeds)))
-    columns = files.read(folder / table.file, POSITION, optional, speeds)
+    columns = files.read(
+        folder / table.file, POSITION, optional, speeds, names=called(table.columns)
+    )
     times = clocked(columns, table.clock_offset_s)
     velocities = attitudes = None
     if any(name.startswith("velocity_") for name in columns.values):

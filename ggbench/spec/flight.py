@@ -17,6 +17,7 @@ from ..errors import GGBenchError
 from . import quantities as q
 from .aiding import RecordedAiding
 from .case import WindowsSpec, require_sensors
+from .columns import ColumnNames
 from .gradiometer import GradiometerSpec
 from .named_sensors import NO_SENSORS, NamedSensors, WithSensors
 from .recordings import FileName, Frame, ReadingsRecording, Recording
@@ -137,6 +138,8 @@ class RecordedAltimeter(AltimeterSpec):
     """Path of the heights' record, relative to the file of the flight; with `[imu_record]`."""
     clock_offset_s: q.TimeShift = 0.0
     """Added to the file's times: it brings them to the clock of the INS."""
+    columns: ColumnNames | None = None
+    """What the file calls its columns, `{ height_m = "alt [ft]" }`; or a preset's name."""
 
 
 class RecordedField(FieldSpec):
