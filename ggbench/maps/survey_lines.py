@@ -7,7 +7,7 @@ east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Literal
 
@@ -35,12 +35,20 @@ DISTURBANCE = "disturbance"
 """The component of scalar gravity [mGal]: positive where gravity is stronger than normal."""
 ANOMALY = "anomaly"
 """Free-air gravity anomalies of a file [mGal], of which disturbances are made."""
-AXES = {
+Turn = Mapping[str, tuple[str, int]]
+"""Which axis of another frame each axis is, and in which direction."""
+AXES: Mapping[str, Turn] = {
     "east-north-up": {"x": ("x", 1), "y": ("y", 1), "z": ("z", 1)},
     "east-north-down": {"x": ("x", 1), "y": ("y", 1), "z": ("z", -1)},
     "north-east-down": {"x": ("y", 1), "y": ("x", 1), "z": ("z", -1)},
 }
 """Axes of a file: which of ours, and in which direction, each of them is."""
+CONVENTIONS: tuple[Turn, ...] = tuple(
+    {"x": (x, a), "y": (y, b), "z": ("z", c)}
+    for x, y in ("xy", "yx")
+    for a, b, c in ((1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1))
+)
+"""The eight conventions in which a level tensor comes: ours first. All signs turned are none."""
 PRIMARY, TIE = "primary", "tie"
 
 
@@ -135,18 +143,37 @@ class SurveyLines:
 
 
 def in_our_axes(component: str, axes: str) -> tuple[str, int]:
-    """Return what a component of a file's axes is called in ours, and its sign.
+    """Return what a component of a file's axes is called in ours, and its sign; see :func:`turned`.
 
     ``xz`` of axes north, east, down is ``yz`` with the opposite sign; ``xx-yy`` there is ``xx-yy``
     with the opposite sign.
     """
-    turn = AXES[axes]
+    return turned(component, AXES[axes])
+
+
+def turned(component: str, turn: Turn) -> tuple[str, int]:
+    """Return what a component is called in other axes, and its sign.
+
+    ``turn`` says which of the other axes each axis is, and in which direction.
+    """
     if "-" in component:
         first, second = (f"{turn[pair[0]][0]}" * 2 for pair in component.split("-"))
         straight = f"{first}-{second}"
         return (straight, 1) if straight in COMPONENTS else (f"{second}-{first}", -1)
     letters, signs = zip(*(turn[letter] for letter in component), strict=True)
     return "".join(sorted(letters)), signs[0] * signs[1]
+
+
+def axes_in_words(turn: Turn, names: tuple[str, str, str, str, str, str]) -> str:
+    """Return axes in words, as in ``x north, y east, z down``.
+
+    ``names`` are those of the directions of x, y and z, followed by the opposite ones.
+    """
+    order = "xyz"
+    return ", ".join(
+        f"{axis} {names[order.index(other) + (0 if sign > 0 else 3)]}"
+        for axis, (other, sign) in turn.items()
+    )
 
 
 def _some(names: Sequence[str]) -> str:

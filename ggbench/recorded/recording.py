@@ -90,6 +90,7 @@ def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
         tables["altimeter"] = _content(case.altimeter) | {"file": "altimeter.csv"}
     for name, spec in sensors_of(side).items():
         table = {"file": f"{name}.csv"} | _content(spec)
+        table.pop("readings", None)  # they are whole gradients, simulated or measured
         if isinstance(spec, GnssSpec):
             table["frame"] = "ENU"
         if table_of(name) == name:

@@ -202,13 +202,13 @@ def _novatel(text: str) -> Found:
     rows: dict[str, list[tuple[int, list[str], list[str]]]] = {}
     others: Counter[str] = Counter()
     for number, line in enumerate(text.splitlines(), 1):
-        head, _, body = line.strip().partition(";")
-        if not head.startswith("#") or not body:
+        header, _, log = line.strip().partition(";")
+        if not header.startswith("#") or not log:
             continue
-        cells = head[1:].split(",")
+        cells = header[1:].split(",")
         others[cells[0]] += 1
         if cells[0] in _NOVATEL:
-            rows.setdefault(cells[0], []).append((number, cells, body.partition("*")[0].split(",")))
+            rows.setdefault(cells[0], []).append((number, cells, log.partition("*")[0].split(",")))
     kind = next((name for name in _NOVATEL if name in rows), None)
     if kind is None:
         raise TrajectoryError(
@@ -216,9 +216,9 @@ def _novatel(text: str) -> Found:
             f"{', '.join(_NOVATEL)}"
         )
     fixes = []
-    for number, cells, body in rows[kind]:
+    for number, head, body in rows[kind]:
         try:
-            fix = _of_novatel(cells, body, above_sea=_NOVATEL[kind] == 1, place=f"line {number}")
+            fix = _of_novatel(head, body, above_sea=_NOVATEL[kind] == 1, place=f"line {number}")
         except (ValueError, IndexError):
             raise TrajectoryError(
                 f"line {number} is a log {kind} of NovAtel that cannot be read"
