@@ -137,7 +137,7 @@ def planned(options: dict[str, Any], request: Any, command: str) -> Any:
     fit = fit_survey(inputs, click.echo)
     click.echo(f"Chosen: {fit.settings}.")
     made = plan_survey(inputs, fit, request, command)
-    if doubt := doubts(fit):
+    if doubt := doubts(fit, options["axes"]):
         click.echo(f"Warning: {doubt}.")
     _print_errors(made.errors, fit.lines.quantity)
     if options["noise"] is not None:

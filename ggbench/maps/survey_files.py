@@ -63,6 +63,8 @@ _MAYBE_MARKS = re.compile(r"[-+]?9{2,}(?:\.[09]*)?")
 _ISOLATED = 3.0
 """Distance of a mark of nines from the other values, over their range."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
+_LEAST = 1e-3
+"""RMS of values below which their unit is in doubt [E or mGal]."""
 _FEWEST = 4  # samples of a line that can be used
 
 
@@ -142,6 +144,7 @@ def read_lines(
             path, crs, *(values[key] for key in places)
         )
     _require_limits(table, values, np.flatnonzero(whole))
+    _require_size(path, {used[key]: values[key] for key in wanted}, quantity)
     if quantity == ANOMALY:
         values[DISTURBANCE] = values.pop(ANOMALY) + _anomaly_to_disturbance(values)
         remarks.append("free-air anomalies became disturbances by EGM2008's geoid to degree 120")
@@ -369,6 +372,24 @@ def _require_limits(
             "or a mark of missing values (--void VALUE declares it)?"
         )
         raise table.error(int(rows[n]), f"{key} is {found[n]:g}; {hint}")
+
+
+def _require_size(path: Path, values: Mapping[_Column, Array], quantity: Quantity) -> None:
+    """Raise MapError if values without a stated unit are too small for any field.
+
+    Such are gradients in s⁻² and gravity in m/s².
+    """
+    unit, other = ("E", "s^-2") if quantity == "gradient" else ("mGal", "m/s2")
+    unstated = [column.name for column in values if not column.unit]
+    rms = max(
+        (float(np.sqrt(np.mean(found**2))) for found in values.values() if found.size), default=1.0
+    )
+    if unstated and 0.0 < rms < _LEAST:
+        raise MapError(
+            f"{path}: the RMS of {', '.join(unstated)} is {rms:.2g} {unit}, too small for any "
+            f"instrument: is it in {other}? State the unit, as in --column "
+            f"'KEY={unstated[0]} [{other}]', also if it is {unit}."
+        )
 
 
 def _to_degrees(path: Path, crs: str, east: Array, north: Array) -> tuple[Array, Array]:

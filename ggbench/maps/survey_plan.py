@@ -15,6 +15,7 @@ from ..numerics.source import VERSION
 from .netcdf import described
 from .nodes import GridRequest, SourceExtent, nodes_for
 from .plan import Plan
+from .survey_conventions import convention_in_words
 from .survey_error import map_error
 from .survey_files import read_lines
 from .survey_fit import FitOptions, SurveyFit, fit
@@ -106,10 +107,11 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
     return Plan((fit.sources,), nodes, attributes, tuple(remarks), errors)
 
 
-def doubts(fit: SurveyFit) -> str:
+def doubts(fit: SurveyFit, axes: str) -> str:
     """Return a warning if the map hardly predicts lines held back; empty if it does.
 
-    Wrong axes and noise above the field both bring residuals to the RMS of the readings.
+    Wrong axes and noise above the field both bring residuals to the RMS of the readings. ``axes``
+    are those of the file, as the user says; others that fit are named.
     """
     unit = fit.lines.unit
     found = ", ".join(
@@ -117,10 +119,15 @@ def doubts(fit: SurveyFit) -> str:
         for name, left, read in zip(fit.lines.components, *fit.rms, strict=True)
         if left > _DOUBTFUL * read
     )
-    return found and (
+    if not found:
+        return ""
+    cause = convention_in_words(fit, axes) or (
+        "Check the axes (--axes), the signs, the units and marks of missing values; if they are "
+        "right, the noise is as large as the field"
+    )
+    return (
         "the map predicts less than half of the variance of lines held back; RMS residual and RMS "
-        f"reading are {found}. Check the axes (--axes), the signs, the units and marks of missing "
-        "values; if they are right, the noise is as large as the field"
+        f"reading are {found}. {cause[:1].upper()}{cause[1:]}"
     )
 
 

@@ -104,7 +104,24 @@ def test_a_survey_that_no_field_fits_gets_a_warning(spoil):
     warning = said[said.index("Warning: ") : said.index("Standard error")]
     found = re.findall(r"(x[xyz]|y[yz]) ([\d.]+) E and ([\d.]+) E", warning)
     assert found and all(float(left) > 0.7 * float(read) for _, left, read in found)
-    assert "Check the axes (--axes), the signs, the units and marks of missing values" in warning
+    expected = {
+        turned: "fit best with --axes east-north-down",
+        exchanged: "fit best with axes x north, y east, z up",
+        marked: "Check the axes (--axes), the signs, the units and marks of missing values",
+    }
+    assert expected[spoil] in warning
+
+
+@pytest.mark.parametrize("axes", ["east-north-up", "north-east-down"])
+def test_axes_that_fit_are_named_whatever_was_said(axes):
+    """Lines in axes east, north, down; with the axes that are named there is no warning."""
+    lines = survey()
+    turned(lines)
+    write_csv(lines, "wrong.csv")
+    said = run("--lines", "wrong.csv", *SETTINGS, "--axes", axes, "-o", "m.nc")
+    assert "fit best with --axes east-north-down" in said
+    right = run("--lines", "wrong.csv", *SETTINGS, "--axes", "east-north-down", "-o", "m.nc")
+    assert "Warning" not in right
 
 
 def test_an_error_that_cannot_be_computed_is_neither_stated_nor_stored():

@@ -183,6 +183,23 @@ def test_the_unit_of_gradients_is_obeyed(unit, factor, tmp_path):
     assert is_the_survey(read_lines(path, PLACES | {"zz": "GRAV"}))
 
 
+@pytest.mark.parametrize(("quantity", "factor"), [("gradient", 1e-9), ("disturbance", 1e-5)])
+def test_values_too_small_for_any_instrument_need_their_unit(quantity, factor, tmp_path):
+    """As gradients in s⁻² and gravity in m/s²; with a unit they are read, whatever their size."""
+    table = fields(name="FIELD")
+    table[-1] = (*table[-1][:-1], [f"{factor * v:.14f}" for v in VALUES])
+    path = gdf2(tmp_path, table, separator=" ")
+    key, unit, si = {
+        "gradient": ("zz", "E", "s^-2"), "disturbance": ("disturbance", "mGal", "m/s2"),
+    }[quantity]  # fmt: skip
+    with pytest.raises(MapError, match=r"too small for any instrument: is it in"):
+        read_lines(path, PLACES | {key: "FIELD"}, quantity=quantity)
+    found = read_lines(path, PLACES | {key: f"FIELD [{si}]"}, quantity=quantity)
+    assert is_the_survey(found)
+    tiny = read_lines(path, PLACES | {key: f"FIELD [{unit}]"}, quantity=quantity)
+    assert is_the_survey(tiny, factor)
+
+
 @pytest.mark.parametrize("name", ["GFAAGU", "GFAAMGAL", "FREE_AIR_UGAL"])
 def test_a_unit_at_the_end_of_a_name_is_obeyed(name, tmp_path):
     factor = {"GU": 0.1, "AL": 1.0}[name[-2:]] if "UGAL" not in name else 1e-3
