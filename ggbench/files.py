@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-from .errors import GGBenchError
+from .errors import GGBenchError, line_of
 
 _NO_SPACE = {
     errno.ENOSPC: "no space left on the disk",
@@ -125,6 +125,27 @@ def _remove_left_behind(path: Path) -> None:
         if found and not psutil.pid_exists(int(found[1])):
             with contextlib.suppress(OSError):
                 file.unlink()
+
+
+def content_of(path: Path, error: type[GGBenchError], most: int, what: str = "") -> bytes:
+    """Return the content of a small file.
+
+    Parameters
+    ----------
+    path : of the file.
+    error : raised, with a sentence, if it cannot be read or is larger.
+    most : bytes that are allowed, which also bounds what is read of a device.
+    what : it is, in that sentence.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+    except (OSError, ValueError) as failure:  # ValueError: of a path with a null byte
+        reason = reason_of(failure) if isinstance(failure, OSError) else str(failure)
+        raise error(f"cannot read {what}{line_of(str(path))}: {reason}") from None
+    if len(content) > most:
+        raise error(f"cannot read {what}{line_of(str(path))}: it has more than {most / 1e6:g} MB")
+    return content
 
 
 def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:

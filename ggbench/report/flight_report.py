@@ -25,7 +25,7 @@ from ..recorded.corrected import (
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
 from ..spec.named_sensors import sensors_of, table_of
-from .tables import markdown
+from .tables import code, markdown, plain
 
 WINDOW_TITLES = {
     "whole": "whole flight",
@@ -91,7 +91,7 @@ def write(
         files.write(folder / "residuals.csv", residual_columns(problem, found, start))
     text = "\n\n".join(
         [
-            f"# {flight.spec.title or flight.path.stem}",
+            f"# {plain(flight.spec.title or flight.path.stem)}",
             *([flight.spec.description.strip()] if flight.spec.description.strip() else []),
             _what_there_is(flight),
             _estimators(problem, estimates, told),
@@ -132,7 +132,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
         )
     head = ["sensor", "channels", "readings", "from, to [s]", "file"]
     return (
-        f"`{flight.path.name}`: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
+        f"{code(flight.path.name)}: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
         f"{counted(problem.epochs, 'epoch')} until {problem.times[-1]:g} s after the start.\n\n"
         + markdown(head, rows)
     )
@@ -165,7 +165,7 @@ def _estimators(
         outside = int(np.count_nonzero(epochs_outside(problem, estimate.mean)))
         rows.append(
             [
-                f"`{label}`",
+                code(label),
                 estimate.causality,
                 *sigma,
                 nis,
@@ -210,7 +210,7 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
                 "" if np.isnan(velocity) else short(velocity),
                 "" if np.isnan(metrics["nees_mean"]) else short(metrics["nees_mean"]),
             ]
-        rows.append([f"`{label}`", *cells])
+        rows.append([code(label), *cells])
     head = ["against the reference"]
     for name in names:
         head += [f"{WINDOW_TITLES[name]}: position [m]", "velocity [m/s]", "NEES"]
@@ -221,8 +221,8 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
         "## Against the reference",
         markdown(head, rows),
         "Root-mean-square spherical errors, of the position in brackets its horizontal part, "
-        f"against `{flight.spec.reference.file}`, at {len(some.times)} of {flight.problem.epochs} "
-        f"epochs. The NEES is of {what}: {some.states} if the estimate is "
+        f"against {code(flight.spec.reference.file)}, at {len(some.times)} of "
+        f"{flight.problem.epochs} epochs. The NEES is of {what}: {some.states} if the estimate is "
         "consistent and the reference is exact; what the reference itself is in error is in both."
         + (f" Read with care: {remark}." if remark else ""),
     ]
@@ -258,7 +258,7 @@ def _figures(
     label = next((name for name in aided if told[name].innovations), next(iter(estimates)))
     figure = flights.whitened(problem.times, _by_sensor(problem, told[label]), label)
     kind = "Whitened innovations" if told[label].innovations else "Residuals in units of the noise"
-    show("residuals.png", figure, f"{kind} of `{label}`; the band is ±2σ.")
+    show("residuals.png", figure, f"{kind} of {code(label)}; the band is ±2σ.")
     if judged:
         label = aided[0] if aided else next(iter(judged))
         found = judged[label]
@@ -275,7 +275,7 @@ def _figures(
             label=label,
             families=families,
         )
-        show("errors.png", figure, f"Position errors of `{label}` against the reference.")
+        show("errors.png", figure, f"Position errors of {code(label)} against the reference.")
     return "\n\n".join(shown)
 
 
@@ -320,11 +320,6 @@ def made_of(inputs: Sequence[Mapping[str, str]]) -> list[str]:
     Of each its ``role``, ``name`` and ``sha256``, as :func:`.result_keys.input_files`
     has them; no line without any.
     """
-    named = [f"{i['role']} `{_plain(i['name'])}` {i['sha256'][:16]}" for i in inputs]
+    named = [f"{i['role']} {code(i['name'])} {i['sha256'][:16]}" for i in inputs]
     line = f"- data, each with the first 16 digits of its SHA-256: {'; '.join(named)}"
     return [line] if named else []
-
-
-def _plain(name: str) -> str:
-    """Return the name of a file as it can be written in code."""
-    return "".join(c if c.isprintable() and c != "`" else "?" for c in name)
