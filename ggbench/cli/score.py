@@ -157,14 +157,9 @@ def score(
 def _installed(card: Card) -> str:
     """Return a card's estimator if it is installed; raise UsageError if it is another's file."""
     from ..campaign import registry
-    from ..estimator_spec import EstimatorSpec
 
     label = card.estimator.label
-    try:
-        name = EstimatorSpec.parse(label).name
-    except ValueError as error:
-        raise click.UsageError(f"the card names no estimator: {line_of(str(error))}") from None
-    if name not in registry.estimator_points() | registry.framework_points():
+    if registry.is_own(label):
         raise click.UsageError(
             f"the card is of {label}, which is not installed: name the ESTIMATOR whose code is to "
             "be run"

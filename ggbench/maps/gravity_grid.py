@@ -49,10 +49,10 @@ def read_grid(
 
     A netCDF file has one variable on latitude x longitude. Its attribute ``units``, and the unit of
     a raster's band, is m for a geoid and mGal, µGal, Gal or m/s² for gravity, in which mGal is
-    assumed when nothing is said. A raster is of any format that GDAL reads: GeoTIFF, ESRI ASCII,
-    GTX, ISG, BYN, Surfer. A ``.gdf`` file of ICGEM's calculation service says itself what quantity,
-    unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m``
-    [1e-4 m], a geoid.
+    assumed when nothing is said. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or
+    Surfer grid, as its suffix says. A ``.gdf`` file of ICGEM's calculation service says itself what
+    quantity, unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and
+    ``N_1e4m`` [1e-4 m], a geoid.
 
     Parameters
     ----------
