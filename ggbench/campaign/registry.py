@@ -127,6 +127,8 @@ def choose(text: str) -> Choice:
         raise EstimatorError(
             f"{text!a} names an estimator with characters that are no Unicode: rename its file"
         ) from None
+    if "\0" in text:
+        raise EstimatorError(f"{text!a} names an estimator with a null character")
     given = _parsed(text)
     name = given.name
     if name.endswith(".py"):
@@ -246,6 +248,12 @@ def is_own(text: str) -> bool:
     """
     name = _parsed(text).name
     return name.endswith(".py") or name.startswith(PROGRAM) or _holds_estimates(name)
+
+
+def own_file(label: str) -> str:
+    """Return the path of the user's own module that a label names, "" if it names another kind."""
+    name = _parsed(label).name
+    return name if name.endswith(".py") else ""
 
 
 def _holds_estimates(name: str) -> bool:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import io
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..errors import text_of
+from ..files import MOST_TEXT, content_of, gunzipped
 from ..gravity.gradient_map import MapError
 from .survey_lines import COMPONENTS, DISTURBANCE, PRIMARY, Quantity, SurveyLines, in_our_axes
 
@@ -160,13 +161,31 @@ def _table(path: Path) -> Any:
             "and .gz."
         )
     try:
-        content = path.read_bytes()
-        text = (gzip.decompress(content) if packed else content).decode("utf-8", "replace")
-        return readers[ending](path, text)
+        content = content_of(path, MapError, MOST_TEXT, "the survey ")
+        if packed:
+            content = gunzipped(content, MapError, f"the survey {path}")
+        return readers[ending](path, _text(path, content))
     except OSError as error:
         raise MapError(f"cannot read the survey {path}: {error.strerror or error}") from None
-    except (ValueError, EOFError) as error:
+    except (ValueError, EOFError, zlib.error) as error:
         raise MapError(f"{path} is no {ending[1:]} file: {text_of(error)}.") from None
+
+
+def _text(path: Path, content: bytes) -> str:
+    """The text of a survey; raises MapError if it holds other bytes than UTF-8's."""
+    try:
+        text = content.decode("utf-8-sig")
+        bad = text.find("\0")
+        place, found = bad, "a null byte"
+    except UnicodeDecodeError as error:
+        bad, found = error.start, f"the byte 0x{content[error.start]:02x}"
+        place, text = bad, content[:bad].decode("latin-1")
+    if bad < 0:
+        return text
+    raise MapError(
+        f"the survey {path}: line {text.count(chr(10), 0, place) + 1} has {found}, and must be "
+        "UTF-8 text: convert it, for example with 'iconv -f latin1 -t utf-8'."
+    )
 
 
 def _read_csv(path: Path, text: str) -> Any:
@@ -218,7 +237,7 @@ def _read_gdf2(path: Path, text: str) -> Any:
         )
     rows = [row for row in text.splitlines() if row.strip() and not row.startswith("COMM")]
     table, start = {}, 0
-    for name, count, width, null in _fields(known.read_text("utf-8", "replace")):
+    for name, count, width, null in _fields(_text(known, known.read_bytes())):
         for number in range(count):
             cells = pd.Series([row[start : start + width].strip() for row in rows])
             values = pd.to_numeric(cells, errors="coerce")

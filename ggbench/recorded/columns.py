@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError, text_of
-from ..files import written_whole
+from ..files import MOST_ARRAYS, written_whole
 from ..spec.flight import FlightError
 from ..trajectory.csv_text import CsvText
 
@@ -146,6 +146,12 @@ def _read_netcdf(
         raise FlightError(f"{path}: is no netCDF file ({text_of(error)})") from None
     with file:
         known = _places(path, list(file.variables), required, optional, "it")
+        size = 8 * sum(int(file.variables[name].size) for name in known)
+        if size > MOST_ARRAYS:
+            raise FlightError(
+                f"{path}: holds {size / 1e6:.0f} MB of columns; at most {MOST_ARRAYS / 1e6:g} are "
+                "allowed"
+            )
         values = {name: _variable(path, file.variables[name], name, empty) for name in known}
     lengths = {len(array) for array in values.values()}
     if len(lengths) > 1:
