@@ -73,6 +73,34 @@ def written_whole(
         raise error(f"cannot write {what}{path}: {reason}") from None
 
 
+@contextlib.contextmanager
+def written_together(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder whose files take their places in another one when all are written.
+
+    If anything ends it before, an interrupt too, the other folder is as it was. Raise OSError if
+    it cannot be written.
+    """
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = folder / f".{os.getpid()}-{secrets.token_hex(4)}.part"
+    _temporary.add(temporary)
+    try:
+        temporary.mkdir()
+        yield temporary
+        end_if_asked()
+        for file in sorted(path for path in temporary.rglob("*") if path.is_file()):
+            place = folder / file.relative_to(temporary)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            file.replace(place)
+        new = False
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        _temporary.discard(temporary)
+        if new:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
 def out_of_space(failure: OSError) -> bool:
     """Return whether a write failed for want of space."""
     return failure.errno in _NO_SPACE
@@ -93,7 +121,7 @@ def remove_temporary() -> None:
     """Remove what this process is writing: it is about to end."""
     for path in tuple(_temporary):
         with contextlib.suppress(OSError):
-            path.unlink()
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 @contextlib.contextmanager

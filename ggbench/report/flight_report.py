@@ -11,6 +11,7 @@ import numpy as np
 from ..figures import errors, flights
 from ..figures.numbers import counted, short, span
 from ..figures.style import Drawing, save
+from ..files import reason_of, written_together
 from ..judging.judgement import epochs_outside
 from ..problem import Estimate, Problem
 from ..recorded import columns as files
@@ -24,6 +25,7 @@ from ..recorded.corrected import (
 )
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
+from ..spec.flight import FlightError
 from ..spec.named_sensors import sensors_of, table_of
 from .tables import code, markdown, plain
 
@@ -33,6 +35,9 @@ WINDOW_TITLES = {
     "last20": "end of the flight",
 }
 """Titles of the windows of a table."""
+
+
+REPORT = "report.md"
 
 
 def folder_of(label: str) -> str:
@@ -57,7 +62,7 @@ def write(
     families: Mapping[str, str],
     output: Path,
 ) -> Path:
-    """Write what estimators make of a recorded flight.
+    """Write what estimators make of a recorded flight: all files together, or none.
 
     ``LABEL/corrected.csv``, ``LABEL/residuals.csv``, ``report.md`` and its figures.
 
@@ -77,6 +82,21 @@ def write(
     EstimateError, FlightError, FigureError
         If an estimate is none of this problem, or a file cannot be written.
     """
+    try:
+        with written_together(output) as place:
+            _write(flight, estimates, families, place)
+    except OSError as error:
+        raise FlightError(f"cannot write to {output}: {reason_of(error)}") from None
+    return output / REPORT
+
+
+def _write(
+    flight: RecordedFlight,
+    estimates: Mapping[str, Estimate],
+    families: Mapping[str, str],
+    output: Path,
+) -> None:
+    """Write the files of a report one after the other."""
     problem, start = flight.problem, flight.start
     told = {label: residuals(problem, estimate) for label, estimate in estimates.items()}
     tracks = {label: corrected(problem, found, start) for label, found in estimates.items()}
@@ -105,9 +125,7 @@ def write(
             *made_of(flight.inputs()),
         ]
     )
-    path = output / "report.md"
-    files.write_text(path, text + "\n")
-    return path
+    files.write_text(output / REPORT, text + "\n")
 
 
 def _what_there_is(flight: RecordedFlight) -> str:
