@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import text_of
+from ..files import require_small_archive
 from .datums import require_wgs84
 from .meridians import Area
 from .optional_modules import imported
@@ -143,6 +144,7 @@ def _axis_kind(dataset: Any, dimension: Any) -> str | None:
 
 def _read_npz(path: Path, area: Area | None, units: Units) -> Grid:
     """Read a NumPy archive with one of three sets of arrays."""
+    require_small_archive(path, TerrainError, path.name)
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..gravity.gradient_map import MapError
-from .survey_tables import SurveyTable
+from .survey_tables import SurveyTable, text_in
 
 _STATEMENT = re.compile(r"DEFN\s*\d*\s*ST\s*=\s*\w+\s*,\s*RT\s*=\s*(\w*)\s*;(.*)", re.IGNORECASE)
 _FORMAT = re.compile(r"\s*(\d*)\s*([AIFEDG])(\d+)(?:\.(\d+))?\s*", re.IGNORECASE)
@@ -97,7 +97,7 @@ def _fields(path: Path, text: str) -> list[Field]:
     candidates = [stem.with_suffix(ending) for ending in (".dfn", ".DFN", ".Dfn")]
     known = next((file for file in candidates if file.exists()), None)
     if known is not None:
-        text = known.read_text("utf-8", "replace")
+        text = text_in(known, known.read_bytes())
     found: list[Field] = []
     for row in text.splitlines():
         statement = _STATEMENT.match(row.strip())

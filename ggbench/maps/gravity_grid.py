@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from ..errors import text_of
+from ..files import MOST_ARRAYS, require_small_archive
 from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, turns
@@ -48,10 +49,10 @@ def read_grid(
 
     A netCDF file has one variable on latitude x longitude. Its attribute ``units``, and the unit of
     a raster's band, is m for a geoid and mGal, µGal, Gal or m/s² for gravity, in which mGal is
-    assumed when nothing is said. A raster is of any format that GDAL reads: GeoTIFF, ESRI ASCII,
-    GTX, ISG, BYN, Surfer. A ``.gdf`` file of ICGEM's calculation service says itself what quantity,
-    unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m``
-    [1e-4 m], a geoid.
+    assumed when nothing is said. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or
+    Surfer grid, as its suffix says. A ``.gdf`` file of ICGEM's calculation service says itself what
+    quantity, unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and
+    ``N_1e4m`` [1e-4 m], a geoid.
 
     Parameters
     ----------
@@ -171,6 +172,7 @@ def _read(path: Path, kind: str, area: Area | None, units: Units) -> ReadGrid:
 def _from_archive(path: Path, kind: str, units: Units) -> ReadGrid:
     if kind != "geoid":
         raise MapError(f"{path}: an .npz file holds a geoid; for gravity give a netCDF file.")
+    require_small_archive(path, MapError, str(path))
     try:
         arrays = read_arrays(path.read_bytes(), ("lat0", "lon0", "step", "N_1e4m"))
         written = np.asarray(arrays["N_1e4m"], dtype=float)
@@ -216,7 +218,14 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
 
     try:
         with xarray.open_dataset(path) as dataset:
+            if dataset.nbytes > MOST_ARRAYS:
+                raise MapError(
+                    f"{path} holds {dataset.nbytes / 1e6:.0f} MB of arrays; at most "
+                    f"{MOST_ARRAYS / 1e6:g} are allowed: cut it to the area of the map."
+                )
             dataset.load()
+    except MapError:
+        raise
     except Exception as error:
         said = text_of(error).split(". Consider", maxsplit=1)[0]
         raise MapError(f"{path} is no grid that can be read as netCDF: {said}") from None

@@ -18,6 +18,9 @@ Array = NDArray[np.floating]
 EVERYWHERE = np.array([-90.0, 90.0, -360.0, 360.0])
 """Bounds of what serves the whole Earth: south, north, west, east [deg]."""
 _MOST_NODES = 400_000_000  # 14 GB of float32
+MOST_LAYER_NODES = 10_000_000
+"""Nodes of a layer; three layers are in memory: one is computed, one summed, one written."""
+_BYTES_PER_NODE = 3 * 9 * 8
 _MOST_CELLS = 1_000_000  # along an axis
 _FEWEST_STEPS = FEWEST_NODES - 1
 HIGHEST_M = 1e6
@@ -120,6 +123,14 @@ def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes,
             f"longitude and height: at least {FEWEST_NODES} in each and at most {_MOST_NODES} in "
             "all are allowed; --spacing-arcmin and --height-spacing change them."
         )
+    layer = counts[0] * counts[1]
+    if layer > MOST_LAYER_NODES:
+        raise MapError(
+            f"a layer of {counts[0]} x {counts[1]} nodes in latitude and longitude needs "
+            f"{layer * _BYTES_PER_NODE / 1e9:.3g} GB of memory while it is built; at most "
+            f"{MOST_LAYER_NODES:.3g} nodes ({MOST_LAYER_NODES * _BYTES_PER_NODE / 1e9:.3g} GB) are "
+            "allowed: widen --spacing-arcmin, or build the map in parts."
+        )
     return Nodes(latitude, longitude, heights), remarks
 
 
@@ -133,6 +144,12 @@ def _require_degrees(request: GridRequest) -> None:
                 f"--{name} {value:g} is no {what}: {-most:g} to {most:g} degrees is allowed"
                 + ("; are these metres of a projection?" if abs(value) > 1000.0 else ".")
             )
+    west, east = request.west_deg, request.east_deg
+    if west is not None and east is not None and east - west > 360.0 + _ROUNDING_DEG:
+        raise MapError(
+            f"--west {west:g} to --east {east:g} are {east - west:g} degrees; at most one turn, "
+            "360, is allowed."
+        )
 
 
 def _in_one_turn(extents: list[SourceExtent]) -> list[tuple[SourceExtent, Array]]:

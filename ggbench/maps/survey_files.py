@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
 import re
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..errors import text_of
+from ..files import MOST_TEXT, content_of, gunzipped
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
 from ..gravity.optional_modules import imported
@@ -37,6 +38,7 @@ from .survey_tables import (
     missing_line,
     read_csv,
     read_xyz,
+    text_in,
     unreadable,
 )
 
@@ -437,10 +439,11 @@ def _table(path: Path) -> SurveyTable:
             "and .gz."
         )
     try:
-        content = path.read_bytes()
-        text = (gzip.decompress(content) if packed else content).decode("utf-8-sig", "replace")
-        return readers[ending](path, text)
+        content = content_of(path, MapError, MOST_TEXT, "the survey ")
+        if packed:
+            content = gunzipped(content, MapError, f"the survey {path}")
+        return readers[ending](path, text_in(path, content))
     except OSError as error:
         raise MapError(f"cannot read the survey {path}: {error.strerror or error}") from None
-    except (ValueError, EOFError) as error:
+    except (ValueError, EOFError, zlib.error) as error:
         raise unreadable(path, ending[1:], error) from None

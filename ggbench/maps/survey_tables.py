@@ -83,6 +83,23 @@ class SurveyTable:
         return MapError(f"{self.path}: line {self.rows[row]}: {said}.")
 
 
+def text_in(path: Path, content: bytes) -> str:
+    """Return the text of a survey; raises MapError if it holds other bytes than UTF-8's."""
+    try:
+        text = content.decode("utf-8-sig")
+        bad = text.find("\0")
+        place, found = bad, "a null byte"
+    except UnicodeDecodeError as error:
+        bad, found = error.start, f"the byte 0x{content[error.start]:02x}"
+        place, text = bad, content[:bad].decode("latin-1")
+    if bad < 0:
+        return text
+    raise MapError(
+        f"the survey {path}: line {text.count(chr(10), 0, place) + 1} has {found}, and must be "
+        "UTF-8 text: convert it, for example with 'iconv -f latin1 -t utf-8'."
+    )
+
+
 def read_csv(path: Path, text: str) -> SurveyTable:
     """Return the table of a CSV text: commas, semicolons or tabs; lines with a # are remarks.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError, text_of
-from ..files import written_whole
+from ..files import MOST_ARRAYS, written_whole
 from ..gravity.unit_names import factor_to_key
 from ..spec.flight import FlightError
 from ..trajectory.column_names import (
@@ -203,6 +203,12 @@ def _read_netcdf(
     with file:
         variables = list(file.variables)
         known = _places(path, variables, required, optional, called, "it")
+        size = 8 * sum(int(file.variables[variables[place.at]].size) for place in known.values())
+        if size > MOST_ARRAYS:
+            raise FlightError(
+                f"{path}: holds {size / 1e6:.0f} MB of columns; at most {MOST_ARRAYS / 1e6:g} are "
+                "allowed"
+            )
         values = {
             key: _variable(path, file.variables[variables[place.at]], key, place, empty)
             for key, place in known.items()

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic_core import from_json
 
 from ..errors import GGBenchError, text_of
+from ..files import require_small_archive
 from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
 from .formats import flaw_of_arrays
 
@@ -259,6 +260,9 @@ class Database:
                 f"{self.path.parent} does not hold what the runs of case {case} share: it was "
                 "stopped while it was prepared; the same command goes on from there"
             )
+        require_small_archive(
+            io.BytesIO(found[0][0]), StoreError, f"what the runs of case {case} share"
+        )
         try:
             with np.load(io.BytesIO(found[0][0]), allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}

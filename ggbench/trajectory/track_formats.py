@@ -79,8 +79,16 @@ def recognised(content: bytes) -> tuple[str, str]:
     return "csv", ""
 
 
+_MOST_NAMESPACES = 100
+"""Receivers and programs declare fewer than ten; gpxpy takes a time that grows as their square."""
+
+
 def gpx_document(text: str) -> Any:
     """Return what a GPX file holds; raises TrajectoryError if it cannot be read."""
+    if (declared := text.count("xmlns")) > _MOST_NAMESPACES:
+        raise TrajectoryError(
+            f"declares {declared} XML namespaces; at most {_MOST_NAMESPACES} are allowed"
+        )
     import gpxpy  # slow to load
 
     try:

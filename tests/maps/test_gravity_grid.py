@@ -151,7 +151,7 @@ def write_byn(path):
     [("GTX", "a.gtx"), ("GSAG", "a.grd"), ("GSBG", "a.grd"), ("GS7BG", "a.grd"), ("BYN", "a.byn")],
 )
 def test_grids_of_other_programs(driver, name, tmp_path):
-    """Whatever GDAL reads is a geoid or gravity."""
+    """Each is a geoid or gravity."""
     if driver == "BYN":
         write_byn(tmp_path / name)
     else:
