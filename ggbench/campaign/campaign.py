@@ -199,6 +199,7 @@ class Campaign:
     cases : names of the cases to run; none: all.
     limit : longest time of one run of one estimator [s].
     fresh : discard what the folder holds of an earlier campaign.
+    retry_failed : run failed runs again; a result of the new attempt replaces the failure.
     """
 
     scenario: Scenario
@@ -211,6 +212,7 @@ class Campaign:
     cases: tuple[str, ...] = ()
     limit: float = 600.0
     fresh: bool = False
+    retry_failed: bool = False
     plan: Plan = field(init=False)
 
     def __post_init__(self) -> None:
@@ -275,7 +277,7 @@ class Campaign:
 
     def tasks(self, store: Store) -> Tasks:
         """Return the tasks whose results are not stored yet."""
-        return self._tasks(store.finished(self.limit))
+        return self._tasks(store.finished(self.limit, self.retry_failed))
 
     def missing(self, store: Store) -> int:
         """Return how many of the results asked for are not there, not even as failures."""
@@ -407,6 +409,7 @@ def planned(
     assumptions: bool = False,
     time_limit: float | None = None,
     fresh: bool = False,
+    retry_failed: bool = False,
 ) -> Campaign:
     """Return the campaign that is asked for; what is not said is as the scenario has it.
 
@@ -427,4 +430,5 @@ def planned(
         cases=tuple(cases),
         limit=settings.time_limit_s if time_limit is None else time_limit,
         fresh=fresh,
+        retry_failed=retry_failed,
     )

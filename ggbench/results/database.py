@@ -147,10 +147,14 @@ class Database:
                 curves.append((r.key, run, _pack(r.series), _pack(r.detail)))
         self._write({"records": records, "fixes": fixes, "curves": curves})
 
-    def finished(self, limit: float = np.inf) -> dict[str, np.ndarray]:
-        """Return, by key, the runs whose results a time limit [s] leaves as they are."""
+    def finished(self, limit: float = np.inf, retry_failed: bool = False) -> dict[str, np.ndarray]:
+        """Return, by key, the runs whose results a time limit [s] leaves as they are.
+
+        ``retry_failed`` leaves out all runs that failed, for whatever reason.
+        """
         lost: dict[str, list[int]] = {}
         query = "SELECT key, run FROM records WHERE retry_above < ?"
+        query += " OR status = 'failed'" if retry_failed else ""
         for key, run in self._select(query, (limit,)):
             lost.setdefault(key, []).append(run)
         found = {}
