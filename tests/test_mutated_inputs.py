@@ -26,7 +26,18 @@ from mutations import mutated, mutated_arrays
 from problems import SMALL
 from random_harmonics import write_gfc
 from rasterio.transform import from_origin
-from receiver_tracks import CSV_PLACES, GPX_ROUTE, KML_LINE, gpx, kml, kml_points, nmea, pos
+from receiver_tracks import (
+    CSV_PLACES,
+    GPX_ROUTE,
+    KML_LINE,
+    csrs,
+    gpx,
+    kml,
+    kml_points,
+    nmea,
+    novatel,
+    pos,
+)
 from recorded_flights import GNSS_ONLY, as_solution, recorded
 from small_cases import blank_map, small_flight
 
@@ -79,6 +90,20 @@ def track(path: Path) -> None:
         f"{10 * k},{48.0 + 0.01 * k:.5f},{11.0 + 0.002 * k:.5f},{1000 + k:.1f}" for k in range(40)
     ]
     path.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows, ""]))
+
+
+def track_of_px4(path: Path) -> None:
+    rows = [
+        f"{10_000_000 * k},{480_000_000 + 10**5 * k},{110_000_000 + 20_000 * k},{10**6 + 10**3 * k}"
+        for k in range(40)
+    ]
+    path.write_text("\n".join(["timestamp,lat,lon,alt_ellipsoid", *rows, ""]))
+
+
+def flown_by_px4(path: Path) -> object:
+    """Read a track by the names of PX4 and fly it."""
+    spec = TrajectorySpec(file=str(path), smoothing_s=5.0, columns="px4")
+    return trajectory_of(spec, 0.5)
 
 
 def track_with_attitude(path: Path) -> None:
@@ -205,6 +230,11 @@ KINDS = {
     "track, KML points": Kind("track.kml", lambda path: path.write_text(kml_points()), flown),
     "track, NMEA": Kind("track.nmea", lambda path: path.write_text(nmea()), flown),
     "track, RTKLIB": Kind("track.pos", lambda path: path.write_text(pos()), flown),
+    "track, CSRS-PPP": Kind("track.pos", lambda path: path.write_text(csrs()), flown),
+    "track, NovAtel": Kind(
+        "track.log", lambda path: path.write_text("\n".join(novatel("INSPVAA"))), flown
+    ),
+    "track, other names": Kind("track.csv", track_of_px4, flown_by_px4),
     "terrain, ESRI": Kind("dem.asc", ascii_grid, read_terrain),
     "terrain, GeoTIFF": Kind("dem.tif", lambda path: raster(path, _HEIGHTS, "m"), read_terrain),
     "terrain, tile": Kind(
