@@ -71,7 +71,9 @@ def recognised(content: bytes) -> tuple[str, str]:
         xml = name in ("gpx", "kml")
         if (not xml or head.lstrip()[:1] == b"<") and looks.search(head):
             try:
-                return name, content.decode("utf-8-sig")
+                # Receivers mix binary messages into NMEA; checksums find what they damage.
+                wrong = "replace" if name == "nmea" else "strict"
+                return name, content.decode("utf-8-sig", wrong)
             except UnicodeDecodeError:
                 raise TrajectoryError("is not UTF-8 text") from None
     if content[:2] == b"PK":

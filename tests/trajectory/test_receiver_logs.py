@@ -61,6 +61,15 @@ def test_sentences_of_nmea_in_logs_of_many_programs(name):
     assert is_the_flight(rows) and not rows.remark
 
 
+def test_binary_messages_between_sentences_are_passed_over():
+    """As of u-blox receivers, and one that cuts a sentence."""
+    message = bytes([0xB5, 0x62, 0x01, 0x07, 0x00, 0xFF, 0x0A, 0x80])
+    content = b"".join(s.encode() + b"\r\n" + message for s in SENTENCES)
+    assert is_the_flight(rows_of(content))
+    cut = content.replace(SENTENCES[5].encode(), SENTENCES[5][:30].encode() + message)
+    assert is_the_flight(rows_of(cut), np.arange(COUNT) != 5)
+
+
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
