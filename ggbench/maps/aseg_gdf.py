@@ -1,7 +1,7 @@
 """Tables of ASEG-GDF2: a ``.dat`` file and its definitions.
 
-K. Pendock et al., The ASEG-GDF2 standard for point located data, version 4 (Australian Society of
-Exploration Geophysicists, 2003). Agencies write fields in the widths of their definitions, or
+ASEG-GDF2, a standard for point located data exchange, revision 4 (Australian Society of Exploration
+Geophysicists, 2003). Agencies write fields in the widths of their definitions, or
 separated by blanks, tabs or commas; both are read.
 """
 
