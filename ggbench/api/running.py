@@ -42,6 +42,7 @@ def run(
     cluster: str | None = None,
     time_limit: float | None = None,
     fresh: bool = False,
+    retry_failed: bool = False,
     progress: bool | Callable[[int, int], object] | None = None,
 ) -> Results:
     """Run a scenario with estimators, as ``ggbench run`` does, and return the results.
@@ -61,6 +62,7 @@ def run(
     cluster : address of a Dask scheduler to run on instead.
     time_limit : longest time of one run of one estimator [s]; by default the scenario's.
     fresh : discard what the folder holds.
+    retry_failed : run again the runs that failed, as for a licence server or a disk that was away.
     progress : whether to show what is compiled and built, and how far the runs are, on the standard
         error output; by default in a terminal and in a notebook. Or a function, which is called
         with the numbers of results stored, and to be stored, by this call.
@@ -107,6 +109,7 @@ def run(
                 assumptions=assumptions,
                 time_limit=time_limit,
                 fresh=fresh,
+                retry_failed=retry_failed,
             )
             compile_them(work.labels)
             shown.tell_first_use(compiled, work.plan.scenario)

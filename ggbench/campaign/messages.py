@@ -50,4 +50,8 @@ class Inbox:
             del self._held[:end]
             if zlib.crc32(content) != checksum:
                 raise GarbledError
-            yield pickle.loads(content)
+            try:
+                message = pickle.loads(content)
+            except Exception:  # of a process that changed how messages are written
+                raise GarbledError from None
+            yield message

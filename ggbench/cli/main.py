@@ -140,6 +140,11 @@ def list_command() -> None:
     help="Go on from what the results folder holds, or discard it  [resume].",
 )
 @click.option(
+    "--retry-failed",
+    is_flag=True,
+    help="Run failed runs again, as of a licence server or a disk that was away.",
+)
+@click.option(
     "-j",
     "--jobs",
     type=click.IntRange(0),
@@ -176,6 +181,8 @@ def run(
     asked = _Asked(**options)
     if asked.cluster and asked.jobs is not None:
         raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
+    if asked.retry_failed and not asked.resume:
+        raise click.UsageError("--fresh discards all runs: --retry-failed has none to run again")
     if whole_library and (scenario_name or asked.cases or one_run is not None):
         raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
     if scenario_name is None and not whole_library:
@@ -204,6 +211,7 @@ class _Asked:
     cases: tuple[str, ...] = ()
     assumptions: bool = False
     resume: bool = True
+    retry_failed: bool = False
     jobs: int | None = None
     cluster: str | None = None
     time_limit: float | None = None
@@ -250,6 +258,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
             assumptions=asked.assumptions,
             time_limit=asked.time_limit,
             fresh=not asked.resume,
+            retry_failed=asked.retry_failed,
         )
         compile_them(work.labels)
         planned = work.plan.scenario

@@ -98,8 +98,8 @@ map_group.add_command(score)
     type=float,
     multiple=True,
     metavar="VALUE",
-    help="Value that marks voids in terrains and grids, as it is in the file; may be repeated "
-    "[what the file declares, -32768, 3.4e38 and the like].",
+    help="Value that marks voids in terrains, grids and lines, as it is in the file; may be "
+    "repeated [what the file declares, -32768, 3.4e38 and the like].",
 )
 @survey_maps.options
 @click.option(
@@ -154,8 +154,8 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     request = _request(options)
     survey_maps.require_alone(options, [key for key in _SOURCES if key != "lines"])
     if options["lines"] is not None:
-        if options["void"] or options["clearance"] is not None:
-            raise MapError("--void and --clearance go with terrains and grids, not with --lines.")
+        if options["clearance"] is not None:
+            raise MapError("--clearance goes with terrains, not with --lines.")
         made = survey_maps.planned(options, request, _command(options))
     else:
         made = plan.plan(_inputs(options), request, _command(options))

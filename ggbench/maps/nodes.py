@@ -18,7 +18,11 @@ Array = NDArray[np.floating]
 EVERYWHERE = np.array([-90.0, 90.0, -360.0, 360.0])
 """Bounds of what serves the whole Earth: south, north, west, east [deg]."""
 _MOST_NODES = 400_000_000  # 14 GB of float32
+MOST_LAYER_NODES = 10_000_000
+"""Nodes of a layer; three layers are in memory: one is computed, one summed, one written."""
+_BYTES_PER_NODE = 3 * 9 * 8
 _MOST_CELLS = 1_000_000  # along an axis
+_FEWEST_STEPS = FEWEST_NODES - 1
 HIGHEST_M = 1e6
 _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
@@ -107,6 +111,9 @@ def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes,
                 + (" (across the date line: --west 179 --east -179)." if high == 3 else ".")
             )
     heights, spacing_deg = _heights_and_spacing(extents, request, remarks)
+    if request.spacing_deg is None:
+        sides = (bounds[1] - bounds[0], bounds[3] - bounds[2])
+        spacing_deg = min(spacing_deg, _round_down(3600.0 * min(sides) / _FEWEST_STEPS) / 3600.0)
     latitude = _axis(bounds[0], bounds[1], spacing_deg, allowed[1])
     longitude = _axis(bounds[2], bounds[3], spacing_deg, allowed[3])
     counts = (latitude.size, longitude.size, heights.size)
@@ -115,6 +122,14 @@ def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes,
             f"bounds and spacings give {counts[0]} x {counts[1]} x {counts[2]} nodes in latitude, "
             f"longitude and height: at least {FEWEST_NODES} in each and at most {_MOST_NODES} in "
             "all are allowed; --spacing-arcmin and --height-spacing change them."
+        )
+    layer = counts[0] * counts[1]
+    if layer > MOST_LAYER_NODES:
+        raise MapError(
+            f"a layer of {counts[0]} x {counts[1]} nodes in latitude and longitude needs "
+            f"{layer * _BYTES_PER_NODE / 1e9:.3g} GB of memory while it is built; at most "
+            f"{MOST_LAYER_NODES:.3g} nodes ({MOST_LAYER_NODES * _BYTES_PER_NODE / 1e9:.3g} GB) are "
+            "allowed: widen --spacing-arcmin, or build the map in parts."
         )
     return Nodes(latitude, longitude, heights), remarks
 
@@ -129,6 +144,12 @@ def _require_degrees(request: GridRequest) -> None:
                 f"--{name} {value:g} is no {what}: {-most:g} to {most:g} degrees is allowed"
                 + ("; are these metres of a projection?" if abs(value) > 1000.0 else ".")
             )
+    west, east = request.west_deg, request.east_deg
+    if west is not None and east is not None and east - west > 360.0 + _ROUNDING_DEG:
+        raise MapError(
+            f"--west {west:g} to --east {east:g} are {east - west:g} degrees; at most one turn, "
+            "360, is allowed."
+        )
 
 
 def _in_one_turn(extents: list[SourceExtent]) -> list[tuple[SourceExtent, Array]]:
@@ -170,6 +191,8 @@ def _heights_and_spacing(
     spacing_m = request.height_spacing_m
     if spacing_m is None:
         spacing_m = _round_down(min(upwards, _WIDEST_HEIGHT_SPACING))
+        if request.highest_m is not None and lowest < request.highest_m:
+            spacing_m = min(spacing_m, _round_down((request.highest_m - lowest) / _FEWEST_STEPS))
     if not 0.0 < spacing_m < math.inf:
         raise MapError(
             f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"

@@ -96,9 +96,14 @@ def column(key: str) -> Column:
 
 
 def significant(value: float, digits: int) -> str:
-    """Return a number with that many significant digits, without an exponent where it is short."""
+    """Return a number with that many significant digits, without an exponent where it is short.
+
+    NaN is a dash, a number beyond all others the sign of infinity.
+    """
     if value == 0.0:
         return "0"
+    if not math.isfinite(value):
+        return NONE if math.isnan(value) else f"{'-' if value < 0.0 else ''}∞"
     rounded = float(f"{value:.{digits - 1}e}")
     exponent = math.floor(math.log10(abs(rounded)))
     if not -4 <= exponent < 6:
@@ -118,12 +123,14 @@ def ratio(value: float) -> str:
 
 def efficiency(value: float) -> str:
     """Return a ratio to the oracle with two decimals, two significant digits from 10 on."""
-    return f"{value:.2f}" if value < 9.995 else significant(value, 2)
+    return f"{value:.2f}" if abs(value) < 9.995 else significant(value, 2)
 
 
 def share(value: float) -> str:
     """Return a share in per cent with two significant digits; 100% is every run."""
     text = significant(100.0 * value, 2)
+    if not math.isfinite(value):
+        return text
     return ">99%" if text == "100" and value < 1.0 else f"{text}%"
 
 

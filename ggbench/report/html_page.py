@@ -57,8 +57,8 @@ def write(results: Reported, picture: Picture, path: Path, notes: str) -> Path:
             break
     else:
         raise PageError(
-            f"{path} would have {len(content) / 1e6:.1f} MB, more than the {MOST_BYTES / 1e6:g} MB "
-            "of a page; report fewer cases or estimators"
+            f"{path.name} would have {len(content) / 1e6:.1f} MB, more than the "
+            f"{MOST_BYTES / 1e6:g} MB of a page; report fewer cases or estimators"
         )
     with written_whole(path, PageError, size=len(content)) as temporary:
         temporary.write_bytes(content)

@@ -15,7 +15,7 @@ from . import columns
 from .findings import SUITE, findings
 from .page_templates import markdown
 from .render import ReportError, write_definitions
-from .tables import MOST_COLUMNS, MOST_ROWS, error_cell
+from .tables import MOST_COLUMNS, MOST_ROWS, code, error_cell
 from .views import require_equal_runs
 
 FILE = "README.md"
@@ -106,5 +106,5 @@ def _wide(rows: pd.DataFrame, titles: pd.Series) -> pd.DataFrame:
     table.columns = pd.Index([titles[case] for case in kept])
     cost = rows.groupby("estimator")["seconds_per_run"].median()
     table["time a run"] = [columns.cell("seconds_per_run", cost[label]) for label in order]
-    table.index = pd.Index([f"`{label}`" for label in order])
+    table.index = pd.Index([code(label) for label in order])
     return table

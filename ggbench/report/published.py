@@ -11,6 +11,7 @@ import pandas as pd
 from ..judging.statistics import BETTER, EQUIVALENCE_RATIO, EQUIVALENT, UNDECIDED, WORSE
 from ..results.folder import Results
 from . import columns
+from .tables import code
 from .views import comparable, together
 
 MOST_REFERENCES = 3
@@ -74,7 +75,7 @@ def published_table(metrics: pd.DataFrame, titles: dict[str, str]) -> pd.DataFra
     shown = [["ins"], *groups] if "ins" in wide.index else groups
     for group in shown:
         cells = [columns.cell("rms_m", wide.loc[group[0], place]) for place in places]
-        lines.append([", ".join(f"`{label}`" for label in group), *cells])
+        lines.append([", ".join(map(code, group)), *cells])
     heads = [f"{titles[case]}: {window}" for case, window in places]
     return pd.DataFrame(lines, columns=["RMS error [m]", *heads])
 
@@ -106,7 +107,7 @@ def from_starts(results: Results, metrics: pd.DataFrame, label: str) -> pd.DataF
         lines[f"{title}: bound"] = [
             float(np.sqrt(arrays["bound-filter"][times >= start, 0].mean())) for start in STARTS_S
         ]
-        lines[f"{title}: `{label}`"] = [
+        lines[f"{title}: {code(label)}"] = [
             float(np.sqrt((series[:, kept >= start, 0] ** 2).mean())) for start in STARTS_S
         ]
     shown = {name: [columns.metres(value) for value in held] for name, held in lines.items()}
@@ -175,8 +176,8 @@ def claimed(results: Any) -> pd.DataFrame:
         rows.append(
             {
                 "claim": f"{claim.title} ({value})" if value else claim.title,
-                "first": f"`{names[0]}`",
-                "second": f"`{names[1]}`",
+                "first": code(names[0]),
+                "second": code(names[1]),
                 "error_ratio": pair["error_ratio"],
                 "holds": verdict,
                 "needed_runs": _needed(pair.get("needed_runs", math.nan)),

@@ -13,7 +13,7 @@ import pandas as pd
 from ..judging.pairs import pair_of
 from ..judging.verdicts import UnequalRunsError
 from . import columns
-from .tables import error_cell
+from .tables import code, error_cell
 
 MOST_CASES = 5
 """Cases of a page's table."""
@@ -69,7 +69,7 @@ def answer_table(metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     named = {"recommended": causal, "best smoother": cases["best_smoother"].tolist()}
     heads = {
-        key: f"{key}: `{labels[0]}`" if len(set(labels)) == 1 and labels[0] else key
+        key: f"{key}: {code(labels[0])}" if len(set(labels)) == 1 and labels[0] else key
         for key, labels in named.items()
     }
     rows = []
@@ -86,7 +86,7 @@ def answer_table(metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame
             if labels[number] and cells.alike(labels[number], "ekf"):
                 text = "= EKF"
             if labels[number] not in ("", "ekf") and heads[key] == key:
-                text = f"`{labels[number]}` {text}"
+                text = f"{code(labels[number])} {text}"
             plain = key != "recommended" or case["recommended"] or text == columns.NONE
             row[heads[key]] = text if plain else f"*{text}*"
         rows.append(row)

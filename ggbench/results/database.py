@@ -19,6 +19,7 @@ import numpy as np
 from pydantic_core import from_json
 
 from ..errors import GGBenchError, text_of
+from ..files import require_small_archive
 from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
 from .formats import flaw_of_arrays
 
@@ -146,10 +147,14 @@ class Database:
                 curves.append((r.key, run, _pack(r.series), _pack(r.detail)))
         self._write({"records": records, "fixes": fixes, "curves": curves})
 
-    def finished(self, limit: float = np.inf) -> dict[str, np.ndarray]:
-        """Return, by key, the runs whose results a time limit [s] leaves as they are."""
+    def finished(self, limit: float = np.inf, retry_failed: bool = False) -> dict[str, np.ndarray]:
+        """Return, by key, the runs whose results a time limit [s] leaves as they are.
+
+        ``retry_failed`` leaves out all runs that failed, for whatever reason.
+        """
         lost: dict[str, list[int]] = {}
         query = "SELECT key, run FROM records WHERE retry_above < ?"
+        query += " OR status = 'failed'" if retry_failed else ""
         for key, run in self._select(query, (limit,)):
             lost.setdefault(key, []).append(run)
         found = {}
@@ -259,6 +264,9 @@ class Database:
                 f"{self.path.parent} does not hold what the runs of case {case} share: it was "
                 "stopped while it was prepared; the same command goes on from there"
             )
+        require_small_archive(
+            io.BytesIO(found[0][0]), StoreError, f"what the runs of case {case} share"
+        )
         try:
             with np.load(io.BytesIO(found[0][0]), allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}

@@ -24,9 +24,9 @@ from receiver_tracks import (
 )
 
 from ggbench.cli.main import main
+from ggbench.maps.geoid import geoid_heights
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.csv_text import iso_seconds
-from ggbench.trajectory.geoid import geoid_heights
 from ggbench.trajectory.manoeuvres import TrajectoryError
 from ggbench.trajectory.track_formats import rows_of
 
@@ -89,7 +89,7 @@ BAD = {
     "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "place 4: its time.* no number"),
     "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "place 4: comes 6"),
     "zip": ("PK\x03\x04", "is a zip archive; unpack it"),
-    "NMEA, checksum": (nmea().replace("GPGGA,235955", "GPGGA,235956"), "line 5 is a GGA .*ecksum"),
+    "NMEA, checksums": (nmea().replace(",08,0.9,", ",09,0.9,"), "line 2 is a GGA .*checksum.* 20"),
     "NMEA without fixes": ("\n".join([nmea_line("GPGGA,1,,,,,0,,,,,,,,")] * 9), "no GGA sentence"),
     "NMEA in feet": (
         "\n".join(nmea_line("GPGGA,000000.00,4800.0,N,01130.0,E,1,8,1,9,F,1,M,,") for _ in "12"),
