@@ -20,6 +20,7 @@ from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .advise import advise
 from .bound import bound
+from .cards import cards
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
 from .exchange import export, judge
@@ -55,6 +56,7 @@ for _command in (
     map_group,
     advise,
     bound,
+    cards,
     check,
     imu,
     keys,
