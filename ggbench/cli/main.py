@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from . import early_interrupts  # noqa: F401
+
+# isort: split
 import os
 import sys
 from dataclasses import dataclass, replace
