@@ -6,6 +6,7 @@ The readers are those of the commands, which turn ``GGBenchError`` into a senten
 from __future__ import annotations
 
 import collections
+import json
 import re
 import shutil
 import struct
@@ -18,9 +19,10 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+import pandas as pd
 import pytest
 import rasterio
-from campaigns import COMMAND, finish
+from campaigns import COMMAND, finish, ran
 from grids import write_grid
 from mutations import mutated, mutated_arrays
 from problems import SMALL
@@ -51,6 +53,9 @@ from ggbench.maps.survey_files import read_lines as read_survey
 from ggbench.recorded.allan import imu_noise
 from ggbench.recorded.flight import read_flight
 from ggbench.recorded.inertial import RATES
+from ggbench.results.folder import Results
+from ggbench.score import card as cards
+from ggbench.score import cards_compared, page
 from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec import scenario
 from ggbench.spec.trajectory import TrajectorySpec
@@ -222,6 +227,57 @@ def resolved(path: Path) -> object:
     return [case.strides for case in scenario.load(str(path)).cases]
 
 
+def scored(path: Path) -> None:
+    """Write a card of two cases, with texts, numbers and verdicts."""
+    other = {
+        "label": "ekf", "role": "ekf", "runs": 4, "rms_m": 1.7, "error_ratio": 0.98, "lo": 0.91,
+        "hi": 1.1, "only_scored": 1, "only_other": 0, "verdict": "as good",
+    }  # fmt: skip
+    question = {
+        "title": "Aircraft", "runs": 4, "failed": 1, "rms_m": 1.68, "bound_m": 1.5, "success": 0.75,
+        "nees": 6.2, "coverage": 0.94, "consistency": "consistent", "against": [other],
+        "errors_m": [1.2, None, 3.25, 0.5], "succeeded": [True, False, True, True],
+    }  # fmt: skip
+    card = {
+        "format": cards.FORMAT, "ggbench": "0.2.0", "results_version": 1, "suite": "ab" * 32,
+        "seed": 3700, "public": True, "runs": 4, "judged": "all",
+        "estimator": {
+            "label": "mine.py[gain=2]", "name": "mine", "parameters": {"gain": 2.0},
+            "source": "cd" * 32, "seeks": ["gc"],
+        },
+        "questions": [{"case": case} | question for case in ("air-narrow", "one-channel")],
+    }  # fmt: skip
+    path.write_text(json.dumps(card, indent=1))
+
+
+def its_card(path: Path) -> object:
+    """Read a card, compare it with itself and with its neighbour, and write its pages."""
+    found = cards.read(path)
+    assert cards_compared.differences(found, found) == []
+    scored(path.parent / "whole.json")
+    whole = cards.read(path.parent / "whole.json")
+    cards_compared.differences(found, whole)
+    failures = pd.DataFrame(columns=["case", "run", "reason", "command"])
+    page.write(found, failures, path.parent)
+    return cards_compared.worse(found, whole)
+
+
+def flown_campaign(path: Path) -> None:
+    """Write a results folder, of which the manifest is a file."""
+    folder = path.parent
+    ran(folder.parent, folder.name, ("ins", "ekf"), runs=2).store.close()
+
+
+def its_results(path: Path) -> object:
+    """Read all tables of the results folder of a manifest, as reports and ``show`` do."""
+    results = Results(path.parent)
+    try:
+        results.metrics(), results.cases(), results.pairs(), results.studies(), results.counters()
+        return results.failures(), [*results.records()], results.families, results.seeking
+    finally:
+        results.store.close()
+
+
 KINDS = {
     "track": Kind("track.csv", track, flown),
     "track with attitude": Kind("track.csv", track_with_attitude, flown),
@@ -279,6 +335,8 @@ KINDS = {
     "waypoints, GPX": Kind("way.gpx", lambda path: path.write_text(GPX_ROUTE), read_waypoints),
     "waypoints, KML": Kind("way.kml", lambda path: path.write_text(KML_LINE), read_waypoints),
     "waypoints, CSV": Kind("way.csv", lambda path: path.write_text(CSV_PLACES), read_waypoints),
+    "card": Kind("card.json", scored, its_card),
+    "manifest": Kind("manifest.json", flown_campaign, its_results),
 }  # fmt: skip
 
 

@@ -257,7 +257,10 @@ def own_file(label: str) -> str:
 
 
 def _holds_estimates(name: str) -> bool:
-    return Path(name).suffix in SUFFIXES or Path(name).is_dir()
+    if Path(name).suffix in SUFFIXES:
+        return True
+    # An installed name stays what it is, whatever folders are here.
+    return name not in estimator_points() | framework_points() and Path(name).is_dir()
 
 
 def _parsed(text: str) -> EstimatorSpec:

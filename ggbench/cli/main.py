@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from . import early_interrupts  # noqa: F401
+
+# isort: split
 import os
 import sys
 from dataclasses import dataclass, replace
@@ -20,6 +23,7 @@ from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .advise import advise
 from .bound import bound
+from .cards import cards
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
 from .exchange import export, judge
@@ -55,6 +59,7 @@ for _command in (
     map_group,
     advise,
     bound,
+    cards,
     check,
     imu,
     keys,

@@ -144,12 +144,6 @@ def _require_degrees(request: GridRequest) -> None:
                 f"--{name} {value:g} is no {what}: {-most:g} to {most:g} degrees is allowed"
                 + ("; are these metres of a projection?" if abs(value) > 1000.0 else ".")
             )
-    west, east = request.west_deg, request.east_deg
-    if west is not None and east is not None and east - west > 360.0 + _ROUNDING_DEG:
-        raise MapError(
-            f"--west {west:g} to --east {east:g} are {east - west:g} degrees; at most one turn, "
-            "360, is allowed."
-        )
 
 
 def _in_one_turn(extents: list[SourceExtent]) -> list[tuple[SourceExtent, Array]]:
@@ -171,6 +165,11 @@ def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
         middle = 0.5 * (allowed[2] + allowed[3])
         west, east = (s if s is None else s + float(turns(s, middle)) for s in (west, east))
     elif west is not None and east is not None:
+        if east - west > 360.0 + _ROUNDING_DEG:
+            raise MapError(
+                f"--west {west:g} to --east {east:g} are {east - west:g} degrees; at most one "
+                "turn, 360, is allowed."
+            )
         east = eastern(west, east)
     return [area.south, area.north, west, east]
 

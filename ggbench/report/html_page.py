@@ -7,7 +7,7 @@ the markdown page and of the Python interface, as SVG; the script shows their va
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ _SIZES = ((True, True), (False, True), (False, False))
 """Whether a page has pairs, and all windows: the fullest first."""
 _DIGITS = 4
 """Digits of a number in the page."""
+_SCRIPTS = ("figure.js", "table.js", "page.js")
 _DROPPED = ("name", "parameters")
 """Columns of the metrics that repeat the estimator's label."""
 
@@ -87,30 +88,13 @@ def text(
     } | results.further_tables()
     data = {
         "cases": [{"case": row.case, "title": row.title} for row in cases.itertuples()],
-        "tables": {name: _packed(table) for name, table in tables.items()},
-        "columns": _meanings(tables.values()),
         "figures": figures,
-    }
-    environment = page_templates.environment(html=True)
-    # Text as it is, whatever letters: the file is UTF-8 throughout.
-    environment.policies["json.dumps_kwargs"] = {
-        "ensure_ascii": False,
-        "separators": (",", ":"),
-        "allow_nan": False,
-    }
-    table_script, table_style = libraries.datatables()
-    script = "\n".join(
-        (columns.TEMPLATES / name).read_text(encoding="utf-8") for name in ("figure.js", "page.js")
-    )
+    } | packed(tables)
     stated = page_templates.environment().get_template("answer.j2").render(answer=answer(results))
     parser = libraries.package("markdown_it").MarkdownIt("commonmark", {"html": False})
-    return environment.get_template("scenario.html.j2").render(
-        policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-        f"script-src {libraries.script_hash(script)} blob:",
-        style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
-        table_style=table_style,
-        table_script=table_script,
-        script=script,
+    return rendered(
+        "scenario.html.j2",
+        _SCRIPTS,
         title=loaded.title,
         answer=parser.render(stated),
         notes=parser.enable("table").render(notes),
@@ -120,6 +104,36 @@ def text(
         manifest=results.manifest,
         data=data,
     )
+
+
+def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:
+    """Return a page whose tables are drawn by DataTables and by scripts of the templates."""
+    environment = page_templates.environment(html=True)
+    # Text as it is, whatever letters: the file is UTF-8 throughout.
+    environment.policies["json.dumps_kwargs"] = {
+        "ensure_ascii": False,
+        "separators": (",", ":"),
+        "allow_nan": False,
+    }
+    table_script, table_style = libraries.datatables()
+    script = "\n".join((columns.TEMPLATES / name).read_text(encoding="utf-8") for name in scripts)
+    return environment.get_template(template).render(
+        policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src {libraries.script_hash(script)} blob:",
+        style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
+        table_style=table_style,
+        table_script=table_script,
+        script=script,
+        **values,
+    )
+
+
+def packed(tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
+    """Return tables and the meaning of their columns as the script of a page reads them."""
+    return {
+        "tables": {name: _packed(table) for name, table in tables.items()},
+        "columns": _meanings(tables.values()),
+    }
 
 
 def _packed(table: pd.DataFrame) -> dict[str, Any]:
@@ -153,7 +167,9 @@ def _meanings(tables: Any) -> dict[str, dict[str, str]]:
     for table in tables:
         for key in table:
             column = columns.column(key)
-            found[key] = {"head": column.head, "form": column.form, "definition": column.definition}
+            whole = key not in columns.COLUMNS and pd.api.types.is_integer_dtype(table[key])
+            form = "count" if whole else column.form
+            found[key] = {"head": column.head, "form": form, "definition": column.definition}
     return found
 
 

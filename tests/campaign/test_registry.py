@@ -14,6 +14,7 @@ from problems import estimator, kalman, linear_problem, rng
 
 from ggbench.campaign import registry
 from ggbench.campaign.registry import EstimatorError, choose
+from ggbench.errors import GGBenchError
 from ggbench.parameters import parameters_of
 from ggbench.problem import Estimator
 
@@ -289,3 +290,13 @@ def test_a_roster_stands_for_its_estimators():
     assert "gaussian-sum" in labels and labels.count("ekf") == 1
     with pytest.raises(EstimatorError, match="no roster '@cores'; there are @standard"):
         registry.choose_all(["@cores"])
+
+
+def test_a_folder_here_does_not_hide_an_installed_estimator(tmp_path, monkeypatch):
+    """As the folder of its results; a folder of another name is one of estimates."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("ekf", "mine"):
+        (tmp_path / name).mkdir()
+    assert choose("ekf").estimator.name == "ekf"
+    with pytest.raises(GGBenchError, match="mine holds no estimates"):
+        choose("mine")

@@ -145,3 +145,15 @@ def test_damaged_files_have_a_sentence(name, tmp_path):
         except TrajectoryError:
             refused += 1
     assert refused > 30
+
+
+def test_a_gpx_file_declares_few_namespaces(tmp_path):
+    """Thousands would take minutes to read; control: a few are read."""
+    for count, refused in ((50, False), (20_000, True)):
+        declared = "".join(f' xmlns:n{n}="http://example.org/{n}"' for n in range(count))
+        text = gpx().replace("<gpx", f"<gpx{declared}", 1)
+        if refused:
+            with pytest.raises(TrajectoryError, match="XML namespaces; at most 100"):
+                rows_of(text.encode())
+        else:
+            assert len(rows_of(text.encode()).columns["time_s"]) > 10
