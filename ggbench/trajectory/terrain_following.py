@@ -41,6 +41,7 @@ class TerrainFollowing:
     terrain : path of the terrain's file, or the name of one that is shipped.
     clearance : least height above the terrain [m].
     lowest : least height above the ellipsoid [m].
+    zero_level : of the terrain's heights above the ellipsoid [m].
     duration, distance : length, one of them [s], over ground [m].
     climb_angle : steepest climb and descent [rad].
     vertical_acceleration : its limit, upwards and downwards [m/s²].
@@ -53,6 +54,7 @@ class TerrainFollowing:
     distance: float | None = None
     climb_angle: float = math.radians(10.0)
     vertical_acceleration: float = 2.0
+    zero_level: float = 0.0
 
     def length(self, start: State) -> float:
         """Return its duration [s]."""
@@ -105,7 +107,8 @@ class TerrainFollowing:
         count = fine * steps + 1
         velocity = enu(*(np.full(count, x) for x in (start.heading, start.speed, 0.0)))
         track = follow(start.position, velocity, step / fine)
-        height = heights(self.terrain, track[:, 0], track[:, 1]) + self.clearance
+        ground = heights(self.terrain, track[:, 0], track[:, 1]) + self.zero_level
+        height = ground + self.clearance
         # Highest of the neighbourhood of each step, so that none between them is missed.
         padded = np.concatenate([height[:1].repeat(fine), height, height[-1:].repeat(fine)])
         windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * fine + 1)

@@ -127,7 +127,7 @@ def _checked(fixes: Sequence[Fix]) -> Rows:
     if all(fix.geoid is not None for fix in fixes):
         height = height + np.array([fix.geoid for fix in fixes], dtype=float)
     elif (np.abs(latitude) <= 90.0).all():  # else it is refused for that
-        from .geoid import geoid_heights  # loads a model, which few tracks need
+        from ..maps.geoid import geoid_heights  # loads a model, which few tracks need
 
         geoid = geoid_heights(latitude, longitude)
         remark = _SEA_LEVEL.format(f"{geoid.mean():.0f} m on average")

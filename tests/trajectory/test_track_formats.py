@@ -24,9 +24,9 @@ from receiver_tracks import (
 )
 
 from ggbench.cli.main import main
+from ggbench.maps.geoid import geoid_heights
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.csv_text import iso_seconds
-from ggbench.trajectory.geoid import geoid_heights
 from ggbench.trajectory.manoeuvres import TrajectoryError
 from ggbench.trajectory.track_formats import rows_of
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.harmonics import HarmonicCoefficients, potential
-from ..maps.shipped_parts import COEFFICIENTS, disturbing_coefficients
-from .manoeuvres import Array
+from .shipped_parts import COEFFICIENTS, disturbing_coefficients
+
+Array = NDArray[np.floating]
 
 _ZERO_DEGREE = -0.41
 """Geoid height of degree 0, from EGM2008's mass and potential to those of WGS84 [m]."""
