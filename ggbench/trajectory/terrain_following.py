@@ -247,7 +247,7 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
         else:
             low = middle
     whole = envelope(high)
-    if whole[edge] > height + 1e-3:
+    if whole[edge + flat - 1] > height + 1e-3:
         # Where it begins, the terrain ahead asks for more.
         raise TrajectoryError(
             f"begins at {height:.1f} m, too low for the terrain ahead, which asks for "
@@ -260,14 +260,17 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
 
 
 def _least_start(over: _Floor, step: float, slope: float, acceleration: float) -> float:
-    """Return the lowest height from which the floor can be passed after beginning level."""
+    """Return the lowest height from which the floor can be passed after beginning level.
+
+    Level for as long as the moving average sees, or else the flight would begin with a jerk.
+    """
     raised, flat, edge = over.raised, over.flat, over.edge
     low, high = float(raised[0]), float(raised.max()) + 1.0
     for _ in range(40):
         height = 0.5 * (low + high)
         padded = np.concatenate([np.full(edge, height), raised, np.full(edge, raised[-1])])
         padded[edge : edge + flat] = np.maximum(padded[edge : edge + flat], height)
-        if _limited(padded, step, slope, acceleration)[edge] <= height + 1e-6:
+        if _limited(padded, step, slope, acceleration)[edge + flat - 1] <= height + 1e-6:
             high = height
         else:
             low = height
