@@ -397,7 +397,7 @@ def _command(options: dict[str, Any]) -> str:
         f"--{key.replace('_', '-')} {_word(value)}".strip()
         for key, values in options.items()
         for value in (values if isinstance(values, tuple) else (values,))
-        if value is not None and value != defaults[key]
+        if value is not None and value is not False and value != defaults[key]
     ]
     return " ".join(["ggbench map build", *words])
 

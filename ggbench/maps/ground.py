@@ -115,12 +115,15 @@ class Ground:
         sheet = 2.0 * GRAVITATIONAL_CONSTANT * density * step / EOTVOS
         if sheet < _WORTH_SAYING_EOTVOS * distance:
             return []
+        worth, wanted = (
+            float(f"{value:.2g}")
+            for value in (sheet / distance, sheet / _WORTH_SAYING_EOTVOS / 1e3)
+        )
         return [
             f"the map comes within {distance / 1e3:.2g} km of the {side} edge of the terrain: "
             f"ground beyond it that is {step:.0f} m higher or lower than is assumed, as the "
-            f"terrain itself varies (1 σ), is worth {sheet / distance:.2g} E there; "
-            f"{_WORTH_SAYING_EOTVOS:g} E needs {sheet / _WORTH_SAYING_EOTVOS / 1e3:.2g} km of "
-            "ground around the map"
+            f"terrain itself varies (1 σ), is worth {worth:g} E there; "
+            f"{_WORTH_SAYING_EOTVOS:g} E needs {wanted:g} km of ground around the map"
         ]
 
     def remark(self, nodes: Nodes) -> str:

@@ -376,6 +376,7 @@ class _Sources:
 
     def _zero_level(self, inputs: Inputs, terrain: Terrain) -> float:
         """Return the height of a terrain's zero level above the ellipsoid [m]; say where it is."""
+        assert inputs.terrain is not None
         if inputs.geoid_height_m is not None or ELLIPSOIDAL in terrain.name:
             return inputs.geoid_height_m or 0.0
         from .geoid import geoid_heights
@@ -386,19 +387,18 @@ class _Sources:
         corners = np.array([(a, b) for a in area[:2] for b in area[2:]], dtype=float)
         found = geoid_heights(*corners.T)
         height = round(float(found.mean()), 1)
+        heights = f"heights of {inputs.terrain.name} are taken as"
         model = f"EGM2008 to degree 120, {found.min():.1f} to {found.max():.1f} m at its corners"
         if inputs.drape is not None:
             self.remarks.append(
-                f"heights of {terrain.name} are taken as above sea level, which lies {height:g} m "
-                f"above the ellipsoid ({model}); heights of tracks are above the ellipsoid, too; "
-                "--geoid-height changes it"
+                f"{heights} above sea level, {height:g} m above the ellipsoid ({model}); "
+                "heights of tracks are above the ellipsoid, too; --geoid-height changes it"
             )
             return height
         if abs(height) >= _WORTH_SAYING_M:
             self.remarks.append(
-                f"heights of {terrain.name} are taken as above the ellipsoid; if they are above "
-                f"sea level, --geoid-height {height:g} makes them so ({model}), and heights of "
-                "tracks of a receiver fit"
+                f"{heights} above the ellipsoid; if they are above sea level, --geoid-height "
+                f"{height:g} makes them so ({model}), and heights of tracks of a receiver fit"
             )
         return 0.0
 
