@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from .map_score import score
 from .screen import console
 
 _FILE = click.Path(path_type=Path)
+_SAID_EVERY_S = 10.0
 _DEGREE = click.IntRange(2)
 _SOURCES = (
     "terrain",
@@ -200,7 +202,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     else:
         made = plan.plan(_inputs(options), request, _command(options))
     _warn_of_densities(options)
-    layers_with_rms = plan.LayersWithRms(made.layers())
+    layers_with_rms = plan.LayersWithRms(_told(made.layers(), made.nodes.height_m.size))
     netcdf.write_layers(
         path=output,
         nodes=made.nodes,
@@ -216,6 +218,18 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     _describe(made.nodes, made.attributes)
     _print_rms(made.nodes, layers_with_rms.rms)
     click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
+
+
+def _told(layers: Iterator[Any], count: int) -> Iterator[Any]:
+    """Yield layers; write now and then how many are done, and how long the others take."""
+    started = said = time.monotonic()
+    for index, layer in enumerate(layers, 1):
+        yield layer
+        now = time.monotonic()
+        if now - said >= _SAID_EVERY_S and index < count:
+            left = (now - started) / index * (count - index)
+            click.echo(f"{index} of {count} layers, about {left:.0f} s left", err=True)
+            said = now
 
 
 def _refuse_drape_options(options: dict[str, Any]) -> None:

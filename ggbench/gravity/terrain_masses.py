@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import end_if_asked
 from .ellipsoid import EOTVOS, radii_of_curvature
 from .meridians import turns
 from .parker import BORDER, GRAVITATIONAL_CONSTANT, TerrainOptions, density_layers
@@ -105,12 +106,15 @@ class TerrainMasses:
         ------
         TerrainError
             If a point is not above the ground of the terrain; the message names it.
+        KeyboardInterrupt
+            If the process is asked to end.
         """
         points = self._above_ground(points)
         out = np.zeros((len(points), 9))
         parts = [slice(at, at + _AT_ONCE) for at in range(0, len(points), _AT_ONCE)]
 
         def add(part: slice) -> None:
+            end_if_asked()  # a layer may take minutes
             for columns in self.layers:
                 add_columns(columns, points[part], ratio, out[part])
 

@@ -1,6 +1,7 @@
 """The field of a terrain between its summits against prisms, bodies and Parker's series."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from choclo.prism import (
 from numba import njit
 from terrain_fields import rough_terrain, terrain_field
 
+from ggbench import files
 from ggbench.gravity.ellipsoid import EOTVOS, radii_of_curvature
 from ggbench.gravity.parker import GRAVITATIONAL_CONSTANT, TerrainOptions
 from ggbench.gravity.terrain import Terrain, TerrainError
@@ -275,3 +277,13 @@ def test_a_turn_of_longitude_and_the_geoid_change_nothing_else():
     found = raised.field(points + np.array([0.0, -math.tau, 48.0]), 4.0)
     for one, other in zip(expected, found, strict=True):
         assert one == pytest.approx(other, rel=1e-9, abs=1e-12 + 1e-9 * np.abs(one).max())
+
+
+def test_a_process_that_is_asked_to_end_does_not_finish_a_layer(monkeypatch):
+    masses = TerrainMasses.of(rough_terrain(32, 500.0))
+    points = points_above(masses, 4, 100.0, 300.0)
+    monkeypatch.setattr(files, "asked_to_end", threading.Event())
+    masses.field(points, 2.0)
+    files.asked_to_end.set()
+    with pytest.raises(KeyboardInterrupt):
+        masses.field(points, 2.0)

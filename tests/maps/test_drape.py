@@ -1,6 +1,7 @@
 """Maps whose layers follow the ground: their base, their fields, their files and the command."""
 
 import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
@@ -307,3 +308,11 @@ def test_a_map_far_inside_its_terrain_is_not_warned(tmp_path):
     box = GridRequest(45.38, 45.42, 7.38, 7.42)
     remarks = plan(Inputs(terrain=tmp_path / "dem.npz"), box, "test").remarks
     assert not any("edge of the terrain" in each for each in remarks)
+
+
+def test_a_long_build_says_how_far_it_is(folder, monkeypatch):
+    """By a clock on which each look takes six seconds."""
+    clock = itertools.count(0.0, 6.0)
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    code, output = build(folder, "--clearance-from", 100)
+    assert code == 0 and "2 of 4 layers, about 1" in output and "4 of 4 layers" not in output
