@@ -76,8 +76,14 @@ class SourceExtent:
     ground: str = ""
 
 
-def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes, list[str]]:
-    """The nodes, within what all sources can serve, and remarks about them."""
+def nodes_for(
+    extents: list[SourceExtent], request: GridRequest, drape: tuple[float, float] | None = None
+) -> tuple[Nodes, list[str]]:
+    """The nodes, within what all sources can serve, and remarks about them.
+
+    ``drape`` are the lowest and the highest layer above the ground of a draped map [m]; its nodes
+    have those heights, and no base yet.
+    """
     remarks: list[str] = []
     inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
     turned = _in_one_turn(extents)
@@ -110,7 +116,10 @@ def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes,
                 f"{bounds[high]:g}: else nothing is left of what the inputs serve"
                 + (" (across the date line: --west 179 --east -179)." if high == 3 else ".")
             )
-    heights, spacing_deg = _heights_and_spacing(extents, request, remarks)
+    if drape is not None:
+        heights, spacing_deg = _clearances_and_spacing(drape, request, remarks)
+    else:
+        heights, spacing_deg = _heights_and_spacing(extents, request, remarks)
     if request.spacing_deg is None:
         sides = (bounds[1] - bounds[0], bounds[3] - bounds[2])
         spacing_deg = min(spacing_deg, _round_down(3600.0 * min(sides) / _FEWEST_STEPS) / 3600.0)
@@ -208,6 +217,42 @@ def _heights_and_spacing(
             f"{HIGHEST_M:g} m."
         )
     heights = _axis(lowest, highest, spacing_m, math.inf)
+    return heights, _horizontal(request, across, distance, remarks)
+
+
+def _clearances_and_spacing(
+    drape: tuple[float, float], request: GridRequest, remarks: list[str]
+) -> tuple[Array, float]:
+    """Heights of draped layers above their base, and the spacing of nodes [deg]."""
+    lowest, highest = drape
+    for option, value in (("lowest", request.lowest_m), ("highest", request.highest_m)):
+        if value is not None:
+            raise MapError(
+                f"--{option} {value:g} is a height above the ellipsoid; the layers of --drape are "
+                "given by --clearance-from and --clearance-to, above the ground."
+            )
+    if not 0.0 < lowest < highest <= HIGHEST_M:  # NaN fails too
+        raise MapError(
+            f"--clearance-from {lowest:g} and --clearance-to {highest:g} must ascend, be above 0, "
+            f"the ground, and at most {HIGHEST_M:g} m."
+        )
+    across, upwards = widest_spacings(lowest, ground=True)
+    spacing_m = request.height_spacing_m
+    if spacing_m is None:
+        # Whole steps up to the highest layer, at least three for a spline.
+        cells = max(FEWEST_NODES - 1, math.ceil((highest - lowest) / upwards - 1e-6))
+        spacing_m = (highest - lowest) / cells
+    if not 0.0 < spacing_m < math.inf:
+        raise MapError(f"--height-spacing {spacing_m:g} must be positive.")
+    heights = _axis(lowest, highest, spacing_m, math.inf)
+    return heights, _horizontal(request, across, lowest, remarks)
+
+
+def _horizontal(request: GridRequest, across: float, distance: float, remarks: list[str]) -> float:
+    """Spacing of nodes [deg]: what is asked for, or ``across`` [m] rounded down.
+
+    ``distance`` is that of the lowest layer from the sources [m].
+    """
     widest = math.degrees(across / SEMI_MAJOR_AXIS)
     spacing_deg = request.spacing_deg
     if spacing_deg is None:
@@ -220,7 +265,7 @@ def _heights_and_spacing(
         )
     if not 0.0 < spacing_deg < math.inf:
         raise MapError(f"the spacing of {3600 * spacing_deg:g}″ must be positive.")
-    return heights, spacing_deg
+    return spacing_deg
 
 
 def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
@@ -249,7 +294,10 @@ def _too_low(extents: list[SourceExtent], lowest: float, floor: float) -> str:
     where = f"{abs(above):.3g} m {'below' if above < 0.0 else 'above'} {deciding.ground}"
     if above >= 0.0:
         where = f"only {where}"
-    return f"lies {where}: {allowed}, for heights are above the ellipsoid, not above the ground."
+    return (
+        f"lies {where}: {allowed}, for heights are above the ellipsoid, not above the ground; "
+        "--drape makes a map whose layers follow the ground."
+    )
 
 
 def _axis(low: float, high: float, step: float, limit: float) -> Array:

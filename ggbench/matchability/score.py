@@ -139,6 +139,8 @@ def score(
 ) -> Scored:
     """Score all cells that fit into a map with what surrounds them.
 
+    Heights of a draped map are those above its base surface, and tracks follow it.
+
     Parameters
     ----------
     field : of the map.
@@ -176,6 +178,7 @@ def score(
     """
     import pandas as pd  # not at the top: it loads slowly
 
+    field = field.flattened()
     cells, design = cells_of(field, design, bounds or Bounds(), name)
     table = pd.DataFrame([score_cell(field, cell, design) for cell in cells])
     components = principal_components({key: table[key].to_numpy() for key in table})

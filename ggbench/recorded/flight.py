@@ -227,7 +227,8 @@ def _problem(
 def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> None:
     """Raise OutsideMapError if a position (3,) is outside the map, whatever its error σ ENU [m]."""
     off = corrected_positions(position, -_SIGMAS * sigma) - position
-    inside = (field.lower - off <= position) & (position <= field.upper + off)
+    place = field.coordinates(position)
+    inside = (field.lower - off <= place) & (place <= field.upper + off)
     if not inside.all():
         field.tensor(*position)
 
