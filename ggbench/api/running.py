@@ -169,7 +169,10 @@ def sweep(
 def scenario_of(
     given: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Return a whole scenario and, if only some of its cases are given, their names."""
+    """Return a whole scenario and, if only some of its cases are given, their names.
+
+    Raise ArgumentError if there is no case, ScenarioError if a file cannot be read.
+    """
     if isinstance(given, CaseSpec):
         return written.of_cases([given]), ()
     if isinstance(given, Scenario):

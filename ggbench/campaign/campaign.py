@@ -57,7 +57,10 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Turn an error of the user's into a CampaignError that names the case."""
+    """Turn an error of the user's into a CampaignError that names the case.
+
+    Raise CampaignError in its place.
+    """
     try:
         yield
     except GGBenchError as error:

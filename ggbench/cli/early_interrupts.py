@@ -1,4 +1,4 @@
-"""Ctrl-C while the modules of the commands are imported, which takes a few tenths of a second.
+"""Interrupts during the import of the commands, a few tenths of a second.
 
 Imported first. A program that imports the command, as a test does, keeps its own way.
 """

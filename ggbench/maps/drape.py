@@ -207,6 +207,8 @@ def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[La
 
     The level layers lie at Chebyshev's points. With a floor above the lowest node the field is
     continued downwards from the layers above the floor: only a smooth one can be.
+
+    Raise MapError if a layer has too many nodes.
     """
     assert nodes.base_m is not None
     if nodes.base_m.size > _MOST_COLUMNS:

@@ -83,6 +83,8 @@ def nodes_for(
 
     ``drape`` are the lowest and the highest layer above the ground of a draped map [m]; its nodes
     have those heights, and no base yet.
+
+    Raise MapError if a request lies outside of the inputs or is too large.
     """
     remarks: list[str] = []
     inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside

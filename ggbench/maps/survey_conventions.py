@@ -1,4 +1,4 @@
-"""Conventions of axes in which the gradients of survey lines are those of a field."""
+"""Axis conventions of the gradients of survey lines."""
 
 from __future__ import annotations
 

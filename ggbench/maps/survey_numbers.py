@@ -55,7 +55,10 @@ class Numbers(NamedTuple):
 
 
 def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[float]) -> Numbers:
-    """Return the numbers of a column in the unit of its key."""
+    """Return the numbers of a column in the unit of its key.
+
+    Raise MapError, with the line, if a cell is no number.
+    """
     cells = [cell.strip() for cell in table.columns[column.name]]
     if key == "time_s" and any(_CLOCK.fullmatch(cell) for cell in cells[:1]):
         return Numbers(np.array([_seconds(cell) for cell in cells]), ())

@@ -207,7 +207,10 @@ def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[l
 def cells_between(
     lower: Array, upper: Array, design: Design, bounds: Bounds, name: str
 ) -> tuple[list[Cell], Design]:
-    """Return what :func:`cells_of` does of a map from and to a node (3,) [rad, rad, m]."""
+    """Return what :func:`cells_of` does of a map from and to a node (3,) [rad, rad, m].
+
+    Raise MapError if the height or the cells do not fit in the map.
+    """
     height = float(lower[2]) if design.height_m is None else design.height_m
     if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
         heights = f"{lower[2]:g} to {upper[2]:g} m"

@@ -165,7 +165,10 @@ class Database:
         return {key: runs for key, runs in found.items() if len(runs)}
 
     def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
-        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
+        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order.
+
+        Raise StoreError if one is damaged.
+        """
         query = (
             f"SELECT {', '.join(NAMES)} FROM records WHERE key = ? AND run >= ? AND run < ? "
             "ORDER BY run"
@@ -221,6 +224,8 @@ class Database:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
 
         K' are the epochs that ``kept`` of the shared arrays names.
+
+        Raise StoreError if one is damaged.
         """
         rows = self._select(
             "SELECT series FROM curves WHERE key = ? AND run < ? ORDER BY run", (key, runs)
@@ -257,7 +262,10 @@ class Database:
         return bool(self._select("SELECT 1 FROM shared WHERE key = ?", (key,)))
 
     def arrays(self, key: str, case: str) -> dict[str, np.ndarray]:
-        """Return what all runs of a case share; ``case`` names it in messages."""
+        """Return what all runs of a case share; ``case`` names it in messages.
+
+        Raise StoreError if they are missing or damaged.
+        """
         found = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
         if not found:
             raise StoreError(

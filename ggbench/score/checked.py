@@ -1,4 +1,4 @@
-"""Cards of a folder, each believed only where it is flown again."""
+"""Cards of a folder, checked by flying them again."""
 
 from __future__ import annotations
 

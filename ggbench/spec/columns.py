@@ -1,4 +1,4 @@
-"""The key that says what a file calls its columns."""
+"""Key for the names of the columns of a file."""
 
 from __future__ import annotations
 

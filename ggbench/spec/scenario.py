@@ -302,7 +302,10 @@ def _require_shallow(document: dict[str, Any], origin: str) -> None:
 def parse(
     document: dict[str, Any], name: str, origin: str, source: str = "", notes: str = ""
 ) -> Scenario:
-    """Validate the content of a scenario file; ``origin`` names it in messages."""
+    """Validate the content of a scenario file; ``origin`` names it in messages.
+
+    Raise ScenarioError if it breaks a rule.
+    """
     provenance: dict[str, str] = {}
     document = strip_provenance(document, "", provenance, origin)
     # Who flies a scenario, and how often, is no part of it.
@@ -466,7 +469,10 @@ def _resolve(
 
 
 def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
-    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key."""
+    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key.
+
+    Raise ScenarioError if a value with provenance has another form.
+    """
     if isinstance(node, list):
         return [
             strip_provenance(item, f"{path}[{i}]", provenance, origin)

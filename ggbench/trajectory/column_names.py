@@ -1,4 +1,4 @@
-"""What a file calls the columns of a track or a record, and their units."""
+"""Names and units of the columns of a track or a record."""
 
 from __future__ import annotations
 

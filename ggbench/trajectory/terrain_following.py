@@ -57,7 +57,10 @@ class TerrainFollowing:
     zero_level: float = 0.0
 
     def length(self, start: State) -> float:
-        """Return its duration [s]."""
+        """Return its duration [s].
+
+        Raise TrajectoryError if it is too short or too long.
+        """
         duration = self.duration
         if duration is None:
             assert self.distance is not None
@@ -69,7 +72,10 @@ class TerrainFollowing:
         return duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return the rates of climb angle, and of speed, whose horizontal part is kept."""
+        """Return the rates of climb angle, and of speed, whose horizontal part is kept.
+
+        Raise TrajectoryError if the terrain cannot be followed.
+        """
         if start.speed < 1e-3 or abs(start.climb) > 1e-6:
             raise TrajectoryError(
                 "must begin in level flight with a speed, and there the climb angle is "
@@ -167,7 +173,10 @@ def terrain_path(name: str) -> Path:
 
 
 def version_of(name: str) -> tuple[int, int]:
-    """Return what changes when a file is written again."""
+    """Return what changes when a file is written again.
+
+    Raise TrajectoryError if the file cannot be read.
+    """
     try:
         status = terrain_path(name).stat()
     except OSError as error:
@@ -182,6 +191,8 @@ def terrain_of(
     """Return south, west, steps in latitude and longitude [deg], and heights [m].
 
     ``area`` is where voids count; None: everywhere.
+
+    Raise TrajectoryError if the file holds no terrain.
     """
     from ..gravity.terrain_files import read_terrain
 
