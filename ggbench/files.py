@@ -163,15 +163,17 @@ def _remove_left_behind(path: Path) -> None:
                 file.unlink()
 
 
-def content_of(path: Path, error: type[GGBenchError], most: int, what: str = "") -> bytes:
+def content_of(
+    path: Path, error: type[GGBenchError], what: str = "", most: int = MOST_TEXT
+) -> bytes:
     """Return the content of a small file.
 
     Parameters
     ----------
     path : of the file.
     error : raised, with a sentence, if it cannot be read or is larger.
-    most : bytes that are allowed, which also bounds what is read of a device.
     what : it is, in that sentence.
+    most : bytes that are allowed, which also bounds what is read of a device.
     """
     try:
         with path.open("rb") as file:

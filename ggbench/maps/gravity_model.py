@@ -71,7 +71,7 @@ def read_model(
     all, or does not go to the degree; if it varies with time and has no epoch, or the other way
     round.
     """
-    content = content_of(path, MapError, MOST_TEXT, "the coefficients ")
+    content = content_of(path, MapError, "the coefficients ")
     if path.suffix == ".npz":
         if epoch is not None:
             raise MapError(f"{path} does not vary with time: --epoch must not be given.")

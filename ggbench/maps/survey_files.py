@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..errors import text_of
-from ..files import MOST_TEXT, content_of, gunzipped
+from ..files import content_of, gunzipped
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
 from ..gravity.optional_modules import imported
@@ -296,7 +296,7 @@ def _table(path: Path) -> SurveyTable:
             "and .gz."
         )
     try:
-        content = content_of(path, MapError, MOST_TEXT, "the survey ")
+        content = content_of(path, MapError, "the survey ")
         if packed:
             content = gunzipped(content, MapError, f"the survey {path}")
         return readers[ending](path, text_in(path, content))

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import text_of
-from ..files import MOST_TEXT, content_of, gunzipped
+from ..files import content_of, gunzipped
 from ..maps.survey_lines import DISTURBANCE
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText, status_of
@@ -188,7 +188,7 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
 def _unpacked(file: Path) -> bytes:
     """Return the content of a file, which may be packed."""
     try:
-        content = content_of(file, TrajectoryError, MOST_TEXT)
+        content = content_of(file, TrajectoryError)
         if content[:2] == b"\x1f\x8b":
             content = gunzipped(content, TrajectoryError, "it")
     except OSError as error:
