@@ -1,4 +1,4 @@
-"""A Kalman filter whose corrections are fed back: the INS is set right as the flight goes on.
+"""Closed-loop Kalman filter: its corrections reset the INS during the flight.
 
 The other filters estimate the error of an INS that is not corrected, linear only as long as
 that error is small. Here the mechanization starts again from what the filter believes, every so

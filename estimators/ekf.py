@@ -71,7 +71,10 @@ class ExtendedKalmanFilter(GatedUpdate):
         )
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter one run; the plain filter takes any model."""
+        """Filter one run; the plain filter takes any model.
+
+        Raise TypeError if another one is given a model without kernels.
+        """
         if isinstance(problem.model, CompiledModel):
             return super().estimate(problem, rng)
         if reason := self.skip(problem):

@@ -1,4 +1,4 @@
-"""Gaussian particle filter: the posterior is a Gaussian, and particles only find its moments.
+"""Gaussian particle filter: a Gaussian posterior with moments from particles.
 
 Each epoch draws particles again from a Gaussian, weighs them by the reading, and keeps nothing but
 their mean and covariance (Kotecha & Djurić 2003a). Nothing is resampled, and no particle outlives

@@ -1,4 +1,4 @@
-"""ICCP: the INS's track, moved as one piece onto the contours of what was read.
+"""ICCP: rigid displacement of the INS track onto the contours of the measurements.
 
 Iterated closest contour point (Kamgar-Parsi & Kamgar-Parsi 1999): every reading of a window says
 that the vehicle was somewhere on a contour of the map. Each point of the indicated track goes to

@@ -1,4 +1,4 @@
-"""Particle filter: the textbook's, with what keeps its particles apart.
+"""Particle filter: the textbook algorithm, with tempering and kernel moves.
 
 A cloud of N guesses of the whole state is carried along by Φ and noise, weighed by how likely each
 makes the readings, and resampled where too few weigh anything: heavy ones are copied, light ones

@@ -1,4 +1,4 @@
-"""Point-mass filter: the posterior itself, on a grid that moves and breathes with it.
+"""Point-mass filter on an adaptive grid.
 
 With two states, or three, the density can be kept as it is: masses at the points of a grid, moved
 by the dynamics, smeared by the process noise and multiplied by the likelihood of each reading

@@ -1,4 +1,4 @@
-"""Filters of two or four states: what the literature runs, next to filters of the whole INS.
+"""Filters of two or four states, as published, next to filters of the whole INS.
 
 Much of the literature on matching gravity gradients estimates position and velocity alone, or the
 position alone, and takes all else as known. Then tilt and biases of the accelerometers, which turn

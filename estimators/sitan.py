@@ -1,4 +1,4 @@
-"""SITAN: extended Kalman filters whose slopes are those of the field over what is in question.
+"""SITAN: extended Kalman filters with stochastic linearisation of the map.
 
 Sandia's inertial terrain-aided navigation (Hostetler & Andreas 1983) is a filter that draws the
 slope of the map not from its derivative at the estimate, but from a plane that is fitted to the map

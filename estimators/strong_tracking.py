@@ -1,4 +1,4 @@
-"""Strong tracking: how much a filter must forget for its innovations to stay white.
+"""Strong tracking: fading factor that keeps the innovations white.
 
 With the right model and gain the innovations γ of a filter are white. With a wrong one they are
 not: the filter is too sure of its prediction and follows too slowly. Strong tracking (Zhou, Xi &

@@ -1,4 +1,4 @@
-"""Terrain contour matching (TERCOM): the place whose map fits a window of readings best.
+"""Terrain contour matching (TERCOM): the best-fitting position for a window of measurements.
 
 The oldest way to aid an INS by a map (Golden 1980; Hollowell 1990): a window of readings is
 compared with what the map says along the INS's track, displaced to each point of a grid, and the

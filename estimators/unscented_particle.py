@@ -1,4 +1,4 @@
-"""Unscented particle filter, and with strong tracking: particles that look before they leap.
+"""Unscented particle filter, optionally with strong tracking.
 
 A bootstrap filter draws particles where the dynamics lead and lets the reading sort them: where one
 reading is far sharper than the prediction nearly all of them are wasted. Here each particle has a

@@ -43,6 +43,11 @@ if TYPE_CHECKING:
     from . import maps as maps
     from .api.exchange import export as export
     from .api.exchange import judge_estimates as judge_estimates
+    from .api.planning import advise as advise
+    from .api.planning import bound as bound
+    from .api.planning import check as check
+    from .api.planning import plan as plan
+    from .api.planning import scorecard as scorecard
     from .api.problems import Judgement as Judgement
     from .api.problems import corrected as corrected
     from .api.problems import estimate as estimate
@@ -66,6 +71,7 @@ cache.use_versioned_numba_cache()
 
 _NAMES = {
     "api.exchange": ("export", "judge_estimates"),
+    "api.planning": ("advise", "bound", "check", "plan", "scorecard"),
     "api.problems": (
         "Judgement", "corrected", "estimate", "estimator", "judge", "load", "read_flight",
         "simulate",

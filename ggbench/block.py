@@ -1,4 +1,4 @@
-"""Many runs of one case at once: what a compiled estimator is given, and what it gives back.
+"""Blocks of runs: input and output of compiled estimators.
 
 The arrays of :class:`.problem.Problem` with the run as leading axis. A block is a few tens of runs,
 so that what a run needs stays in the processor's cache; a campaign is a stream of blocks.

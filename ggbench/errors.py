@@ -15,6 +15,13 @@ def text_of(error: BaseException) -> str:
 
     Libraries quote what they read, and a damaged file may be quoted at any length.
     """
-    line = " ".join(str(error)[: 2 * _LONGEST_TEXT].split())
-    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[:_LONGEST_TEXT])
-    return shown or type(error).__name__
+    return line_of(str(error)) or type(error).__name__
+
+
+def line_of(text: str, longest: int = _LONGEST_TEXT) -> str:
+    """Return a text of anyone's as one printable line of at most some characters.
+
+    Line breaks become spaces; control characters, which a terminal would obey, become escapes.
+    """
+    line = " ".join(text[: 2 * longest].split())
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[:longest])

@@ -1,4 +1,4 @@
-"""The one way in which estimators are run: with the noise that they assume, one run or many.
+"""Estimation of one run or of a block of runs with an assumed noise.
 
 Measurements that are matched with a map err by more than the instrument's noise: by the map's own
 error, and by what a linearisation leaves. The usual remedy is a larger assumed R

@@ -1,19 +1,23 @@
-"""Files that are written whole or not at all, and what stands for their content."""
+"""Atomic writing of files, and hashes of their content."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import gzip
 import hashlib
+import io
 import os
 import re
 import secrets
 import shutil
 import threading
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
-from .errors import GGBenchError
+from .errors import GGBenchError, line_of
 
 _NO_SPACE = {
     errno.ENOSPC: "no space left on the disk",
@@ -23,6 +27,10 @@ _NO_SPACE = {
 _SMALLEST_SHARE = 0.25
 """Of its size without compression, which a file of measured numbers needs at least."""
 _PROBE = bytes(1 << 20)
+MOST_TEXT = 500_000_000
+"""Bytes of a text that may be read, unpacked: its numbers take a few times as much memory."""
+MOST_ARRAYS = 1_000_000_000
+"""Bytes of the arrays of a file that may be read, unpacked."""
 asked_to_end = threading.Event()
 """Whether this process is asked to end: netCDF4 may swallow the KeyboardInterrupt that says so."""
 _temporary: set[Path] = set()
@@ -65,6 +73,34 @@ def written_whole(
         raise error(f"cannot write {what}{path}: {reason}") from None
 
 
+@contextlib.contextmanager
+def written_together(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder whose files take their places in another one when all are written.
+
+    If anything ends it before, an interrupt too, the other folder is as it was. Raise OSError if
+    it cannot be written.
+    """
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = folder / f".{os.getpid()}-{secrets.token_hex(4)}.part"
+    _temporary.add(temporary)
+    try:
+        temporary.mkdir()
+        yield temporary
+        end_if_asked()
+        for file in sorted(path for path in temporary.rglob("*") if path.is_file()):
+            place = folder / file.relative_to(temporary)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            file.replace(place)
+        new = False
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        _temporary.discard(temporary)
+        if new:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
 def out_of_space(failure: OSError) -> bool:
     """Return whether a write failed for want of space."""
     return failure.errno in _NO_SPACE
@@ -85,7 +121,7 @@ def remove_temporary() -> None:
     """Remove what this process is writing: it is about to end."""
     for path in tuple(_temporary):
         with contextlib.suppress(OSError):
-            path.unlink()
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 @contextlib.contextmanager
@@ -125,6 +161,72 @@ def _remove_left_behind(path: Path) -> None:
         if found and not psutil.pid_exists(int(found[1])):
             with contextlib.suppress(OSError):
                 file.unlink()
+
+
+def content_of(
+    path: Path, error: type[GGBenchError], what: str = "", most: int = MOST_TEXT
+) -> bytes:
+    """Return the content of a small file.
+
+    Parameters
+    ----------
+    path : of the file.
+    error : raised, with a sentence, if it cannot be read or is larger.
+    what : it is, in that sentence.
+    most : bytes that are allowed, which also bounds what is read of a device.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+    except (OSError, ValueError) as failure:  # ValueError: of a path with a null byte
+        reason = reason_of(failure) if isinstance(failure, OSError) else str(failure)
+        raise error(f"cannot read {what}{line_of(str(path))}: {reason}") from None
+    if len(content) > most:
+        raise error(f"cannot read {what}{line_of(str(path))}: it has more than {most / 1e6:g} MB")
+    return content
+
+
+def gunzipped(content: bytes, error: type[GGBenchError], what: str) -> bytes:
+    """Return what was packed by gzip, at most :data:`MOST_TEXT` bytes.
+
+    Parameters
+    ----------
+    content : packed.
+    error : raised, with a sentence, if there is more.
+    what : was packed, at the beginning of that sentence.
+
+    Raises
+    ------
+    OSError, EOFError, zlib.error
+        If it is damaged.
+    """
+    with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+        unpacked = packed.read(MOST_TEXT + 1)
+    if len(unpacked) > MOST_TEXT:
+        raise error(f"{what} unpacks to more than {MOST_TEXT / 1e6:g} MB")
+    return unpacked
+
+
+def require_small_archive(
+    archive: Path | IO[bytes], error: type[GGBenchError], what: str, most: int = 0
+) -> None:
+    """Raise an error if the files of a zip archive, as NumPy writes it, unpack to too much.
+
+    Parameters
+    ----------
+    archive : of which its directory is read; what is no zip archive passes.
+    error : raised, with a sentence.
+    what : it is, at the beginning of that sentence.
+    most : bytes, by default :data:`MOST_ARRAYS`.
+    """
+    most = most or MOST_ARRAYS
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            size = sum(member.file_size for member in opened.infolist())
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return
+    if size > most:
+        raise error(f"{what} unpacks to {size / 1e6:.0f} MB; at most {most / 1e6:g} are allowed")
 
 
 def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:

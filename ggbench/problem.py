@@ -1,4 +1,4 @@
-"""THE interface: what an estimator is given, what it gives back, and what it is.
+"""Interface of estimators: Problem, Estimate, Estimator.
 
 A :class:`Problem` is all that an estimator may see; truth never enters it. The same interface
 carries any system with linear dynamics and a nonlinear measurement of a position.

@@ -1,4 +1,4 @@
-"""Problems reduced to a few of their states: what is left out is taken as known.
+"""Problems reduced to a few states; all other states count as known.
 
 An estimator of few states, as much of the literature has, is an estimator of another problem: its
 dynamics are those of the chosen states with all others at their prior's mean, and the noise that it

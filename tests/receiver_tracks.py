@@ -81,6 +81,39 @@ def pos(weeks: bool = False, separator: str = " ") -> str:
     return head + "\n".join(rows) + "\n"
 
 
+def sexagesimal(value):
+    degrees = int(abs(value))
+    minutes = int((abs(value) - degrees) * 60.0)
+    seconds = ((abs(value) - degrees) * 60.0 - minutes) * 60.0
+    return f"{'-' if value < 0 else ''}{degrees} {minutes} {seconds:.5f}"
+
+
+def csrs(backwards=False, sign=1.0):
+    names = "DIR FRAME STN DAYofYEAR YEAR-MM-DD HR:MN:SS.SS NSV GDOP LATDD LATMN LATSS "
+    names += "LONDD LONMN LONSS HGT(m) UTMZONE"
+    rows = [
+        f"FWD ITRF(IGS20) airb 060.1 {t:%Y-%m-%d} {t:%H:%M:%S}.00 9 2.1 {sexagesimal(lat)} "
+        f"{sexagesimal(sign * (lon - 11.0))} {h:.4f} 32"
+        for t, lat, lon, h in POINTS
+    ]
+    head = ["HDR GRP CANADIAN GEODETIC SURVEY", "HDR ORB IGS FINAL", names]
+    return "\n".join([*head, *(rows[::-1] if backwards else rows)])
+
+
+def novatel(kind):
+    rows = []
+    for n, (_, lat, lon, h) in enumerate(POINTS):
+        head = f"#{kind},COM1,0,31.0,FINESTEERING,2303,{345592 + n}.000,02040000,5615,1541;"
+        if kind == "INSPVAA":
+            body = (
+                f"2303,{345592 + n}.000,{lat:.9f},{lon:.9f},{h:.4f},0,0,0,0,0,90,INS_SOLUTION_GOOD"
+            )
+        else:
+            body = f"SOL_COMPUTED,SINGLE,{lat:.9f},{lon:.9f},{h - GEOID:.4f},{GEOID},WGS84,1,1,1"
+        rows.append(f"{head}{body}*af719fd9")
+    return rows
+
+
 EXACT = {
     "GPX": gpx(), "NMEA": nmea(), "RTKLIB": pos(), "RTKLIB, weeks": pos(weeks=True),
     "RTKLIB, commas": pos(separator=","),

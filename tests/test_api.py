@@ -19,6 +19,7 @@ from small_cases import blank_map, rough_map
 
 import ggbench as gg
 from ggbench.campaign import compile_ahead, registry
+from ggbench.judging.planned import bound_of
 from ggbench.judging.run_errors import WINDOWS
 from ggbench.results.store import DETAILED_RUN
 from ggbench.spec import scenario as scenarios
@@ -341,8 +342,10 @@ BAD_CALLS = {
     "unknown scenario to run": (lambda s: gg.run("wang2012"), "did you mean 'wang2013'"),
     "unknown case": (lambda s: s.case("bas"), "no case 'bas' .did you mean 'base'"),
     "unknown case to run": (lambda s: gg.run(s, cases=["x"]), "no case 'x'"),
-    "case by its name": (lambda s: gg.simulate("base"), "as scenario.case.name. gives it"),
-    "scenario as a case": (lambda s: gg.simulate(s), "not an object of type Scenario"),
+    "case by its name": (lambda s: gg.simulate("base"), "base"),
+    "number as a case": (lambda s: gg.simulate(1), "a case is scenario.case.name., or a scenario"),
+    "no headings": (lambda s: gg.plan(s, headings=0), "headings is 0 and must lie between"),
+    "unknown estimator to check": (lambda s: gg.check("ekff"), "did you mean 'ekf'"),
     "negative seed": (lambda s: gg.simulate(s.case("base"), -1), "seed is -1 and must lie between"),
     "seed with a fraction": (lambda s: gg.run(s, seed=1.5), "seed is 1.5 and must be a whole"),
     "negative run": (lambda s: gg.simulate(s.case("base"), 1, -1), "run is -1 and must lie betwe"),
@@ -424,6 +427,44 @@ def test_a_sweep_has_a_case_for_each_combination(tmp_path):
         f"noise_eotvos {noise}, position_m {prior}" for noise in (0.01, 1.0) for prior in (1.0, 5.0)
     ]
     assert len(results.summary()) == 8
+    assert list(results.summary()["title"].unique()) == titles
+
+
+def test_a_scenario_stands_for_its_first_case(scenario, tmp_path):
+    """By its path, too."""
+    for given in (scenario, scenario.cases[0], tmp_path / "small.toml"):
+        problem, _ = gg.simulate(given, seed=2, run=1)
+        np.testing.assert_array_equal(
+            problem.measurements, gg.simulate(scenario.case("base"), seed=2, run=1)[0].measurements
+        )
+
+
+def test_bound_and_tracks_are_those_of_the_commands(scenario):
+    """The bound that the table of tracks has for the flight as it is, and the best comes first."""
+    bounds, tracks = gg.bound(scenario), gg.plan(scenario, headings=3, starts=2, step_km=0.1)
+    problem, _ = gg.simulate(scenario)
+    np.testing.assert_array_equal(bounds["time_s"], problem.times)
+    assert (bounds["position_smoothed_m"] <= bounds["position_m"] * (1.0 + 1e-9)).all()
+    assert len(tracks) == 12 and tracks["bound_m"].is_monotonic_increasing
+    (own,) = gg.plan(scenario, headings=1)["bound_m"]
+    assert own == pytest.approx(bound_of(scenario.cases[0]))
+
+
+@pytest.mark.long
+def test_an_estimator_is_checked_and_scored_from_python(tmp_path):
+    """Twice: a module of the package must not take the place of a function."""
+    for _ in range(2):
+        checks = gg.check("ins")
+        assert set(checks["verdict"]) <= {"passed", "refused"} and len(checks) == 9
+        scored = gg.scorecard("ekf", runs=2, cases="air-narrow", output=tmp_path / "card", jobs=0)
+        assert scored.card.estimator.label == "ekf"
+
+
+@pytest.mark.long
+def test_advice_from_python_is_that_of_the_command(scenario, tmp_path):
+    found = gg.advise(scenario, runs=2, output=tmp_path / "advice", jobs=0)
+    assert found.bound_m == pytest.approx(bound_of(scenario.cases[0]))
+    assert {"ins", "ekf"} <= set(found.results.metrics()["estimator"])
 
 
 @pytest.mark.parametrize(

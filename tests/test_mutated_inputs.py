@@ -6,6 +6,7 @@ The readers are those of the commands, which turn ``GGBenchError`` into a senten
 from __future__ import annotations
 
 import collections
+import json
 import re
 import shutil
 import struct
@@ -18,15 +19,27 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+import pandas as pd
 import pytest
 import rasterio
-from campaigns import COMMAND, finish
+from campaigns import COMMAND, finish, ran
 from grids import write_grid
 from mutations import mutated, mutated_arrays
 from problems import SMALL
 from random_harmonics import write_gfc
 from rasterio.transform import from_origin
-from receiver_tracks import CSV_PLACES, GPX_ROUTE, KML_LINE, gpx, kml, kml_points, nmea, pos
+from receiver_tracks import (
+    CSV_PLACES,
+    GPX_ROUTE,
+    KML_LINE,
+    csrs,
+    gpx,
+    kml,
+    kml_points,
+    nmea,
+    novatel,
+    pos,
+)
 from recorded_flights import GNSS_ONLY, as_solution, recorded
 from small_cases import blank_map, small_flight
 
@@ -36,7 +49,13 @@ from ggbench.maps.gravity_grid import read_grid
 from ggbench.maps.gravity_model import read_model
 from ggbench.maps.recipe import read as read_map
 from ggbench.maps.recipe import write
+from ggbench.maps.survey_files import read_lines as read_survey
+from ggbench.recorded.allan import imu_noise
 from ggbench.recorded.flight import read_flight
+from ggbench.recorded.inertial import RATES
+from ggbench.results.folder import Results
+from ggbench.score import card as cards
+from ggbench.score import cards_compared, page
 from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec import scenario
 from ggbench.spec.trajectory import TrajectorySpec
@@ -76,6 +95,20 @@ def track(path: Path) -> None:
         f"{10 * k},{48.0 + 0.01 * k:.5f},{11.0 + 0.002 * k:.5f},{1000 + k:.1f}" for k in range(40)
     ]
     path.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows, ""]))
+
+
+def track_of_px4(path: Path) -> None:
+    rows = [
+        f"{10_000_000 * k},{480_000_000 + 10**5 * k},{110_000_000 + 20_000 * k},{10**6 + 10**3 * k}"
+        for k in range(40)
+    ]
+    path.write_text("\n".join(["timestamp,lat,lon,alt_ellipsoid", *rows, ""]))
+
+
+def flown_by_px4(path: Path) -> object:
+    """Read a track by the names of PX4 and fly it."""
+    spec = TrajectorySpec(file=str(path), smoothing_s=5.0, columns="px4")
+    return trajectory_of(spec, 0.5)
 
 
 def track_with_attitude(path: Path) -> None:
@@ -120,6 +153,57 @@ def gdf(path: Path) -> None:
     path.write_text("\n".join([*head, *rows, ""]))
 
 
+SURVEY = {
+    "time_s": "FID", "latitude_deg": "LAT", "longitude_deg": "LONG", "height_m": "HGT",
+    "disturbance": "GRAV",
+}  # fmt: skip
+
+
+def survey_rows() -> list[tuple[str, ...]]:
+    return [
+        (f"{1000 + 10 * (k // 10)}", f"{2 * k}.0", f"{-33.0 + 0.001 * (k % 10):.6f}",
+         f"{142.5 + 0.01 * (k // 10):.6f}", "400.00", f"{np.sin(k):.3f}")
+        for k in range(40)
+    ]  # fmt: skip
+
+
+def survey_csv(path: Path) -> None:
+    rows = [",".join(row) for row in survey_rows()]
+    path.write_text("\n".join(["LINE,FID,LAT,LONG,HGT [m],GRAV [mGal]", *rows, ""]))
+
+
+def survey_xyz(path: Path) -> None:
+    out, before = ["/ FID LAT LONG HGT GRAV"], ""
+    for line, *row in survey_rows():
+        out += [*([f"Line {line}"] if line != before else []), " ".join(row)]
+        before = line
+    path.write_text("\n".join([*out, ""]))
+
+
+def survey_gdf2(path: Path) -> None:
+    forms = ("LINE:I6", "FID:F8.1", "LAT:F12.6:UNIT=dega", "LONG:F12.6:UNIT=dega",
+             "HGT:F9.2:UNIT=m", "GRAV:F9.3:NULL=-999.999,UNIT=mGal,NAME=disturbance")  # fmt: skip
+    definitions = [f"DEFN {n} ST=RECD,RT=DATA;{form}" for n, form in enumerate(forms, 1)]
+    path.with_suffix(".dfn").write_text("\n".join([*definitions, "DEFN 7 ST=RECD,RT=;END DEFN"]))
+    widths = (6, 8, 12, 12, 9, 9)
+    rows = ["".join(map(str.rjust, row, widths)) for row in survey_rows()]
+    path.with_suffix(".dat").write_text("\n".join([*rows, ""]))
+
+
+def survey_lines(path: Path) -> object:
+    """Read survey lines; of their definitions, the file beside them."""
+    data = path.with_suffix(".dat") if path.suffix == ".dfn" else path
+    line = {} if path.suffix == ".xyz" else {"line": "LINE"}
+    return read_survey(data, SURVEY | line, quantity="disturbance")
+
+
+def imu_log(path: Path) -> None:
+    rng = np.random.default_rng(2)
+    values = rng.normal([0.0, 0.0, 0.0, 0.0, 0.0, 9.8], 1e-3, (1100, 6))
+    rows = [f"{0.01 * k:.2f},{','.join(f'{v:.6f}' for v in row)}" for k, row in enumerate(values)]
+    path.write_text("\n".join([f"time_s,{','.join(RATES)}", *rows, ""]))
+
+
 def gravity_grid(kind: str) -> Callable[[Path], object]:
     return lambda path: read_grid(path, kind)
 
@@ -143,6 +227,57 @@ def resolved(path: Path) -> object:
     return [case.strides for case in scenario.load(str(path)).cases]
 
 
+def scored(path: Path) -> None:
+    """Write a card of two cases, with texts, numbers and verdicts."""
+    other = {
+        "label": "ekf", "role": "ekf", "runs": 4, "rms_m": 1.7, "error_ratio": 0.98, "lo": 0.91,
+        "hi": 1.1, "only_scored": 1, "only_other": 0, "verdict": "as good",
+    }  # fmt: skip
+    question = {
+        "title": "Aircraft", "runs": 4, "failed": 1, "rms_m": 1.68, "bound_m": 1.5, "success": 0.75,
+        "nees": 6.2, "coverage": 0.94, "consistency": "consistent", "against": [other],
+        "errors_m": [1.2, None, 3.25, 0.5], "succeeded": [True, False, True, True],
+    }  # fmt: skip
+    card = {
+        "format": cards.FORMAT, "ggbench": "0.2.0", "results_version": 1, "suite": "ab" * 32,
+        "seed": 3700, "public": True, "runs": 4, "judged": "all",
+        "estimator": {
+            "label": "mine.py[gain=2]", "name": "mine", "parameters": {"gain": 2.0},
+            "source": "cd" * 32, "seeks": ["gc"],
+        },
+        "questions": [{"case": case} | question for case in ("air-narrow", "one-channel")],
+    }  # fmt: skip
+    path.write_text(json.dumps(card, indent=1))
+
+
+def its_card(path: Path) -> object:
+    """Read a card, compare it with itself and with its neighbour, and write its pages."""
+    found = cards.read(path)
+    assert cards_compared.differences(found, found) == []
+    scored(path.parent / "whole.json")
+    whole = cards.read(path.parent / "whole.json")
+    cards_compared.differences(found, whole)
+    failures = pd.DataFrame(columns=["case", "run", "reason", "command"])
+    page.write(found, failures, path.parent)
+    return cards_compared.worse(found, whole)
+
+
+def flown_campaign(path: Path) -> None:
+    """Write a results folder, of which the manifest is a file."""
+    folder = path.parent
+    ran(folder.parent, folder.name, ("ins", "ekf"), runs=2).store.close()
+
+
+def its_results(path: Path) -> object:
+    """Read all tables of the results folder of a manifest, as reports and ``show`` do."""
+    results = Results(path.parent)
+    try:
+        results.metrics(), results.cases(), results.pairs(), results.studies(), results.counters()
+        return results.failures(), [*results.records()], results.families, results.seeking
+    finally:
+        results.store.close()
+
+
 KINDS = {
     "track": Kind("track.csv", track, flown),
     "track with attitude": Kind("track.csv", track_with_attitude, flown),
@@ -151,6 +286,11 @@ KINDS = {
     "track, KML points": Kind("track.kml", lambda path: path.write_text(kml_points()), flown),
     "track, NMEA": Kind("track.nmea", lambda path: path.write_text(nmea()), flown),
     "track, RTKLIB": Kind("track.pos", lambda path: path.write_text(pos()), flown),
+    "track, CSRS-PPP": Kind("track.pos", lambda path: path.write_text(csrs()), flown),
+    "track, NovAtel": Kind(
+        "track.log", lambda path: path.write_text("\n".join(novatel("INSPVAA"))), flown
+    ),
+    "track, other names": Kind("track.csv", track_of_px4, flown_by_px4),
     "terrain, ESRI": Kind("dem.asc", ascii_grid, read_terrain),
     "terrain, GeoTIFF": Kind("dem.tif", lambda path: raster(path, _HEIGHTS, "m"), read_terrain),
     "terrain, tile": Kind(
@@ -187,9 +327,16 @@ KINDS = {
     "flight, receiver": Kind("gnss.csv", increments, its_flight),
     "flight, solution": Kind("ins.csv", solution, its_flight),
     "scenario": Kind("small.toml", lambda path: path.write_text(SMALL), resolved),
+    "survey, CSV": Kind("s.csv", survey_csv, survey_lines),
+    "survey, XYZ": Kind("s.xyz", survey_xyz, survey_lines),
+    "survey, GDF2": Kind("s.dat", survey_gdf2, survey_lines),
+    "survey, definitions": Kind("s.dfn", survey_gdf2, survey_lines),
+    "IMU log": Kind("imu.csv", imu_log, imu_noise),
     "waypoints, GPX": Kind("way.gpx", lambda path: path.write_text(GPX_ROUTE), read_waypoints),
     "waypoints, KML": Kind("way.kml", lambda path: path.write_text(KML_LINE), read_waypoints),
     "waypoints, CSV": Kind("way.csv", lambda path: path.write_text(CSV_PLACES), read_waypoints),
+    "card": Kind("card.json", scored, its_card),
+    "manifest": Kind("manifest.json", flown_campaign, its_results),
 }  # fmt: skip
 
 

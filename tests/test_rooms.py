@@ -26,7 +26,8 @@ FLOORS = (
     ("figures",),
     ("campaign", "matchability", "report"),
     ("display",),
-    ("api", "score"),
+    ("score",),
+    ("api",),
     ("cli",),
 )
 """A room imports what stands above it in this list, and nothing beside it or below."""

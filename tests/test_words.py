@@ -182,3 +182,28 @@ def test_a_docstring_with_such_a_word_is_found():
     """A negative control: of a module, a function and an attribute; names in code are not."""
     source = '"""Made anew."""\n\nlost = 1\n"""Nobody."""\n\ndef f(told):\n    """Told `lost`."""\n'
     assert avoided(docstrings(source)) == ["anew", "Nobody", "Told"]
+
+
+MODULES = [
+    path for room in ("ggbench", "estimators") for path in sorted((ROOT / room).rglob("*.py"))
+]
+_CLAUSE = re.compile(r"\b(?:what|who|how|which|whether|where|whose|nobody)\b", re.IGNORECASE)
+
+
+def riddles(source: str) -> list[str]:
+    """Return the first line of a module's docstring if it is missing or no noun phrase."""
+    lines = (ast.get_docstring(ast.parse(source)) or "").splitlines()
+    first = lines[0] if lines else ""
+    return [] if first.endswith(".") and not _CLAUSE.search(first) else [first or "no docstring"]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_the_first_line_of_a_module_is_a_noun_phrase(path):
+    assert riddles(path.read_text(encoding="utf-8")) == []
+
+
+def test_a_first_line_with_a_clause_is_found():
+    assert riddles('"""What a run leaves."""') == ["What a run leaves."]
+    assert riddles('"""A filter: which is which."""') == ["A filter: which is which."]
+    assert riddles("x = 1") == ["no docstring"]
+    assert riddles('"""Gaussian-sum filter, compiled."""') == []

@@ -1,4 +1,4 @@
-"""What one call of h or H costs, in NumPy and compiled."""
+"""Cost of one call of h or H, in NumPy and compiled."""
 
 from __future__ import annotations
 

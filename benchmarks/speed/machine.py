@@ -1,4 +1,4 @@
-"""What the measurements were made on."""
+"""Description of the machine of the measurements."""
 
 from __future__ import annotations
 

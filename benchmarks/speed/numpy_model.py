@@ -1,4 +1,4 @@
-"""h and H as a careful user of NumPy writes them: what the rivals are given.
+"""h and H in careful NumPy, for the other packages.
 
 h_k(x) = offset_k + g_k [reading_k(p_k − B_k x)], where p_k is the INS position, B_k x the position
 error in metres and reading_k the gradient tensor there, of a map (uniform cubic B-spline in

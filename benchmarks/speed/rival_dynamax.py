@@ -1,4 +1,4 @@
-"""dynamax (JAX), compiled: its EKF, whose H is JAX's derivative of h, and its UKF.
+"""dynamax (JAX), compiled: EKF with JAX's derivative of h, and UKF.
 
 h is written in jax.numpy with the formulas of :mod:`.numpy_model`. Readings are in units of the
 noise, because dynamax adds 1e-9 to the diagonal of what it inverts. Double precision.

@@ -1,4 +1,4 @@
-"""What a notebook or a script calls; ``import ggbench as gg`` has it all by ``gg.NAME``.
+"""Python interface: every name is available as ``gg.NAME`` after ``import ggbench as gg``.
 
     scenario = gg.load("wang2013")
     problem, truth = gg.simulate(scenario.case("0.01E-1Hz"), seed=1, run=0)

@@ -1,4 +1,4 @@
-"""Arguments of the functions for Python: what they must be, and the sentences otherwise."""
+"""Validation of arguments of the Python interface."""
 
 from __future__ import annotations
 

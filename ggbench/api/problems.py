@@ -85,13 +85,33 @@ def load(name_or_path: str | Path) -> Scenario:
     return scenarios.load(name_or_path)
 
 
-def simulate(case: CaseSpec, seed: int | None = None, run: int = 0) -> tuple[Problem, Truth]:
+def case_of(given: CaseSpec | Scenario | str | Path) -> CaseSpec:
+    """Return a case, or the first one of a scenario, its name or its path.
+
+    Raises
+    ------
+    ArgumentError, ScenarioError
+        If it is none of these, or the scenario cannot be read.
+    """
+    if isinstance(given, CaseSpec):
+        return given
+    if isinstance(given, Scenario):
+        return given.cases[0]
+    if isinstance(given, str | Path):
+        return load(given).cases[0]
+    raise ArgumentError(f"a case is scenario.case(name), or a scenario's first, not {kind(given)}")
+
+
+def simulate(
+    case: CaseSpec | Scenario | str | Path, seed: int | None = None, run: int = 0
+) -> tuple[Problem, Truth]:
     """Return the estimation problem of one run of a case, and the truth that it hides.
 
     Parameters
     ----------
-    case : as ``scenario.case(name)`` gives it, or changed by its ``model_copy``. It is flown once;
-        its runs then come quickly.
+    case : as ``scenario.case(name)`` gives it, or changed by its ``changed(key, value)``; or a
+        scenario, its name or its path, of which the first case is taken. It is flown once; its runs
+        then come quickly.
     seed : of the random numbers; by default that of the case's scenario, as for :func:`run`.
     run : its number. A campaign of the same seed has the same problem in this run.
 
@@ -102,10 +122,7 @@ def simulate(case: CaseSpec, seed: int | None = None, run: int = 0) -> tuple[Pro
     GGBenchError
         If the case cannot be flown.
     """
-    if not isinstance(case, CaseSpec):
-        raise ArgumentError(
-            f"a case is simulated, as scenario.case(name) gives it, and not {kind(case)}"
-        )
+    case = case_of(case)
     used = whole("seed", case.seed if seed is None else seed, 0, MOST_SEED)
     run = whole("run", run, 0, MOST_RUNS)
     return simulation.simulate(flight_of(scenarios.checked(case).of_run(run)), used, run)

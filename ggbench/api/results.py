@@ -47,9 +47,15 @@ class Results(folder.Results):
         )
 
     def summary(self) -> pd.DataFrame:
-        """Return the settled metrics of :data:`_SUMMARY`, a row for each case and estimator."""
+        """Return the settled metrics of :data:`_SUMMARY`, a row for each case and estimator.
+
+        The title of a case states what was changed, as the values of a sweep.
+        """
         metrics = self.metrics()
-        return metrics.loc[metrics["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)
+        table = metrics.loc[metrics["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)
+        titles = {case.name: case.title for case in self.scenario.cases}
+        table.insert(1, "title", table["case"].map(titles))
+        return table
 
     def _repr_html_(self) -> str:
         return f"<p>{escape(repr(self))}</p>{self.summary().to_html(index=False)}"

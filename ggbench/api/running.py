@@ -42,6 +42,7 @@ def run(
     cluster: str | None = None,
     time_limit: float | None = None,
     fresh: bool = False,
+    retry_failed: bool = False,
     progress: bool | Callable[[int, int], object] | None = None,
 ) -> Results:
     """Run a scenario with estimators, as ``ggbench run`` does, and return the results.
@@ -61,6 +62,7 @@ def run(
     cluster : address of a Dask scheduler to run on instead.
     time_limit : longest time of one run of one estimator [s]; by default the scenario's.
     fresh : discard what the folder holds.
+    retry_failed : run again the runs that failed, as for a licence server or a disk that was away.
     progress : whether to show what is compiled and built, and how far the runs are, on the standard
         error output; by default in a terminal and in a notebook. Or a function, which is called
         with the numbers of results stored, and to be stored, by this call.
@@ -80,8 +82,8 @@ def run(
         raise ArgumentError("jobs are of this machine and a cluster is others: give one of them")
     if time_limit is not None and not 0.0 < number("time_limit", time_limit) <= _LONGEST_S:
         raise ArgumentError(f"time_limit is {time_limit} s and must lie above 0, to {_LONGEST_S:g}")
-    loaded, chosen_cases = _scenario(scenario)
-    texts = [_text(item) for item in listed(estimators, str | Estimator, "estimators")]
+    loaded, chosen_cases = scenario_of(scenario)
+    texts = [text_of_estimator(item) for item in listed(estimators, str | Estimator, "estimators")]
     kept = None if output is not None else tempfile.mkdtemp(prefix="ggbench-")
     shown = shown_progress(progress, loaded.name)
     try:
@@ -107,6 +109,7 @@ def run(
                 assumptions=assumptions,
                 time_limit=time_limit,
                 fresh=fresh,
+                retry_failed=retry_failed,
             )
             compile_them(work.labels)
             shown.tell_first_use(compiled, work.plan.scenario)
@@ -163,10 +166,13 @@ def sweep(
     return run(points, estimators, runs, **options)
 
 
-def _scenario(
+def scenario_of(
     given: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Return a whole scenario and, if only some of its cases are given, their names."""
+    """Return a whole scenario and, if only some of its cases are given, their names.
+
+    Raise ArgumentError if there is no case, ScenarioError if a file cannot be read.
+    """
     if isinstance(given, CaseSpec):
         return written.of_cases([given]), ()
     if isinstance(given, Scenario):
@@ -181,5 +187,6 @@ def _scenario(
     return load(given), ()
 
 
-def _text(item: str | Estimator) -> str:
+def text_of_estimator(item: str | Estimator) -> str:
+    """Return the text that names an estimator."""
     return str(registry.spec_of(item)) if isinstance(item, Estimator) else item

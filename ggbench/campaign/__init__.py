@@ -1,1 +1,1 @@
-"""Which runs there are, and running them: here, in processes, on a cluster."""
+"""Campaigns: lists of runs, and their execution in processes or on a cluster."""

@@ -1,4 +1,4 @@
-"""Many runs: what they are, and which of them are stored already.
+"""Campaigns: the runs of a scenario, and the stored results that they can reuse.
 
 A task is runs of one case, simulated once and given to every estimator, so that differences
 between estimators are paired. Estimators that take many runs at once have tasks of their own; what
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import itertools
 import math
 import os
 import platform
@@ -25,12 +26,13 @@ from ..problem import Problem
 from ..results.database import StoreError
 from ..results.store import FORMAT, Store, read_manifest, require_ours
 from ..spec.case import CaseSpec
+from ..spec.limits import MOST_RUNS, MOST_SEED
 from ..spec.scenario import Scenario
 from ..spec.unusual_values import unusual_values
 from . import result_keys
 from .flights import first_problem, flight_of
 from .records import lag_epochs, shared_arrays
-from .registry import choose, choose_all
+from .registry import choose, choose_all, own_file
 from .runner import EstimatorKeys, Task, by_block_size
 from .texts import exception_text
 
@@ -55,7 +57,10 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Turn an error of the user's into a CampaignError that names the case."""
+    """Turn an error of the user's into a CampaignError that names the case.
+
+    Raise CampaignError in its place.
+    """
     try:
         yield
     except GGBenchError as error:
@@ -141,30 +146,36 @@ class Tasks:
     A range of runs of all cases comes before the next one, and estimators that do not take many
     runs at once go through it run by run: an interrupted campaign has runs of all cases. Where each
     run has a flight of its own, all estimators go through a range at once: it is made only once.
+    Users' own files have tasks of their own, after those of the installed estimators, so that what
+    their code changes in a process reaches no other estimator.
     """
 
     def __init__(self, cells: Sequence[PendingCell], seed: int) -> None:
         self._seed = seed
         self.results = sum(int(cell.missing.sum()) for cell in cells)
         """Number of results to come."""
-        self._at_once: list[PendingCell] = []
-        self._one_by_one: list[PendingCell] = []
+        self._groups: dict[str, tuple[list[PendingCell], list[PendingCell]]] = {"": ([], [])}
+        """By own file, "" for the installed ones: cells at once, and cells run by run."""
         for cell in cells:
-            sides = (cell.pairs, ()) if cell.case.drawn else by_block_size(cell.pairs)
-            for cells_of, pairs in zip((self._at_once, self._one_by_one), sides, strict=True):
-                where = [cell.pairs.index(pair) for pair in pairs]
-                cells_of.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
+            for file in dict.fromkeys(own_file(label) for label, _ in cell.pairs):
+                own = tuple(pair for pair in cell.pairs if own_file(pair[0]) == file)
+                sides = (own, ()) if cell.case.drawn else by_block_size(own)
+                group = self._groups.setdefault(file, ([], []))
+                for cells_of, pairs in zip(group, sides, strict=True):
+                    where = [cell.pairs.index(pair) for pair in pairs]
+                    cells_of.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
 
     def __iter__(self) -> Iterator[Task]:
-        cells = [*self._at_once, *self._one_by_one]
-        most = max((cell.missing.shape[1] for cell in cells), default=0)
+        sides = itertools.chain.from_iterable(self._groups.values())
+        most = max((cell.missing.shape[1] for cells in sides for cell in cells), default=0)
         for start in range(0, most, TASK_RUNS):
             stop = min(start + TASK_RUNS, most)
-            for cell in self._at_once:
-                yield from self._blocks(cell, start, stop)
-            for run in range(start, stop):
-                for cell in self._one_by_one:
-                    yield from self._blocks(cell, run, run + 1)
+            for at_once, one_by_one in self._groups.values():
+                for cell in at_once:
+                    yield from self._blocks(cell, start, stop)
+                for run in range(start, stop):
+                    for cell in one_by_one:
+                        yield from self._blocks(cell, run, run + 1)
 
     def _blocks(self, cell: PendingCell, start: int, stop: int) -> Iterator[Task]:
         """Yield tasks of a range of runs: one of each set of estimators that miss the same runs."""
@@ -191,6 +202,7 @@ class Campaign:
     cases : names of the cases to run; none: all.
     limit : longest time of one run of one estimator [s].
     fresh : discard what the folder holds of an earlier campaign.
+    retry_failed : run failed runs again; a result of the new attempt replaces the failure.
     """
 
     scenario: Scenario
@@ -203,9 +215,15 @@ class Campaign:
     cases: tuple[str, ...] = ()
     limit: float = 600.0
     fresh: bool = False
+    retry_failed: bool = False
     plan: Plan = field(init=False)
 
     def __post_init__(self) -> None:
+        for name, value, least, most in (
+            ("runs", self.runs, 1, MOST_RUNS), ("seed", self.seed, 0, MOST_SEED)
+        ):  # fmt: skip
+            if not least <= value <= most:
+                raise CampaignError(f"{name} is {value} and must be from {least} to {most}")
         # Once: a file that is edited later changes nothing of what is run and how it is stored.
         scenario = self.scenario.select(self.cases) if self.cases else self.scenario
         choices = {label: choose(label) for label in self.labels}
@@ -232,6 +250,16 @@ class Campaign:
         left_out = self._leave_out()
         remarks = [*unusual_values(self.plan.scenario), *left_out, *self._seeking()]
         store = Store(self.folder, create=True, fresh=self.fresh)
+        try:
+            return store, [*remarks, *self._joined_to(store)]
+        except BaseException:
+            store.close()  # or the folder would be locked as long as this process lives
+            raise
+
+    def _joined_to(self, store: Store) -> list[str]:
+        """Write the manifest of this campaign and of what its folder holds; return remarks."""
+        # Again: another campaign may have finished here before the folder was locked.
+        self._require_folder()
         plan = self.plan
         if (self.folder / "manifest.json").exists():
             finished, held = store.finished().keys(), read_manifest(self.folder)
@@ -242,17 +270,17 @@ class Campaign:
         store.write_manifest(manifest)
         used = {cell["key"] for cell in manifest["cells"]}
         unused = sum(len(runs) for key, runs in store.finished().items() if key not in used)
-        if unused:
-            remarks.append(
-                f"{self.folder} holds {unused} results that are not part of this (another seed, "
-                "source or version; a case or estimator since changed or removed): they are kept "
-                "and not used; --fresh discards them"
-            )
-        return store, remarks
+        if not unused:
+            return []
+        return [
+            f"{self.folder} holds {unused} results that are not part of this (another seed, "
+            "source or version; a case or estimator since changed or removed): they are kept "
+            "and not used; --fresh discards them"
+        ]
 
     def tasks(self, store: Store) -> Tasks:
         """Return the tasks whose results are not stored yet."""
-        return self._tasks(store.finished(self.limit))
+        return self._tasks(store.finished(self.limit, self.retry_failed))
 
     def missing(self, store: Store) -> int:
         """Return how many of the results asked for are not there, not even as failures."""
@@ -384,6 +412,7 @@ def planned(
     assumptions: bool = False,
     time_limit: float | None = None,
     fresh: bool = False,
+    retry_failed: bool = False,
 ) -> Campaign:
     """Return the campaign that is asked for; what is not said is as the scenario has it.
 
@@ -404,4 +433,5 @@ def planned(
         cases=tuple(cases),
         limit=settings.time_limit_s if time_limit is None else time_limit,
         fresh=fresh,
+        retry_failed=retry_failed,
     )

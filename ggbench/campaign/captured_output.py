@@ -1,4 +1,4 @@
-"""Captured output of a worker process, of which the end of each run is kept."""
+"""Captured output of a worker process: the last part of each run."""
 
 from __future__ import annotations
 

@@ -189,6 +189,8 @@ def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
     """Run a task in this thread's own process, on a worker of the cluster.
 
     ``stopped`` names the event that says that its result is no longer awaited.
+
+    Raise ClusterError if no process can be started.
     """
     from distributed import Event
 

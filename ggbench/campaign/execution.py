@@ -1,4 +1,4 @@
-"""Running tasks on this machine: in this process, or in worker processes with one BLAS thread.
+"""Execution of tasks on this machine: in this process, or in single-threaded workers.
 
 Each engine yields results as they come, in whatever order; what a result is does not depend on it.
 """
@@ -30,11 +30,22 @@ class ExecutionError(GGBenchError):
 
 
 def in_process(tasks: Iterable[Task]) -> Generator[list[Result]]:
-    """Run tasks in this process, where a debugger reaches them; no time limit applies."""
+    """Run tasks in this process, where a debugger reaches them; no time limit applies.
+
+    A failure after the code of another estimator's own file has run here may be that file's doing.
+    It is not final: another campaign in the same folder tries it again.
+    """
+    guests: frozenset[str] = frozenset()
     for task in tasks:
+        guests |= task.guests
         for message in run_task(task):
             if isinstance(message, list):
-                yield message
+                yield [_not_final(r) for r in message] if guests - task.guests else message
+
+
+def _not_final(result: Result) -> Result:
+    failed = result.record["status"] != "ok"
+    return result._replace(retry_above=0.0) if failed else result
 
 
 def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[list[Result]]:
@@ -72,7 +83,10 @@ def drive(
     while True:
         for member in pool:
             if member.idle and queue:
-                member.begin(queue.pop())
+                if member.guests <= queue.first.task.guests:
+                    member.begin(queue.pop())
+                else:  # code of another estimator's file has run in its process
+                    member.renew()
         finished = not queue and not any(member.attempt for member in pool)
         start = time.monotonic()
         if results and (finished or len(results) >= _BATCH or start - stored >= _BATCH_S):
@@ -119,6 +133,11 @@ class _Queue:
             self._next += [Attempt(task) for task in itertools.islice(self._tasks, 1)]
         return bool(self._next)
 
+    @property
+    def first(self) -> Attempt:
+        """The attempt that is next."""
+        return self._next[0]
+
     def pop(self) -> Attempt:
         return self._next.popleft()
 
@@ -145,6 +164,8 @@ class WorkerSlot:
 
     def _start(self) -> None:
         self.worker = Worker()
+        self.guests: frozenset[str] = frozenset()
+        """Users' own files whose code has run in the process."""
         self.idle = False
         self.attempt: Attempt | None = None
         self.deadline = math.inf
@@ -155,6 +176,7 @@ class WorkerSlot:
     def begin(self, attempt: Attempt) -> None:
         """Give the worker something to do."""
         self.idle, self.attempt = False, attempt
+        self.guests |= attempt.task.guests
         self._keys = dict(attempt.task.estimators)
         self._left = {label: set(attempt.task.runs) for label in self._keys}
         self.worker.give(attempt.task)
@@ -221,7 +243,7 @@ class WorkerSlot:
             else:
                 again += self._retry(blamed, one_by_one=True, second=True)
             again += self._retry(self._left)
-        self._restart()
+        self.renew()
 
     def _stop(self, results: list[Result], again: list[Attempt]) -> None:
         """Kill a worker that is over its time limit: the result of the run that it is at."""
@@ -233,7 +255,7 @@ class WorkerSlot:
             reason = f"over its time limit of {self.limit:g} s"
             results += self._lost(blamed, reason, self.limit)
         again += self._retry(self._left)
-        self._restart()
+        self.renew()
 
     def _retry(
         self, left: Mapping[str, set[int]], one_by_one: bool = False, second: bool = False
@@ -276,6 +298,7 @@ class WorkerSlot:
                 result.record["output"] = output
         return results
 
-    def _restart(self) -> None:
+    def renew(self) -> None:
+        """End the process, and start another one in its place."""
         self.worker.kill()
         self._start()

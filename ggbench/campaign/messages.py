@@ -1,4 +1,4 @@
-"""Messages between two processes, of which one runs code that may write anything anywhere.
+"""Messages between a campaign and its workers, framed against arbitrary output.
 
 A message is its length, a checksum and its pickled bytes. Nothing is unpickled that was not sent as
 a message: bytes that something else wrote in between are seen, and are no message.
@@ -50,4 +50,8 @@ class Inbox:
             del self._held[:end]
             if zlib.crc32(content) != checksum:
                 raise GarbledError
-            yield pickle.loads(content)
+            try:
+                message = pickle.loads(content)
+            except Exception:  # of a process that changed how messages are written
+                raise GarbledError from None
+            yield message

@@ -1,4 +1,4 @@
-"""What runs leave behind: a record of each, its time series, and what all runs of a case share."""
+"""Records of runs, their time series, and arrays common to the runs of a case."""
 
 from __future__ import annotations
 
@@ -270,7 +270,9 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
     if true is not None:
         arrays |= _gradient_signals(flight, true, seed)
     if flight.field.has_map:
-        arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
+        arrays |= _map_signals(
+            flight.field, float(np.mean(flight.field.coordinates(arrays["track"])[:, 2]))
+        )
     return arrays
 
 
@@ -332,11 +334,13 @@ def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str,
 
 @lru_cache(maxsize=8)
 def _map_signals(field: Field, height: float) -> dict[str, np.ndarray]:
-    """Return the disturbing vertical gradient over the whole map, at a height [m]."""
+    """Return the disturbing vertical gradient over the whole map, at a height of its nodes [m]."""
     latitude = np.linspace(field.origin[0], field.upper[0], 101)
     longitude = np.linspace(field.origin[1], field.upper[1], 161)
     return {
         "map_latitude": latitude,
         "map_longitude": longitude,
-        "map_vertical": field.vertical_disturbance(latitude[:, None], longitude[None, :], height),
+        "map_vertical": field.vertical_disturbance(
+            *field.over_nodes(latitude[:, None], longitude[None, :], height)
+        ),
     }

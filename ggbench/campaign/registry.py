@@ -130,10 +130,9 @@ def choose(text: str) -> Choice:
         raise EstimatorError(
             f"{text!a} names an estimator with characters that are no Unicode: rename its file"
         ) from None
-    try:
-        given = EstimatorSpec.parse(text)
-    except ValueError as error:
-        raise EstimatorError(str(error)) from None
+    if "\0" in text:
+        raise EstimatorError(f"{text!a} names an estimator with a null character")
+    given = _parsed(text)
     name = given.name
     if name.endswith(".py"):
         cls = _from_file(Path(name))
@@ -141,7 +140,7 @@ def choose(text: str) -> Choice:
         from ..exchange import programs  # not at the top: few need it
 
         cls = programs.estimator_of(name)
-    elif Path(name).suffix in SUFFIXES or Path(name).is_dir():
+    elif _holds_estimates(name):
         from ..exchange import estimate_files
 
         cls = estimate_files.estimator_of(Path(name))
@@ -231,14 +230,47 @@ def choose_all(texts: Iterable[str]) -> list[Choice]:
     is no such roster.
     """
     chosen: list[Choice] = []
-    try:
-        listed = expanded(texts)
-    except ValueError as error:
-        raise EstimatorError(f"{error}") from None
-    for choice in map(choose, listed):
+    for choice in map(choose, listed(texts)):
         if all(choice.content != other.content for other in chosen):
             chosen.append(choice)
     return chosen
+
+
+def listed(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return texts with rosters ``@NAME`` expanded; raise EstimatorError if there is no such."""
+    try:
+        return expanded(texts)
+    except ValueError as error:
+        raise EstimatorError(f"{error}") from None
+
+
+def is_own(text: str) -> bool:
+    """Return whether a text names a file or a program, not an installed estimator.
+
+    Raise EstimatorError if it is no text ``NAME`` or ``NAME[parameter=value,...]``.
+    """
+    name = _parsed(text).name
+    return name.endswith(".py") or name.startswith(PROGRAM) or _holds_estimates(name)
+
+
+def own_file(label: str) -> str:
+    """Return the path of the user's own module that a label names, "" if it names another kind."""
+    name = _parsed(label).name
+    return name if name.endswith(".py") else ""
+
+
+def _holds_estimates(name: str) -> bool:
+    if Path(name).suffix in SUFFIXES:
+        return True
+    # An installed name stays what it is, whatever folders are here.
+    return name not in estimator_points() | framework_points() and Path(name).is_dir()
+
+
+def _parsed(text: str) -> EstimatorSpec:
+    try:
+        return EstimatorSpec.parse(text)
+    except ValueError as error:
+        raise EstimatorError(str(error)) from None
 
 
 def _require_interface(cls: type[Estimator], name: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import os
 import time
 import warnings
@@ -30,8 +31,11 @@ from ..spec.case import CaseSpec
 from . import result_keys
 from .flights import SimulatedRuns, groups_of_runs, simulated
 from .records import TimedEstimates, evaluate_runs, new_record, remarks
-from .registry import Choice, choose
+from .registry import Choice, choose, own_file
 from .texts import exception_text, traceback_text
+
+clock = time.perf_counter
+"""Taken before an estimator can replace it."""
 
 
 class OtherSourceError(GGBenchError):
@@ -59,6 +63,11 @@ class Task:
     runs: Sequence[int]
     seed: int
     estimators: EstimatorKeys
+
+    @property
+    def guests(self) -> frozenset[str]:
+        """The users' own files among the estimators, whose code may change the process."""
+        return frozenset(filter(None, (own_file(label) for label, _ in self.estimators)))
 
 
 @dataclass(frozen=True)
@@ -274,6 +283,12 @@ def timed_estimates(
     )
 
 
+def _duration(seconds: Any) -> float:
+    """Return a duration as a record can hold it: NaN where it is none."""
+    found = isinstance(seconds, float) and 0.0 <= seconds < math.inf
+    return seconds if found else math.nan
+
+
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
     """Return what an estimator returns, and how long it took [s].
 
@@ -283,9 +298,9 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
     folder = Path.cwd()
     try:
         with np.errstate(), warnings.catch_warnings():
-            start = time.perf_counter()
+            start = clock()
             found = work()
-            return found, time.perf_counter() - start
+            return found, _duration(clock() - start)
     finally:
         os.chdir(folder)
 

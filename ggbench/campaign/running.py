@@ -1,4 +1,4 @@
-"""Runs of a campaign that its folder lacks, on this machine or on others, and their tables."""
+"""Execution of a campaign's missing runs, and the tables of its folder."""
 
 from __future__ import annotations
 

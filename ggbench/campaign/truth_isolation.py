@@ -1,4 +1,4 @@
-"""Truth out of the reach of estimators, and names in their source that lead to it.
+"""Isolation of the truth from estimators, and detection of names that lead to it.
 
 This guards against mistakes: what an estimator finds by accident, or by looking through the objects
 of its process. It is no prison: code that runs in a process can read all of its memory. So an

@@ -1,4 +1,4 @@
-"""A process of its own for runs: what an estimator does to it is its own affair.
+"""Worker process that isolates estimators from the campaign.
 
 The parent gives a :class:`Worker` one task at a time and receives, as they come, who has started
 and what has finished. A worker that dies or must be killed takes only the runs in flight with it,
@@ -19,6 +19,7 @@ import threading
 import time
 import uuid
 from collections.abc import Collection, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GGBenchError
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 _WATCH_S = 1.0
 _PATIENCE_S = 2.0
 _PIECE = 1 << 20
+_OOM_SCORE = 800
+"""Of 1000 that a worker adds to its memory in the eyes of the kernel's out-of-memory killer."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of one BLAS thread: more double the processor time for nothing on small matrices."""
 living_workers: set[Worker] = set()
@@ -194,11 +197,18 @@ def _end_with_parent(parent: int, mark: str) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def _die_before_the_parent() -> None:
+    """Have the kernel end this process and its children first where memory runs out, on Linux."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text(f"{_OOM_SCORE}\n", encoding="ascii")
+
+
 def main(descriptor: int, parent: int) -> None:
     """Run the tasks that arrive, until there will be no more."""
     mark = os.environ[orphan_processes.MARK]
     _end_with_parent(parent, mark)
     orphan_processes.adopt_orphans()
+    _die_before_the_parent()
     output = os.dup(1)  # an estimator may close its own, or lead it elsewhere
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # so that a process that dies has said it

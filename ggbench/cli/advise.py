@@ -1,4 +1,4 @@
-"""``ggbench advise``: which estimator and which instrument for one's own case."""
+"""``ggbench advise``: recommended estimator and instrument for a user's case."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _SMALL = 0.005
     "-n",
     "--runs",
     type=click.IntRange(2, MOST_RUNS),
-    default=20,
+    default=40,  # fewer give no recommendation
     show_default=True,
     help="Runs of each estimator.",
 )
@@ -89,12 +89,12 @@ def _print(found: Advice) -> None:
     from ..report import columns
     from ..score import advice as advices
 
-    headings = ("RMS m", "× oracle", "success", "", "ms/run")
+    headings = ("RMS m", "× oracle", "success", "", "usual ms/run")
     table = ResponsiveTable(
         f"{found.case.title}: bound {columns.metres(found.bound_m)} m",
         [("estimator", "name"), *((heading, "number") for heading in headings)],
     )
-    rows = advices.table(found)
+    rows, usual = advices.table(found), advices.usual_seconds()
     for row in rows.to_dict("records"):
         table.add_row(
             row["estimator"],
@@ -102,17 +102,22 @@ def _print(found: Advice) -> None:
             columns.cell("efficiency", row["efficiency"]),
             columns.cell("success", row["success"]),
             columns.SYMBOLS.get(row["consistency"], ""),
-            f"{1e3 * row['seconds_per_run']:.1f}",
+            f"{1e3 * usual[row['estimator']]:.3g}" if row["estimator"] in usual else "",
         )
     table.print(console)
+    errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
     label, surely = advices.recommended(found)
-    own = rows[rows["estimator"] == label]
-    if len(own):
-        what = "Use" if surely else "No estimator is recommended; the least bad is"
-        row = own.iloc[0]
+    if label in errors:
+        verdict = "use" if surely else "no estimator is recommended; the least bad is"
+        console.out(f"In flight: {verdict} {label}, RMS error {columns.metres(errors[label])} m.")
+    smoother = advices.after_landing(found)
+    if smoother in errors:
+        console.out(f"After landing: {smoother}, RMS error {columns.metres(errors[smoother])} m.")
+    row = found.results.cases().iloc[0]
+    if math.isfinite(row["width"]):
         console.out(
-            f"{what} {label}: RMS error {columns.metres(row['rms_m'])} m, "
-            f"{1e3 * row['seconds_per_run']:.1f} ms per run."
+            f"The initial uncertainty is {row['width']:.2g} correlation lengths of the field "
+            f"({1e-3 * row['correlation_m']:.3g} km): {advices.on_the_prior(row['width'])}."
         )
     table = ResponsiveTable(
         "What limits the accuracy: each cause halved",

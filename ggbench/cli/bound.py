@@ -1,4 +1,4 @@
-"""``ggbench bound``: what a planned flight can reach, before anything is run."""
+"""``ggbench bound``: Cramér–Rao bound of a planned flight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The group of all commands: how they end, and what they print to."""
+"""Base class of all commands: exit codes and output streams."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ..errors import GGBenchError
-from ..files import out_of_space, reason_of
+from ..files import end_if_asked, out_of_space, reason_of
 from .interrupts import requests_to_end
 
 EXIT_BAD_INPUT = 2
@@ -31,9 +31,20 @@ class Commands(click.Group):
         with requests_to_end(EXIT_INTERRUPTED):
             return self._told(context)
 
+    def _to_its_end(self, context: click.Context) -> Any:
+        """Run a command; raise KeyboardInterrupt if it swallowed a request to end."""
+        try:
+            found = super().invoke(context)
+        except SystemExit as end:
+            if not end.code:
+                end_if_asked()
+            raise
+        end_if_asked()
+        return found
+
     def _told(self, context: click.Context) -> Any:
         try:
-            return super().invoke(context)
+            return self._to_its_end(context)
         except GGBenchError as error:
             click.echo(f"ggbench: {error}", err=True)
             context.exit(EXIT_BAD_INPUT)

@@ -149,11 +149,12 @@ def _bounds(spec: FieldSpec) -> Bounds:
 
     Of a map that is not built, those that are asked for: its nodes reach at least so far.
     """
-    if spec.source == "normal" or is_file(spec.source) or spec.error is not None:
-        if spec.error is not None:  # which asks for the nodes of the right map
+    if spec.source == "normal" or is_file(spec.source) or spec.error is not None or spec.drape:
+        # Errors ask for the nodes of the right map, and only a draped map has its base.
+        if spec.error is not None or spec.drape:
             tell_maps([spec])
         field = make_field(spec)
-        return Bounds(field.lower, field.upper, field.step)
+        return Bounds(field.lower, field.upper, field.step, field)
     wanted = recipe.checked(map_recipe(spec))
     degrees = [[wanted.south_deg, wanted.west_deg], [wanted.north_deg, wanted.east_deg]]
     lower, upper = np.radians(degrees)

@@ -1,4 +1,4 @@
-"""Flights of a scenario in a line each, and warnings of those that no vehicle flies."""
+"""Summaries of a scenario's flights, one line each, with warnings about unusual motion."""
 
 from __future__ import annotations
 
@@ -62,10 +62,13 @@ def _flight(each: Examined) -> str:
     )
     if margin is None:
         return f"{text}no map"
-    return (
-        f"{text}{short(margin.border / 1e3)} km from the map's border ({margin.side}), "
+    text += (
+        f"{short(margin.border / 1e3)} km from the map's border ({margin.side}), "
         f"{margin.below:.0f} m above its lowest height and {margin.above:.0f} m below its highest"
     )
+    if margin.lowest is None:
+        return text
+    return f"{text}; at least {margin.below + margin.lowest:.0f} m above its base surface"
 
 
 def _ins(each: Examined) -> str:

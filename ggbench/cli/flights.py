@@ -51,7 +51,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     from ..recorded.corrected import Residuals, residuals
     from ..recorded.flight import read_flight
     from ..recorded.recording import require_empty
-    from ..recorded.suspicion import suspicions
+    from ..recorded.suspicion import remarks, suspicions
     from ..report import flight_report
 
     choices = registry.choose_all(estimators or ("ekf",))
@@ -83,6 +83,8 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         click.echo(f"{choice.label}: {start.since()}")
     if not found:
         raise GGBenchError("no estimator gave an estimate: nothing is written")
+    for remark in remarks(recorded, by_label):
+        click.echo(f"Note: {remark}.")
     for suspicion in suspicions(recorded, by_label):
         click.echo(f"Warning: {suspicion}.")
     families = {choice.label: choice.family for choice in choices}

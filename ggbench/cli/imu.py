@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+
+from ..errors import GGBenchError
 
 if TYPE_CHECKING:
     from ..recorded.allan import ImuNoise, SensorNoise
@@ -15,7 +18,19 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
-def imu(log: Path) -> None:
+@click.option(
+    "--column",
+    multiple=True,
+    metavar="KEY=COLUMN",
+    help="What the log calls a column; a unit may follow, as in 'time_s=stamp [us]'; may be "
+    "repeated.",
+)
+@click.option(
+    "--preset",
+    type=click.Choice(["euroc", "px4", "ros"]),
+    help="Names and units of EuRoC MAV, PX4's sensor_combined or 'rostopic echo -p'.",
+)
+def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
     """Print the [imu] table of the sensors in LOG, by their Allan deviation.
 
     LOG is a record at rest, an hour or more: CSV or netCDF with time_s, angular_rate_x_radps and so
@@ -23,8 +38,37 @@ def imu(log: Path) -> None:
     that changes (Gauss–Markov) are fitted to the mean of the three axes.
     """
     from ..recorded.allan import imu_noise
+    from ..spec.sensors import ImuSpec
+    from ..spec.unusual_values import unusual_in
 
-    click.echo("\n".join(_lines(imu_noise(log), log.name)))
+    unequal = [text for text in column if "=" not in text]
+    if unequal:
+        raise GGBenchError(f"--column {unequal[0]} must be written KEY=COLUMN")
+    if column and preset:
+        raise GGBenchError("--column and --preset both name the columns: give one of them")
+    names = dict(text.split("=", 1) for text in column)
+    noise = imu_noise(log, preset or names or None)
+    text = "\n".join(_lines(noise, log.name))
+    for doubt in noise.doubts:
+        click.echo(f"Warning: {doubt}.", err=True)
+    table = ImuSpec.model_construct(**tomllib.loads(text)["imu"])
+    for key, value, usual in unusual_in(table, "imu."):
+        if key.endswith("_s"):
+            continue  # of times none is a grade's
+        sensor = "gyros" if "gyro" in key else "accelerometers"
+        said = f"{key} = {value:.3g} lies beyond any grade ({usual}): {_cause(value, sensor)}"
+        click.echo(f"Warning: {said}", err=True)
+    click.echo(text)
+
+
+def _cause(value: float, sensor: str) -> str:
+    """Return what a noise beyond any grade is likely to come from."""
+    if sensor == "gyros":
+        return (
+            f"if the gyros are in °/s, it is {math.radians(value):.3g}: state the unit, as in "
+            "--column 'angular_rate_x_radps=angular_rate_x_radps [deg/s]'."
+        )
+    return "are the accelerometers' columns in another unit?"
 
 
 def _lines(noise: ImuNoise, name: str) -> Iterator[str]:
@@ -32,6 +76,8 @@ def _lines(noise: ImuNoise, name: str) -> Iterator[str]:
 
     yield "[imu]"
     yield f"# from {name}: {noise.duration:.0f} s at rest; mean of three axes"
+    for remark in noise.remarks:
+        yield f"# {remark}"
     yield f"period_s = {noise.period:.6g}"
     per_hour = math.degrees(3600.0)
     yield from _keys(

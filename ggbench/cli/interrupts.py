@@ -1,4 +1,4 @@
-"""Requests to end: the first one sums up what is finished, the second ends at once."""
+"""Interrupts: the first one summarises finished runs, the second one ends at once."""
 
 from __future__ import annotations
 

@@ -220,6 +220,8 @@ def _value(schema: Schema) -> Schema:
 def _kind(schema: Schema) -> str:
     """Return in words what a value may be."""
     schema = _value(schema)
+    if "anyOf" in schema and "type" not in schema:
+        return " or ".join(map(_kind, schema["anyOf"]))
     if "enum" in schema:
         return ", ".join(f'"{choice}"' for choice in schema["enum"])
     if schema["type"] != "array":

@@ -64,7 +64,7 @@ def run_all(names: Sequence[str], run_one: Callable[[str], Outcome]) -> list[Out
             text = str(error) if isinstance(error, GGBenchError) else exception_text(error)
             outcome = Outcome(name, error=text)
             console.out(f"{name} failed: {text}")
-        outcomes.append(replace(outcome, seconds=time.monotonic() - start))
+        outcomes.append(replace(outcome, seconds=max(time.monotonic() - start, 0.0)))
         forget_flights()
         if outcome.interrupted:
             break

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from . import early_interrupts  # noqa: F401
+
+# isort: split
 import os
 import sys
 from dataclasses import dataclass, replace
@@ -20,6 +23,7 @@ from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .advise import advise
 from .bound import bound
+from .cards import cards
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
 from .exchange import export, judge
@@ -55,6 +59,7 @@ for _command in (
     map_group,
     advise,
     bound,
+    cards,
     check,
     imu,
     keys,
@@ -140,6 +145,11 @@ def list_command() -> None:
     help="Go on from what the results folder holds, or discard it  [resume].",
 )
 @click.option(
+    "--retry-failed",
+    is_flag=True,
+    help="Run failed runs again, as of a licence server or a disk that was away.",
+)
+@click.option(
     "-j",
     "--jobs",
     type=click.IntRange(0),
@@ -176,6 +186,8 @@ def run(
     asked = _Asked(**options)
     if asked.cluster and asked.jobs is not None:
         raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
+    if asked.retry_failed and not asked.resume:
+        raise click.UsageError("--fresh discards all runs: --retry-failed has none to run again")
     if whole_library and (scenario_name or asked.cases or one_run is not None):
         raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
     if scenario_name is None and not whole_library:
@@ -204,6 +216,7 @@ class _Asked:
     cases: tuple[str, ...] = ()
     assumptions: bool = False
     resume: bool = True
+    retry_failed: bool = False
     jobs: int | None = None
     cluster: str | None = None
     time_limit: float | None = None
@@ -250,6 +263,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
             assumptions=asked.assumptions,
             time_limit=asked.time_limit,
             fresh=not asked.resume,
+            retry_failed=asked.retry_failed,
         )
         compile_them(work.labels)
         planned = work.plan.scenario

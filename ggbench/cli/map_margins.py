@@ -1,7 +1,8 @@
-"""How far inside its map a flight stays, and whether the error of its INS has room there."""
+"""Margins between a flight and the edges of its map, compared with the drift of the INS."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from ..campaign.records import BORDER
 from ..figures.numbers import short, some
 from ..gravity.ellipsoid import metres_along
+from ..gravity.field import Field
 from ..gravity.meridians import turns
 from ..simulation.ins_error import InsError
 from ..spec.aiding import BarometerSpec, GnssSpec
@@ -28,19 +30,21 @@ class Bounds:
 
     Attributes
     ----------
-    lower, upper : (3,) latitude, longitude [rad] and height [m].
+    lower, upper : (3,) latitude, longitude [rad] and height [m], of a draped map above its base.
     step : (3,) distance of its nodes.
+    field : whose base surface that is; a map that is not built is level.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     step: np.ndarray
+    field: Field = dataclasses.field(default_factory=Field.normal)
 
     @property
     def with_border(self) -> Bounds:
         """The same with the border around it that counts as inside."""
         room = BORDER * self.step
-        return Bounds(self.lower - room, self.upper + room, self.step)
+        return dataclasses.replace(self, lower=self.lower - room, upper=self.upper + room)
 
     @property
     def finite(self) -> bool:
@@ -57,12 +61,14 @@ class Margin:
     border : least distance to a side of the map [m].
     side : name of that side.
     below, above : least distances to its lowest and its highest nodes [m].
+    lowest : of its nodes above its base surface [m]; None: the map is level.
     """
 
     border: float
     side: str
     below: float
     above: float
+    lowest: float | None = None
 
 
 @dataclass(frozen=True)
@@ -89,13 +95,14 @@ def distances(
     lower, upper, positions = bounds.lower, bounds.upper, trajectory.positions[samples]
     turn = turns(0.5 * (lower[1] + upper[1]), trajectory.positions[0, 1], math.tau)
     metres = metres_along(positions)
+    heights = bounds.field.coordinates(positions - np.array([0.0, turn, 0.0]))[:, 2]
     return {
         "south": (positions[:, 0] - lower[0]) * metres[:, 1],
         "north": (upper[0] - positions[:, 0]) * metres[:, 1],
         "west": (positions[:, 1] - lower[1] - turn) * metres[:, 0],
         "east": (upper[1] + turn - positions[:, 1]) * metres[:, 0],
-        "below": positions[:, 2] - lower[2],
-        "above": upper[2] - positions[:, 2],
+        "below": heights - lower[2],
+        "above": upper[2] - heights,
     }
 
 
@@ -103,7 +110,8 @@ def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
     """Return how far inside a map a flight stays."""
     least = {side: float(found.min()) for side, found in distances(trajectory, bounds).items()}
     side = min(SIDES, key=lambda each: least[each])
-    return Margin(least[side], side, least["below"], least["above"])
+    lowest = float(bounds.lower[2]) if bounds.field.is_draped else None
+    return Margin(least[side], side, least["below"], least["above"], lowest)
 
 
 def shortfalls(

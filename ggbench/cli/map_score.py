@@ -1,4 +1,4 @@
-"""``ggbench map score``: where on a map matching is worth while."""
+"""``ggbench map score``: suitability of a map's areas for matching."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""``ggbench map``: build a gravity-gradient map from a user's own data, show what a map is."""
+"""``ggbench map``: build a gravity-gradient map from user data, or describe a map."""
 
 from __future__ import annotations
 
 import datetime
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from .map_score import score
 from .screen import console
 
 _FILE = click.Path(path_type=Path)
+_SAID_EVERY_S = 10.0
 _DEGREE = click.IntRange(2)
 _SOURCES = (
     "terrain",
@@ -50,9 +52,8 @@ map_group.add_command(score)
 @click.option(
     "--geoid-height",
     type=float,
-    default=0.0,
-    show_default=True,
-    help="Height of the terrain's zero level above the ellipsoid [m].",
+    help="Height of the terrain's zero level above the ellipsoid [m]. Default: 0; with --drape "
+    "that of EGM2008, if the file does not say that its heights are above the ellipsoid.",
 )
 @click.option("--coefficients", type=_FILE, help="Global gravity model: a .gfc file.")
 @click.option("--max-degree", type=_DEGREE, help="Highest degree of the coefficients to use [all].")
@@ -94,12 +95,49 @@ map_group.add_command(score)
     "above the highest ground, and a note says over which share such a flight is inside.",
 )
 @click.option(
+    "--drape",
+    is_flag=True,
+    help="Let the layers follow the ground of the terrain instead of being level: for flights "
+    "below its summits.",
+)
+@click.option(
+    "--clearance-from",
+    type=float,
+    default=60.0,
+    show_default=True,
+    metavar="M",
+    help="Lowest layer of --drape above the base, which is the ground's smoothed envelope.",
+)
+@click.option(
+    "--clearance-to",
+    type=float,
+    default=500.0,
+    show_default=True,
+    metavar="M",
+    help="Highest layer of --drape.",
+)
+@click.option(
+    "--tolerance",
+    type=float,
+    default=0.5,
+    show_default=True,
+    metavar="E",
+    help="Of the field of the terrain with --drape: decides how far away its cells are prisms.",
+)
+@click.option(
+    "--beyond",
+    type=click.Choice(["mirror", "nothing"]),
+    default="mirror",
+    show_default=True,
+    help="What lies beyond the edges of the terrain with --drape; without it, its mirror image.",
+)
+@click.option(
     "--void",
     type=float,
     multiple=True,
     metavar="VALUE",
-    help="Value that marks voids in terrains and grids, as it is in the file; may be repeated "
-    "[what the file declares, -32768, 3.4e38 and the like].",
+    help="Value that marks voids in terrains, grids and lines, as it is in the file; may be "
+    "repeated [what the file declares, -32768, 3.4e38 and the like].",
 )
 @survey_maps.options
 @click.option(
@@ -150,17 +188,19 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     for key in _SOURCES:
         if options[key] is not None and options[key].resolve() == output.resolve():
             raise MapError(f"the map file {output} would overwrite what it is made of.")
+    if not options["drape"]:
+        _refuse_drape_options(options)
     started = time.monotonic()
     request = _request(options)
     survey_maps.require_alone(options, [key for key in _SOURCES if key != "lines"])
     if options["lines"] is not None:
-        if options["void"] or options["clearance"] is not None:
-            raise MapError("--void and --clearance go with terrains and grids, not with --lines.")
+        if options["clearance"] is not None or options["drape"]:
+            raise MapError("--clearance and --drape go with terrains, not with --lines.")
         made = survey_maps.planned(options, request, _command(options))
     else:
         made = plan.plan(_inputs(options), request, _command(options))
     _warn_of_densities(options)
-    layers_with_rms = plan.LayersWithRms(made.layers())
+    layers_with_rms = plan.LayersWithRms(_told(made.layers(), made.nodes.height_m.size))
     netcdf.write_layers(
         path=output,
         nodes=made.nodes,
@@ -176,6 +216,28 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     _describe(made.nodes, made.attributes)
     _print_rms(made.nodes, layers_with_rms.rms)
     click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
+
+
+def _told(layers: Iterator[Any], count: int) -> Iterator[Any]:
+    """Yield layers; write now and then how many are done, and how long the others take."""
+    started = said = time.monotonic()
+    for index, layer in enumerate(layers, 1):
+        yield layer
+        now = time.monotonic()
+        if now - said >= _SAID_EVERY_S and index < count:
+            left = (now - started) / index * (count - index)
+            click.echo(f"{index} of {count} layers, about {left:.0f} s left", err=True)
+            said = now
+
+
+def _refuse_drape_options(options: dict[str, Any]) -> None:
+    """Refuse heights above the ground for a map of level layers."""
+    from ..gravity.gradient_map import MapError
+
+    defaults = {p.name: p.default for p in build.params}
+    for key in ("clearance_from", "clearance_to"):
+        if options[key] != defaults[key]:
+            raise MapError(f"--{key.replace('_', '-')} is for draped maps: give --drape.")
 
 
 def _inputs(options: dict[str, Any]) -> Any:
@@ -204,6 +266,9 @@ def _inputs(options: dict[str, Any]) -> Any:
         geoid_height_m=options["geoid_height"],
         voids=options["void"],
         clearance_m=options["clearance"],
+        drape=(options["clearance_from"], options["clearance_to"]) if options["drape"] else None,
+        tolerance_eotvos=options["tolerance"],
+        continued=options["beyond"] == "mirror",
     )
 
 
@@ -242,7 +307,8 @@ def _warn_of_densities(options: dict[str, Any]) -> None:
 @click.argument("file", type=_FILE)
 @click.option("-o", "--output", type=_FILE, help="PNG file of the six components to draw.")
 @click.option("--height", type=float, help="Height to draw, to the nearest node [the lowest].")
-def show(file: Path, output: Path | None, height: float | None) -> None:
+@click.option("--clearance", type=float, help="The same of a draped map, above its base.")
+def show(file: Path, output: Path | None, height: float | None, clearance: float | None) -> None:
     """Print what the map in FILE is, and draw its six components."""
     from ..gravity.gradient_map import MapError
     from ..maps import netcdf_reader, plan
@@ -251,8 +317,15 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
         raise MapError(f"the figure {output} must be named *.png: it is a PNG file.")
     nodes, attributes, layers = netcdf_reader.read_layers(file)
     lowest, highest = nodes.height_m[0], nodes.height_m[-1]
+    option, other = ("height", clearance) if nodes.base_m is None else ("clearance", height)
+    if other is not None:
+        raise MapError(
+            f"{file} is a map of {'level' if nodes.base_m is None else 'draped'} layers: give "
+            f"--{option}, {lowest:g} to {highest:g} m."
+        )
+    height = height if nodes.base_m is None else clearance
     if height is not None and not lowest <= height <= highest:
-        raise MapError(f"--height {height:g} is not in {file}: {lowest:g} to {highest:g} m is.")
+        raise MapError(f"--{option} {height:g} is not in {file}: {lowest:g} to {highest:g} m is.")
     wanted = nodes.height_m[0] if height is None else height
     drawn = int(abs(nodes.height_m - wanted).argmin())
     chosen: Any = None
@@ -270,7 +343,10 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
         from ..figures.style import save
 
         source = attributes.get("source", "")
-        save(map_components(nodes, chosen[0], float(nodes.height_m[drawn]), source), output)
+        where = f"{nodes.height_m[drawn]:g} m"
+        if nodes.base_m is not None:
+            where += " above the base surface"
+        save(map_components(nodes, chosen[0], where, source), output)
         click.echo(f"Wrote {output}")
 
 
@@ -280,15 +356,23 @@ def _describe(nodes: Any, attributes: dict[str, str]) -> None:
 
     lat, lon, height = nodes.latitude_deg, nodes.longitude_deg, nodes.height_m
     n_lat, n_lon, n_h = nodes.shape
-    lines = (
+    lines = [
         ("source", attributes.get("source", "not said")),
         ("field", attributes.get("comment", CONTENT)),
         ("frame", attributes.get("frame", FRAME)),
         ("nodes", f"{n_lat} x {n_lon} x {n_h} in latitude, longitude and height"),
         ("latitude", _axis(lat, "°", 3600.0, "″")),
         ("longitude", _axis(lon, "°", 3600.0, "″")),
-        ("height", _axis(height, " m", 1.0, " m") + " above the ellipsoid"),
-    )
+    ]
+    above = _axis(height, " m", 1.0, " m")
+    if nodes.base_m is None:
+        lines.append(("height", f"{above} above the ellipsoid"))
+    else:
+        base = nodes.base_m
+        lines += [
+            ("clearance", f"{above} above the base surface"),
+            ("base surface", f"{base.min():.0f} to {base.max():.0f} m above the ellipsoid"),
+        ]
     for key, text in lines:
         console.out(f"{key}: {text}")
 
@@ -302,11 +386,15 @@ def _axis(values: Any, unit: str, factor: float, step_unit: str) -> str:
 def _print_rms(nodes: Any, rms: list[Any]) -> None:
     from ..maps.netcdf import TENSOR, VECTOR
 
+    third = "height" if nodes.base_m is None else "clearance"
     headings = [f"{name.upper()} [E]" for name in TENSOR]
     headings += [f"{name.upper()} [mGal]" for name in VECTOR]
     table = ResponsiveTable(
         "rms of the disturbing gradient and of the gravity disturbance",
-        [("height [m]", "name"), *((heading, "number") for heading in headings)],
+        [
+            (f"{third} [m]", "name"),
+            *((heading, "number") for heading in headings),
+        ],
     )
     for height, row in zip(nodes.height_m, rms, strict=True):
         numbers = [*row[: len(TENSOR)], *(1e5 * row[len(TENSOR) :])]
@@ -318,10 +406,10 @@ def _command(options: dict[str, Any]) -> str:
     """The options as they were given, files by their names only."""
     defaults = {p.name: p.default for p in build.params}
     words = [
-        f"--{key.replace('_', '-')} {_word(value)}"
+        f"--{key.replace('_', '-')} {_word(value)}".strip()
         for key, values in options.items()
         for value in (values if isinstance(values, tuple) else (values,))
-        if value is not None and value != defaults[key]
+        if value is not None and value is not False and value != defaults[key]
     ]
     return " ".join(["ggbench map build", *words])
 
@@ -329,4 +417,6 @@ def _command(options: dict[str, Any]) -> str:
 def _word(value: Any) -> str:
     if isinstance(value, datetime.datetime):
         return f"{value:%Y-%m-%d}"
+    if value is True:  # of a flag
+        return ""
     return value.name if isinstance(value, Path) else str(value)

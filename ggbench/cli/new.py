@@ -1,10 +1,9 @@
-"""``ggbench new``: a commented scenario or estimator to begin with, which runs as it is."""
+"""``ggbench new``: commented templates of a scenario or an estimator."""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import keyword
 import math
 import re
@@ -14,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import GGBenchError
 from ..files import reason_of
+from .draped_flight import NewFileError, draped_flight, quoted
 
 if TYPE_CHECKING:
     from ..maps.netcdf import Nodes
@@ -39,10 +38,6 @@ _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
 """Names that the file of an estimator has in use."""
 _SHIPPED = "An aircraft with a gravity gradiometer over the Qinling mountains"
 _SMOOTHING = "over as many seconds, for the noise of a receiver; 0 takes it as it is"
-
-
-class NewFileError(GGBenchError):
-    """A file cannot be begun under a name."""
 
 
 _folder = click.option(
@@ -103,9 +98,9 @@ def scenario(
         raise click.UsageError("--clearance goes with --terrain")
     tables = {}
     if track is not None:
-        tables["trajectory"] = f"file = {_quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
+        tables["trajectory"] = f"file = {quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
     if own_map is not None:
-        tables["field"] = f"source = {_quoted(own_map)}\n"
+        tables["field"] = f"source = {quoted(own_map)}\n"
         if waypoints is not None:
             tables["trajectory"] = _flight_through(waypoints, own_map)
         elif track is None:
@@ -137,14 +132,21 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
     """Return the table of a straight flight to the east in the middle of a map.
 
     With a terrain it follows that, and stays inside the map by what a barometer errs. Raise
-    MapError if the file is no map.
+    MapError if the file is no map; NewFileError if no such flight is inside a draped map.
     """
     import numpy as np  # not at the top: --help loads no numbers
 
     from ..gravity.ellipsoid import metres_per_radian
     from ..maps import netcdf_reader
 
-    nodes, _, _ = netcdf_reader.read_layers(own_map)
+    nodes, attributes, _ = netcdf_reader.read_layers(own_map)
+    if nodes.base_m is not None:
+        if terrain is None:
+            raise NewFileError(
+                f"the layers of {own_map} follow the ground: give the --terrain that they follow, "
+                "and so does the flight"
+            )
+        return draped_flight(nodes, attributes, own_map, terrain, clearance)
     south, north = map(float, nodes.latitude_deg[[0, -1]])
     west, east = map(float, nodes.longitude_deg[[0, -1]])
     lowest = float(nodes.height_m[0])
@@ -159,7 +161,7 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
     if terrain is not None:
         flown = "# No height_m: it begins as high as the terrain asks for.\n"
         segment = (
-            f'kind = "terrain-following"\nterrain = {_quoted(terrain)}\n'
+            f'kind = "terrain-following"\nterrain = {quoted(terrain)}\n'
             f"clearance_m = {clearance:g}    # above the ground, at least\n"
             f"lowest_m = {math.ceil(lowest + _ABOVE_MAP_M)}    # the map begins at {lowest:g} m\n"
             f"duration_s = {_FLIGHT_S:g}\n"
@@ -185,7 +187,13 @@ def _flight_through(waypoints: Path, own_map: Path) -> str:
     from ..trajectory.waypoints import leg
 
     places = read_waypoints(waypoints)
-    height = _third_way_up(netcdf_reader.read_layers(own_map)[0])
+    nodes = netcdf_reader.read_layers(own_map)[0]
+    if nodes.base_m is not None:
+        raise NewFileError(
+            f"waypoints are flown level, and the layers of {own_map} follow the ground: use "
+            "--terrain, or a map of level layers"
+        )
+    height = _third_way_up(nodes)
     legs = [
         leg(np.array([*np.radians(here), height]), *np.radians(there))
         for here, there in itertools.pairwise(places)
@@ -217,11 +225,6 @@ def _height_line(height: float) -> str:
 def _titled(name: str) -> str:
     words = re.sub("[-_]+", " ", name).strip()
     return words[:1].upper() + words[1:]
-
-
-def _quoted(path: Path) -> str:
-    """Return a path as a text of TOML, which JSON's is, too."""
-    return json.dumps(path.as_posix(), ensure_ascii=False)
 
 
 def _begun(

@@ -1,4 +1,4 @@
-"""``ggbench plan``: where and on which heading to fly, by the Cramér–Rao bound."""
+"""``ggbench plan``: start and heading of a flight by the Cramér–Rao bound."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from ..display.compiling import tell_first_use
 from ..display.progress import Progress
 from ..display.responsive_table import Kind, ResponsiveTable
 from ..display.timing import Moment
+from ..errors import line_of
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .screen import console
@@ -55,7 +56,7 @@ _COLOURS = {"better": "green", "worse": "red"}
     "checked",
     type=click.Path(path_type=Path),
     metavar="CARD",
-    help="Fly a card again; exit code 1 if it is not reproduced.",
+    help="Fly a card again, which runs the ESTIMATOR's code; exit code 1 if not reproduced.",
 )
 @click.option(
     "--against",
@@ -87,6 +88,9 @@ def score(
 
     The runs of the other estimators are stored. Writes card.json, card.md and card.html.
 
+    A score runs the code of the ESTIMATOR. --check runs no file that a card names: without an
+    ESTIMATOR it flies installed estimators only.
+
     Exit code 1 if a card is not reproduced or is surely worse than an older one.
     """
     if quick and runs:
@@ -96,11 +100,11 @@ def score(
     start = Moment.now()
     first = tell_first_use("ins/strapdown.py", "in a minute or two")
     from ..score import card as cards
-    from ..score import page, scoring
+    from ..score import cards_compared, page, scoring
 
     old = cards.read(checked) if checked else None
     if old is not None:
-        estimator, runs, seed = estimator or old.estimator.label, old.runs, old.seed
+        estimator, runs, seed = estimator or _installed(old), old.runs, old.seed
         cases, judge = tuple(question.case for question in old.questions), old.judged
     if estimator is None:
         raise click.UsageError("name an ESTIMATOR, or a card by --check")
@@ -117,6 +121,10 @@ def score(
             "elsewhere, or name another folder by -o"
         )
     previous = cards.read(before) if before else None
+    if previous is not None:
+        cards_compared.require_comparable(previous, cases, seed)
+    if checked:
+        click.echo(f"The check runs the code of {line_of(estimator)}.")
     if quick:
         runs = scoring.QUICK_RUNS
     with Progress(console, "suite") as progress, compiling_ahead(first, jobs) as compile_them:
@@ -144,6 +152,19 @@ def score(
         written = [folder / _CARD, *page.write(found.card, found.failures, folder)]
         click.echo(f"It took {start.since()}. Wrote {', '.join(map(str, written))}.")
     sys.exit(_verdict(found.card, old, previous))
+
+
+def _installed(card: Card) -> str:
+    """Return a card's estimator if it is installed; raise UsageError if it is another's file."""
+    from ..campaign import registry
+
+    label = card.estimator.label
+    if registry.is_own(label):
+        raise click.UsageError(
+            f"the card is of {label}, which is not installed: name the ESTIMATOR whose code is to "
+            "be run"
+        )
+    return label
 
 
 def _same(one: Path, other: Path) -> bool:
@@ -191,7 +212,11 @@ def _verdict(card: Card, old: Card | None, previous: Card | None) -> int:
         click.echo("The card is reproduced." if not said else "The card is not reproduced:")
     elif previous is not None:
         said = cards_compared.worse(previous, card)
-        click.echo("No question is worse." if not said else "Worse than the older card:")
+        both = {question.case for question in previous.questions if not question.skipped}
+        count = counted(len(both & {question.case for question in card.questions}), "question")
+        click.echo(
+            f"{count} compared, none is worse." if not said else "Worse than the older card:"
+        )
     else:
         return 0
     for sentence in said:

@@ -1,4 +1,4 @@
-"""What all commands print to."""
+"""Consoles for the output of all commands."""
 
 from __future__ import annotations
 

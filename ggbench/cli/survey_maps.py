@@ -1,4 +1,4 @@
-"""The options of ``ggbench map build`` for maps of survey lines, and what follows from them."""
+"""Options of ``ggbench map build`` for maps of survey lines."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _OPTIONS = (
         multiple=True,
         metavar="NAME=COLUMN",
         help="What the file calls line, kind, time_s, latitude_deg, longitude_deg, height_m, or a "
-        "component; may be repeated.",
+        "component; a unit may follow, as in 'height_m=Alt [ft]'; may be repeated.",
     ),
     click.option(
         "--components", metavar="LIST", help="Components to use, as in xx,xy,xz,yy,yz [all]."
@@ -37,10 +37,16 @@ _OPTIONS = (
     ),
     click.option(
         "--quantity",
-        type=click.Choice(["gradient", "disturbance"]),
+        type=click.Choice(["gradient", "disturbance", "anomaly"]),
         default="gradient",
         show_default=True,
-        help="Gradients [E], or the gravity disturbance [mGal].",
+        help="Gradients [E], the gravity disturbance, or the free-air anomaly [mGal].",
+    ),
+    click.option(
+        "--crs",
+        metavar="EPSG:CODE",
+        help="Reference system of the file's coordinates [WGS 84 in degrees]; of a projection, "
+        "their columns are easting_m and northing_m.",
     ),
     click.option(
         "--leave-out",
@@ -73,6 +79,7 @@ _OPTIONS = (
 _WITH_LINES = (
     "column",
     "components",
+    "crs",
     "leave_out",
     "depth",
     "source_spacing",
@@ -123,12 +130,14 @@ def planned(options: dict[str, Any], request: Any, command: str) -> Any:
         axes=options["axes"],
         quantity=options["quantity"],
         leave_out=options["leave_out"],
+        voids=options["void"],
+        crs=options["crs"],
         fit_options=FitOptions(options["depth"], options["source_spacing"], options["damping"]),
     )
     fit = fit_survey(inputs, click.echo)
     click.echo(f"Chosen: {fit.settings}.")
     made = plan_survey(inputs, fit, request, command)
-    if doubt := doubts(fit):
+    if doubt := doubts(fit, options["axes"]):
         click.echo(f"Warning: {doubt}.")
     _print_errors(made.errors, fit.lines.quantity)
     if options["noise"] is not None:

@@ -9,6 +9,7 @@ import click
 
 from ..errors import GGBenchError
 from ..files import written_whole
+from ..results.csv_cells import csv_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,5 +31,5 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
     Raise OutputError if the file cannot be written.
     """
     with written_whole(path, OutputError, "the table ") as temporary:
-        table.to_csv(temporary, index=False, float_format="%.8g")
+        temporary.write_text(csv_text(table, float_format="%.8g"), encoding="utf-8")
     click.echo(f"Wrote {path}")

@@ -1,4 +1,4 @@
-"""``ggbench validate``: what is wrong with a scenario, and what its flights are."""
+"""``ggbench validate``: errors, warnings and flights of a scenario."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import click
 
 from ..display.compiling import tell_first_use
 from ..display.progress import Progress
+from ..errors import line_of
 from ..figures.numbers import counted
 from .screen import console
 
@@ -17,11 +18,18 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("file")
-def validate(file: str) -> None:
+@click.option(
+    "--estimators",
+    "with_estimators",
+    is_flag=True,
+    help="Also load the estimator files that FILE names, which runs their code.",
+)
+def validate(file: str, with_estimators: bool) -> None:
     """Check a scenario, and print what its flights are: FILE is a path or a shipped one's name.
 
     Warns of flights that no vehicle flies, and of those near the border of a map. Nothing is
-    simulated, and no map is built unless the scenario degrades it.
+    simulated, no code of FILE's own estimators is run, and no map is built unless the scenario
+    degrades it.
     """
     tell_first_use("ins/strapdown.py", "in a minute")
     with Progress(console, file):
@@ -32,12 +40,20 @@ def validate(file: str) -> None:
         loaded = scenario.load(file)
         note_unusual_values(loaded)
         found = list(flight_limits.examined(loaded))
-        registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
+        named = [*loaded.campaign.estimators, loaded.campaign.assumption_estimator]
+        listed = registry.listed(named)
+        own = [] if with_estimators else [text for text in listed if registry.is_own(text)]
+        registry.choose_all(text for text in listed if text not in own)
     click.echo(
         f"{file} is valid: {counted(len(loaded.cases), 'case')}, "
         f"{counted(len(loaded.assumptions), 'assumption')}, "
         f"{counted(len(loaded.provenance), 'value')} with provenance"
     )
+    if own:
+        click.echo(
+            f"Not loaded: {', '.join(map(line_of, own))}; --estimators loads them, which runs "
+            "their code"
+        )
     flight_summary.print_flights(found)
     flight_summary.warn(found)
 

@@ -1,4 +1,4 @@
-"""What every estimator owes, whatever it is: demands, and problems with known answers to ask by.
+"""Contract of all estimators: demands, and test problems with known answers.
 
 ``ggbench check`` and the tests of the benchmark's own estimators ask by the same functions.
 """

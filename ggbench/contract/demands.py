@@ -1,4 +1,4 @@
-"""The demands on an estimator, each a function that asks it and says in a sentence what is wrong.
+"""Demands on an estimator: one function for each, with a sentence for a failure.
 
 Every function takes an estimator and a problem, and raises :class:`Broken` if the demand is not
 met, :class:`Refused` if the estimator does not take the problem. What the estimator itself raises

@@ -1,4 +1,4 @@
-"""Linear problems whose answer is known, and the textbook recursions that give it."""
+"""Linear problems with known answers, and the textbook recursions that solve them."""
 
 from __future__ import annotations
 
@@ -164,6 +164,7 @@ def with_sensor_model(problem: Problem) -> Problem:
         origin=field.origin,
         step=field.step,
         coefficients=field.tensor_coefficients,
+        base=field.base_coefficients,
         times=problem.times,
         references=places,
         attitudes=np.tile(np.eye(3), (epochs, 1, 1)),

@@ -1,4 +1,4 @@
-"""All that can be reached from an object: by it a change of a problem is seen, however deep."""
+"""Traversal of all objects within an object, to detect changes of a problem."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the command and Python show while they compile and run: progress, tables, times."""
+"""Progress, tables and times for the terminal and for Python."""

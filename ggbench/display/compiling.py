@@ -1,4 +1,4 @@
-"""What is compiled and built on a first use: said as it happens, for it takes a minute."""
+"""Messages about compilation and map building on a first use."""
 
 from __future__ import annotations
 

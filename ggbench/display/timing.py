@@ -14,7 +14,8 @@ COLD = "* of first runs alone, which also load and compile; a further run takes 
 
 
 def duration(seconds: float) -> str:
-    """Return a duration [s] as a user reads it."""
+    """Return a duration [s] as a user reads it; one below zero, of a clock set back, is 0 s."""
+    seconds = max(seconds, 0.0)
     if seconds < _MINUTES_FROM_S:
         return f"{seconds:.0f} s"
     if seconds < 5400.0:
@@ -42,4 +43,4 @@ class Moment(NamedTuple):
 
 
 def _text(seconds: float) -> str:
-    return duration(seconds) if seconds >= _MINUTES_FROM_S else f"{short(seconds)} s"
+    return duration(seconds) if seconds >= _MINUTES_FROM_S else f"{short(max(seconds, 0.0))} s"

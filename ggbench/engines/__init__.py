@@ -1,1 +1,1 @@
-"""Compiled estimators on blocks of runs, and what several estimators are made of."""
+"""Compiled estimators on blocks of runs, and their common components."""

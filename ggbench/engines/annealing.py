@@ -1,4 +1,4 @@
-"""A reading taken in by exact stages: draws of a Gaussian become draws of its posterior.
+"""Tempered measurement update of Gaussian samples.
 
 One reading may be far sharper than what was known before it. So it is taken in by powers of its
 likelihood that rise from 0 to 1 (Neal 2001; Del Moral, Doucet & Jasra 2006). Each power leaves a

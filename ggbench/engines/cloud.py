@@ -1,4 +1,4 @@
-"""A cloud of particles, of which some states may be Kalman filtered, from reading to reading.
+"""Particle cloud with some states in Kalman filters.
 
 A row of the cloud is (p_i, l_i): d states that are drawn, and the mean of the others. Prediction,
 the start and kernels all draw from a Gaussian of joint covariance J over the states and keep what

@@ -1,4 +1,4 @@
-"""Contours of a reading in the plane, which of their points are nearest to a track, its motion."""
+"""Contours of a measurement in the plane, and the nearest contour points of a track."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Incremental smoothing of many runs at once, compiled: what iSAM2 solves, by Kalman smoothers.
+"""Incremental smoothing of many runs by Kalman smoothers, equal to iSAM2, compiled.
 
 Each node has a point about which its reading is linearised. With every epoch a node is added,
 linearised where the newest estimate predicts it; nodes whose estimate has moved from their point by

@@ -1,4 +1,4 @@
-"""What the readings say to a filter's estimates: innovations, and their normalised squares."""
+"""Innovations and their normalised squares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lattices that move with the states: what filters on grids, and trellises of cells, stand on."""
+"""Lattices of positions that move with the INS error."""
 
 from __future__ import annotations
 

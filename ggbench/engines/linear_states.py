@@ -1,4 +1,4 @@
-"""Which states readings are linear in, so that a Kalman filter may carry them for a particle."""
+"""Linear states of a measurement model, for Rao–Blackwellised filters."""
 
 from __future__ import annotations
 

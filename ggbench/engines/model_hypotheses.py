@@ -1,4 +1,4 @@
-"""Hypotheses about what a model leaves out, each a problem of more states or of another noise.
+"""Hypotheses about model errors: problems with more states or another noise.
 
 A hypothesis changes nothing of the filter that takes it: its errors are further states, which the
 equation of measurement C_k x and the transition lead to what is measured.

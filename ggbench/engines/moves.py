@@ -1,4 +1,4 @@
-"""How a cloud of particles is kept alive: settings, and kernels that part copies."""
+"""Rejuvenation of particle clouds: settings and compiled kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The most probable trajectory from many starts: where searches of whole flights are begun.
+"""Most probable trajectories from many starts across the prior.
 
 The searches of all runs of a block go on at once (:mod:`.trajectory_search`).
 """

@@ -1,4 +1,4 @@
-"""A particle filter of which some states may be Kalman filtered: one engine for the whole family.
+"""Engine of all particle filters, with some states in Kalman filters.
 
 The first d states of a particle are drawn, the others, l, are a Gaussian for each particle, all of
 one covariance P_l, because the dynamics are linear and the readings linear in l (Schön, Gustafsson

@@ -1,4 +1,4 @@
-"""Weights of particles, resampling and weighted moments: what all particle filters share.
+"""Particle weights, resampling and weighted moments.
 
 Weights are kept as logarithms: one reading of six channels may tell particles apart by factors of
 e^10000, of which no number between zero and one knows. Resampling replaces weighted particles by

@@ -1,4 +1,4 @@
-"""Whether a cloud and what is read over it are those of a linear problem: a line and a Gaussian."""
+"""Tests of a particle cloud: Gaussian shape, and linearity of h over it."""
 
 from __future__ import annotations
 

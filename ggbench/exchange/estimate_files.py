@@ -1,4 +1,4 @@
-"""Estimates as files, and an estimator that answers with what such a file holds."""
+"""Files of estimates, and an estimator that replays such a file."""
 
 from __future__ import annotations
 

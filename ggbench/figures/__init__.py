@@ -1,1 +1,1 @@
-"""Figures, drawn from arrays and from what a results folder holds; each function returns one."""
+"""Figures of arrays and of results folders; each function returns a figure."""

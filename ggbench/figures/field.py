@@ -1,4 +1,4 @@
-"""Figures of what a case flies over and reads: the field with the track, the gradient along it."""
+"""Figures of a case's field: map with track, gradient along the track."""
 
 from __future__ import annotations
 

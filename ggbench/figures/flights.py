@@ -1,4 +1,4 @@
-"""Figures of a recorded flight: where it went, what the readings say, how sure an estimate is."""
+"""Figures of a recorded flight: track, innovations and standard deviations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures for a browser: SVG whose script knows the series and the scales of the axes.
+"""Interactive SVG figures for a browser.
 
 The script ``figure.js`` of the HTML page shows the values under the pointer, switches series in the
 legend, and zooms. The picture itself is the one that :func:`.style.save` writes.

@@ -15,8 +15,8 @@ _MOST_PIXELS = 600  # per axis: more cannot be seen
 
 
 @styled()
-def map_components(nodes: Nodes, tensor: Any, height: float, source: str) -> Drawing:
-    """Draw the tensor (n_lat, n_lon, 6) [E] of a map at a height [m]; ``source`` is in words."""
+def map_components(nodes: Nodes, tensor: Any, height: str, source: str) -> Drawing:
+    """Draw the tensor (n_lat, n_lon, 6) [E] of a map; height and ``source`` are in words."""
     lat, lon = nodes.latitude_deg, nodes.longitude_deg
     stride = max(1, math.ceil(max(lat.size, lon.size) / _MOST_PIXELS))
     half = 0.5 * (lat[1] - lat[0]), 0.5 * (lon[1] - lon[0])
@@ -47,6 +47,6 @@ def map_components(nodes: Nodes, tensor: Any, height: float, source: str) -> Dra
         axis.xaxis.set_major_locator(MaxNLocator(4))
     for axis in axes[:, 0]:
         axis.set_ylabel("latitude [°]")
-    title = f"Disturbing gradient at {height:g} m"
+    title = f"Disturbing gradient at {height}"
     figure.suptitle(f"{title}: {source}" if source else title, fontsize=9, wrap=True)
     return figure

@@ -79,9 +79,11 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
         edges = np.degrees(field.lower[[1, 0]]), np.degrees(field.upper[[1, 0]])
         low, high = np.maximum(low, edges[0]), np.minimum(high, edges[1])
         longitude, latitude = np.linspace(low, high, _NODES).T
-        height = float(bounds["height_m"].mean())
+        flown = np.radians(bounds[["latitude_deg", "longitude_deg", "height_m"]].to_numpy())
+        flown[:, 2] = bounds["height_m"]
+        height = float(field.coordinates(flown)[:, 2].mean())
         vertical = field.vertical_disturbance(
-            np.radians(latitude)[:, None], np.radians(longitude), height
+            *field.over_nodes(np.radians(latitude)[:, None], np.radians(longitude), height)
         )
         limit = float(np.abs(vertical).max()) or 1.0
         mesh = axis.pcolormesh(

@@ -1,4 +1,4 @@
-"""Figures of the cases that a results folder holds, drawn from what is stored alone."""
+"""Figures of the cases of a results folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How figures look: one place for settings and colours, in force only while a figure is drawn.
+"""Settings and colours of figures, applied only while a figure is drawn.
 
 Nothing here changes Matplotlib's own settings or its backend, and no figure is known to pyplot: it
 lives as long as somebody holds it.

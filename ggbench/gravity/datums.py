@@ -1,4 +1,4 @@
-"""Datums of grids: whether their degrees are those of WGS 84, and from where heights count."""
+"""Datums of grids: WGS 84 coordinates, and the reference surface of heights."""
 
 from __future__ import annotations
 

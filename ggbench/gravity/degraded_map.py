@@ -1,4 +1,4 @@
-"""What is wrong with a map: made from a map that is taken as right, for a model off the truth.
+"""Maps with declared errors, for a model that differs from the truth.
 
 An estimator's map differs from the field in four ways that practice knows: it does not resolve
 what is shorter than its data, the density assumed for the terrain is not the rock's, and its values
@@ -101,6 +101,11 @@ def _check(grid: GradientMap, degradation: MapDegradation) -> None:
         )
     if degradation.correlated_noise_eotvos == 0.0:
         return
+    if grid.base is not None:
+        raise MapError(
+            "the error of a map has correlated_noise_eotvos, a harmonic field on level layers; a "
+            "draped map has none: use white_noise_eotvos, resolution_km or density_factor"
+        )
     correlation = f"correlation_km = {1e-3 * degradation.correlation_m:g}"
     if degradation.correlation_m < max(steps):
         raise MapError(

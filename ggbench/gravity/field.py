@@ -10,7 +10,7 @@ derivatives are for a displacement of one metre east, north and up, with axes th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ from .spline import (
     spline_coefficients,
     spline_tensor_slopes,
     spline_tensors,
+    surface_heights,
     vector_at,
 )
 
@@ -45,6 +46,7 @@ class DisturbanceMap:
     origin: np.ndarray
     step: np.ndarray
     coefficients: np.ndarray
+    base: np.ndarray
 
 
 Tensor = tuple[float, float, float, float, float, float]
@@ -102,13 +104,14 @@ def gradients_and_slopes(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    base: np.ndarray,
     values: np.ndarray,
     derivatives: np.ndarray,
 ) -> None:
     """Fill the full tensors (N, 6) [E] and derivatives (N, 6, 3) [E/m east, north, up] at N points.
 
     ``positions`` (N, 3) are latitudes, longitudes [rad] and heights [m]. ``coefficients`` of size
-    zero mean the normal field alone.
+    zero mean the normal field alone. The map is as in :func:`vector_at`.
     """
     s, work = np.zeros(24), np.empty(TENSOR_WORK)
     for n in range(positions.shape[0]):
@@ -119,6 +122,7 @@ def gradients_and_slopes(
                 origin=origin,
                 step=step,
                 coefficients=coefficients,
+                base=base,
                 work=work,
                 out=s.reshape((24, 1)),
             )
@@ -143,6 +147,7 @@ def gradients(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    base: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Fill the full tensors (6, N) [E] at N points, without derivatives.
@@ -150,14 +155,22 @@ def gradients(
     Parameters
     ----------
     positions : (3, N) latitudes, longitudes [rad], heights [m].
-    origin, step, coefficients : the map, as in :func:`vector_at`; of size zero for none.
+    origin, step, coefficients, base : the map, as in :func:`vector_at`; of size zero for none.
     out : (6, N) output; NaN where a position is.
     """
     count = positions.shape[1]
     if coefficients.size == 0:
         out[:, :] = 0.0
     else:
-        spline_tensors(positions, count, origin, step, coefficients, out)
+        spline_tensors(
+            positions=positions,
+            count=count,
+            origin=origin,
+            step=step,
+            coefficients=coefficients,
+            base=base,
+            out=out,
+        )
     for p in range(count):
         sine, cosine = math.sin(positions[0, p]), math.cos(positions[0, p])
         ee, nn, nu, uu = normal_gradient_of(sine, cosine, positions[2, p])
@@ -173,12 +186,21 @@ def _vectors_at(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    base: np.ndarray,
     values: np.ndarray,
 ) -> None:
     """Evaluate the value of the spline at (n, 3) positions."""
     derivative = np.empty((coefficients.shape[3], 3))
     for n in range(positions.shape[0]):
-        vector_at(positions[n], origin, step, coefficients, values[n], derivative)
+        vector_at(
+            position=positions[n],
+            origin=origin,
+            step=step,
+            coefficients=coefficients,
+            base=base,
+            value=values[n],
+            derivative=derivative,
+        )
 
 
 _ROUNDING = 5e-7
@@ -191,11 +213,13 @@ class Field:
 
     Attributes
     ----------
-    origin, step : (3,) first node and spacing of the map in latitude, longitude [rad], height [m].
+    origin, step : (3,) first node and spacing of the map in latitude, longitude [rad], height [m];
+        of a draped map the third coordinate is the height above its base surface.
     tensor_coefficients : (n0, n1, n2, 6) B-spline coefficients [E]; size 0 for no map.
     disturbance_coefficients : (n0, n1, n2, 3) of the gravity disturbance vector, ENU [m/s²].
     constant_disturbance : (3,) ENU [m/s²], what is added to it everywhere and is in no map.
     standard_error : (9,) that the map states of the tensor [E] and the disturbance; NaN: none.
+    base_coefficients : (n0, n1) of the base surface of a draped map [m]; size 0 for level layers.
     """
 
     origin: np.ndarray
@@ -204,6 +228,7 @@ class Field:
     disturbance_coefficients: np.ndarray
     constant_disturbance: np.ndarray = field(default_factory=lambda: np.zeros(3))
     standard_error: np.ndarray = field(default_factory=unknown)
+    base_coefficients: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -221,6 +246,9 @@ class Field:
         for axis in range(3):
             tensor = spline_coefficients(tensor, axis)
             disturbance = spline_coefficients(disturbance, axis)
+        base = np.zeros((0, 0))
+        if gradient_map.base is not None:
+            base = spline_coefficients(spline_coefficients(gradient_map.base, 0), 1)
         return cls(
             np.array([gradient_map.latitude0, gradient_map.longitude0, gradient_map.height0]),
             np.array(
@@ -229,6 +257,7 @@ class Field:
             tensor,
             disturbance,
             standard_error=gradient_map.standard_error,
+            base_coefficients=base,
         )
 
     @property
@@ -239,20 +268,63 @@ class Field:
     @property
     def disturbance_map(self) -> DisturbanceMap:
         """The map's gravity disturbance as arrays; of size zero without a map."""
-        return DisturbanceMap(self.origin, self.step, self.disturbance_coefficients)
+        return DisturbanceMap(
+            self.origin, self.step, self.disturbance_coefficients, self.base_coefficients
+        )
 
     @property
     def lower(self) -> np.ndarray:
-        """First node of the map in latitude, longitude [rad] and height [m]; −∞ without one."""
+        """First node of the map in its coordinates [rad, rad, m]; −∞ without a map."""
         return self.origin if self.has_map else np.full(3, -np.inf)
 
     @property
     def upper(self) -> np.ndarray:
-        """Last node of the map in latitude, longitude [rad] and height [m]; ∞ without one."""
+        """Last node of the map in its coordinates [rad, rad, m]; ∞ without a map."""
         if not self.has_map:
             return np.full(3, np.inf)
         cells = np.array(self.tensor_coefficients.shape[:3]) - 3
         return self.origin + cells * self.step
+
+    @property
+    def is_draped(self) -> bool:
+        """Whether the map's third coordinate is the height above its base surface."""
+        return self.base_coefficients.size > 0
+
+    def base(self, positions: np.ndarray) -> np.ndarray:
+        """Return the height (...) of the base surface at positions (..., 3) [m]; 0 of level maps.
+
+        Outside the map it is that of its border.
+        """
+        found = np.zeros(positions.shape[:-1])
+        if self.is_draped:
+            points = np.ascontiguousarray(positions.reshape(-1, 3))
+            surface_heights(
+                points, self.origin, self.step, self.base_coefficients, found.reshape(-1)
+            )
+        return found
+
+    def coordinates(self, positions: np.ndarray) -> np.ndarray:
+        """Return positions (..., 3) in the coordinates of the map's nodes.
+
+        Of a draped map the third one is the height above the base surface.
+        """
+        if not self.is_draped:
+            return positions
+        found = np.array(positions, dtype=float)
+        found[..., 2] -= self.base(found)
+        return found
+
+    def over_nodes(
+        self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return latitude, longitude [rad] and height [m] of a place in the map's coordinates."""
+        axes = np.broadcast_arrays(*(np.asarray(a, float) for a in (latitude, longitude, third)))
+        positions = np.stack(axes, axis=-1)
+        return positions[..., 0], positions[..., 1], positions[..., 2] + self.base(positions)
+
+    def flattened(self) -> Field:
+        """Return the map as one of level layers, whose heights are those above its base surface."""
+        return replace(self, base_coefficients=np.zeros((0, 0)))
 
     def covers(self, positions: np.ndarray, slack: float) -> np.ndarray:
         """Return which positions (..., 3) lie within the map; all without one.
@@ -262,6 +334,7 @@ class Field:
         if not self.has_map:
             return np.ones(positions.shape[:-1], dtype=bool)
         room = slack * self.step
+        positions = self.coordinates(positions)
         inside = (self.origin - room <= positions) & (positions <= self.upper + room)
         return np.asarray(inside.all(axis=-1))
 
@@ -280,7 +353,7 @@ class Field:
         found = np.empty((6, math.prod(positions.shape[:-1])))
         gradients(
             np.ascontiguousarray(positions.reshape(-1, 3).T), self.origin, self.step,
-            self.tensor_coefficients, found,
+            self.tensor_coefficients, self.base_coefficients, found,
         )  # fmt: skip
         return np.ascontiguousarray(found.T).reshape(*positions.shape[:-1], 6)
 
@@ -297,7 +370,13 @@ class Field:
         derivatives = np.empty((len(positions), 6, 3))
         self.require_inside(positions)
         gradients_and_slopes(
-            positions, self.origin, self.step, self.tensor_coefficients, values, derivatives
+            positions=positions,
+            origin=self.origin,
+            step=self.step,
+            coefficients=self.tensor_coefficients,
+            base=self.base_coefficients,
+            values=values,
+            derivatives=derivatives,
         )
         return values.reshape(*shape, 6), derivatives.reshape(*shape, 6, 3)
 
@@ -322,7 +401,10 @@ class Field:
         values = np.zeros((len(positions), 3))
         if self.has_map:
             self.require_inside(positions)
-            _vectors_at(positions, self.origin, self.step, self.disturbance_coefficients, values)
+            _vectors_at(
+                positions, self.origin, self.step, self.disturbance_coefficients,
+                self.base_coefficients, values,
+            )  # fmt: skip
         return (values + self.constant_disturbance).reshape(*shape, 3)
 
     @staticmethod
@@ -338,11 +420,16 @@ class Field:
         if inside.all():
             return
         lower, upper = self.origin.copy(), self.upper
-        point = positions[np.argmin(inside)].copy()
+        at = int(np.argmin(inside))
+        point = positions[at].copy()
         for corner in (lower, upper, point):
             corner[:2] = np.degrees(corner[:2])
+        above = ""
+        if self.is_draped:
+            base = float(self.base(positions[at]))
+            above = f" above its base surface, which lies at {base:.0f} m there"
         raise OutsideMapError(
             f"position {point[0]:.5f}° N, {point[1]:.5f}° E, {point[2]:.0f} m is outside the "
             f"gradient map, which covers {lower[0]:.3f}° to {upper[0]:.3f}° N, "
-            f"{lower[1]:.3f}° to {upper[1]:.3f}° E, {lower[2]:.0f} to {upper[2]:.0f} m"
+            f"{lower[1]:.3f}° to {upper[1]:.3f}° E, {lower[2]:.0f} to {upper[2]:.0f} m{above}"
         )

@@ -25,9 +25,11 @@ class MapError(GGBenchError):
 class GradientMap:
     """The disturbing field on a grid regular in geodetic latitude, longitude and height.
 
+    Layers of a draped map have equal heights above a base surface instead of the ellipsoid.
+
     Attributes
     ----------
-    latitude0, longitude0, height0 : the first node [rad, rad, m].
+    latitude0, longitude0, height0 : the first node [rad, rad, m]; height0 is above the base.
     latitude_step, longitude_step, height_step : distances between nodes [rad, rad, m].
     tensor : gradient tensor without the normal field, (n_lat, n_lon, n_h, 6) [E], ENU.
     gravity_disturbance : gravity vector without the normal field, (n_lat, n_lon, n_h, 3) [m/s²],
@@ -35,6 +37,7 @@ class GradientMap:
     provenance : where the map comes from, in words.
     standard_error : of the tensor [E] and the gravity disturbance [m/s²], (9,); NaN: not known.
     error_distance : along a track, at which the error's correlation is 1/e, (9,) [m]; or NaN.
+    base : heights of the base surface above the ellipsoid (n_lat, n_lon) [m]; None: level layers.
     """
 
     latitude0: float
@@ -48,3 +51,4 @@ class GradientMap:
     provenance: str
     standard_error: Array = field(default_factory=unknown)
     error_distance: Array = field(default_factory=unknown)
+    base: Array | None = None

@@ -42,7 +42,8 @@ GRAVITATIONAL_CONSTANT = 6.6743e-11
 
 _SPACING_PER_HEIGHT = 0.25  # of the Fourier grid, to the height above the highest ground
 _MOST_NODES = 30_000_000  # of the Fourier grid: about four gigabytes
-_BORDER = 0.1  # of the longer side of the terrain
+BORDER = 0.1
+"""Width of the continuation of a terrain beyond its edges, of its longer side."""
 _MARGIN_NODES = 8  # of the Fourier grid, beyond the border
 _LARGEST_DISTORTION = 5e-3  # of lengths, by the map
 FEWEST_ORDERS = 6
@@ -152,7 +153,7 @@ def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
     Raises TerrainError for a terrain that is too wide for a plane.
     """
     _, _, size = _laid_flat(terrain)
-    around = size + 2.0 * _BORDER * float(size.max())
+    around = size + 2.0 * BORDER * float(size.max())
     step = math.sqrt(float(around.prod()) / nodes)
     return min(step, max(_native(terrain))) / _SPACING_PER_HEIGHT
 
@@ -194,7 +195,7 @@ class _Series:
     def __init__(self, terrain: Terrain, options: TerrainOptions, levels: NDArray) -> None:
         self._lay_grid(terrain, levels)
         surface, edge = self._sample(terrain)
-        layers = _layers(surface, edge, options)
+        layers = density_layers(surface, edge, options)
         del surface
         # The ground at the level of the edge: an infinite slab.
         slab = sum(density * edge_level for _, edge_level, density in layers)
@@ -215,7 +216,7 @@ class _Series:
             )
         self.step = np.minimum(_native(terrain), _SPACING_PER_HEIGHT * clearance)
         # Of the terrain alone: a field must not depend on what other heights are asked for.
-        self.border = _BORDER * float(size.max())
+        self.border = BORDER * float(size.max())
         wanted = np.ceil((size + 2.0 * self.border) / self.step) + 2 * _MARGIN_NODES
         if wanted.prod() > _MOST_NODES:
             allowed = math.sqrt((size + 2.0 * self.border).prod() / _MOST_NODES)
@@ -343,7 +344,7 @@ class _Series:
         return self.step * self.count / np.array(self._moments[0].shape[::-1])
 
 
-def _layers(
+def density_layers(
     surface: NDArray, edge: float, options: TerrainOptions
 ) -> list[tuple[NDArray, float, float]]:
     """Surfaces with their level at the edge and the density between them and the zero level."""

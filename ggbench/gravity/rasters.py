@@ -1,4 +1,4 @@
-"""Rasters of one band, in any format that GDAL knows.
+"""Rasters of one band, in formats of GDAL that hold all their values in one file.
 
 Rasterio is imported when a file needs it: it is an optional part of the installation.
 """
@@ -29,6 +29,15 @@ from .voids import marks_removed, without_voids
 
 Array = NDArray[np.floating]
 
+_DRIVERS = {
+    ".tif": "GTiff", ".tiff": "GTiff", ".asc": "AAIGrid", ".gtx": "GTX", ".isg": "ISG",
+    ".byn": "BYN", ".gxf": "GXF",
+}  # fmt: skip
+"""Drivers of GDAL by suffix. GDAL would choose by content, and a virtual raster of any name may
+lead to any file and into the network."""
+_SURFER = {b"DSAA": "GSAG", b"DSBB": "GSBG", b"DSRB": "GS7BG"}
+"""Drivers of Surfer's three formats, all named ``.grd``, by their first bytes."""
+_NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none"}
 _GEOSOFT_ELEMENTS = {1, 2, 4, 8, 1025, 1026, 1028, 1032}  # bytes, and with compression
 
 
@@ -37,17 +46,45 @@ def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
 
     ``area`` is where values are needed; None: everywhere.
 
-    Raises TerrainError if GDAL cannot read it, or it is no such raster.
+    Raises TerrainError if GDAL cannot read it, it is no such raster, or not of the format that its
+    suffix names. No other file is read, but for those that GDAL knows by the raster's own name
+    (``.prj``, ``.tfw``, ``.aux.xml``), and nothing from the network.
     """
     rasterio = imported("rasterio", path)
+    driver = _driver(path)
     try:
         # Its warnings concern what is refused here in a sentence.
-        with _silent(), warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
+        with (
+            _silent(),
+            warnings.catch_warnings(action="ignore"),
+            rasterio.Env(**_NO_NETWORK),
+            rasterio.open(path.absolute(), driver=driver) as dataset,
+        ):
             return _from_dataset(dataset, path, area, units)
     except TerrainError:
         raise
     except Exception as error:  # GDAL's, rasterio's own, and those of its parsers of metadata
         raise TerrainError(_why_not(path, text_of(error))) from None
+
+
+def _driver(path: Path) -> str:
+    """Return the driver that may open a raster; raise TerrainError if its format is not allowed."""
+    suffix = path.suffix.lower()
+    driver = _DRIVERS.get(suffix)
+    if suffix == ".grd":
+        try:
+            with path.open("rb") as file:
+                driver = _SURFER.get(file.read(4))
+        except OSError as error:
+            raise TerrainError(f"{path} cannot be read: {error.strerror}.") from None
+        if driver is None:
+            raise TerrainError(_why_not(path, "it is none of Surfer's formats"))
+    if driver is None:
+        raise TerrainError(
+            f"{path.name} cannot be read as a raster; allowed suffixes are "
+            f"{', '.join([*_DRIVERS, '.grd'])}: convert it with gdal_translate."
+        )
+    return driver
 
 
 @contextlib.contextmanager
@@ -130,7 +167,9 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> 
 
 def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
     """The band in SI units, NaN for voids, and what to say of it."""
-    factor, of_unit = units.factor(dataset.units[0] or "", name)
+    described = dataset.descriptions[0] or ""
+    units.require_named(described, name)
+    factor, of_unit = units.factor(dataset.units[0] or "", name, described)
     band = dataset.read(1, masked=True).astype(float).filled(np.nan)
     values = (band * dataset.scales[0] + dataset.offsets[0]) * factor
     values, of_marks = marks_removed(band, values, units)
@@ -138,7 +177,7 @@ def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
     if units.what == HEIGHTS.what:
         of_datum, down = vertical(dataset.crs)
         tags = {"positive": "down"} if down else dataset.tags(1)
-        values, of_sign = upward(values, tags, dataset.descriptions[0] or "", name)
+        values, of_sign = upward(values, tags, described, name)
     return values, [of_unit, of_marks, of_sign, of_datum]
 
 

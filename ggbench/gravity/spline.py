@@ -1,6 +1,10 @@
 """Tensor-product cubic B-splines on a grid regular in latitude, longitude and height, compiled.
 
 Coefficients interpolate the values at the nodes; the ends are not-a-knot.
+
+The third coordinate of a draped grid is the height above a base surface, which is a spline on the
+nodes of the first two axes: F(φ, λ, h) = S(φ, λ, h − B(φ, λ)). Derivatives are those of F, by the
+chain rule. A base of size zero is that of a grid whose layers are level.
 """
 
 from __future__ import annotations
@@ -166,6 +170,7 @@ def vector_at(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    base: np.ndarray,
     value: np.ndarray,
     derivative: np.ndarray,
 ) -> None:
@@ -178,17 +183,19 @@ def vector_at(
     ----------
     position, origin, step : (3,) in the units of the grid's three axes.
     coefficients : (n0 + 2, n1 + 2, n2 + 2, 3).
+    base : (n0 + 2, n1 + 2) coefficients of the base surface, of size zero for level layers.
     value : (3,) output.
     derivative : (3, 3) output, per unit of each axis.
     """
     work, flat = np.empty(_SUMS + 36), coefficients.reshape(-1)
-    start, row, column = _weigh(
+    start, row, column, base_north, base_east = _weigh(
         latitude=position[0],
         longitude=position[1],
         height=position[2],
         origin=origin,
         step=step,
         coefficients=coefficients,
+        base=base,
         work=work,
     )
     if start < 0:
@@ -217,6 +224,20 @@ def vector_at(
         derivative[m, 0] = _up(work, 16, _SUMS + 12, m, 3)
         derivative[m, 1] = _up(work, 16, _SUMS + 24, m, 3)
         derivative[m, 2] = _up(work, 20, _SUMS, m, 3)
+    if base.size > 0:
+        for m in range(3):
+            derivative[m, 0] -= base_north * derivative[m, 2]
+            derivative[m, 1] -= base_east * derivative[m, 2]
+
+
+@inlined
+def _surface(base: np.ndarray, i: int, j: int, work: np.ndarray, rows: int, columns: int) -> float:
+    """Return a sum over the 16 nodes of a base around a cell, with weights in the scratch."""
+    total = 0.0
+    for a in range(4):
+        for b in range(4):
+            total += work[rows + a] * work[columns + b] * base[i + a, j + b]
+    return total
 
 
 @inlined
@@ -227,26 +248,34 @@ def _weigh(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    base: np.ndarray,
     work: np.ndarray,
-) -> tuple[int, int, int]:
+) -> tuple[int, int, int, float, float]:
     """Return where the columns of nodes around a point are; fill the weights of its three axes.
 
     Of each axis ``work`` gets four weights and four derivatives. The first column begins at the
-    first number returned in the flat coefficients, −1 for NaN; the others are how far it is from
-    there to the next one along the first and the second axis.
+    first number returned in the flat coefficients, −1 for NaN; the next two are how far it is from
+    there to the next one along the first and the second axis. The last two are the derivatives of
+    the base along these axes.
     """
     shape = coefficients.shape
     column = shape[2] * shape[3]
     row = shape[1] * column
     i, t_0, in_0 = _locate(latitude, origin[0], step[0], shape[0])
     j, t_1, in_1 = _locate(longitude, origin[1], step[1], shape[1])
-    k, t_2, in_2 = _locate(height, origin[2], step[2], shape[2])
-    if i < 0 or j < 0 or k < 0:
-        return -1, row, column
+    if i < 0 or j < 0:
+        return -1, row, column, 0.0, 0.0
     _put_weights(t_0, 1.0 / step[0] if in_0 else 0.0, 0, work)
     _put_weights(t_1, 1.0 / step[1] if in_1 else 0.0, 8, work)
+    north = east = 0.0
+    if base.size > 0:
+        height -= _surface(base, i, j, work, 0, 8)
+        north, east = _surface(base, i, j, work, 4, 8), _surface(base, i, j, work, 0, 12)
+    k, t_2, in_2 = _locate(height, origin[2], step[2], shape[2])
+    if k < 0:
+        return -1, row, column, 0.0, 0.0
     _put_weights(t_2, 1.0 / step[2] if in_2 else 0.0, 16, work)
-    return i * row + j * column + k * shape[3], row, column
+    return i * row + j * column + k * shape[3], row, column, north, east
 
 
 TENSOR_WORK = _SUMS + 3 * 24
@@ -260,6 +289,7 @@ def spline_tensor_slopes(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    base: np.ndarray,
     work: np.ndarray,
     out: np.ndarray,
 ) -> None:
@@ -268,19 +298,20 @@ def spline_tensor_slopes(
     Parameters
     ----------
     positions : (3, N), of which the first ``count`` are evaluated.
-    origin, step, coefficients : as in :func:`vector_at`, of six components.
+    origin, step, coefficients, base : as in :func:`vector_at`, of six components.
     work : (:data:`TENSOR_WORK`,) scratch.
     out : output.
     """
     flat = coefficients.reshape(-1)
     for p in range(count):
-        start, row, column = _weigh(
+        start, row, column, north, east = _weigh(
             latitude=positions[0, p],
             longitude=positions[1, p],
             height=positions[2, p],
             origin=origin,
             step=step,
             coefficients=coefficients,
+            base=base,
             work=work,
         )
         if start < 0:
@@ -292,6 +323,10 @@ def spline_tensor_slopes(
             out[6 + 3 * m, p] = _up(work, 16, _SUMS + 24, m, 6)
             out[7 + 3 * m, p] = _up(work, 16, _SUMS + 48, m, 6)
             out[8 + 3 * m, p] = _up(work, 20, _SUMS, m, 6)
+        if base.size > 0:
+            for m in range(6):
+                out[6 + 3 * m, p] -= north * out[8 + 3 * m, p]
+                out[7 + 3 * m, p] -= east * out[8 + 3 * m, p]
 
 
 @compiled
@@ -301,6 +336,7 @@ def spline_tensors(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    base: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Fill the tensors (6, N) at the first ``count`` of N positions (3, N), without derivatives.
@@ -309,13 +345,14 @@ def spline_tensors(
     """
     flat, work = coefficients.reshape(-1), np.empty(_SUMS + 24)
     for p in range(count):
-        start, row, column = _weigh(
+        start, row, column, _, _ = _weigh(
             latitude=positions[0, p],
             longitude=positions[1, p],
             height=positions[2, p],
             origin=origin,
             step=step,
             coefficients=coefficients,
+            base=base,
             work=work,
         )
         if start < 0:
@@ -324,3 +361,20 @@ def spline_tensors(
         _sum_columns(flat, start, row, column, work)
         for m in range(6):
             out[m, p] = _up(work, 16, _SUMS, m, 6)
+
+
+@compiled
+def surface_heights(
+    positions: np.ndarray, origin: np.ndarray, step: np.ndarray, base: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill heights (N,) of a base surface at positions (N, 3); outside the grid, its border's."""
+    work = np.empty(16)
+    for p in range(positions.shape[0]):
+        i, t_0, _ = _locate(positions[p, 0], origin[0], step[0], base.shape[0])
+        j, t_1, _ = _locate(positions[p, 1], origin[1], step[1], base.shape[1])
+        if i < 0 or j < 0:
+            out[p] = math.nan
+            continue
+        _put_weights(t_0, 0.0, 0, work)
+        _put_weights(t_1, 0.0, 8, work)
+        out[p] = _surface(base, i, j, work, 0, 8)

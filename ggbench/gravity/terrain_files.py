@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import text_of
+from ..files import require_small_archive
 from .datums import require_wgs84
 from .meridians import Area
 from .optional_modules import imported
@@ -115,7 +116,9 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
             raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are allowed.")
     place = float(longitude.values.mean()), float(latitude.values.mean())
     require_wgs84(dataset.variables, grid, place, path)
-    factor, of_unit = units.factor(str(grid.attrs.get("units", "")), name)
+    factor, of_unit = units.factor(
+        str(grid.attrs.get("units", "")), name, str(grid.attrs.get("long_name", ""))
+    )
     written = np.asarray(grid.values, dtype=float)
     heights, of_marks = marks_removed(written, written * factor, units)
     heights, of_sign = upward(heights, grid.attrs, key, name)
@@ -141,6 +144,7 @@ def _axis_kind(dataset: Any, dimension: Any) -> str | None:
 
 def _read_npz(path: Path, area: Area | None, units: Units) -> Grid:
     """Read a NumPy archive with one of three sets of arrays."""
+    require_small_archive(path, TerrainError, path.name)
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}

@@ -1,34 +1,22 @@
-"""Units and signs in which grids of heights, of a geoid and of gravity come."""
+"""Units and signs of grids of heights, geoid and gravity."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .quantity_names import contradiction, named_quantities
 from .terrain import HIGHEST_M, LOWEST_M, TerrainError
+from .unit_names import has_zero_level, unit_in_brackets, unit_named
 
 Array = NDArray[np.floating]
 
-_METRES = {
-    **dict.fromkeys(("m", "metre", "meter", "metres", "meters", "metre(s)"), 1.0),
-    **dict.fromkeys(("ft", "foot", "feet", "international foot"), 0.3048),
-    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us"), 1200.0 / 3937.0),
-    **dict.fromkeys(("dm", "decimetre", "decimeter"), 0.1),
-    **dict.fromkeys(("cm", "centimetre", "centimeter"), 0.01),
-    **dict.fromkeys(("km", "kilometre", "kilometer"), 1000.0),
-}
-_MPS2 = {
-    **dict.fromkeys(("mgal", "milligal", "milligals", "1e-5 m s-2", "1e-5 m/s2"), 1e-5),
-    **dict.fromkeys(("ugal", "μgal", "microgal", "microgals"), 1e-8),
-    **dict.fromkeys(("gal", "gals", "cm/s2", "cm/s^2", "cm s-2", "cm s^-2", "cm/s²"), 1e-2),
-    **dict.fromkeys(("m/s2", "m/s^2", "m/s**2", "m/s²", "m s-2", "m s^-2", "m s**-2"), 1.0),
-}
-_ZERO_LEVEL = re.compile(r"[\s,(]+((above|over|rel\w*)\b.*|a\.?\s?s\.?\s?l\.?|a?msl)\)?$")
 _DEPTH = re.compile(r"(water|sea.?floor|ocean|bottom)?[ _]?depths?(?![a-z])")
 
 
@@ -39,48 +27,61 @@ class Units:
     Attributes
     ----------
     what : the quantity, as messages call it.
-    factors : SI units per unit, by its name in lower case.
+    quantity : of the units, as :mod:`.unit_names` calls it.
     allowed : the units, as messages call them.
     assumed : unit of a file that names none.
     lowest, highest : limits of the quantity on the Earth [SI units].
     says_assumed : whether a remark says that the unit was assumed.
     voids : values that mark voids, as they are in the file, besides the usual ones.
+    kind : of a grid of the gravity field, as :func:`.quantity_names.contradiction` has it.
     """
 
     what: str
-    factors: Mapping[str, float]
+    quantity: str
     allowed: str
     assumed: str
     lowest: float
     highest: float
     says_assumed: bool = False
     voids: tuple[float, ...] = ()
+    kind: str = ""
 
-    def factor(self, unit: str, name: str) -> tuple[float, str]:
-        """Return SI units per unit of a file, which may be empty, and what to say of it.
+    def require_named(self, described: str, name: str) -> None:
+        """Raise TerrainError if the description of a file's values is of another kind.
+
+        The name of the file counts where the description names no quantity.
+        """
+        text = described.strip() if named_quantities(described) else Path(name).stem
+        if self.kind and (reason := contradiction(self.kind, text)):
+            raise TerrainError(f"{name} holds {text!r}: {reason}.")
+
+    def factor(self, unit: str, name: str, described: str = "") -> tuple[float, str]:
+        """Return SI units per unit of a file, and a remark on it.
+
+        ``unit`` is what the file states; if it is empty, the unit is looked for in the brackets of
+        a description, as in GMT's ``faa (mGal)``.
 
         Raises TerrainError, naming the file, if it is no unit of this quantity.
         """
-        if not unit.strip():
+        stated = unit.strip() or unit_in_brackets(described)
+        usual = unit_named(self.assumed)
+        assert usual is not None  # a unit of the tables
+        if not stated:
             remark = f"no unit given, {self.assumed} assumed" if self.says_assumed else ""
-            return self.factors[self.assumed.casefold()], remark
-        # Of 'meters above mean sea level' the first word is the unit.
-        plain = unit.strip().casefold()  # makes one letter of the two that look like µ
-        bare = _ZERO_LEVEL.sub("", plain)
-        factor = self.factors.get(bare)
-        if factor is None:
-            raise TerrainError(f"{name} has {self.what} in {unit!r}; {self.allowed} are allowed.")
-        if bare != plain:
-            return factor, f"heights in {unit!r}"
-        usual = self.factors[self.assumed.casefold()]
-        return factor, "" if factor == usual else f"converted from {unit}"
+            return usual.factor, remark
+        found = unit_named(stated)
+        if found is None or found.quantity != self.quantity:
+            raise TerrainError(f"{name} has {self.what} in {stated!r}; {self.allowed} are allowed.")
+        if has_zero_level(stated):
+            return found.factor, f"heights in {stated!r}"
+        return found.factor, "" if found.factor == usual.factor else f"converted from {stated}"
 
 
-HEIGHTS = Units("heights", _METRES, "metres or feet", "m", LOWEST_M, HIGHEST_M)
-GEOID = Units("a geoid", _METRES, "metres or feet", "m", -150.0, 150.0)
+HEIGHTS = Units("heights", "length", "metres or feet", "m", LOWEST_M, HIGHEST_M)
+GEOID = Units("a geoid", "length", "metres or feet", "m", -150.0, 150.0)
 GRAVITY = Units(
     what="gravity",
-    factors=_MPS2,
+    quantity="gravity",
     allowed="mGal, µGal, Gal or m/s²",
     assumed="mGal",
     lowest=-0.02,

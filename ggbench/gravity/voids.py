@@ -1,4 +1,4 @@
-"""Cells of an elevation model that have no height: which matter, and how they are filled."""
+"""Void cells of an elevation model, and their interpolation."""
 
 from __future__ import annotations
 

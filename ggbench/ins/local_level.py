@@ -1,4 +1,4 @@
-"""How the local level turns, and a position changes, as a vehicle moves over the ellipsoid."""
+"""Rotation rate of the local-level frame and rate of change of a position."""
 
 from __future__ import annotations
 

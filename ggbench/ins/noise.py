@@ -1,4 +1,4 @@
-"""What drives the error model of the INS."""
+"""Process noise of the INS error model."""
 
 from __future__ import annotations
 

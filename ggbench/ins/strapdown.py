@@ -271,7 +271,10 @@ def _look_up(
         place[0] = latitude + 0.5 * dt * north
         place[1] = track[n, 1, r] + 0.5 * dt * east
         place[2] = height + 0.5 * dt * track[n, 5, r]
-        vector_at(place, gravity.origin, gravity.step, gravity.coefficients, value, derivative)
+        vector_at(
+            place, gravity.origin, gravity.step, gravity.coefficients, gravity.base,
+            value, derivative,
+        )  # fmt: skip
         for i in range(3):
             disturbance[0, i, r] = value[i]
 

@@ -189,7 +189,10 @@ def _add_gradient(
     for r in range(track.shape[2]):
         for axis in range(3):
             place[axis] = 0.5 * (track[n, axis, r] + track[n + 1, axis, r])
-        vector_at(place, gravity.origin, gravity.step, gravity.coefficients, value, slope)
+        vector_at(
+            place, gravity.origin, gravity.step, gravity.coefficients, gravity.base,
+            value, slope,
+        )  # fmt: skip
         for i in range(3):
             out[m, VELOCITY + 5 * i, r] += slope[i, 0]
             out[m, LONGITUDE + i, r] = slope[i, 1]

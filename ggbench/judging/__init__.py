@@ -1,1 +1,1 @@
-"""How good estimates are: errors of runs, statistics over them, comparisons."""
+"""Judgement of estimates: errors of runs, statistics, comparisons."""

@@ -89,7 +89,7 @@ def cases(
 
 def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], metrics: pd.DataFrame) -> dict[str, Any]:
     settled = metrics[metrics["window"] == "settled"]
-    causal = settled[~settled["causality"].isin(SMOOTHERS)]
+    means = settled.loc[~settled["causality"].isin(SMOOTHERS), "bound_m"].dropna()
     ins = settled[settled["causality"] == "none"]
     scale, track = field_correlation_m(arrays), arrays["track"]
     mask = window_mask(arrays["times"], spec.windows, "settled")
@@ -110,7 +110,7 @@ def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], metrics: pd.DataFrame
         "position_m": spec.initial_error.position_m,
         "required_m": DEFAULT_RATIO * bound("filter", last) if required is None else required,
         # Of cases with draws the mean over them, which metrics have.
-        "bound_m": float(causal["bound_m"].iloc[0]) if len(causal) else bound("filter", mask),
+        "bound_m": float(means.iloc[0]) if len(means) else bound("filter", mask),
         "smoothing_bound_m": bound("batch", mask),
         "unfiltered_bound_m": bound("unfiltered", mask),
         "ins_m": float(ins["rms_m"].iloc[0]) if len(ins) else math.nan,

@@ -1,4 +1,4 @@
-"""Two campaigns compared: what became worse, what better, and what is undecided.
+"""Comparison of two campaigns: worse, better and undecided estimators.
 
 Every verdict of a comparison belongs to one family of tests, so that the more cases and estimators
 are compared, the stronger the evidence that each of them needs.

@@ -1,4 +1,4 @@
-"""Convergence of the position: whether and when, and false fixes.
+"""Convergence of the position: time, share of runs, false fixes.
 
 With a wide prior an estimator converges to the true place in the field or to a wrong one, and the
 mean error of both says little. :func:`judge` judges every run by the required error

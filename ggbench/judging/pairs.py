@@ -1,4 +1,4 @@
-"""Pairs of estimators on the runs that both finished: who has the smaller error, surely."""
+"""Paired comparisons of estimators on their common runs."""
 
 from __future__ import annotations
 

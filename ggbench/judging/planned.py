@@ -1,4 +1,4 @@
-"""What a planned flight can reach, before it is flown: its bound at every epoch of its track."""
+"""Cramér–Rao bound at every epoch of a planned flight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judging runs: errors and consistency of many estimates at once, and what is wrong with them.
+"""Errors and consistency of runs, and validation of estimates.
 
 Estimates come as blocks, (R, K, ...) of R runs and K epochs; a single run is a block of one. What
 is said of a run depends on no other run of its block: the kernels go through them one by one.

@@ -1,4 +1,4 @@
-"""Situations of cases, by their set-up; whether the assumed model is the true one."""
+"""Situations of cases by their set-up; comparison of assumed and true model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a case says: its best estimator, those recommended, and what aiding gains.
+"""Verdict on a case: best estimator, recommended estimators, gain of aiding.
 
 Estimators are compared on equal runs. Recommendations are cross-fitted: the best estimator of the
 runs of even number is compared on those of odd number, then the reverse. Both must agree.

@@ -1,4 +1,4 @@
-"""What a map from outside must be to be believed: its size, its values, its words."""
+"""Validation of map files: size, values and attributes."""
 
 from __future__ import annotations
 

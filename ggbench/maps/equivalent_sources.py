@@ -168,7 +168,10 @@ class Equations:
         return matrix, right
 
     def solved(self, matrix: Array, right: Array, damping: float) -> EquivalentSources:
-        """Return the masses. ``damping`` is relative to the mean of the diagonal."""
+        """Return the masses. ``damping`` is relative to the mean of the diagonal.
+
+        Raise MapError if the damping leaves the masses undetermined.
+        """
         damped = matrix.copy(order="F")
         damped[np.diag_indices_from(damped)] += damping * np.trace(matrix) / len(matrix)
         try:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from ..errors import text_of
+from ..files import MOST_ARRAYS, require_small_archive
 from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, turns
@@ -34,7 +35,6 @@ Array = NDArray[np.floating]
 _UNITS = {"geoid": GEOID, "anomaly": GRAVITY, "disturbance": GRAVITY}
 _FEWEST = 16  # nodes per axis
 _ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
-_REDUCED = re.compile(r"bouguer|isostatic", re.IGNORECASE)
 _HEIGHT_ANOMALY = re.compile(r"height[ _]?anomal|quasi[ _-]?geoid", re.IGNORECASE)
 
 
@@ -49,10 +49,10 @@ def read_grid(
 
     A netCDF file has one variable on latitude x longitude. Its attribute ``units``, and the unit of
     a raster's band, is m for a geoid and mGal, µGal, Gal or m/s² for gravity, in which mGal is
-    assumed when nothing is said. A raster is of any format that GDAL reads: GeoTIFF, ESRI ASCII,
-    GTX, ISG, BYN, Surfer. A ``.gdf`` file of ICGEM's calculation service says itself what quantity,
-    unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m``
-    [1e-4 m], a geoid.
+    assumed when nothing is said. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or
+    Surfer grid, as its suffix says. A ``.gdf`` file of ICGEM's calculation service says itself what
+    quantity, unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and
+    ``N_1e4m`` [1e-4 m], a geoid.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def read_grid(
         If the file cannot be read, has gaps in the area, an irregular grid, other units, or values
         that such a grid cannot have.
     """
-    units = dataclasses.replace(_UNITS[kind], voids=tuple(voids))
+    units = dataclasses.replace(_UNITS[kind], voids=tuple(voids), kind=kind)
     try:
         path.open("rb").close()
     except OSError as error:
@@ -172,6 +172,7 @@ def _read(path: Path, kind: str, area: Area | None, units: Units) -> ReadGrid:
 def _from_archive(path: Path, kind: str, units: Units) -> ReadGrid:
     if kind != "geoid":
         raise MapError(f"{path}: an .npz file holds a geoid; for gravity give a netCDF file.")
+    require_small_archive(path, MapError, str(path))
     try:
         arrays = read_arrays(path.read_bytes(), ("lat0", "lon0", "step", "N_1e4m"))
         written = np.asarray(arrays["N_1e4m"], dtype=float)
@@ -217,13 +218,25 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
 
     try:
         with xarray.open_dataset(path) as dataset:
+            if dataset.nbytes > MOST_ARRAYS:
+                raise MapError(
+                    f"{path} holds {dataset.nbytes / 1e6:.0f} MB of arrays; at most "
+                    f"{MOST_ARRAYS / 1e6:g} are allowed: cut it to the area of the map."
+                )
             dataset.load()
+    except MapError:
+        raise
     except Exception as error:
         said = text_of(error).split(". Consider", maxsplit=1)[0]
         raise MapError(f"{path} is no grid that can be read as netCDF: {said}") from None
     refuse_old_gmt(dataset, path.name)
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())
+    if "ggxfVersion" in dataset.attrs:
+        raise MapError(
+            f"{path} is a file of GGXF, whose grids are not read: convert it to GeoTIFF or to "
+            "netCDF with latitude and longitude."
+        )
     grids = [
         name
         for name, variable in dataset.data_vars.items()
@@ -240,13 +253,9 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     called = " ".join(
         [str(grids[0]), *(str(variable.attrs.get(k, "")) for k in ("long_name", "standard_name"))]
     )
-    if kind != "geoid" and _REDUCED.search(called):
-        raise MapError(
-            f"{path} holds {called.strip()!r}; free-air anomalies or disturbances are allowed: "
-            "others lack the attraction of the rock."
-        )
+    units.require_named(called, path.name)
     unit = str(variable.attrs.get("units", ""))
-    values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units)
+    values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units, called)
     latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
     place = float(longitude.mean()), float(latitude.mean())
     require_wgs84(dataset.variables, variable, place, path)
@@ -260,9 +269,11 @@ def _from_gdf(path: Path, kind: str, units: Units) -> ReadGrid:
     return grid._replace(values=values, remarks=(*remarks, *grid.remarks))
 
 
-def _in_si(path: Path, written: Array, unit: str, units: Units) -> tuple[Array, tuple[str, ...]]:
+def _in_si(
+    path: Path, written: Array, unit: str, units: Units, described: str = ""
+) -> tuple[Array, tuple[str, ...]]:
     """Values in SI units, NaN for marks of gaps, and what to say of them."""
-    factor, of_unit = units.factor(unit, path.name)
+    factor, of_unit = units.factor(unit, path.name, described)
     values, of_marks = marks_removed(written, written * factor, units)
     return values, _named(path, of_unit, of_marks)
 

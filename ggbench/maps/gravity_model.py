@@ -7,7 +7,6 @@ plain or packed with gzip, zip or tar, and the ``.npz`` file that the package ca
 from __future__ import annotations
 
 import datetime
-import gzip
 import io
 import math
 import re
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import text_of
+from ..files import MOST_TEXT, content_of, gunzipped, require_small_archive
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
 from .gravity_epoch import static
@@ -71,10 +71,7 @@ def read_model(
     all, or does not go to the degree; if it varies with time and has no epoch, or the other way
     round.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise MapError(f"cannot read the coefficients {path}: {error.strerror}") from None
+    content = content_of(path, MapError, "the coefficients ")
     if path.suffix == ".npz":
         if epoch is not None:
             raise MapError(f"{path} does not vary with time: --epoch must not be given.")
@@ -93,6 +90,7 @@ def read_model(
 
 
 def _from_arrays(path: Path, content: bytes) -> GravityModel:
+    require_small_archive(io.BytesIO(content), MapError, str(path))
     try:
         arrays = read_arrays(content, ("cs", "gm", "r"))
         pairs = np.asarray(arrays["cs"], dtype=float)
@@ -152,9 +150,10 @@ def _unpacked(path: Path, content: bytes) -> bytes:
     """Return the content of a file that may be packed; of an archive, the one file wanted."""
     try:
         if content.startswith(_GZIP):
-            content = gzip.decompress(content)
+            content = gunzipped(content, MapError, str(path))
         if content.startswith(_ZIP):
             with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                require_small_archive(io.BytesIO(content), MapError, str(path), MOST_TEXT)
                 files = [name for name in archive.namelist() if not name.endswith("/")]
                 return archive.read(_only(path, files))
         if content[_TAR_AT:].startswith(_TAR):

@@ -1,19 +1,19 @@
-"""The highest ground of a terrain, which decides how low a map of its field can begin.
+"""Highest ground of a terrain, the lower limit of a map of level layers.
 
-Layers of a map are level, and Parker's series holds above the highest ground only: over a valley a
-map begins as high as over the summit.
+Parker's series holds above the highest ground only: over a valley such a map begins as high as over
+the summit. :mod:`.drape` has layers that follow the ground.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
-from ..gravity.meridians import Area
+from ..gravity.ellipsoid import EOTVOS, SEMI_MAJOR_AXIS
+from ..gravity.meridians import Area, turns
 from .netcdf import Nodes
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ _CLEARANCE_M = 50.0  # least height above the highest ground, by default
 _CONVERGING = 1.2  # times what the series takes, about
 _QUICK_NODES = 8_000_000  # of the Fourier grid, by default: some seconds
 _ROUND_M = 10.0
+_WORTH_SAYING_EOTVOS = 1.0
+"""What the ground beyond the terrain is worth before it is said."""
 _DRAPE_M = 200.0  # height of a flight above the ground, of which is said where the map serves it
 
 
@@ -39,7 +41,7 @@ class Ground:
 
     terrain: Terrain
     geoid_height_m: float
-    area: Area
+    area: Area = field(default_factory=Area)
     clearance_m: float | None = None
 
     @property
@@ -88,6 +90,42 @@ class Ground:
             f"{longitude:.4f}° E{note})"
         )
 
+    def beyond(self, nodes: Nodes, density: float) -> list[str]:
+        """Return what ground beyond the edges of the terrain is worth within the map, if much.
+
+        A half-plane of the thickness t from the distance D on has the gradient 2 G ρ t / D.
+        """
+        from ..gravity.parker import GRAVITATIONAL_CONSTANT  # compiled, as the series below
+
+        terrain = self.terrain
+        west, east = (float(v) for v in terrain.longitudes_deg[[0, -1]])
+        middle = math.radians(0.5 * float(nodes.latitude_deg[0] + nodes.latitude_deg[-1]))
+        turn = float(turns(nodes.longitude_deg.mean(), 0.5 * (west + east)))
+        per_degree = math.radians(SEMI_MAJOR_AXIS)
+        away = {
+            "southern": nodes.latitude_deg[0] - terrain.latitudes_deg[0],
+            "northern": terrain.latitudes_deg[-1] - nodes.latitude_deg[-1],
+            "western": (nodes.longitude_deg[0] + turn - west) * math.cos(middle),
+            "eastern": (east - nodes.longitude_deg[-1] - turn) * math.cos(middle),
+        }
+        side = min(away, key=lambda name: away[name])
+        # The terrain's outermost cells reach half a cell beyond their nodes.
+        distance = per_degree * (float(away[side]) + 0.5 * terrain.latitude_step_deg)
+        step = float(np.std(terrain.height_m))
+        sheet = 2.0 * GRAVITATIONAL_CONSTANT * density * step / EOTVOS
+        if sheet < _WORTH_SAYING_EOTVOS * distance:
+            return []
+        worth, wanted = (
+            float(f"{value:.2g}")
+            for value in (sheet / distance, sheet / _WORTH_SAYING_EOTVOS / 1e3)
+        )
+        return [
+            f"the map comes within {distance / 1e3:.2g} km of the {side} edge of the terrain: "
+            f"ground beyond it that is {step:.0f} m higher or lower than is assumed, as the "
+            f"terrain itself varies (1 σ), is worth {worth:g} E there; "
+            f"{_WORTH_SAYING_EOTVOS:g} E needs {wanted:g} km of ground around the map"
+        ]
+
     def remark(self, nodes: Nodes) -> str:
         """What the lowest layer of a map means to a flight that follows the ground."""
         lowest = float(nodes.height_m[0])
@@ -98,8 +136,9 @@ class Ground:
         cure = ""
         if share < 1.0:
             cure = (
-                f"; lowest_m = {math.ceil(lowest):g} keeps a terrain-following flight in it, and "
-                f"so does a level one at {math.ceil(lowest):g} m or more"
+                f"; lowest_m = {math.ceil(lowest):g} keeps a terrain-following flight in it, a "
+                f"level one at {math.ceil(lowest):g} m or more is in it, and --drape makes a map "
+                "whose layers follow the ground"
             )
         return (
             f"the lowest layer, {lowest:g} m, lies {lowest - self.highest_m:.0f} m above {self}; a "

@@ -1,4 +1,4 @@
-"""Grids of ICGEM's calculation service: a header that says what they hold, then rows of nodes."""
+"""Grid files of ICGEM's calculation service."""
 
 from __future__ import annotations
 

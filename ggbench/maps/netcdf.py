@@ -60,6 +60,22 @@ AXES: dict[str, dict[str, Any]] = {
         "axis": "X",
     },
 }
+BASE = "base_height"
+"""Variable of a draped map: its base surface, on latitude x longitude."""
+CLEARANCE = "clearance"
+"""Dimension of a draped map in the place of the height."""
+_CLEARANCE: dict[str, Any] = {
+    "long_name": f"height above {BASE}, the base surface of the map",
+    "units": "m",
+    "axis": "Z",
+    "positive": "up",
+}
+_BASE = {
+    "standard_name": "height_above_reference_ellipsoid",
+    "long_name": "height of the base surface above the WGS84 ellipsoid",
+    "units": "m",
+    "grid_mapping": "crs",
+}
 _CRS = {
     "grid_mapping_name": "latitude_longitude",
     "geographic_crs_name": "WGS 84",
@@ -73,11 +89,16 @@ _CRS = {
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes of a map: ascending and regular latitudes, longitudes [deg] and heights [m]."""
+    """The nodes of a map: ascending and regular latitudes, longitudes [deg] and heights [m].
+
+    Of a draped map ``height_m`` are heights above its base surface, and ``base_m``
+    (n_lat, n_lon) are those of the base above the ellipsoid; None: the layers are level.
+    """
 
     latitude_deg: Array
     longitude_deg: Array
     height_m: Array
+    base_m: NDArray[np.float64] | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -107,7 +128,15 @@ class Nodes:
             provenance=provenance,
             standard_error=standard_error,
             error_distance=error_distance,
+            base=self.base_m,
         )
+
+
+def axes_of(draped: bool) -> dict[str, dict[str, Any]]:
+    """Return the axes of a file, in its order, with their attributes."""
+    if not draped:
+        return AXES
+    return {CLEARANCE: _CLEARANCE, **{name: AXES[name] for name in ("latitude", "longitude")}}
 
 
 def step_of(axis: Array) -> float:
@@ -167,15 +196,20 @@ def write_layers(
             }
         )
         file.createVariable("crs", "i4").setncatts(_CRS)
+        axes = axes_of(nodes.base_m is not None)
         for name, axis in zip(
-            AXES, (nodes.height_m, nodes.latitude_deg, nodes.longitude_deg), strict=True
+            axes, (nodes.height_m, nodes.latitude_deg, nodes.longitude_deg), strict=True
         ):
             file.createDimension(name, axis.size)
             variable = file.createVariable(name, "f8", (name,))
-            variable.setncatts(AXES[name])
+            variable.setncatts(axes[name])
             variable[:] = axis
+        if nodes.base_m is not None:
+            variable = file.createVariable(BASE, "f8", ("latitude", "longitude"), fletcher32=True)
+            variable.setncatts(_BASE)
+            variable[:] = nodes.base_m
         for index, (name, attrs) in enumerate(variables().items()):
-            variable = file.createVariable(name, dtype, tuple(AXES), **options)
+            variable = file.createVariable(name, dtype, tuple(axes), **options)
             variable.setncatts({**attrs, **_error_of(errors, index), "grid_mapping": "crs"})
         _write_layers(file, nodes, layers, dtype)
 
@@ -199,6 +233,7 @@ def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None
         south + math.degrees(gradient_map.latitude_step) * np.arange(n_lat),
         longitude,
         gradient_map.height0 + gradient_map.height_step * np.arange(n_h),
+        gradient_map.base,
     )
     layers = (
         (gradient_map.tensor[:, :, i], gradient_map.gravity_disturbance[:, :, i])

@@ -20,6 +20,8 @@ from ..gravity.meridians import Area
 from . import checks
 from .netcdf import (
     AXES,
+    BASE,
+    CLEARANCE,
     ENU,
     ERROR_KEYS,
     FEWEST_NODES,
@@ -27,6 +29,7 @@ from .netcdf import (
     VECTOR,
     Layer,
     Nodes,
+    axes_of,
     step_of,
     variables,
 )
@@ -63,8 +66,9 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
         checks.require_possible(str(path), tensor, disturbance)
         provenance = _text(file, "source") or path.name
         errors = [_errors(path, file, key) for key in ERROR_KEYS]
+        base = _read_base(path, file, keep, slices)
     kept = {name: values[keep[name]] for name, values in nodes.items()}
-    return Nodes(kept["latitude"], kept["longitude"], kept["height"]).map_of(
+    return Nodes(kept["latitude"], kept["longitude"], kept["height"], base).map_of(
         tensor, disturbance, provenance, (errors[0], errors[1])
     )
 
@@ -75,13 +79,14 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
     Raises MapError as :func:`read` does, for the values when a layer is asked for.
     """
     with opened(path) as file:
-        nodes, _ = _read_nodes(path, file)
+        nodes, descends = _read_nodes(path, file)
         shape = tuple(values.size for values in nodes.values())
         checks.require_size(str(path), shape, checks.MOST_NODES)
         checks.require_size(f"a layer of {path}", shape[:2], checks.MOST_NODES_READ)
         attributes = {key: _text(file, key) for key in file.ncattrs()}
+        base = _read_base(path, file, _kept(path, nodes, None), descends)
     return (
-        Nodes(nodes["latitude"], nodes["longitude"], nodes["height"]),
+        Nodes(nodes["latitude"], nodes["longitude"], nodes["height"], base),
         attributes,
         _layers(path),
     )
@@ -140,8 +145,12 @@ def opened(path: Path) -> Any:
 
 
 def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool]]:
-    """Coordinates by name, ascending, and which of them descend in the file."""
-    wanted = [*AXES, *variables()]
+    """Coordinates by name, ascending, and which of them descend in the file.
+
+    ``height`` is the height above the base surface if the map is draped.
+    """
+    axes = axes_of(_is_draped(file))
+    wanted = [*axes, *([BASE] if _is_draped(file) else []), *variables()]
     missing = [name for name in wanted if name not in file.variables]
     if missing:
         raise MapError(
@@ -153,7 +162,7 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
         raise MapError(f"{path} states its frame as {frame!r}; it must be geodetic {ENU}.")
     nodes, descends = {}, {}
     for name in ("latitude", "longitude", "height"):
-        variable = file.variables[name]
+        variable = file.variables[_stored(file, name)]
         _require_units(path, name, variable, _UNITS[name])
         if variable.size > checks.MOST_ON_AXIS:
             raise MapError(
@@ -184,9 +193,9 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
         variable = file.variables[name]
         kind = name.split("_", maxsplit=1)[0]
         _require_units(path, name, variable, _UNITS[kind])
-        if sorted(variable.dimensions) != sorted(AXES):
+        if sorted(variable.dimensions) != sorted(axes):
             raise MapError(
-                f"{path}: {name} must have the dimensions {', '.join(AXES)}, in any order; found "
+                f"{path}: {name} must have the dimensions {', '.join(axes)}, in any order; found "
                 f"{', '.join(variable.dimensions) or 'none'}."
             )
         _require_numbers(path, name, variable)
@@ -236,10 +245,10 @@ def _read_components(
     out = np.empty((*shape, len(names)))
     for component, name in enumerate(names):
         variable = file.variables[f"{prefix}_{name}"]
-        dims = variable.dimensions
+        dims = ["height" if dim == CLEARANCE else dim for dim in variable.dimensions]
         index = tuple(
-            _mirrored(keep[dim], file.dimensions[dim].size) if descends[dim] else keep[dim]
-            for dim in dims
+            _mirrored(keep[dim], size) if descends[dim] else keep[dim]
+            for dim, size in zip(dims, variable.shape, strict=True)
         )
         values = _values(path, f"{prefix}_{name}", variable, index)
         values = np.transpose(values, [dims.index(dim) for dim in order])
@@ -248,6 +257,43 @@ def _read_components(
         if not np.isfinite(out[..., component]).all() or _has_fill(variable, values):
             raise MapError(f"{path}: {prefix}_{name} has missing values or such as are no numbers.")
     return out
+
+
+def _is_draped(file: Any) -> bool:
+    """Whether layers have equal heights above a base surface."""
+    return CLEARANCE in file.variables
+
+
+def _stored(file: Any, name: str) -> str:
+    """The name of an axis in a file."""
+    return CLEARANCE if name == "height" and _is_draped(file) else name
+
+
+def _read_base(
+    path: Path, file: Any, keep: Mapping[str, slice], descends: Mapping[str, bool]
+) -> NDArray[np.float64] | None:
+    """The base surface (n_lat, n_lon) of the nodes to keep [m]; None of a map of level layers."""
+    if not _is_draped(file):
+        return None
+    variable = file.variables[BASE]
+    _require_units(path, BASE, variable, _UNITS["height"])
+    order = ("latitude", "longitude")
+    if sorted(variable.dimensions) != sorted(order):
+        raise MapError(
+            f"{path}: {BASE} must have the dimensions latitude, longitude, in any order; found "
+            f"{', '.join(variable.dimensions) or 'none'}."
+        )
+    whole = np.transpose(
+        _values(path, BASE, variable, ()), [variable.dimensions.index(name) for name in order]
+    )
+    flip = tuple(slice(None, None, -1 if descends[name] else 1) for name in order)
+    found = np.ascontiguousarray(whole[flip][keep["latitude"], keep["longitude"]])
+    lowest, highest = _LIMITS["height"]
+    if _has_fill(variable, found) or not ((lowest <= found) & (found <= highest)).all():
+        raise MapError(
+            f"{path}: {BASE} must be heights of {lowest:g} to {highest:g} m without gaps."
+        )
+    return found
 
 
 def _errors(path: Path, file: Any, key: str) -> NDArray[np.float64]:
@@ -300,7 +346,7 @@ def _values(path: Path, name: str, variable: Any, index: tuple[slice, ...]) -> N
 def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> None:
     found = _text(variable, "units")
     if found.strip().lower() not in allowed:
-        first = (AXES | variables())[name]["units"]
+        first = (AXES | variables() | {BASE: {"units": "m"}})[name]["units"]
         stated = f"has units {found!r}" if found else "states no units"
         raise MapError(f"{path}: {name} {stated}; it must be in {first!r}.")
 

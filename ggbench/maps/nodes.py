@@ -1,4 +1,4 @@
-"""The nodes of a map: what a user asks for, or else what the inputs can serve."""
+"""Nodes of a map: requested by the user, or the finest that the inputs support."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ Array = NDArray[np.floating]
 EVERYWHERE = np.array([-90.0, 90.0, -360.0, 360.0])
 """Bounds of what serves the whole Earth: south, north, west, east [deg]."""
 _MOST_NODES = 400_000_000  # 14 GB of float32
+MOST_LAYER_NODES = 10_000_000
+"""Nodes of a layer; three layers are in memory: one is computed, one summed, one written."""
+_BYTES_PER_NODE = 3 * 9 * 8
 _MOST_CELLS = 1_000_000  # along an axis
+_FEWEST_STEPS = FEWEST_NODES - 1
 HIGHEST_M = 1e6
 _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
@@ -72,8 +76,16 @@ class SourceExtent:
     ground: str = ""
 
 
-def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes, list[str]]:
-    """The nodes, within what all sources can serve, and remarks about them."""
+def nodes_for(
+    extents: list[SourceExtent], request: GridRequest, drape: tuple[float, float] | None = None
+) -> tuple[Nodes, list[str]]:
+    """The nodes, within what all sources can serve, and remarks about them.
+
+    ``drape`` are the lowest and the highest layer above the ground of a draped map [m]; its nodes
+    have those heights, and no base yet.
+
+    Raise MapError if a request lies outside of the inputs or is too large.
+    """
     remarks: list[str] = []
     inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
     turned = _in_one_turn(extents)
@@ -106,7 +118,13 @@ def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes,
                 f"{bounds[high]:g}: else nothing is left of what the inputs serve"
                 + (" (across the date line: --west 179 --east -179)." if high == 3 else ".")
             )
-    heights, spacing_deg = _heights_and_spacing(extents, request, remarks)
+    if drape is not None:
+        heights, spacing_deg = _clearances_and_spacing(drape, request, remarks)
+    else:
+        heights, spacing_deg = _heights_and_spacing(extents, request, remarks)
+    if request.spacing_deg is None:
+        sides = (bounds[1] - bounds[0], bounds[3] - bounds[2])
+        spacing_deg = min(spacing_deg, _round_down(3600.0 * min(sides) / _FEWEST_STEPS) / 3600.0)
     latitude = _axis(bounds[0], bounds[1], spacing_deg, allowed[1])
     longitude = _axis(bounds[2], bounds[3], spacing_deg, allowed[3])
     counts = (latitude.size, longitude.size, heights.size)
@@ -115,6 +133,14 @@ def nodes_for(extents: list[SourceExtent], request: GridRequest) -> tuple[Nodes,
             f"bounds and spacings give {counts[0]} x {counts[1]} x {counts[2]} nodes in latitude, "
             f"longitude and height: at least {FEWEST_NODES} in each and at most {_MOST_NODES} in "
             "all are allowed; --spacing-arcmin and --height-spacing change them."
+        )
+    layer = counts[0] * counts[1]
+    if layer > MOST_LAYER_NODES:
+        raise MapError(
+            f"a layer of {counts[0]} x {counts[1]} nodes in latitude and longitude needs "
+            f"{layer * _BYTES_PER_NODE / 1e9:.3g} GB of memory while it is built; at most "
+            f"{MOST_LAYER_NODES:.3g} nodes ({MOST_LAYER_NODES * _BYTES_PER_NODE / 1e9:.3g} GB) are "
+            "allowed: widen --spacing-arcmin, or build the map in parts."
         )
     return Nodes(latitude, longitude, heights), remarks
 
@@ -150,6 +176,11 @@ def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
         middle = 0.5 * (allowed[2] + allowed[3])
         west, east = (s if s is None else s + float(turns(s, middle)) for s in (west, east))
     elif west is not None and east is not None:
+        if east - west > 360.0 + _ROUNDING_DEG:
+            raise MapError(
+                f"--west {west:g} to --east {east:g} are {east - west:g} degrees; at most one "
+                "turn, 360, is allowed."
+            )
         east = eastern(west, east)
     return [area.south, area.north, west, east]
 
@@ -170,6 +201,8 @@ def _heights_and_spacing(
     spacing_m = request.height_spacing_m
     if spacing_m is None:
         spacing_m = _round_down(min(upwards, _WIDEST_HEIGHT_SPACING))
+        if request.highest_m is not None and lowest < request.highest_m:
+            spacing_m = min(spacing_m, _round_down((request.highest_m - lowest) / _FEWEST_STEPS))
     if not 0.0 < spacing_m < math.inf:
         raise MapError(
             f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"
@@ -186,6 +219,42 @@ def _heights_and_spacing(
             f"{HIGHEST_M:g} m."
         )
     heights = _axis(lowest, highest, spacing_m, math.inf)
+    return heights, _horizontal(request, across, distance, remarks)
+
+
+def _clearances_and_spacing(
+    drape: tuple[float, float], request: GridRequest, remarks: list[str]
+) -> tuple[Array, float]:
+    """Heights of draped layers above their base, and the spacing of nodes [deg]."""
+    lowest, highest = drape
+    for option, value in (("lowest", request.lowest_m), ("highest", request.highest_m)):
+        if value is not None:
+            raise MapError(
+                f"--{option} {value:g} is a height above the ellipsoid; the layers of --drape are "
+                "given by --clearance-from and --clearance-to, above the ground."
+            )
+    if not 0.0 < lowest < highest <= HIGHEST_M:  # NaN fails too
+        raise MapError(
+            f"--clearance-from {lowest:g} and --clearance-to {highest:g} must ascend, be above 0, "
+            f"the ground, and at most {HIGHEST_M:g} m."
+        )
+    across, upwards = widest_spacings(lowest, ground=True)
+    spacing_m = request.height_spacing_m
+    if spacing_m is None:
+        # Whole steps up to the highest layer, at least three for a spline.
+        cells = max(FEWEST_NODES - 1, math.ceil((highest - lowest) / upwards - 1e-6))
+        spacing_m = (highest - lowest) / cells
+    if not 0.0 < spacing_m < math.inf:
+        raise MapError(f"--height-spacing {spacing_m:g} must be positive.")
+    heights = _axis(lowest, highest, spacing_m, math.inf)
+    return heights, _horizontal(request, across, lowest, remarks)
+
+
+def _horizontal(request: GridRequest, across: float, distance: float, remarks: list[str]) -> float:
+    """Spacing of nodes [deg]: what is asked for, or ``across`` [m] rounded down.
+
+    ``distance`` is that of the lowest layer from the sources [m].
+    """
     widest = math.degrees(across / SEMI_MAJOR_AXIS)
     spacing_deg = request.spacing_deg
     if spacing_deg is None:
@@ -198,7 +267,7 @@ def _heights_and_spacing(
         )
     if not 0.0 < spacing_deg < math.inf:
         raise MapError(f"the spacing of {3600 * spacing_deg:g}″ must be positive.")
-    return heights, spacing_deg
+    return spacing_deg
 
 
 def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
@@ -227,7 +296,10 @@ def _too_low(extents: list[SourceExtent], lowest: float, floor: float) -> str:
     where = f"{abs(above):.3g} m {'below' if above < 0.0 else 'above'} {deciding.ground}"
     if above >= 0.0:
         where = f"only {where}"
-    return f"lies {where}: {allowed}, for heights are above the ellipsoid, not above the ground."
+    return (
+        f"lies {where}: {allowed}, for heights are above the ellipsoid, not above the ground; "
+        "--drape makes a map whose layers follow the ground."
+    )
 
 
 def _axis(low: float, high: float, step: float, limit: float) -> Array:

@@ -1,4 +1,4 @@
-"""What a map can be made of, and sums of it in which nothing is counted twice.
+"""Parts of a map, and their sum without double counting.
 
 Spherical harmonics hold the field up to a degree N. A terrain adds what is shorter: its field less
 that of the same terrain smoothed to degree N, which is in the harmonics already (residual terrain

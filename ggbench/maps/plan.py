@@ -20,12 +20,20 @@ from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
 from ..gravity.meridians import Area
 from ..gravity.remove_restore import MARGIN_DEG, TAPER_DEG, Residual, height_anomaly
 from ..numerics.source import VERSION
+from . import drape
 from .gravity_grid import elevation_at, read_grid
 from .gravity_model import read_model
 from .ground import Ground
 from .netcdf import TENSOR, VECTOR, Errors, Layer, Nodes, described
 from .nodes import EVERYWHERE, GridRequest, SourceExtent, nodes_for
-from .parts import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
+from .parts import (
+    FILTER_ORDER,
+    HarmonicPart,
+    Part,
+    ResidualPart,
+    TerrainPart,
+    summed,
+)
 from .shipped_parts import COEFFICIENTS, disturbing_coefficients
 
 if TYPE_CHECKING:
@@ -33,7 +41,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.floating]
 
+TOLERANCE_EOTVOS = 0.5
+"""Of the field of a draped map's terrain, by default."""
 _SHIPPED_DEGREE = 120
+_WORTH_SAYING_M = 1.0
+"""Height of the geoid that matters to a map."""
 _INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them matters most
 
 
@@ -50,9 +62,13 @@ class Inputs:
     epoch : for which coefficients hold that vary with time.
     terrain_from_degree : up to which the other files hold the field.
     density, water_density, order : of the terrain; see :mod:`ggbench.gravity.parker`.
-    geoid_height_m : of the terrain's zero level above the ellipsoid [m].
+    geoid_height_m : of the terrain's zero level above the ellipsoid [m]; None: of a draped map that
+        of EGM2008, of a level one 0.
     voids : values in terrains and grids that mark voids, besides what the files declare.
     clearance_m : height above the ground at which will be flown; None if that is not said.
+    drape : lowest and highest layer above the ground of a draped map [m]; None: layers are level.
+    tolerance_eotvos : of the field of a draped map's terrain.
+    continued : whether a draped map's terrain goes on beyond its edges.
     """
 
     terrain: Path | None = None
@@ -68,9 +84,12 @@ class Inputs:
     density: float = 2670.0
     water_density: float = 1030.0
     order: int = 8
-    geoid_height_m: float = 0.0
+    geoid_height_m: float | None = None
     voids: tuple[float, ...] = ()
     clearance_m: float | None = None
+    drape: tuple[float, float] | None = None
+    tolerance_eotvos: float = TOLERANCE_EOTVOS
+    continued: bool = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,6 +104,8 @@ class Plan:
 
     def layers(self) -> Iterator[Layer]:
         """Yield the layers of the map, from the lowest up."""
+        if self.nodes.base_m is not None:
+            return drape.summed(self.parts, self.nodes)
         return summed(self.parts, self.nodes)
 
 
@@ -97,9 +118,13 @@ def plan(inputs: Inputs, request: GridRequest, command: str) -> Plan:
     cannot be served.
     """
     sources = _Sources(inputs, request.area)
-    nodes, remarks = nodes_for(sources.extents, request)
-    if sources.ground is not None:
+    nodes, remarks = nodes_for(sources.extents, request, inputs.drape)
+    if inputs.drape is not None:
+        nodes = sources.drape(inputs, nodes)
+    elif sources.ground is not None:
         remarks.append(sources.ground.remark(nodes))
+    if sources.ground is not None:
+        remarks += sources.ground.beyond(nodes, inputs.density)
     attributes = {
         "title": f"Gravity-gradient map: {sources.title}",
         "source": "; ".join(sources.words),
@@ -144,7 +169,7 @@ class _Sources:
         """Refuse heights that are none, and options of data that are not given."""
         for option, value in (
             ("--grid-height", inputs.grid_height_m),
-            ("--geoid-height", inputs.geoid_height_m),
+            ("--geoid-height", inputs.geoid_height_m or 0.0),
             ("--clearance", inputs.clearance_m or 0.0),
         ):
             if not math.isfinite(value):
@@ -160,6 +185,17 @@ class _Sources:
             "terrain_from_degree",
             "clearance_m",
         )
+        if inputs.drape is not None and (inputs.terrain is None or inputs.clearance_m is not None):
+            raise MapError(
+                "--drape goes with --terrain, whose ground its layers follow, and without "
+                "--clearance: --clearance-from and --clearance-to are its heights above the ground."
+            )
+        if inputs.drape is None and not (
+            inputs.continued and inputs.tolerance_eotvos == default.tolerance_eotvos
+        ):
+            raise MapError("--tolerance and --beyond are for draped maps: give --drape.")
+        if not 0.0 < inputs.tolerance_eotvos < math.inf:
+            raise MapError(f"--tolerance {inputs.tolerance_eotvos:g} E must be positive.")
         changed = any(getattr(inputs, key) != getattr(default, key) for key in terrain)
         if inputs.terrain is None and changed:
             raise MapError(
@@ -255,11 +291,12 @@ class _Sources:
 
         options = TerrainOptions(inputs.density, inputs.water_density, inputs.order)
         terrain = self._read_terrain(path, self._around(self._area), inputs.voids)
-        if inputs.geoid_height_m != 0.0 and ELLIPSOIDAL in terrain.name:
+        if inputs.geoid_height_m and ELLIPSOIDAL in terrain.name:
             raise MapError(
                 f"{path.name} says that its {ELLIPSOIDAL}: leave out --geoid-height "
                 f"{inputs.geoid_height_m:g}."
             )
+        zero_level = self._zero_level(inputs, terrain)
         degree = inputs.terrain_from_degree
         if degree is not None and coefficients is None:
             raise MapError("--terrain-from-degree goes with --coefficients or a gravity grid.")
@@ -272,8 +309,9 @@ class _Sources:
             degree = coefficients.degree
         if degree is not None and degree < 2:
             raise MapError(f"--terrain-from-degree {degree} must be at least 2.")
-        self.parts.append(TerrainPart(terrain, options, degree, inputs.geoid_height_m))
-        word = f"terrain {path.name}, {options.density:g} kg/m³, by Parker's series"
+        self.parts.append(TerrainPart(terrain, options, degree, zero_level))
+        how = "Parker's series" if inputs.drape is None else "prisms and columns"
+        word = f"terrain {path.name}, {options.density:g} kg/m³, by {how}"
         if degree is not None:
             word += f", of what is shorter than degree {degree}"
         self.words.append(word)
@@ -281,7 +319,7 @@ class _Sources:
             "density_kg_m3": options.density,
             "water_density_kg_m3": options.water_density,
             "order": options.order,
-            "geoid_height_m": inputs.geoid_height_m,
+            "geoid_height_m": zero_level,
         }
         if degree is not None:
             self.parameters |= {
@@ -293,15 +331,84 @@ class _Sources:
                 "a terrain alone gives what the ground within it attracts, a plate under it "
                 "included; masses below and beyond it are not in the map (--coefficients adds them)"
             )
-        self._add_terrain_extent(terrain, inputs)
+        self._add_terrain_extent(terrain, inputs, zero_level)
 
-    def _add_terrain_extent(self, terrain: Terrain, inputs: Inputs) -> None:
+    def drape(self, inputs: Inputs, nodes: Nodes) -> Nodes:
+        """Return nodes with their base; replace the terrain's part by one for draped layers."""
+        for index, part in enumerate(self.parts):
+            if not isinstance(part, TerrainPart):
+                continue
+            base = drape.base_surface(
+                part.terrain, part.geoid_height_m, nodes.latitude_deg, nodes.longitude_deg
+            )
+            nodes = dataclasses.replace(nodes, base_m=base)
+            self._require_above_grids(float(base.min() + nodes.height_m[0]))
+            ground, error = drape.DrapedTerrain.of(
+                part, nodes, inputs.tolerance_eotvos, inputs.continued
+            )
+            self.parts[index] = ground
+            above = base.ravel() - ground.masses.ground(*drape.points_of(nodes, 0.0)[:, :2].T)
+            self.remarks.append(
+                f"layers lie {nodes.height_m[0]:g} to {nodes.height_m[-1]:g} m above a base "
+                f"surface, {base.min():.0f} to {base.max():.0f} m high, which lies up to "
+                f"{above.max():.0f} m above the ground, {above.mean():.0f} m on average"
+            )
+            self.remarks.append(
+                f"the terrain's columns are prisms up to {ground.ratio:g} of their widths away; "
+                f"farther ones as lines err by at most {error:.2g} E at points of the lowest layer"
+            )
+            self.parameters |= {
+                "prisms_to_widths": ground.ratio,
+                "columns_error_eotvos": float(f"{error:.3g}"),
+                "beyond": "mirror" if inputs.continued else "nothing",
+            }
+        return nodes
+
+    def _require_above_grids(self, lowest: float) -> None:
+        """Raise MapError if the lowest node of a draped map [m] is below a gravity grid."""
+        floors = [extent.floor_m for extent in self.extents if not extent.ground]
+        floor = max(floors, default=-math.inf)
+        if lowest < floor:
+            raise MapError(
+                f"the lowest node of the draped map lies at {lowest:.0f} m, below the gravity grid "
+                f"at {floor:g} m: raise --clearance-from, or leave low ground out."
+            )
+
+    def _zero_level(self, inputs: Inputs, terrain: Terrain) -> float:
+        """Return the height of a terrain's zero level above the ellipsoid [m]; say where it is."""
+        assert inputs.terrain is not None
+        if inputs.geoid_height_m is not None or ELLIPSOIDAL in terrain.name:
+            return inputs.geoid_height_m or 0.0
+        from .geoid import geoid_heights
+
+        sides = terrain.latitudes_deg[[0, -1]], terrain.longitudes_deg[[0, -1]]
+        area = self._area.within(*sides)
+        assert None not in area
+        corners = np.array([(a, b) for a in area[:2] for b in area[2:]], dtype=float)
+        found = geoid_heights(*corners.T)
+        height = round(float(found.mean()), 1)
+        heights = f"heights of {inputs.terrain.name} are taken as"
+        model = f"EGM2008 to degree 120, {found.min():.1f} to {found.max():.1f} m at its corners"
+        if inputs.drape is not None:
+            self.remarks.append(
+                f"{heights} above sea level, {height:g} m above the ellipsoid ({model}); "
+                "heights of tracks are above the ellipsoid, too; --geoid-height changes it"
+            )
+            return height
+        if abs(height) >= _WORTH_SAYING_M:
+            self.remarks.append(
+                f"{heights} above the ellipsoid; if they are above sea level, --geoid-height "
+                f"{height:g} makes them so ({model}), and heights of tracks of a receiver fit"
+            )
+        return 0.0
+
+    def _add_terrain_extent(self, terrain: Terrain, inputs: Inputs, zero_level: float) -> None:
         n_lat, n_lon = terrain.height_m.shape
         south, west = terrain.south_deg, terrain.west_deg
         spans = terrain.latitude_step_deg * (n_lat - 1), terrain.longitude_step_deg * (n_lon - 1)
         bounds = np.array([south, south + spans[0], west, west + spans[1]])
         inset = _INSET * np.repeat(spans, 2) * np.array([1.0, -1.0, 1.0, -1.0])
-        ground = Ground(terrain, inputs.geoid_height_m, self._area, inputs.clearance_m)
+        ground = Ground(terrain, zero_level, self._area, inputs.clearance_m)
         self.extents.append(
             SourceExtent(
                 bounds,

@@ -12,6 +12,7 @@ import dataclasses
 import hashlib
 import json
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,16 +26,20 @@ from ..gravity.terrain import TerrainError
 from ..numerics.cache import cache_folder, exclusive_lock
 from ..numerics.source import MAP_ROOMS, rooms_hash
 from . import netcdf, netcdf_reader
-from .netcdf import Nodes
+from .netcdf import Layer, Nodes
 from .package_data import data_bytes
-from .parts import summed
+from .parts import Part, TerrainPart, summed
 from .shipped import SOURCES, Limits
-from .shipped_parts import PartOptions
+from .shipped_parts import PartOptions, ShippedTerrain, SpacingRule
 
 Array = NDArray[np.float64]
 
 _WIDEST_SMOOTHING_DEG = 1.0
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
+_LEAST_CLEARANCE_M = 10.0
+"""Lowest layer of a draped map."""
+_TOLERANCE_EOTVOS = 0.5
+"""Of the field of a draped map's terrain."""
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
 
 
@@ -61,6 +66,8 @@ class MapRecipe:
     relief_smoothing_deg : standard deviation of a Gaussian that smooths the topography before;
         0, no smoothing, is the field that the benchmark declares. At most 1.
     density_kg_m3 : of the ground of a terrain.
+    drape : whether heights are above the base surface of a terrain's ground (:mod:`.drape`), and
+        nodes at most as far apart as they are above it, in all but the two lowest layers.
     """
 
     source: str
@@ -75,6 +82,7 @@ class MapRecipe:
     land_correction: bool = True
     relief_smoothing_deg: float = 0.0
     density_kg_m3: float = 2670.0
+    drape: bool = False
 
 
 def load_or_build(recipe: MapRecipe) -> GradientMap:
@@ -112,7 +120,9 @@ def build(recipe: MapRecipe) -> GradientMap:
     source, nodes, options = SOURCES[recipe.source], nodes_of(recipe), options_of(recipe)
     tensor, disturbance = np.empty((*nodes.shape, 6)), np.empty((*nodes.shape, 3))
     try:
-        for index, layer in enumerate(summed(source.loaded(options), nodes)):
+        parts = source.loaded(options)
+        layers = _draped(parts, nodes) if recipe.drape else summed(parts, nodes)
+        for index, layer in enumerate(layers):
             tensor[:, :, index], disturbance[:, :, index] = layer
     except TerrainError as error:
         raise MapError(str(error)) from None
@@ -124,11 +134,26 @@ def nodes_of(recipe: MapRecipe) -> Nodes:
     """Return the nodes of a map; the recipe is a checked one."""
     step = recipe.spacing_arcmin / 60.0
     n_lat, n_lon, n_h = _node_counts(recipe)
-    return Nodes(
-        recipe.south_deg + step * np.arange(n_lat),
-        recipe.west_deg + step * np.arange(n_lon),
-        recipe.min_height_m + recipe.height_spacing_m * np.arange(n_h),
-    )
+    latitude = recipe.south_deg + step * np.arange(n_lat)
+    longitude = recipe.west_deg + step * np.arange(n_lon)
+    heights = recipe.min_height_m + recipe.height_spacing_m * np.arange(n_h)
+    base = None
+    if recipe.drape:
+        from .drape import base_surface
+
+        (part,) = SOURCES[recipe.source].loaded(options_of(recipe))
+        assert isinstance(part, TerrainPart)
+        base = base_surface(part.terrain, part.geoid_height_m, latitude, longitude)
+    return Nodes(latitude, longitude, heights, base)
+
+
+def _draped(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
+    """Yield the layers of the terrain that is the only part of a source."""
+    from .drape import DrapedTerrain
+
+    (part,) = parts
+    assert isinstance(part, TerrainPart)
+    return DrapedTerrain.of(part, nodes, _TOLERANCE_EOTVOS)[0].layers(nodes)
 
 
 def options_of(recipe: MapRecipe) -> PartOptions:
@@ -201,6 +226,8 @@ def checked(recipe: MapRecipe) -> MapRecipe:
             raise MapError(f"{name} = {getattr(recipe, name)} must be positive and finite.")
     _check_options(recipe)
     given = SOURCES[recipe.source].limits()
+    if recipe.drape:
+        given = _over_ground(recipe.source, given)
     bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(0.5 * sum(given.longitudes))
     assert bounds.west is not None and bounds.east is not None  # as both were given
     recipe = dataclasses.replace(recipe, west_deg=bounds.west, east_deg=bounds.east)
@@ -228,6 +255,22 @@ def checked(recipe: MapRecipe) -> MapRecipe:
             f"{netcdf.FEWEST_NODES} in each and at most {_MOST_NODES} in all are allowed."
         )
     return recipe
+
+
+def _over_ground(name: str, limits: Limits) -> Limits:
+    """Return the limits of a draped map. Raises MapError if the source is no terrain."""
+    if [type(part) for part in SOURCES[name].parts] != [ShippedTerrain]:
+        sources = [
+            name
+            for name, source in SOURCES.items()
+            if [type(part) for part in source.parts] == [ShippedTerrain]
+        ]
+        raise MapError(f"drape has no meaning for {name!r}; it is for {', '.join(sources)}.")
+    words = "the height above the ground"
+    return limits._replace(
+        heights=(_LEAST_CLEARANCE_M, SOURCES[name].highest_m),
+        spacing=SpacingRule(1.0, 1.0, 0.0, 0.0, words, words),
+    )
 
 
 def _check_options(recipe: MapRecipe) -> None:

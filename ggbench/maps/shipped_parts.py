@@ -1,4 +1,4 @@
-"""Parts of a map whose data the package carries.
+"""Map parts made of data of the package.
 
 Each kind is a class, an entry of :data:`KINDS`: from the keys of a part in ``shipped.toml`` to the
 :class:`.parts.Part` that a user's data of the kind make, too.

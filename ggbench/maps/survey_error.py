@@ -1,4 +1,4 @@
-"""The standard error of a map of survey lines, and how it is correlated along a track.
+"""Standard error of a map of survey lines, and its correlation along a track.
 
 A line in the map and a line held back have the same noise. With N the noise's autocovariance:
 

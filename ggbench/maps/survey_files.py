@@ -2,28 +2,57 @@
 
 from __future__ import annotations
 
-import csv
-import gzip
-import io
-import re
-from collections.abc import Mapping, Sequence
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from ..errors import text_of
+from ..files import content_of, gunzipped
+from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
-from .survey_lines import COMPONENTS, DISTURBANCE, PRIMARY, Quantity, SurveyLines, in_our_axes
+from ..gravity.optional_modules import imported
+from ..gravity.quantity_names import contradiction
+from ..gravity.terrain import TerrainError
+from ..gravity.unit_names import without_unit
+from .aseg_gdf import read_gdf2
+from .geoid import geoid_over
+from .survey_lines import (
+    ANOMALY,
+    COMPONENTS,
+    DISTURBANCE,
+    PRIMARY,
+    Quantity,
+    SurveyLines,
+    in_our_axes,
+)
+from .survey_numbers import (
+    PROJECTED,
+    Column,
+    read_numbers,
+    require_limits,
+    require_size,
+)
+from .survey_tables import (
+    KIND,
+    LINE,
+    SurveyTable,
+    missing_line,
+    read_csv,
+    read_xyz,
+    text_in,
+    unreadable,
+)
+
+Array = NDArray[np.float64]
 
 REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
-"""Columns that every file must have, as they are called unless the user says otherwise."""
-_LINE, _KIND = "line", "kind"
-_XYZ_LINE = re.compile(r"^\s*([A-Za-z]+)\s+(\S+)\s*$")
-_DEFINITION = re.compile(r"^DEFN\s*\d*\s*ST=RECD\s*,\s*RT=(\w*)\s*;(.*)$", re.IGNORECASE)
-_FORMAT = re.compile(r"^(\d*)([AIFEDG])(\d+)(?:\.\d+)?$", re.IGNORECASE)
-_NUMBER = re.compile(r"(^|,)\s*[-+]?\d*\.\d*\s*(,|$)")  # of a row, and of no line of names
+"""Columns of places, as they are called unless the user says otherwise; times may be missing."""
+_KEYS = (LINE, KIND, *REQUIRED, *PROJECTED, *COMPONENTS, DISTURBANCE, ANOMALY)
 _FEWEST = 4  # samples of a line that can be used
 
 
@@ -33,223 +62,245 @@ def read_lines(
     components: Sequence[str] = (),
     axes: str = "east-north-up",
     quantity: Quantity = "gradient",
+    voids: Sequence[float] = (),
+    crs: str | None = None,
 ) -> SurveyLines:
     """Return the lines of a survey.
+
+    Units that the file states are converted: a ``.dfn`` file's ``UNIT``, and units in brackets
+    behind a column's name. Free-air anomalies become disturbances by the geoid of EGM2008 to degree
+    120. Missing values are those that the file or the user declares, and marks such as −9999.999.
 
     Parameters
     ----------
     path : ``*.xyz`` (Geosoft), ``*.dat`` with its ``*.dfn`` (ASEG-GDF2), ``*.csv``; or any ``.gz``.
-    columns : what the file calls ``line``, ``kind``, the :data:`REQUIRED` and the components.
+    columns : what the file calls ``line``, ``kind``, the :data:`REQUIRED`, the :data:`PROJECTED`
+        and the components; a unit in brackets behind a name, as in ``Alt [ft]``, holds in place of
+        the file's.
     components : to use; none: all that the file has.
     axes : of the file's tensor, a key of :data:`AXES`.
-    quantity : ``gradient`` [E], or ``disturbance`` [mGal].
+    quantity : ``gradient`` [E], ``disturbance`` or ``anomaly`` (free-air) [mGal].
+    voids : values that mark missing ones, as they are in the file.
+    crs : reference system of the coordinates, such as ``EPSG:32754``; None: WGS 84.
 
     Raises
     ------
     MapError
-        If the file cannot be read, or lacks a column; the message says which it has.
+        If the file cannot be read, lacks a column, or one is of another quantity; the message says
+        what was found.
     """
     table = _table(path)
-    names = {key: key for key in (_LINE, _KIND, *REQUIRED, *COMPONENTS, DISTURBANCE)}
-    unknown = sorted(set(columns or {}) - set(names))
+    unknown = sorted(set(columns or {}) - set(_KEYS))
     if unknown:
-        raise MapError(f"--column {unknown[0]}=... names no column; known: {', '.join(names)}.")
-    names |= dict(columns or {})
+        raise MapError(f"--column {unknown[0]}=... names no column; known: {', '.join(_KEYS)}.")
+    names = {key: key for key in _KEYS} | dict(columns or {})
     wanted = _components(path, table, names, components, quantity)
-    for key in (_LINE, *REQUIRED):
-        _require(path, table, names, key)
-    numbers = np.column_stack([_numbers(path, table, names[key]) for key in (*REQUIRED, *wanted)])
-    line_names = table[names[_LINE]].astype(str).str.strip()
-    kinds = (
-        table[names[_KIND]].astype(str).str.strip()
-        if names[_KIND] in table.columns
-        else pd.Series(PRIMARY, index=table.index)
-    )
-    whole = np.isfinite(numbers).all(axis=1)
+    places = _places(table, names, crs)
+    line = _required(table, names, LINE)
+    missing_line(table, line.name)
+    for key in wanted:
+        _require_quantity(path, table, _required(table, names, key), quantity)
+    used = {key: _required(table, names, key) for key in (*places, "height_m", *wanted)}
+    if (time := _found(table, names["time_s"])) or "time_s" in (columns or {}):
+        used["time_s"] = time or _required(table, names, "time_s")
+    read = {key: read_numbers(table, key, column, voids) for key, column in used.items()}
+    remarks = _together((used[key].name, found.remarks) for key, found in read.items())
+    values = {key: found.values for key, found in read.items()}
+    if "time_s" not in values:
+        values["time_s"] = np.zeros(len(table.rows))
+        remarks.append("the file has no time_s, which only a model of the noise needs")
+    whole = np.isfinite(np.column_stack([*values.values()])).all(axis=1)
+    values = {key: found[whole] for key, found in values.items()}
+    if "time_s" not in used:
+        values["time_s"] = np.full(int(whole.sum()), np.nan)
+    if crs is not None:
+        values["longitude_deg"], values["latitude_deg"] = _to_degrees(
+            path, crs, *(values[key] for key in places)
+        )
+    require_limits(table, values, np.flatnonzero(whole))
+    require_size(path, {used[key]: values[key] for key in wanted}, quantity)
+    if quantity == ANOMALY:
+        values[DISTURBANCE] = values.pop(ANOMALY) + _anomaly_to_disturbance(values)
+        remarks.append("free-air anomalies became disturbances by EGM2008's geoid to degree 120")
+        wanted = [DISTURBANCE]
+    kind = _found(table, names[KIND])
+    if kind is not None:
+        missing_line(table, kind.name)
     return _lines(
         path=path,
-        numbers=numbers,
-        whole=whole,
-        names=line_names[whole],
-        kinds=kinds[whole],
+        values=values,
+        dropped=int((~whole).sum()) + table.cut,
+        names=pd.Series(table.columns[line.name]).str.strip()[whole],
+        kinds=pd.Series(table.columns[kind.name] if kind else [PRIMARY] * len(table.rows))[whole],
         wanted=wanted,
         axes=axes,
+        remarks=tuple(remarks),
     )
 
 
 def _lines(
-    path: Path, numbers: Any, whole: Any, names: Any, kinds: Any, wanted: Sequence[str], axes: str
+    *,
+    path: Path,
+    values: Mapping[str, Array],
+    dropped: int,
+    names: Any,
+    kinds: Any,
+    wanted: Sequence[str],
+    axes: str,
+    remarks: tuple[str, ...],
 ) -> SurveyLines:
     """The lines of those samples that are whole."""
     index, order = pd.factorize(names)
-    numbers, dropped = numbers[whole], int((~whole).sum())
     counts = np.bincount(index, minlength=len(order))
     if not len(order) or counts.max() < _FEWEST:
         raise MapError(f"{path}: no line has {_FEWEST} samples without a missing value.")
     first = [int(np.flatnonzero(index == i)[0]) for i in range(len(order))]
     ours = [(n, 1) if n == DISTURBANCE else in_our_axes(n, axes) for n in wanted]
-    latitude, longitude = numbers[:, 1], numbers[:, 2]
-    for name, values, most in (("latitude_deg", latitude, 90), ("longitude_deg", longitude, 360)):
-        if np.abs(values).max() > most:
-            raise MapError(
-                f"{path}: {name} reaches {np.abs(values).max():g}; it must be in degrees of WGS84, "
-                "not in metres of a projection."
-            )
+    numbers = np.column_stack([values[key] for key in wanted])
     found = SurveyLines(
         names=tuple(order),
-        kinds=tuple(kinds.iloc[i] for i in first),
+        kinds=tuple(str(kinds.iloc[i]).strip() for i in first),
         line=index,
-        time_s=numbers[:, 0],
-        latitude_deg=latitude,
-        longitude_deg=np.unwrap(longitude, period=360.0),
-        height_m=numbers[:, 3],
+        time_s=values["time_s"],
+        latitude_deg=values["latitude_deg"],
+        longitude_deg=np.unwrap(values["longitude_deg"], period=360.0),
+        height_m=values["height_m"],
         components=tuple(name for name, _ in ours),
-        values=numbers[:, 4:] * [sign for _, sign in ours],
+        values=numbers * [sign for _, sign in ours],
         dropped=dropped,
+        remarks=remarks,
     )
     return found.only([i for i in range(len(order)) if counts[i] >= _FEWEST])
 
 
 def _components(
-    path: Path, table: Any, names: Mapping[str, str], asked: Sequence[str], quantity: Quantity
+    path: Path,
+    table: SurveyTable,
+    names: Mapping[str, str],
+    asked: Sequence[str],
+    quantity: Quantity,
 ) -> list[str]:
     """The components to read, each of which the file has."""
-    if quantity == "disturbance":
-        if asked and tuple(asked) != (DISTURBANCE,):
-            raise MapError("--components are of a gradient: --quantity disturbance has one.")
-        asked = [DISTURBANCE]
-    unknown = [name for name in asked if name not in (*COMPONENTS, DISTURBANCE)]
+    if quantity != "gradient":
+        if asked and tuple(asked) != (quantity,):
+            raise MapError(f"--components are of a gradient: --quantity {quantity} has one.")
+        asked = [quantity]
+    unknown = [name for name in asked if name not in (*COMPONENTS, DISTURBANCE, ANOMALY)]
     if unknown or len(set(asked)) < len(asked):
         raise MapError(
             f"--components {','.join(asked)}: allowed are {', '.join(COMPONENTS)}, each once."
         )
     for name in asked:
-        _require(path, table, names, name)
-    found = list(asked) or [name for name in COMPONENTS if names[name] in table.columns]
+        _required(table, names, name)
+    found = list(asked) or [name for name in COMPONENTS if _found(table, names[name])]
     if not found:
         raise MapError(
             f"{path} has no column of a component ({', '.join(COMPONENTS)}); name them, as in "
-            f"--column xx=Txx; it has {', '.join(map(str, table.columns))}."
+            f"--column xx=Txx; it has {', '.join(table.columns)}."
         )
     return found
 
 
-def _require(path: Path, table: Any, names: Mapping[str, str], key: str) -> None:
-    if names[key] not in table.columns:
+def _places(table: SurveyTable, names: Mapping[str, str], crs: str | None) -> tuple[str, str]:
+    """Return the keys of the coordinates: east and north, or longitude and latitude."""
+    if crs is not None and all(_found(table, names[key]) for key in PROJECTED):
+        return PROJECTED
+    return "longitude_deg", "latitude_deg"
+
+
+def _found(table: SurveyTable, name: str) -> Column | None:
+    """Return the column of a name, which may have a unit in brackets behind it."""
+    if column := table.named(name):
+        return Column(column, table.unit(column))
+    bare, unit = without_unit(name)
+    if unit and (column := table.named(bare)):
+        return Column(column, unit)
+    return None
+
+
+def _required(table: SurveyTable, names: Mapping[str, str], key: str) -> Column:
+    column = _found(table, names[key])
+    if column is None:
         raise MapError(
-            f"{path} has no column {names[key]!r}; name it, as in --column {key}=COLUMN; it has "
-            f"{', '.join(map(str, table.columns))}."
+            f"{table.path} has no column {names[key]!r}; name it, as in --column {key}=COLUMN; it "
+            f"has {', '.join(table.columns)}."
         )
+    return column
 
 
-def _numbers(path: Path, table: Any, name: str) -> Any:
+def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: Quantity) -> None:
+    """Raise MapError if name or description of a column is of another quantity."""
+    said = table.descriptions.get(column.name, "")
+    described = column.name if said in ("", column.name) else f"{column.name} ({said})"
+    if reason := contradiction(quantity, described):
+        other = {"disturbance": ANOMALY, ANOMALY: DISTURBANCE}.get(quantity, "")
+        option = (
+            f" (--quantity {other} --column {other}={column.name})"
+            if reason.endswith(f"as {'an' if other == ANOMALY else 'a'} {other}")
+            else ""
+        )
+        raise MapError(f"{path}: the column {described!r} is no {quantity}: {reason}{option}.")
+
+
+def _together(remarks: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
+    """Return remarks on columns, equal ones once."""
+    columns: dict[str, list[str]] = {}
+    for name, texts in remarks:
+        for text in texts:
+            columns.setdefault(text, []).append(name)
+    return [f"{', '.join(names)}: {text}" for text, names in columns.items()]
+
+
+def _to_degrees(path: Path, crs: str, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return longitudes and latitudes of WGS 84 [deg] of coordinates in a reference system.
+
+    Raises MapError if the system is not known, or has no such coordinates.
+    """
     try:
-        return pd.to_numeric(table[name]).to_numpy(dtype=float)
-    except (TypeError, ValueError) as error:
-        raise MapError(f"{path}: column {name!r} must hold numbers: {text_of(error)}.") from None
+        warp = imported("rasterio.warp", path)
+        with imported("rasterio", path).Env():  # else GDAL prints its errors itself
+            longitude, latitude = warp.transform(crs, "EPSG:4326", east, north)[:2]
+    except TerrainError as error:
+        raise MapError(str(error)) from None
+    except Exception as error:  # rasterio's own, of a text that is no reference system
+        raise MapError(
+            f"--crs {crs} is no reference system for {path} ({text_of(error)}); give one as "
+            "EPSG:32754."
+        ) from None
+    places = np.array(longitude, dtype=float), np.array(latitude, dtype=float)
+    if not all(np.isfinite(axis).all() for axis in places):
+        raise MapError(f"{path}: coordinates lie outside of --crs {crs}: is it the right one?")
+    return places
 
 
-def _table(path: Path) -> Any:
-    """The file as a data frame, missing values as NaN."""
+def _anomaly_to_disturbance(values: Mapping[str, Array]) -> Array:
+    """Return what turns free-air anomalies into disturbances (N,) [mGal].
+
+    Normal gravity at the geoid is subtracted in place of that at the ellipsoid below
+    (Hofmann-Wellenhof and Moritz, Physical Geodesy, 2006, sec. 2.12).
+    """
+    geoid = geoid_over(values["latitude_deg"], values["longitude_deg"])
+    middle = float(np.radians(values["latitude_deg"].mean()))
+    slope = -normal_gravity(middle, 0.0)[2]
+    return 1e5 * slope * geoid
+
+
+def _table(path: Path) -> SurveyTable:
+    """The file's table, missing values as empty texts."""
     packed = path.suffix.lower() == ".gz"
     ending = Path(path.stem).suffix.lower() if packed else path.suffix.lower()
-    readers = {".csv": _read_csv, ".xyz": _read_xyz, ".dat": _read_gdf2}
+    readers = {".csv": read_csv, ".xyz": read_xyz, ".dat": read_gdf2}
     if ending not in readers:
         raise MapError(
             f"the survey {path} must be named *.xyz (Geosoft), *.dat (ASEG-GDF2) or *.csv, or that "
             "and .gz."
         )
     try:
-        content = path.read_bytes()
-        text = (gzip.decompress(content) if packed else content).decode("utf-8", "replace")
-        return readers[ending](path, text)
+        content = content_of(path, MapError, "the survey ")
+        if packed:
+            content = gunzipped(content, MapError, f"the survey {path}")
+        return readers[ending](path, text_in(path, content))
     except OSError as error:
         raise MapError(f"cannot read the survey {path}: {error.strerror or error}") from None
-    except (ValueError, EOFError) as error:
-        raise MapError(f"{path} is no {ending[1:]} file: {text_of(error)}.") from None
-
-
-def _read_csv(path: Path, text: str) -> Any:
-    rows = text.splitlines()
-    top = next((n for n, row in enumerate(rows) if row.strip() and row[0] != "#"), 0)
-    if top and _NUMBER.search(rows[top]):
-        above, first = (len(next(csv.reader([row]))) for row in rows[top - 1 : top + 1])
-        if above == first:  # the names follow a #, as numpy.savetxt writes them
-            rows[top - 1] = rows[top - 1].lstrip("# ")
-    return _frame("\n".join(rows), sep=",", comment="#", dtype={_LINE: str, _KIND: str})
-
-
-def _read_xyz(path: Path, text: str) -> Any:
-    """Geosoft XYZ: columns named by the last comment, a heading before each line, ``*`` missing."""
-    comments, rows, lines, kinds = [], [], [], []
-    name, kind = "", PRIMARY
-    for row in text.splitlines():
-        heading = _XYZ_LINE.match(row)
-        if row.lstrip().startswith("/"):
-            comments.append(row.strip().lstrip("/").split())
-        elif heading:
-            kind, name = heading[1].lower(), heading[2]
-            kind = PRIMARY if kind == "line" else kind
-        elif row.strip():
-            rows.append(row)
-            lines.append(name)
-            kinds.append(kind)
-    if not rows:
-        raise ValueError("it has no samples")
-    count = len(rows[0].split())
-    names = [c for c in comments if len(c) == count and not all(set(w) <= {"=", "-"} for w in c)]
-    if not names:
-        raise ValueError(f"no comment names its {count} columns")
-    table = _frame("\n".join(rows), sep=r"\s+", names=names[-1], na_values=["*"])
-    if _LINE not in table.columns:
-        table[_LINE] = lines
-    table[_KIND] = kinds
-    return table
-
-
-def _read_gdf2(path: Path, text: str) -> Any:
-    """ASEG-GDF2: fixed columns, which the ``.dfn`` file of the same name defines."""
-    stem = path.with_suffix("") if path.suffix.lower() == ".gz" else path
-    definitions = [stem.with_suffix(ending) for ending in (".dfn", ".DFN")]
-    known = next((file for file in definitions if file.exists()), None)
-    if known is None:
-        raise MapError(
-            f"{path} needs its definition file {definitions[0].name} in the same folder."
-        )
-    rows = [row for row in text.splitlines() if row.strip() and not row.startswith("COMM")]
-    table, start = {}, 0
-    for name, count, width, null in _fields(known.read_text("utf-8", "replace")):
-        for number in range(count):
-            cells = pd.Series([row[start : start + width].strip() for row in rows])
-            values = pd.to_numeric(cells, errors="coerce")
-            if null is not None:
-                values = values.where(values != null)
-            label = name if count == 1 else f"{name}[{number}]"
-            table[label] = cells if values.isna().all() else values
-            if label.lower() == _LINE:
-                table[_LINE] = cells
-            start += width
-    return pd.DataFrame(table)
-
-
-def _fields(text: str) -> list[tuple[str, int, int, float | None]]:
-    """Name, count, width and mark of missing values of each field of a definition file."""
-    found = []
-    for row in text.splitlines():
-        definition = _DEFINITION.match(row.strip())
-        if not definition or definition[1].upper() not in ("", "DATA"):
-            continue
-        name, *rest = (part.strip() for part in definition[2].split(":"))
-        if not rest:  # the end of the definitions
-            continue
-        form, *rest = rest
-        shape = _FORMAT.match(form)
-        if not shape:
-            raise ValueError(f"field {name} has the format {form!r}, which is unknown")
-        null = re.search(r"NULL\s*=\s*([-+.\dEe]+)", ":".join(rest))
-        found.append((name, int(shape[1] or 1), int(shape[3]), float(null[1]) if null else None))
-    return found
-
-
-def _frame(text: str, **options: Any) -> Any:
-    return pd.read_csv(io.StringIO(text), skipinitialspace=True, **options)
+    except (ValueError, EOFError, zlib.error) as error:
+        raise unreadable(path, ending[1:], error) from None

@@ -1,4 +1,4 @@
-"""Lines of an airborne gravity survey, in ggbench's own axes, and how they are selected.
+"""Lines of an airborne gravity survey in ggbench's axes, and their selection.
 
 :mod:`.survey_files` reads them. Components have the names of the gradiometer's channels: ``xx`` is
 east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.
@@ -7,7 +7,7 @@ east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Literal
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..gravity.gradient_map import MapError
 
 Array = NDArray[np.float64]
-Quantity = Literal["gradient", "disturbance"]
+Quantity = Literal["gradient", "disturbance", "anomaly"]
 
 COMPONENTS = {
     "xx": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -33,12 +33,22 @@ COMPONENTS = {
 """What each component is of the tensor [EE, EN, EU, NN, NU, UU]."""
 DISTURBANCE = "disturbance"
 """The component of scalar gravity [mGal]: positive where gravity is stronger than normal."""
-AXES = {
+ANOMALY = "anomaly"
+"""Free-air gravity anomalies of a file [mGal], of which disturbances are made."""
+Turn = Mapping[str, tuple[str, int]]
+"""Which axis of another frame each axis is, and in which direction."""
+AXES: Mapping[str, Turn] = {
     "east-north-up": {"x": ("x", 1), "y": ("y", 1), "z": ("z", 1)},
     "east-north-down": {"x": ("x", 1), "y": ("y", 1), "z": ("z", -1)},
     "north-east-down": {"x": ("y", 1), "y": ("x", 1), "z": ("z", -1)},
 }
 """Axes of a file: which of ours, and in which direction, each of them is."""
+CONVENTIONS: tuple[Turn, ...] = tuple(
+    {"x": (x, a), "y": (y, b), "z": ("z", c)}
+    for x, y in ("xy", "yx")
+    for a, b, c in ((1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1))
+)
+"""The eight conventions in which a level tensor comes: ours first. All signs turned are none."""
 PRIMARY, TIE = "primary", "tie"
 
 
@@ -55,6 +65,7 @@ class SurveyLines:
     components : names, see :data:`COMPONENTS`, or only :data:`DISTURBANCE`.
     values : (N, len(components)) [E], axes east, north, up; or [mGal].
     dropped : how many samples were left out because a value was missing.
+    remarks : what was made of units and missing values.
     """
 
     names: tuple[str, ...]
@@ -67,6 +78,7 @@ class SurveyLines:
     components: tuple[str, ...]
     values: Array
     dropped: int = 0
+    remarks: tuple[str, ...] = ()
 
     @property
     def quantity(self) -> Quantity:
@@ -131,18 +143,37 @@ class SurveyLines:
 
 
 def in_our_axes(component: str, axes: str) -> tuple[str, int]:
-    """Return what a component of a file's axes is called in ours, and its sign.
+    """Return what a component of a file's axes is called in ours, and its sign; see :func:`turned`.
 
     ``xz`` of axes north, east, down is ``yz`` with the opposite sign; ``xx-yy`` there is ``xx-yy``
     with the opposite sign.
     """
-    turn = AXES[axes]
+    return turned(component, AXES[axes])
+
+
+def turned(component: str, turn: Turn) -> tuple[str, int]:
+    """Return what a component is called in other axes, and its sign.
+
+    ``turn`` says which of the other axes each axis is, and in which direction.
+    """
     if "-" in component:
         first, second = (f"{turn[pair[0]][0]}" * 2 for pair in component.split("-"))
         straight = f"{first}-{second}"
         return (straight, 1) if straight in COMPONENTS else (f"{second}-{first}", -1)
     letters, signs = zip(*(turn[letter] for letter in component), strict=True)
     return "".join(sorted(letters)), signs[0] * signs[1]
+
+
+def axes_in_words(turn: Turn, names: tuple[str, str, str, str, str, str]) -> str:
+    """Return axes in words, as in ``x north, y east, z down``.
+
+    ``names`` are those of the directions of x, y and z, followed by the opposite ones.
+    """
+    order = "xyz"
+    return ", ".join(
+        f"{axis} {names[order.index(other) + (0 if sign > 0 else 3)]}"
+        for axis, (other, sign) in turn.items()
+    )
 
 
 def _some(names: Sequence[str]) -> str:

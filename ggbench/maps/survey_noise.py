@@ -92,6 +92,8 @@ def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
 def _interval(fit: SurveyFit) -> float:
     """The interval of samples, to a millisecond."""
     steps = np.concatenate([np.diff(fit.lines.time_s[fit.lines.samples(i)]) for i in fit.held_back])
+    if np.isnan(steps).any():
+        raise MapError("a model of the noise needs time_s, and the file of lines has none.")
     interval = round(float(np.median(steps)), 3)
     if not interval > 0.0 or np.mean(np.abs(steps - interval) > 0.1 * interval) > 0.1:
         raise MapError(

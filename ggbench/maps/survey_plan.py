@@ -15,6 +15,7 @@ from ..numerics.source import VERSION
 from .netcdf import described
 from .nodes import GridRequest, SourceExtent, nodes_for
 from .plan import Plan
+from .survey_conventions import convention_in_words
 from .survey_error import map_error
 from .survey_files import read_lines
 from .survey_fit import FitOptions, SurveyFit, fit
@@ -33,6 +34,7 @@ class SurveyInputs:
     lines : file of the survey.
     columns, components, axes, quantity : of the file, see :func:`.survey_files.read_lines`.
     leave_out : names, patterns or kinds of lines that the map must not know.
+    voids, crs : of the file, see :func:`.survey_files.read_lines`.
     fit_options : settings that are not to be chosen.
     """
 
@@ -42,6 +44,8 @@ class SurveyInputs:
     axes: str = "east-north-up"
     quantity: Quantity = "gradient"
     leave_out: tuple[str, ...] = ()
+    voids: tuple[float, ...] = ()
+    crs: str | None = None
     fit_options: FitOptions = dataclasses.field(default_factory=FitOptions)
 
 
@@ -51,7 +55,13 @@ def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyF
     Raises MapError if the file cannot be used, or a line that is to be left out is not in it.
     """
     lines = read_lines(
-        inputs.lines, inputs.columns, inputs.components, inputs.axes, inputs.quantity
+        path=inputs.lines,
+        columns=inputs.columns,
+        components=inputs.components,
+        axes=inputs.axes,
+        quantity=inputs.quantity,
+        voids=inputs.voids,
+        crs=inputs.crs,
     )
     return fit(lines.without(inputs.leave_out), inputs.fit_options, progress)
 
@@ -71,6 +81,7 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
         f"{name} {value:.2f}" for name, value in zip(lines.components, rms, strict=True)
     )
     remarks.append(f"residuals of lines held back, noise included: {found} {lines.unit}")
+    remarks.extend(lines.remarks)
     if lines.dropped:
         remarks.append(f"{lines.dropped} samples with missing values are left out")
     attributes = {
@@ -96,10 +107,11 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
     return Plan((fit.sources,), nodes, attributes, tuple(remarks), errors)
 
 
-def doubts(fit: SurveyFit) -> str:
+def doubts(fit: SurveyFit, axes: str) -> str:
     """Return a warning if the map hardly predicts lines held back; empty if it does.
 
-    Wrong axes and noise above the field both bring residuals to the RMS of the readings.
+    Wrong axes and noise above the field both bring residuals to the RMS of the readings. ``axes``
+    are those of the file, as the user says; others that fit are named.
     """
     unit = fit.lines.unit
     found = ", ".join(
@@ -107,10 +119,15 @@ def doubts(fit: SurveyFit) -> str:
         for name, left, read in zip(fit.lines.components, *fit.rms, strict=True)
         if left > _DOUBTFUL * read
     )
-    return found and (
+    if not found:
+        return ""
+    cause = convention_in_words(fit, axes) or (
+        "Check the axes (--axes), the signs, the units and marks of missing values; if they are "
+        "right, the noise is as large as the field"
+    )
+    return (
         "the map predicts less than half of the variance of lines held back; RMS residual and RMS "
-        f"reading are {found}. Check the axes (--axes), the signs, the units and marks of missing "
-        "values; if they are right, the noise is as large as the field"
+        f"reading are {found}. {cause[:1].upper()}{cause[1:]}"
     )
 
 
@@ -125,13 +142,20 @@ def _extent(fit: SurveyFit) -> SourceExtent:
 
 
 def _with_heights(fit: SurveyFit, request: GridRequest) -> GridRequest:
-    """Return a request whose heights are those of the flights, unless the user says otherwise."""
-    lowest, highest = fit.lines.height_m.min(), fit.lines.height_m.max()
+    """Return a request whose heights are those of the flights, unless the user says otherwise.
+
+    A height of the user's beyond those of the flights moves the other one, which is not given.
+    """
+    room = 0.5 * fit.settings.depth_m
+    lowest, highest = fit.lines.height_m.min(), fit.lines.height_m.max() + room
     if request.lowest_m is None:
-        request = dataclasses.replace(request, lowest_m=_STEP_M * math.floor(lowest / _STEP_M))
-    if request.highest_m is None:
-        room = highest + 0.5 * fit.settings.depth_m
-        request = dataclasses.replace(request, highest_m=_STEP_M * math.ceil(room / _STEP_M))
+        if request.highest_m is not None:
+            lowest = min(lowest, request.highest_m - room)
+        lowest = max(_STEP_M * math.floor(lowest / _STEP_M), _extent(fit).floor_m)
+        request = dataclasses.replace(request, lowest_m=lowest)
+    if request.highest_m is None and request.lowest_m is not None:
+        highest = max(highest, request.lowest_m + room)
+        request = dataclasses.replace(request, highest_m=_STEP_M * math.ceil(highest / _STEP_M))
     return request
 
 

@@ -139,6 +139,8 @@ def score(
 ) -> Scored:
     """Score all cells that fit into a map with what surrounds them.
 
+    Heights of a draped map are those above its base surface, and tracks follow it.
+
     Parameters
     ----------
     field : of the map.
@@ -176,6 +178,7 @@ def score(
     """
     import pandas as pd  # not at the top: it loads slowly
 
+    field = field.flattened()
     cells, design = cells_of(field, design, bounds or Bounds(), name)
     table = pd.DataFrame([score_cell(field, cell, design) for cell in cells])
     components = principal_components({key: table[key].to_numpy() for key in table})
@@ -204,7 +207,10 @@ def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[l
 def cells_between(
     lower: Array, upper: Array, design: Design, bounds: Bounds, name: str
 ) -> tuple[list[Cell], Design]:
-    """Return what :func:`cells_of` does of a map from and to a node (3,) [rad, rad, m]."""
+    """Return what :func:`cells_of` does of a map from and to a node (3,) [rad, rad, m].
+
+    Raise MapError if the height or the cells do not fit in the map.
+    """
     height = float(lower[2]) if design.height_m is None else design.height_m
     if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
         heights = f"{lower[2]:g} to {upper[2]:g} m"

@@ -1,4 +1,4 @@
-"""Maps by name: a file, or a shipped region, terrain or survey of which just enough is built."""
+"""Maps by name: a file, or a shipped region, terrain or survey."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,16 +17,25 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..gravity.ellipsoid import ROTATION_RATE
 from ..spec.flight import FlightError
 from . import columns as files
-from .inertial import DELTAS, RATES
+from .inertial import DELTAS, RATES, force_hint
 from .time_base import clocked
 
 _FEWEST_SAMPLES = 1000
-_LARGEST_JITTER = 0.5
-"""Of a step, over the median step: beyond it there is a gap."""
+_LONGEST_STEP = 1.5
+"""A step of so many median ones, and more, lacks samples."""
+_MOST_LOST = 3
+"""Samples that may be lost at one place and are skipped; a longer gap ends a piece."""
+_MOST_LOST_SHARE = 0.1
+"""Share of the samples that may be lost."""
+_SLOWEST = 0.5
+"""Median step from which on times are in doubt [s]: no IMU is as slow."""
 _GRAVITY, _GRAVITY_SLIP = 9.80665, 0.5
 """Specific force at rest, and how far a mean may be from it [m/s²]."""
+_EARTH_SLIP = 0.05
+"""How far the mean angular rate may be off the Earth's, to be taken for it."""
 _MOST_MOTION = 0.5
 """How far the mean of a second may be from that of the log [m/s²]."""
 _LONGEST = 9.0
@@ -56,49 +66,136 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class ImuNoise:
-    """What a log at rest says of an IMU: period and duration [s], gyros [rad/s], forces [m/s²]."""
+    """Noise of an IMU from a log at rest.
+
+    Attributes
+    ----------
+    period, duration : of the samples that are used [s].
+    gyros, accelerometers : in rad/s and m/s².
+    remarks : what was left out of the log, or filled in.
+    doubts : what is suspicious about its units.
+    """
 
     period: float
     duration: float
     gyros: SensorNoise
     accelerometers: SensorNoise
+    remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
-def imu_noise(path: Path) -> ImuNoise:
+def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNoise:
     """Return the noise of the sensors of a log at rest.
 
-    The file is CSV or netCDF with ``time_s`` and rates or increments, as of ``[imu_record]``.
+    The file is CSV or netCDF with ``time_s`` and rates or increments, as of ``[imu_record]``;
+    ``names`` is what it calls them, a table or a preset. Single lost samples are skipped. Of a log
+    with longer gaps the longest piece is used.
 
-    Raises FlightError if the file cannot be read, is short, has gaps, or is not at rest.
+    Raises FlightError if the file cannot be read, is short, has too many gaps, or is not at rest.
     """
-    columns = files.read(path, (), (*RATES, *DELTAS))
+    columns = files.read(path, (), (*RATES, *DELTAS), names=names)
     wanted = next((names for names in (RATES, DELTAS) if all(n in columns for n in names)), None)
     if wanted is None:
         raise FlightError(
-            f"{path}: needs all of the columns {', '.join(RATES)}, or {', '.join(DELTAS)}"
+            f"{path}: needs all of the columns {', '.join(RATES)}, or {', '.join(DELTAS)}, or what "
+            "the file calls them (--column, --preset)"
         )
+    if columns.rows > 1:
+        _require_seconds(columns, columns["time_s"])
     times = clocked(columns, 0.0)
     if len(times) < _FEWEST_SAMPLES:
         raise FlightError(
             f"{path}: has {len(times)} samples; at least {_FEWEST_SAMPLES} are needed"
         )
+    readings, period, remarks = _evenly(columns, times, columns.stacked(wanted))
+    if wanted is DELTAS:
+        readings = readings / period
+    _require_rest(path, readings[:, 3:], period, wanted is DELTAS)
+    try:
+        gyros, accelerometers = (_noise(readings[:, 3 * i : 3 * i + 3], period) for i in range(2))
+    except FlightError as error:
+        raise columns.error(str(error)) from None
+    doubts = tuple(_gyro_doubts(readings[:, :3]))
+    return ImuNoise(period, period * len(readings), gyros, accelerometers, remarks, doubts)
+
+
+def _require_seconds(columns: files.Columns, times: np.ndarray) -> None:
+    """Raise FlightError if the steps of a log are those of another unit than seconds."""
+    step = float(np.median(np.diff(times)))
+    if step < _SLOWEST or columns.states_unit("time_s"):
+        return
+    units = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)]
+    unit, factor = next((u, f) for u, f in units if f * step < _SLOWEST or f == units[-1][1])
+    raise columns.error(
+        f"its samples are {step:.6g} s apart (median), and no IMU is as slow: if times are in "
+        f"{unit}, this is {factor * step:.3g} s; state the unit, as in --column 'time_s=time_s "
+        f"[{unit}]', also if it is s"
+    )
+
+
+def _evenly(
+    columns: files.Columns, times: np.ndarray, readings: np.ndarray
+) -> tuple[np.ndarray, float, tuple[str, ...]]:
+    """Return readings (n, 6) without gaps, their period [s], and what was done to them.
+
+    Single samples that are lost are skipped: those around them follow one another, for interpolated
+    ones would be less noisy. Of pieces between longer gaps the longest is kept.
+
+    Raises FlightError if too many samples are lost, or the longest piece is short.
+    """
     steps = np.diff(times)
-    period = float(np.median(steps))
-    if (np.abs(steps - period) > _LARGEST_JITTER * period).any():
-        row = int(np.argmax(np.abs(steps - period) > _LARGEST_JITTER * period)) + 1
+    usual = float(np.median(steps))
+    lost = np.where(steps > _LONGEST_STEP * usual, np.rint(steps / usual) - 1.0, 0.0)
+    # Stamps that jitter are late and early in turns: nothing is lost of such a log.
+    surplus = float((times[-1] - times[0]) / usual - len(steps))
+    if lost.any() and surplus < 0.5 * lost.sum() and lost.max() <= _MOST_LOST:
+        said = f"times jitter by up to {np.abs(steps - usual).max():.3g} s: taken at one interval"
+        return readings, float((times[-1] - times[0]) / len(steps)), (said,)
+    ends = np.flatnonzero(lost > _MOST_LOST) + 1
+    pieces = np.split(np.arange(len(times)), ends)
+    rows = max(pieces, key=len)
+    remarks = []
+    if len(pieces) > 1:
+        remarks.append(
+            f"{len(pieces) - 1} gap{'s' if len(pieces) > 2 else ''} of up to {steps.max():.6g} s: "
+            f"only the longest piece without one is used, {times[rows[0]]:.10g} s to "
+            f"{times[rows[-1]]:.10g} s"
+        )
+    if len(rows) < _FEWEST_SAMPLES:
         raise columns.error(
-            f"comes {steps[row - 1]:g} s after the row before, and the median step is {period:g} "
-            "s: an Allan deviation needs samples without gaps",
+            f"its longest piece without a gap has {len(rows)} samples; at least {_FEWEST_SAMPLES} "
+            f"are needed, and an Allan deviation needs samples without gaps"
+        )
+    missing = lost[rows[:-1]].astype(int)
+    if missing.sum() > _MOST_LOST_SHARE * len(rows):
+        row = int(rows[np.argmax(missing > 0)]) + 1
+        raise columns.error(
+            f"comes {steps[row - 1]:g} s after the row before, the median step is {usual:g} s, and "
+            f"{missing.sum() / len(rows):.0%} of the samples are lost: an Allan deviation needs "
+            f"samples without gaps, and {_MOST_LOST_SHARE:.0%} may be lost",
             row,
         )
-    period = float((times[-1] - times[0]) / (len(times) - 1))
-    readings = columns.stacked(wanted) / (period if wanted is DELTAS else 1.0)
-    _require_rest(path, readings[:, 3:], period)
-    gyros, accelerometers = (_noise(readings[:, 3 * i : 3 * i + 3], period) for i in range(2))
-    return ImuNoise(period, period * len(times), gyros, accelerometers)
+    if missing.any():
+        remarks.append(f"{missing.sum()} lost samples are skipped")
+    period = float((times[rows[-1]] - times[rows[0]]) / (len(rows) - 1 + missing.sum()))
+    return readings[rows], period, tuple(remarks)
 
 
-def _require_rest(path: Path, forces: np.ndarray, period: float) -> None:
+def _gyro_doubts(rates: np.ndarray) -> Iterator[str]:
+    """Yield a sentence if mean angular rates (N, 3) are the Earth's in degrees.
+
+    A gyro whose bias is small shows the Earth's rotation at rest.
+    """
+    rate = float(np.linalg.norm(rates.mean(axis=0)))
+    for unit, factor in (("deg/s", math.degrees(1.0)), ("deg/h", math.degrees(3600.0))):
+        if abs(rate / (factor * ROTATION_RATE) - 1.0) < _EARTH_SLIP:
+            yield (
+                f"the mean angular rate is {rate:.4g} rad/s, the Earth's rotation in {unit}: state "
+                f"the unit, as in --column 'angular_rate_x_radps=angular_rate_x_radps [{unit}]'"
+            )
+
+
+def _require_rest(path: Path, forces: np.ndarray, period: float, increments: bool) -> None:
     """Raise FlightError if specific forces (N, 3) are not those of a log at rest."""
     mean = forces.mean(axis=0)
     size = float(np.linalg.norm(mean))
@@ -106,6 +203,7 @@ def _require_rest(path: Path, forces: np.ndarray, period: float) -> None:
         raise FlightError(
             f"{path}: the mean specific force is {size:.4g} m/s², and at rest it is "
             f"{_GRAVITY:.4g} m/s²: is it in other units?"
+            f"{force_hint(size, period, increments)}"
         )
     second = max(round(1.0 / period), 1)
     count = len(forces) // second
@@ -122,6 +220,11 @@ def _noise(readings: np.ndarray, period: float) -> SensorNoise:
     """Return the noise of three sensors from their readings (N, 3)."""
     duration = period * len(readings)
     taus, deviations = _allan(readings, period)
+    if not (np.isfinite(deviations).all() and (deviations > 0.0).all()):
+        raise FlightError(
+            "the readings of three axes do not change at all, or beyond all numbers: no noise "
+            "follows from them"
+        )
     # Overlapping averages of three axes: about so many are independent.
     weights = np.sqrt(2.0 * 3.0 * (duration / taus - 1.0))
     white = float(np.exp(np.mean(np.log(deviations[:3] * np.sqrt(taus[:3])))))

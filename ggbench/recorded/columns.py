@@ -10,24 +10,23 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError, text_of
-from ..files import written_whole
+from ..files import MOST_ARRAYS, written_whole
+from ..gravity.unit_names import factor_to_key
 from ..spec.flight import FlightError
+from ..trajectory.column_names import (
+    PRESETS,
+    Names,
+    Place,
+    find,
+    names_of,
+    plain_names,
+    preset_of,
+    unused,
+)
 from ..trajectory.csv_text import CsvText
 
 _LARGEST = 4_000_000_000
 """Largest file [bytes]."""
-_UNITS = {
-    "_deg": {"deg", "degree", "degrees", "degrees_north", "degrees_east", "°"},
-    "_m": {"m", "metre", "metres", "meter", "meters"},
-    "_mps": {"m/s", "m s-1", "m s**-1", "m s^-1", "mps"},
-    "_mps2": {"m/s2", "m/s^2", "m s-2", "m s**-2"},
-    "_rad": {"rad", "radian", "radians"},
-    "_radps": {"rad/s", "rad s-1", "radian s-1", "radians/s"},
-    "_s": {"s", "second", "seconds"},
-    "_eotvos": {"e", "eotvos", "eötvös", "1e-9 s-2"},
-    "_mgal": {"mgal", "1e-5 m s-2"},
-}
-"""What the ``units`` of a netCDF variable may say, by the end of its name."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +38,13 @@ class Columns:
     path : of the file.
     values : (N,) of each column; NaN where one that may be empty is.
     first_line : number of the line of the first row; None of a file that has no lines.
+    stated : columns whose unit the file or the user states.
     """
 
     path: Path
     values: Mapping[str, np.ndarray]
     first_line: int | None
+    stated: frozenset[str] = frozenset()
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
@@ -55,6 +56,10 @@ class Columns:
     def rows(self) -> int:
         """Number of rows N."""
         return len(next(iter(self.values.values())))
+
+    def states_unit(self, name: str) -> bool:
+        """Return whether the unit of a column is stated, not taken from its key."""
+        return name in self.stated
 
     def stacked(self, names: Sequence[str]) -> np.ndarray:
         """Return columns (N, len(names))."""
@@ -88,55 +93,106 @@ def read(
     required: Sequence[str],
     optional: Sequence[str] = (),
     may_be_empty: Iterable[str] = (),
+    names: str | Mapping[str, str] | None = None,
 ) -> Columns:
     """Read columns of a file, ``.nc`` or else CSV; others than those named are passed over.
 
-    A number may be missing in those that ``may_be_empty``.
+    A number may be missing in those that ``may_be_empty``. ``names`` is what the file calls its
+    columns, a table or a preset; see :func:`.column_names.find`.
 
     Raises FlightError with a sentence that names the file and the place, what was found and what is
     allowed.
     """
-    names = ("time_s", *required)
+    wanted = ("time_s", *required)
     empty = frozenset(may_be_empty)
+    called = _called(path, names, (*wanted, *optional))
     try:
         if path.stat().st_size > _LARGEST:
             raise FlightError(f"{path}: is larger than {_LARGEST / 1e9:g} GB")
         if path.suffix == ".nc":
-            return _read_netcdf(path, names, optional, empty)
+            return _read_netcdf(path, wanted, optional, empty, called)
         content = path.read_bytes()
     except OSError as error:
         raise FlightError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
-        text = CsvText.of(content, ", ".join(names), names)
-        known = _places(path, text.names, names, optional, f"line {text.line}")
+        known = {*wanted, *plain_names(called)}.union(*map(plain_names, PRESETS.values()))
+        text = CsvText.of(content, ", ".join(wanted), known)
+        places = _places(path, text.names, wanted, optional, called, f"line {text.line}")
         if not text.rows:
             raise FlightError(f"{path}: has no rows below the names of its columns")
-        return Columns(path, text.numbers(known, empty), text.first)
+        values = text.numbers({key: place.at for key, place in places.items()}, empty)
+        stated = frozenset(key for key, place in places.items() if place.stated)
+        return Columns(path, _scaled(values, places), text.first, stated)
     except FlightError:
         raise
     except GGBenchError as error:
         raise FlightError(f"{path}: {error}") from None
 
 
+def _called(path: Path, names: str | Mapping[str, str] | None, keys: Sequence[str]) -> Names:
+    """Return what a file calls its columns; FlightError if a key is no column of such a file."""
+    try:
+        called = names_of(names)
+    except GGBenchError as error:
+        raise FlightError(f"{path}: {error}") from None
+    if not isinstance(names, str) and (other := unused(called, keys)):
+        raise FlightError(
+            f"{path}: columns.{other[0]} is no column of this file; known: {', '.join(keys)}"
+        )
+    return called
+
+
+def _scaled(values: Mapping[str, np.ndarray], places: Mapping[str, Place]) -> dict[str, np.ndarray]:
+    """Return columns in the units of their keys."""
+    return {
+        key: array if places[key].factor == 1.0 else places[key].factor * array
+        for key, array in values.items()
+    }
+
+
 def _places(
-    path: Path, found: Sequence[str], required: Sequence[str], optional: Sequence[str], where: str
-) -> dict[str, int]:
-    """Return where the columns are."""
-    twice = [name for name in (*required, *optional) if list(found).count(name) > 1]
+    path: Path,
+    found: Sequence[str],
+    required: Sequence[str],
+    optional: Sequence[str],
+    called: Names,
+    where: str,
+) -> dict[str, Place]:
+    """Return where the columns are, and their units."""
+    keys = list(dict.fromkeys((*required, *optional)))
+    twice = [name for name in keys if list(found).count(name) > 1]
     if twice:
         raise FlightError(f"{path}: {where} names {twice[0]} twice")
-    missing = [name for name in required if name not in found]
+    try:
+        places = {
+            key: place
+            for key in keys
+            if (place := find(key, found, called, where, needed=key in required))
+        }
+    except GGBenchError as error:
+        raise FlightError(f"{path}: {error}") from None
+    missing = [name for name in required if name not in places]
     if missing:
         shown = ", ".join(name[:30] for name in found[:16])
+        preset = preset_of(found)
+        hint = (
+            f'; these are names of {preset}: say columns = "{preset}", or --preset {preset}'
+            if preset
+            else ("; say what the file calls them and in which unit (columns)")
+        )
         raise FlightError(
             f"{path}: {where} names no column {missing[0]} (found: {shown}); wanted are "
-            f"{', '.join(required)}, and no other units are read"
+            f"{', '.join(required)}{hint}"
         )
-    return {name: found.index(name) for name in (*required, *optional) if name in found}
+    return places
 
 
 def _read_netcdf(
-    path: Path, required: Sequence[str], optional: Sequence[str], empty: frozenset[str]
+    path: Path,
+    required: Sequence[str],
+    optional: Sequence[str],
+    empty: frozenset[str],
+    called: Names,
 ) -> Columns:
     import netCDF4  # not at the top: it loads slowly, and most files are CSV
 
@@ -145,8 +201,18 @@ def _read_netcdf(
     except (OSError, RuntimeError) as error:
         raise FlightError(f"{path}: is no netCDF file ({text_of(error)})") from None
     with file:
-        known = _places(path, list(file.variables), required, optional, "it")
-        values = {name: _variable(path, file.variables[name], name, empty) for name in known}
+        variables = list(file.variables)
+        known = _places(path, variables, required, optional, called, "it")
+        size = 8 * sum(int(file.variables[variables[place.at]].size) for place in known.values())
+        if size > MOST_ARRAYS:
+            raise FlightError(
+                f"{path}: holds {size / 1e6:.0f} MB of columns; at most {MOST_ARRAYS / 1e6:g} are "
+                "allowed"
+            )
+        values = {
+            key: _variable(path, file.variables[variables[place.at]], key, place, empty)
+            for key, place in known.items()
+        }
     lengths = {len(array) for array in values.values()}
     if len(lengths) > 1:
         raise FlightError(f"{path}: its variables are of different lengths, {sorted(lengths)}")
@@ -155,21 +221,28 @@ def _read_netcdf(
     return Columns(path, values, None)
 
 
-def _variable(path: Path, variable: Any, name: str, empty: frozenset[str]) -> np.ndarray:
-    """Return a variable's numbers (N,), NaN where they are masked."""
+def _variable(
+    path: Path, variable: Any, name: str, place: Place, empty: frozenset[str]
+) -> np.ndarray:
+    """Return a variable's numbers (N,) in the unit of its key, NaN where they are masked."""
     if variable.ndim != 1 or np.dtype(variable.dtype).kind not in "fiu":
         raise FlightError(f"{path}: {name} must be one row of numbers")
-    stated = str(getattr(variable, "units", "")).strip().lower()
-    allowed = next(units for end, units in _UNITS.items() if name.endswith(end))
-    if stated and stated not in allowed and not stated.startswith("seconds since "):
-        raise FlightError(f"{path}: {name} has units {stated!r}, which is not what its name says")
+    stated = str(getattr(variable, "units", "")).strip()
+    factor = place.factor
+    if stated and factor == 1.0 and not stated.lower().startswith("seconds since "):
+        own = factor_to_key(stated, name)
+        if own is None or (own != 1.0 and place.name == name):
+            raise FlightError(
+                f"{path}: {name} has units {stated!r}, which is not what its name says"
+            )
+        factor = own
     values = np.asarray(np.ma.filled(variable[:].astype(float), np.nan), dtype=float)
     bad = ~np.isfinite(values)
     if name in empty:
         bad &= ~np.isnan(values)
     if bad.any():
         raise FlightError(f"{path}: record {int(bad.argmax()) + 1}: {name} is missing or no number")
-    return values
+    return factor * values
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray], comment: str = "") -> None:

@@ -1,4 +1,4 @@
-"""What an estimate makes of a flight: the corrected track, what the readings say to it, errors."""
+"""Corrected track of a recorded flight, with innovations and errors."""
 
 from __future__ import annotations
 

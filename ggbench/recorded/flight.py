@@ -34,6 +34,7 @@ from ..simulation.runs import Truth
 from ..simulation.sensor_suite import SensorSuite
 from ..simulation.suites import suite_of
 from ..spec.aiding import RecordedGnss
+from ..spec.columns import called
 from ..spec.flight import (
     FlightError,
     FlightSpec,
@@ -53,6 +54,7 @@ from .motion import (
     velocities_of,
     velocity_columns,
 )
+from .normal_field import normal_readings
 from .readings import Series, gradients, others, read_series, require_near
 from .time_base import TimeBase, clocked
 
@@ -203,6 +205,13 @@ def _problem(
     gravity = added_gravity(model, field, epochs[gradient_at], ins.base.count + 1, output, missing)
     propagate_errors(model, when, gravity, ins.navigated(gravity), ins.increments, indicated)
     motion = indicated.motion
+    if spec.gradiometer is not None and spec.gradiometer.readings == "disturbing":
+        assert model.gradiometer is not None  # there is a table of it
+        at_ins, channels = [part[0, gradient_at] for part in motion], model.gradiometer.channels
+        normal = normal_readings(
+            spec.gradiometer.instrument, at_ins[0], times[gradient_at], at_ins[2]
+        )
+        output = np.where(missing[..., np.newaxis], 0.0, output + normal @ channels.T)
     _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     read, present = others(model, series, read_at, motion)
     _require_receivers_near(model, series, at, np.where(present, read, np.nan)[0])
@@ -218,7 +227,8 @@ def _problem(
 def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> None:
     """Raise OutsideMapError if a position (3,) is outside the map, whatever its error σ ENU [m]."""
     off = corrected_positions(position, -_SIGMAS * sigma) - position
-    inside = (field.lower - off <= position) & (position <= field.upper + off)
+    place = field.coordinates(position)
+    inside = (field.lower - off <= place) & (place <= field.upper + off)
     if not inside.all():
         field.tensor(*position)
 
@@ -247,7 +257,9 @@ def _reference(
     """
     speeds = (*velocity_columns("ENU"), *velocity_columns("NED"))
     optional = tuple(dict.fromkeys((*ATTITUDE, *speeds)))
-    columns = files.read(folder / table.file, POSITION, optional, speeds)
+    columns = files.read(
+        folder / table.file, POSITION, optional, speeds, names=called(table.columns)
+    )
     times = clocked(columns, table.clock_offset_s)
     velocities = attitudes = None
     if any(name.startswith("velocity_") for name in columns.values):

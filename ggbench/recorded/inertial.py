@@ -1,4 +1,4 @@
-"""What the INS of a recorded flight indicates: its own solution, or one that is mechanised here."""
+"""INS solution of a recorded flight, as recorded or mechanized from an IMU log."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ..simulation.field_source import beside
 from ..simulation.replay import Recording
 from ..simulation.sensor_suite import SensorSuite
 from ..spec.case import MOST_SAMPLES
+from ..spec.columns import called
 from ..spec.flight import FlightError, FlightSpec, ImuRecord, InsRecord, StartSpec
 from ..trajectory.truth import attitudes_of
 from . import columns as files
@@ -119,7 +120,9 @@ def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field
     they are recorded, wherever the rule lies by which they were made of the velocities.
     """
     columns = files.read(
-        folder / record.file, (*POSITION, *velocity_columns(record.frame), *ATTITUDE)
+        folder / record.file,
+        (*POSITION, *velocity_columns(record.frame), *ATTITUDE),
+        names=called(record.columns),
     )
     times = clocked(columns, record.clock_offset_s)
     positions, velocities = positions_of(columns), velocities_of(columns, record.frame)
@@ -148,7 +151,7 @@ def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field
 
 def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: SensorSuite) -> Inertial:
     """Return recorded increments, or what rates add up to, and where the mechanization starts."""
-    columns = files.read(folder / record.file, (), (*DELTAS, *RATES))
+    columns = files.read(folder / record.file, (), (*DELTAS, *RATES), names=called(record.columns))
     kinds = [names for names in (DELTAS, RATES) if all(name in columns for name in names)]
     if len(kinds) != 1:
         raise columns.error(
@@ -182,7 +185,7 @@ def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Sensor
     turn = _TO_RIGHT_FORWARD_UP[record.axes]
     deltas = np.hstack([deltas[:, :3] @ turn.T, deltas[:, 3:] @ turn.T])
     initial = _start(record.start)
-    _require_felt(columns, deltas / base.dt, initial[6:].reshape(3, 3), record.axes)
+    _require_felt(columns, deltas / base.dt, initial[6:].reshape(3, 3), record.axes, base.dt)
     heights, gains = unfilled(0, 1), (0.0, 0.0)
     if model.altimeter is not None:
         gains = model.altimeter[0]
@@ -213,7 +216,7 @@ def _heights(spec: FlightSpec, folder: Path, base: TimeBase) -> np.ndarray:
     """Return the altimeter's heights (N,) in the middle of the intervals [m]."""
     altimeter = spec.altimeter
     assert altimeter is not None and altimeter.file is not None  # the specification checks it
-    columns = files.read(folder / altimeter.file, ("height_m",))
+    columns = files.read(folder / altimeter.file, ("height_m",), names=called(altimeter.columns))
     since = clocked(columns, altimeter.clock_offset_s) - base.start
     at = 0.5 * (base.times[1:] + base.times[:-1])
     first, last = since[0] - at[0], at[-1] - since[-1]
@@ -239,17 +242,39 @@ def _require_few(base: TimeBase, columns: Columns) -> None:
         raise columns.error("is shorter than two samples of imu.period_s")
 
 
-def _require_felt(columns: Columns, rates: np.ndarray, c_nb: np.ndarray, axes: str) -> None:
+def force_hint(force: float, period: float, increments: bool) -> str:
+    """Return a hint at what explains a specific force that gravity does not; "" if nothing does.
+
+    Parameters
+    ----------
+    force : typical size of the specific force, as it is read [m/s²].
+    period : of the samples [s].
+    increments : whether the columns are called increments.
+    """
+    causes = [(1.0, "as if it were in g"), (1e3, "as if it were in thousandths of g")]
+    causes += [(1e2 * _GRAVITY, "as if it were in cm/s²"), (1e6, "as if it were in µg")]
+    other = RATES[3] if increments else DELTAS[3]
+    scale, kind = (1.0 / period, "rates") if increments else (period, "increments")
+    causes.append(
+        (
+            scale * _GRAVITY,
+            f"= {force / scale:.3g} {'/' if increments else '×'} {period:.3g} s, as if the columns "
+            f"were {kind}: call them {other} and so on",
+        )
+    )
+    found = [said for scale, said in causes if 0.8 < force / scale < 1.25]
+    return f"; {', or '.join(found)}" if found else ""
+
+
+def _require_felt(
+    columns: Columns, rates: np.ndarray, c_nb: np.ndarray, axes: str, period: float
+) -> None:
     """Raise FlightError if angular rates and specific forces (N, 6), SI, cannot be a vehicle's."""
     force = float(np.median(np.linalg.norm(rates[:, 3:], axis=1)))
     if not 0.4 * _GRAVITY < force < 2.5 * _GRAVITY:
-        hint = ""
-        for scale, said in ((1.0, "g"), (1e3, "thousandths of g"), (1e2 * _GRAVITY, "cm/s²")):
-            if 0.8 < force / scale < 1.25:
-                hint = f"; as if it were in {said}"
         raise columns.error(
             f"the specific force is {force:.3g} m/s² (median), and gravity alone is "
-            f"{_GRAVITY:.3g}{hint}"
+            f"{_GRAVITY:.3g}{force_hint(force, period, DELTAS[0] in columns)}"
         )
     spin = float(np.median(np.linalg.norm(rates[:, :3], axis=1)))
     if spin > _SPINS:

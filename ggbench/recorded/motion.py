@@ -1,4 +1,4 @@
-"""Recorded positions, velocities and attitudes: read from columns, and whether they can be true."""
+"""Recorded positions, velocities and attitudes, with plausibility checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded readings of the sensors: which columns they are, and to which samples they belong."""
+"""Recorded measurements: their columns, and their assignment to INS samples."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..sensors.aiding import Motion, position_error
 from ..sensors.gnss import Gnss
 from ..simulation.sensor_suite import SensorSuite
 from ..spec.aiding import RecordedGnss
+from ..spec.columns import called
 from ..spec.flight import FlightSpec
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..spec.named_sensors import sensors_of, table_of
@@ -94,7 +95,9 @@ def _read(
 ) -> Series:
     table = sensors_of(spec)[sensor]
     names = column_names(spec, model, sensor)
-    columns = files.read(folder / table.file, names, may_be_empty=names)
+    columns = files.read(
+        folder / table.file, names, may_be_empty=names, names=called(table.columns)
+    )
     times = clocked(columns, table.clock_offset_s)
     if len(times) > 2:
         require_period(columns, times, table.period_s, "readings", table_of(sensor))

@@ -1,4 +1,4 @@
-"""Simulated runs written as recorded flights: what estimators receive, and no more."""
+"""Simulated runs written as recorded flights, without the truth."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from ..files import reason_of, written_together
 from ..sensors.aiding import corrected_positions
 from ..sensors.gnss import Gnss
 from ..simulation.error_free_flight import Flight
@@ -36,6 +37,16 @@ def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str =
     Raises FlightError if the folder is not empty, or cannot be written.
     """
     require_empty(folder)
+    try:
+        with written_together(folder) as place:
+            _write(flight, seed, run, place, title)
+    except OSError as error:
+        raise FlightError(f"cannot write to {folder}: {reason_of(error)}") from None
+    return folder / FLIGHT
+
+
+def _write(flight: Flight, seed: int, run: int, folder: Path, title: str) -> None:
+    """Write the files of a recorded flight one after the other."""
     found = recorded(flight, seed, run)
     tables = _tables(flight, found.initial, title)
     # The file comes first: the columns of the records follow from it.
@@ -51,7 +62,6 @@ def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str =
     _write_readings(flight, spec, found.read, found.indicated.positions[0], folder)
     reference = track_columns(flight.times, flight.motion_at_epochs)
     files.write(folder / "reference.csv", reference)
-    return path
 
 
 def require_empty(folder: Path) -> None:
@@ -90,6 +100,7 @@ def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
         tables["altimeter"] = _content(case.altimeter) | {"file": "altimeter.csv"}
     for name, spec in sensors_of(side).items():
         table = {"file": f"{name}.csv"} | _content(spec)
+        table.pop("readings", None)  # they are whole gradients, simulated or measured
         if isinstance(spec, GnssSpec):
             table["frame"] = "ENU"
         if table_of(name) == name:

@@ -1,4 +1,4 @@
-"""What is suspicious about a recorded flight: innovations beyond belief, clocks, its reference."""
+"""Warnings about a recorded flight: large innovations, clocks, reference track."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import chi2
 
-from ..problem import Problem
+from ..problem import Problem, predict_along
 from ..sensors.aiding import position_error
 from ..spec.aiding import RecordedGnss
 from ..spec.named_sensors import table_of
+from .conventions import gradient_convention, in_words
 from .corrected import Residuals
 from .flight import RecordedFlight
 
@@ -22,6 +25,16 @@ _BLOCK = 300.0
 """Time over which the INS's error is taken as a polynomial [s]."""
 _BETTER = 0.5
 """Residual over that without an offset from which on an offset is named."""
+_MOST_MEDIAN = 3.0
+"""Median NIS over the expected one up to which a filter is right for most measurements."""
+_RARE = 1e-6
+"""Probability of a NIS beyond belief, of one measurement."""
+_ROBUST = ("gate=", "loss=")
+"""Parameters of filters that reject outliers or weigh them down, in their labels."""
+_MOST_OUTLIERS = 0.4
+"""Share of the measurements beyond which they are no outliers."""
+_WINDOW, _MAD, _ISOLATED = 7, 0.6745, 10.0
+"""Epochs of a running median; median of |N(0, 1)|; deviations from which on one is isolated."""
 _FEWEST = 20
 """Readings below which no offset is looked for."""
 
@@ -47,26 +60,114 @@ def nis_ratio(problem: Problem, found: Residuals) -> float:
     return float(np.nanmean(found.nis) / counts[counts > 0].mean())
 
 
+def median_nis_ratio(problem: Problem, found: Residuals) -> float:
+    """Return the median NIS of a filter over that of a consistent one; NaN of other estimators.
+
+    Few outliers hardly change it.
+    """
+    counts = problem.present.sum(axis=1)
+    some = np.isfinite(found.nis) & (counts > 0)
+    if not found.innovations or not some.any():
+        return np.nan
+    return float(np.median(found.nis[some] / chi2.median(counts[some])))
+
+
+def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
+    """Yield a sentence for each filter that rejects outliers, or weighs them down, and is right.
+
+    ``residuals`` are what the measurements say to each estimator, by its label.
+    """
+    for label, found in residuals.items():
+        if nis_ratio(flight.problem, found) > MOST_NIS and _is_robust(label):
+            median = median_nis_ratio(flight.problem, found)
+            if median < _MOST_MEDIAN:
+                count, every = _beyond(flight.problem, found)
+                yield (
+                    f"{label}: {count} of {every} measurements rejected or weighed down; the "
+                    f"median NIS is {median:.2g} times the expected one"
+                )
+
+
 def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
     """Yield a sentence for each thing that is suspicious, with likely causes.
 
     ``residuals`` are what the readings say to each estimator, by its label.
     """
-    ratios = {label: nis_ratio(flight.problem, found) for label, found in residuals.items()}
-    beyond = {label: ratio for label, ratio in ratios.items() if ratio > MOST_NIS}
-    for label, ratio in beyond.items():
+    problem = flight.problem
+    beyond = {
+        label: found
+        for label, found in residuals.items()
+        if nis_ratio(problem, found) > MOST_NIS
+        and not (_is_robust(label) and median_nis_ratio(problem, found) < _MOST_MEDIAN)
+    }
+    isolated = isolated_outliers(problem) if beyond else 0
+    outliers = 0 < isolated <= _MOST_OUTLIERS * problem.epochs
+    for label, found in beyond.items():
+        ratio, median = nis_ratio(problem, found), median_nis_ratio(problem, found)
+        few = median < _MOST_MEDIAN
+        if few or outliers:
+            count = _beyond(problem, found)[0] if few else isolated
+            yield (
+                f"{label}: {count} of {problem.epochs} measurements are outliers (mean NIS "
+                f"{ratio:.3g} times the expected one, median {median:.3g}); try a filter that "
+                "rejects them, as ekf[gate=0.99], or one that weighs them down, as ekf[loss=cauchy]"
+            )
+            continue
         yield (
             f"{label}: the mean NIS is {ratio:.3g} times the expected one, so the records "
             "contradict one another or the tables' noise is far too small; likely causes are units "
             "(degrees for radians, knots for m/s), axes or frames, and clocks (18 s is GPS - UTC)"
         )
+    if beyond and (convention := gradient_convention(flight)):
+        assert flight.spec.gradiometer is not None  # it has a convention
+        words = in_words(convention, flight.spec.gradiometer.instrument)
+        if words:
+            yield (
+                f"the gradiometer's readings fit the map as if they were {words}: residuals of "
+                f"{convention.after:.3g} E in place of {convention.before:.3g} E"
+            )
     for name, table in flight.spec.sensor.items() if beyond else ():
-        if isinstance(table, RecordedGnss) and (fit := clock_fit(flight.problem, name)):
+        if isinstance(table, RecordedGnss) and (fit := clock_fit(problem, name)):
             yield (
                 f"{table_of(name)}.clock_offset_s = {table.clock_offset_s + fit.offset:g} fits the "
                 f"INS best: residuals of {fit.after:.3g} {fit.unit} in place of "
                 f"{fit.before:.3g} {fit.unit} with {table.clock_offset_s:g}"
             )
+
+
+def _is_robust(label: str) -> bool:
+    """Return whether an estimator's label says that it rejects outliers or weighs them down."""
+    return any(word in label for word in _ROBUST)
+
+
+def _beyond(problem: Problem, found: Residuals) -> tuple[int, int]:
+    """Return how many measurements have a NIS beyond belief, and how many there are."""
+    counts = problem.present.sum(axis=1)
+    some = np.isfinite(found.nis) & (counts > 0)
+    limits = chi2.isf(_RARE, counts[some])
+    return int((found.nis[some] > limits).sum()), int(some.sum())
+
+
+def isolated_outliers(problem: Problem) -> int:
+    """Return how many epochs have a measurement that stands out from those before and after it.
+
+    Measurements are compared with what the INS indicates, whose error changes slowly; each channel
+    by its deviation from the running median, whose own median is its scale.
+    """
+    there = problem.present
+    every = np.arange(problem.epochs)
+    predicted = predict_along(problem.model, every, np.zeros((problem.epochs, problem.dimension)))
+    isolated = np.zeros(problem.epochs, dtype=bool)
+    for j in range(there.shape[1]):
+        rows = np.flatnonzero(there[:, j])
+        if len(rows) < _FEWEST:
+            continue
+        apart = problem.measurements[rows, j] - predicted[rows, j]
+        local = np.abs(apart - median_filter(apart, _WINDOW, mode="nearest"))
+        noise = np.sqrt([problem.noise_of(int(k))[j, j] for k in rows])
+        scale = np.maximum(float(np.median(local)) / _MAD, noise)
+        isolated[rows] |= local > _ISOLATED * scale
+    return int(isolated.sum())
 
 
 def clock_fit(problem: Problem, sensor: str) -> ClockFit | None:

@@ -1,4 +1,4 @@
-"""The clock of a recorded flight: the samples of its INS, and which of them readings belong to."""
+"""Time base of a recorded flight: INS samples and their measurements."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ _EXACT = 1e-6
 """Share of a period within which times are those of the samples."""
 _LONGEST = 1e10
 """Beyond any clock that counts seconds [s]: it would be milliseconds."""
+_SHORTER = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+"""Units of clocks shorter than the second."""
 _PERIOD_SLIP = 0.2
 """Relative difference of the found period from the named one beyond which one of them is wrong."""
 
@@ -95,8 +97,18 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
 
     Raises FlightError if they do not increase.
     """
-    columns.require_within({"time_s": (-_LONGEST, _LONGEST)})
     times = columns["time_s"]
+    off = np.abs(times) > _LONGEST
+    if off.any():
+        row = int(off.argmax())
+        size = abs(float(times[row]))
+        unit = next((u for u, factor in _SHORTER if factor * size < _LONGEST), "")
+        hint = f': is it in {unit}? State it, as in columns = {{ time_s = "time_s [{unit}]" }}'
+        raise columns.error(
+            f"time_s is {times[row]:g} and must lie between {-_LONGEST:g} and {_LONGEST:g} s"
+            f"{hint if unit else ''}",
+            row,
+        )
     steps = np.diff(times)
     if (steps <= 0.0).any():
         row = int((steps <= 0.0).argmax()) + 1

@@ -1,1 +1,1 @@
-"""What a reader sees: the text and the figures of reports."""
+"""Reports: pages and figures."""

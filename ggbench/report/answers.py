@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -39,6 +39,24 @@ def named_among(
     return [(label, widest) for label, widest in recovered if label in kept]
 
 
+def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return the estimators that failed in all runs of cases.
+
+    ``label``; ``cases``, the titles of these cases, none if they are all cases; ``reason`` of the
+    first of these failures.
+    """
+    own = runs[runs["assumption"] == ""]
+    rows = []
+    for label, flown in own.groupby("estimator", sort=False):
+        failed = (flown["status"] != "ok").groupby(flown["case"], sort=False).all()
+        lost = failed.index[failed].tolist()
+        if lost:
+            reason = flown.loc[flown["case"] == lost[0], "reason"].iloc[0]
+            named = [] if failed.all() else [titles[case] for case in lost]
+            rows.append({"label": label, "cases": named, "reason": reason})
+    return rows
+
+
 def answer(results: Reported) -> dict[str, Any]:
     """Return what the template ``answer.j2`` states.
 
@@ -68,6 +86,9 @@ def answer(results: Reported) -> dict[str, Any]:
         else [],
         "outside": left_the_map(results.runs()),
         "allowed": published.allowed(metrics),
+        "failed": failed_in_all(
+            results.runs(), {row.case: row.title for row in cases.itertuples()}
+        ),
     }
     if named.empty:
         return found

@@ -99,14 +99,12 @@ def column(key: str) -> Column:
 def significant(value: float, digits: int) -> str:
     """Return a number with that many significant digits, without an exponent where it is short.
 
-    A dash for NaN: a failed estimator has no number.
+    NaN is a dash, a number beyond all others the sign of infinity.
     """
-    if math.isnan(value):
-        return NONE
-    if math.isinf(value):
-        return "∞"
     if value == 0.0:
         return "0"
+    if not math.isfinite(value):
+        return NONE if math.isnan(value) else f"{'-' if value < 0.0 else ''}∞"
     rounded = float(f"{value:.{digits - 1}e}")
     exponent = math.floor(math.log10(abs(rounded)))
     if not -4 <= exponent < 6:
@@ -131,9 +129,9 @@ def efficiency(value: float) -> str:
 
 def share(value: float) -> str:
     """Return a share in per cent with two significant digits; 100% is every run."""
-    if math.isnan(value):
-        return NONE
     text = significant(100.0 * value, 2)
+    if not math.isfinite(value):
+        return text
     return ">99%" if text == "100" and value < 1.0 else f"{text}%"
 
 

@@ -11,6 +11,7 @@ from ..figures.numbers import counted, span
 from ..spec.case import CaseSpec
 from ..spec.presets import grade_of
 from .columns import significant
+from .tables import code
 
 _MOST_VALUES = 3
 """Values of a condition that are listed; of more, the range or the number is given."""
@@ -125,7 +126,7 @@ def map_conditions(case: CaseSpec) -> list[str]:
     said = "exact" if same else "with errors"
     if case.measured_sensors():
         said = "with its real errors"
-    return [f"`{assumed.source}`", said, felt]
+    return [code(assumed.source), said, felt]
 
 
 def _differences(case: CaseSpec) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..figures import errors, flights
 from ..figures.numbers import counted, short, span
 from ..figures.style import Drawing, save
+from ..files import reason_of, written_together
 from ..judging.judgement import epochs_outside
 from ..problem import Estimate, Problem
 from ..recorded import columns as files
@@ -24,8 +25,9 @@ from ..recorded.corrected import (
 )
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
+from ..spec.flight import FlightError
 from ..spec.named_sensors import sensors_of, table_of
-from .tables import markdown
+from .tables import code, markdown, plain
 
 WINDOW_TITLES = {
     "whole": "whole flight",
@@ -33,6 +35,9 @@ WINDOW_TITLES = {
     "last20": "end of the flight",
 }
 """Titles of the windows of a table."""
+
+
+REPORT = "report.md"
 
 
 def folder_of(label: str) -> str:
@@ -57,7 +62,7 @@ def write(
     families: Mapping[str, str],
     output: Path,
 ) -> Path:
-    """Write what estimators make of a recorded flight.
+    """Write what estimators make of a recorded flight: all files together, or none.
 
     ``LABEL/corrected.csv``, ``LABEL/residuals.csv``, ``report.md`` and its figures.
 
@@ -77,6 +82,21 @@ def write(
     EstimateError, FlightError, FigureError
         If an estimate is none of this problem, or a file cannot be written.
     """
+    try:
+        with written_together(output) as place:
+            _write(flight, estimates, families, place)
+    except OSError as error:
+        raise FlightError(f"cannot write to {output}: {reason_of(error)}") from None
+    return output / REPORT
+
+
+def _write(
+    flight: RecordedFlight,
+    estimates: Mapping[str, Estimate],
+    families: Mapping[str, str],
+    output: Path,
+) -> None:
+    """Write the files of a report one after the other."""
     problem, start = flight.problem, flight.start
     told = {label: residuals(problem, estimate) for label, estimate in estimates.items()}
     tracks = {label: corrected(problem, found, start) for label, found in estimates.items()}
@@ -91,7 +111,7 @@ def write(
         files.write(folder / "residuals.csv", residual_columns(problem, found, start))
     text = "\n\n".join(
         [
-            f"# {flight.spec.title or flight.path.stem}",
+            f"# {plain(flight.spec.title or flight.path.stem)}",
             *([flight.spec.description.strip()] if flight.spec.description.strip() else []),
             _what_there_is(flight),
             _estimators(problem, estimates, told),
@@ -105,9 +125,7 @@ def write(
             *made_of(flight.inputs()),
         ]
     )
-    path = output / "report.md"
-    files.write_text(path, text + "\n")
-    return path
+    files.write_text(output / REPORT, text + "\n")
 
 
 def _what_there_is(flight: RecordedFlight) -> str:
@@ -132,7 +150,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
         )
     head = ["sensor", "channels", "readings", "from, to [s]", "file"]
     return (
-        f"`{flight.path.name}`: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
+        f"{code(flight.path.name)}: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
         f"{counted(problem.epochs, 'epoch')} until {problem.times[-1]:g} s after the start.\n\n"
         + markdown(head, rows)
     )
@@ -165,7 +183,7 @@ def _estimators(
         outside = int(np.count_nonzero(epochs_outside(problem, estimate.mean)))
         rows.append(
             [
-                f"`{label}`",
+                code(label),
                 estimate.causality,
                 *sigma,
                 nis,
@@ -210,7 +228,7 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
                 "" if np.isnan(velocity) else short(velocity),
                 "" if np.isnan(metrics["nees_mean"]) else short(metrics["nees_mean"]),
             ]
-        rows.append([f"`{label}`", *cells])
+        rows.append([code(label), *cells])
     head = ["against the reference"]
     for name in names:
         head += [f"{WINDOW_TITLES[name]}: position [m]", "velocity [m/s]", "NEES"]
@@ -221,8 +239,8 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
         "## Against the reference",
         markdown(head, rows),
         "Root-mean-square spherical errors, of the position in brackets its horizontal part, "
-        f"against `{flight.spec.reference.file}`, at {len(some.times)} of {flight.problem.epochs} "
-        f"epochs. The NEES is of {what}: {some.states} if the estimate is "
+        f"against {code(flight.spec.reference.file)}, at {len(some.times)} of "
+        f"{flight.problem.epochs} epochs. The NEES is of {what}: {some.states} if the estimate is "
         "consistent and the reference is exact; what the reference itself is in error is in both."
         + (f" Read with care: {remark}." if remark else ""),
     ]
@@ -258,7 +276,7 @@ def _figures(
     label = next((name for name in aided if told[name].innovations), next(iter(estimates)))
     figure = flights.whitened(problem.times, _by_sensor(problem, told[label]), label)
     kind = "Whitened innovations" if told[label].innovations else "Residuals in units of the noise"
-    show("residuals.png", figure, f"{kind} of `{label}`; the band is ±2σ.")
+    show("residuals.png", figure, f"{kind} of {code(label)}; the band is ±2σ.")
     if judged:
         label = aided[0] if aided else next(iter(judged))
         found = judged[label]
@@ -275,7 +293,7 @@ def _figures(
             label=label,
             families=families,
         )
-        show("errors.png", figure, f"Position errors of `{label}` against the reference.")
+        show("errors.png", figure, f"Position errors of {code(label)} against the reference.")
     return "\n\n".join(shown)
 
 
@@ -320,11 +338,6 @@ def made_of(inputs: Sequence[Mapping[str, str]]) -> list[str]:
     Of each its ``role``, ``name`` and ``sha256``, as :func:`.result_keys.input_files`
     has them; no line without any.
     """
-    named = [f"{i['role']} `{_plain(i['name'])}` {i['sha256'][:16]}" for i in inputs]
+    named = [f"{i['role']} {code(i['name'])} {i['sha256'][:16]}" for i in inputs]
     line = f"- data, each with the first 16 digits of its SHA-256: {'; '.join(named)}"
     return [line] if named else []
-
-
-def _plain(name: str) -> str:
-    """Return the name of a file as it can be written in code."""
-    return "".join(c if c.isprintable() and c != "`" else "?" for c in name)

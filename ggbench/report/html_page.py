@@ -37,6 +37,7 @@ _DIGITS = 4
 """Digits of a number in the page."""
 _CELLS = "RMS error (× oracle), success below 100%; † overconfident, ‡ unsafe."
 """Definition of a column of the table of errors."""
+_SCRIPTS = ("figure.js", "table.js", "page.js")
 _DROPPED = ("name", "parameters")
 """Columns of the metrics that repeat the estimator's label."""
 
@@ -60,8 +61,8 @@ def write(results: Reported, picture: Picture, path: Path, notes: str) -> Path:
             break
     else:
         raise PageError(
-            f"{path} would have {len(content) / 1e6:.1f} MB, more than the {MOST_BYTES / 1e6:g} MB "
-            "of a page; report fewer cases or estimators"
+            f"{path.name} would have {len(content) / 1e6:.1f} MB, more than the "
+            f"{MOST_BYTES / 1e6:g} MB of a page; report fewer cases or estimators"
         )
     with written_whole(path, PageError, size=len(content)) as temporary:
         temporary.write_bytes(content)
@@ -92,34 +93,16 @@ def text(
     tables["errors"] = errors.rename(columns=lambda key: _error_key(key, results.labels))
     data = {
         "cases": [{"case": row.case, "title": row.title} for row in cases.itertuples()],
-        "tables": {name: _packed(table) for name, table in tables.items()},
-        "columns": _meanings(tables.values()),
         "figures": figures,
-    }
-    environment = page_templates.environment(html=True)
-    # Text as it is, whatever letters: the file is UTF-8 throughout.
-    environment.policies["json.dumps_kwargs"] = {
-        "ensure_ascii": False,
-        "separators": (",", ":"),
-        "allow_nan": False,
-    }
-    table_script, table_style = libraries.datatables()
-    script = "\n".join(
-        (columns.TEMPLATES / name).read_text(encoding="utf-8") for name in ("figure.js", "page.js")
-    )
-    stated = answer(results)
-    words = page_templates.environment()
+    } | packed(tables)
+    stated, words = answer(results), page_templates.environment()
     first, remark = (
         words.get_template(name).render(answer=stated) for name in ("answer.j2", "remark.j2")
     )
     parser = libraries.package("markdown_it").MarkdownIt("commonmark", {"html": False})
-    return environment.get_template("scenario.html.j2").render(
-        policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-        f"script-src {libraries.script_hash(script)} blob:",
-        style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
-        table_style=table_style,
-        table_script=table_script,
-        script=script,
+    return rendered(
+        "scenario.html.j2",
+        _SCRIPTS,
         title=loaded.title,
         answer=parser.render(first),
         remark=parser.render(remark),
@@ -130,6 +113,36 @@ def text(
         manifest=results.manifest,
         data=data,
     )
+
+
+def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:
+    """Return a page whose tables are drawn by DataTables and by scripts of the templates."""
+    environment = page_templates.environment(html=True)
+    # Text as it is, whatever letters: the file is UTF-8 throughout.
+    environment.policies["json.dumps_kwargs"] = {
+        "ensure_ascii": False,
+        "separators": (",", ":"),
+        "allow_nan": False,
+    }
+    table_script, table_style = libraries.datatables()
+    script = "\n".join((columns.TEMPLATES / name).read_text(encoding="utf-8") for name in scripts)
+    return environment.get_template(template).render(
+        policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src {libraries.script_hash(script)} blob:",
+        style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
+        table_style=table_style,
+        table_script=table_script,
+        script=script,
+        **values,
+    )
+
+
+def packed(tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
+    """Return tables and the meaning of their columns as the script of a page reads them."""
+    return {
+        "tables": {name: _packed(table) for name, table in tables.items()},
+        "columns": _meanings(tables.values()),
+    }
 
 
 def _packed(table: pd.DataFrame) -> dict[str, Any]:
@@ -172,9 +185,12 @@ def _meanings(tables: Any) -> dict[str, dict[str, str]]:
     for table in tables:
         for key in table:
             column = columns.column(key)
+            whole = key not in columns.COLUMNS and pd.api.types.is_integer_dtype(table[key])
+            form = "count" if whole else column.form
             if key.startswith(_ERROR):
                 column = Column(key.removeprefix(_ERROR), "m", "error", _CELLS)
-            found[key] = {"head": column.head, "form": column.form, "definition": column.definition}
+                form = column.form
+            found[key] = {"head": column.head, "form": form, "definition": column.definition}
     return found
 
 

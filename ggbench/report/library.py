@@ -17,7 +17,7 @@ from .league import CAPTION, EXPLANATION
 from .markdown_page import ANSWER
 from .page_templates import markdown
 from .render import ReportError, write_definitions
-from .tables import MOST_ROWS
+from .tables import MOST_ROWS, code
 
 FILE = "README.md"
 """Name of the page."""
@@ -83,4 +83,4 @@ def text(digests: Sequence[Digest], has_league: bool = True) -> str:
 def ranking(suite: Digest) -> pd.DataFrame:
     """Return the first rows of the standing of causal estimators over the cases of the suite."""
     table = standing(suite.metrics, suite.cases).iloc[:MOST_ROWS]
-    return table.assign(estimator=[f"`{label}`" for label in table["estimator"]])
+    return table.assign(estimator=list(map(code, table["estimator"])))

@@ -31,6 +31,8 @@ def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Envir
         "efficiency": columns.efficiency,
         "share": columns.share,
         "table": tables.text,
+        "code": tables.code,
+        "plain": tables.plain,
     }
     made.globals |= {
         "cell": columns.cell,

@@ -1,4 +1,4 @@
-"""Views of what a source publishes: errors next to the bound, windows, and claims."""
+"""Views of published numbers: errors next to the bound, windows, and claims."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pandas as pd
 from ..judging.statistics import BETTER, EQUIVALENCE_RATIO, EQUIVALENT, UNDECIDED, WORSE
 from ..results.folder import Results
 from . import columns
-from .tables import FAILED, MOST_ROWS
+from .tables import FAILED, MOST_ROWS, code
 from .views import comparable, together
 
 MOST_REFERENCES = 3
@@ -83,7 +83,7 @@ def published_table(
         errors = wide.reindex([group[0]])
         cells = [columns.cell("rms_m", errors.at[group[0], place]) for place in places]
         cells = [FAILED if cell == columns.NONE else cell for cell in cells]
-        lines.append([", ".join(f"`{label}`" for label in group), *cells])
+        lines.append([", ".join(map(code, group)), *cells])
     heads = [f"{titles[case]}: {window}" for case, window in places]
     return pd.DataFrame(lines, columns=["RMS error [m]", *heads])
 
@@ -125,7 +125,7 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
         for label in labels:
             series = results.series(case, label)
             if len(series):
-                squares[f"`{label}`"] = kept, (series[:, :, 0] ** 2).mean(axis=0)
+                squares[code(label)] = kept, (series[:, :, 0] ** 2).mean(axis=0)
         if not squares:
             return pd.DataFrame()
         rows = {"bound": (times, arrays["bound-filter"][:, 0])} | squares
@@ -198,8 +198,8 @@ def claimed(results: Any) -> pd.DataFrame:
         rows.append(
             {
                 "claim": f"{claim.title} ({value})" if value else claim.title,
-                "first": f"`{names[0]}`",
-                "second": f"`{names[1]}`",
+                "first": code(names[0]),
+                "second": code(names[1]),
                 "error_ratio": pair["error_ratio"],
                 "holds": verdict,
                 "needed_runs": _needed(pair.get("needed_runs", math.nan)),

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..files import reason_of
+from ..files import reason_of, written_together
 from ..results import digest
 from . import columns, html_page, libraries, links, markdown_page, pictures
 from .findings import SUITE
@@ -22,6 +22,8 @@ class ReportError(GGBenchError):
 
 def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Path]:
     """Write the report of a results folder: ``NAME.md``, its figures and data, ``NAME.html``.
+
+    All of it takes its place together, or nothing.
 
     Parameters
     ----------
@@ -47,14 +49,16 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
     notes = links.without_dead(results.scenario.notes.strip(), output, pages)
     with_cost = name != SUITE and (f"{SUITE}.md" in pages or (output / f"{SUITE}.md").exists())
     try:
-        results.write_data(output / name / digest.FOLDER)
-        answer = pictures.of_answer(results)
-        text = markdown_page.text(results, answer, output / name, notes, with_cost)
-        path.write_text(text, encoding="utf-8")
-        write_definitions(output)
-        written = [path]
-        if libraries.installed():
-            written.append(html_page.write(results, answer, output / f"{name}.html", notes))
+        with written_together(output) as place:
+            results.write_data(place / name / digest.FOLDER)
+            answer = pictures.of_answer(results)
+            text = markdown_page.text(results, answer, place / name, notes, with_cost)
+            (place / path.name).write_text(text, encoding="utf-8")
+            write_definitions(place)
+            written = [path]
+            if libraries.installed():
+                html_page.write(results, answer, place / f"{name}.html", notes)
+                written.append(output / f"{name}.html")
     except OSError as error:
         raise ReportError(f"cannot write to {output}: {reason_of(error)}") from None
     results.store.close()

@@ -1,4 +1,4 @@
-"""Views of a sweep: the parts of its grid that a page shows, and what they reach."""
+"""Views of a sweep: sections of its grid, and the required sensors."""
 
 from __future__ import annotations
 

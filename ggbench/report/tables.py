@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
+from ..errors import line_of
 from . import columns
+
+_LONGEST_TEXT = 1000
+_MARKUP = re.compile(r"[\\`*_\[\]<>~&]")
+"""Characters by which a line of text becomes more than itself: emphasis, links, images, HTML."""
 
 MOST_ROWS, MOST_COLUMNS = 10, 8
 """Limits of a table on a markdown page."""
@@ -20,8 +26,24 @@ MOST_LOST = 0.5
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a markdown table."""
     lines = [head, ["---"] * len(head), *rows]
-    escaped = ([cell.replace("|", "\\|") for cell in line] for line in lines)
+    escaped = ([" ".join(cell.split()).replace("|", "\\|") for cell in line] for line in lines)
     return "\n".join(f"|{'|'.join(line)}|" for line in escaped)
+
+
+def code(text: object) -> str:
+    """Return a text of anyone's, such as an estimator's label, as a code span of markdown.
+
+    Its fence is longer than any run of backticks in it (CommonMark, section 6.1).
+    """
+    line = line_of(str(text), _LONGEST_TEXT)
+    fence = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
+    pad = " " if "`" in line else ""
+    return f"{fence}{pad}{line}{pad}{fence}"
+
+
+def plain(text: object) -> str:
+    """Return a text of anyone's, such as the reason of a failure, as markdown that shows it."""
+    return _MARKUP.sub(r"\\\g<0>", line_of(str(text), _LONGEST_TEXT))
 
 
 def text(table: pd.DataFrame) -> str:
@@ -74,7 +96,7 @@ def is_lost(row: Mapping[str, Any]) -> bool:
 
 def names(labels: Sequence[str], most: int = 3) -> str:
     """Return estimators in code, the first few, and the number of the others."""
-    shown = [f"`{label}`" for label in labels[:most]]
+    shown = [code(label) for label in labels[:most]]
     more = len(labels) - most
     if more > 0:
         return ", ".join(shown) + f" and {more} more"

@@ -13,7 +13,7 @@ import pandas as pd
 from ..judging.pairs import pair_of
 from ..judging.verdicts import UnequalRunsError
 from . import columns
-from .tables import MOST_COLUMNS, MOST_ROWS, error_cell
+from .tables import MOST_COLUMNS, MOST_ROWS, code, error_cell
 
 MOST_CASES = 5
 """Cases of a page's table."""
@@ -102,10 +102,10 @@ def answer_table(
     kind = "recommended" if plain.any() else "least bad"
     named = {kind: causal, "best smoother": cases["best_smoother"].tolist()}
     heads = {
-        key: f"{key}: `{labels[0]}`" if len(set(labels)) == 1 and labels[0] else key
+        key: f"{key}: {code(labels[0])}" if len(set(labels)) == 1 and labels[0] else key
         for key, labels in named.items()
     }
-    fixed = {"EKF": "ekf"} | {f"`{label}`": label for label in own[: MOST_ROWS - _FIXED_ROWS]}
+    fixed = {"EKF": "ekf"} | {code(label): label for label in own[: MOST_ROWS - _FIXED_ROWS]}
     rows = []
     for number, case in enumerate(cases.to_dict("records")):
         cells = _Cells(case["case"], metrics, pairs)
@@ -119,7 +119,7 @@ def answer_table(
             if labels[number] and cells.alike(labels[number], "ekf"):
                 text = "= EKF"
             if labels[number] not in ("", "ekf") and heads[key] == key:
-                text = f"`{labels[number]}` {text}"
+                text = f"{code(labels[number])} {text}"
             causal_one = key == kind and not case["recommended"] and text != columns.NONE
             row[heads[key]] = f"*{text}*" if causal_one else text
         rows.append(row)

@@ -1,1 +1,1 @@
-"""What campaigns leave behind: a folder of records."""
+"""Results of campaigns: folders of records."""

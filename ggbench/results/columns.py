@@ -1,4 +1,4 @@
-"""Columns of a record: all that is stored of one run of one estimator, besides its time series.
+"""Columns of a record: the results of one run of one estimator.
 
 The one declaration of these columns: the tables of the database with their checks, blank records
 and the table of runs follow from it.

@@ -1,4 +1,4 @@
-"""Database of a results folder: records, fixes, time series, and what the runs of a case share.
+"""Database of a results folder: records, fixes, time series, arrays of cases.
 
 Each result is durable (written through to the disk) when it has been added. What is read is sound:
 SQLite refuses a row that the declared columns do not allow (:mod:`.results.columns`).
@@ -19,6 +19,7 @@ import numpy as np
 from pydantic_core import from_json
 
 from ..errors import GGBenchError, text_of
+from ..files import require_small_archive
 from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
 from .formats import flaw_of_arrays
 
@@ -146,10 +147,14 @@ class Database:
                 curves.append((r.key, run, _pack(r.series), _pack(r.detail)))
         self._write({"records": records, "fixes": fixes, "curves": curves})
 
-    def finished(self, limit: float = np.inf) -> dict[str, np.ndarray]:
-        """Return, by key, the runs whose results a time limit [s] leaves as they are."""
+    def finished(self, limit: float = np.inf, retry_failed: bool = False) -> dict[str, np.ndarray]:
+        """Return, by key, the runs whose results a time limit [s] leaves as they are.
+
+        ``retry_failed`` leaves out all runs that failed, for whatever reason.
+        """
         lost: dict[str, list[int]] = {}
         query = "SELECT key, run FROM records WHERE retry_above < ?"
+        query += " OR status = 'failed'" if retry_failed else ""
         for key, run in self._select(query, (limit,)):
             lost.setdefault(key, []).append(run)
         found = {}
@@ -160,7 +165,10 @@ class Database:
         return {key: runs for key, runs in found.items() if len(runs)}
 
     def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
-        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
+        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order.
+
+        Raise StoreError if one is damaged.
+        """
         query = (
             f"SELECT {', '.join(NAMES)} FROM records WHERE key = ? AND run >= ? AND run < ? "
             "ORDER BY run"
@@ -216,6 +224,8 @@ class Database:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
 
         K' are the epochs that ``kept`` of the shared arrays names.
+
+        Raise StoreError if one is damaged.
         """
         rows = self._select(
             "SELECT series FROM curves WHERE key = ? AND run < ? ORDER BY run", (key, runs)
@@ -252,13 +262,19 @@ class Database:
         return bool(self._select("SELECT 1 FROM shared WHERE key = ?", (key,)))
 
     def arrays(self, key: str, case: str) -> dict[str, np.ndarray]:
-        """Return what all runs of a case share; ``case`` names it in messages."""
+        """Return what all runs of a case share; ``case`` names it in messages.
+
+        Raise StoreError if they are missing or damaged.
+        """
         found = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
         if not found:
             raise StoreError(
                 f"{self.path.parent} does not hold what the runs of case {case} share: it was "
                 "stopped while it was prepared; the same command goes on from there"
             )
+        require_small_archive(
+            io.BytesIO(found[0][0]), StoreError, f"what the runs of case {case} share"
+        )
         try:
             with np.load(io.BytesIO(found[0][0]), allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}

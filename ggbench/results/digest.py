@@ -1,4 +1,4 @@
-"""A campaign's tables as a few small text files, from which the library's page is made.
+"""Tables of a campaign as small text files for the library page.
 
 ``manifest.json``  what was run.
 ``metrics.csv``    metrics of the settled window.
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .csv_cells import csv_text, restored
 from .database import StoreError
 from .folder import Results
 
@@ -114,7 +115,7 @@ def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
     """Write a table with six significant digits."""
-    path.write_text(table.to_csv(index=False, float_format=DIGITS), encoding="utf-8")
+    path.write_text(csv_text(table, float_format=DIGITS), encoding="utf-8")
 
 
 def read(folder: Path) -> Digest:
@@ -129,7 +130,7 @@ def read(folder: Path) -> Digest:
         return Digest(manifest, *(_table(folder, name) for name in _FILES))
     except OSError as error:
         raise StoreError(f"cannot read {error.filename}: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise StoreError(
             f"{folder} is damaged: {error!r}; 'ggbench report' writes it again"
         ) from None
@@ -142,4 +143,4 @@ def _table(folder: Path, name: str) -> pd.DataFrame:
     if "case" not in table:
         raise ValueError(f"{name}.csv has no column case")
     texts = [key for key in table if types.get(key) is str]
-    return table.fillna(dict.fromkeys(texts, ""))
+    return restored(table.fillna(dict.fromkeys(texts, "")))

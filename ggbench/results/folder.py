@@ -1,4 +1,4 @@
-"""What a results folder holds, read back: records, tables of them, and files for other tools.
+"""Reader of a results folder: records, tables, and files for other tools.
 
 Only what the folder itself holds is read: no estimator is loaded and nothing is simulated.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import os
 import shlex
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -23,6 +24,7 @@ from ..judging.verdicts import Verdict
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from .columns import TABLED
+from .csv_cells import csv_text
 from .database import StoreError
 from .store import Store, read_manifest
 
@@ -344,7 +346,15 @@ class Results:
 
 
 def as_argument(path: str) -> str:
-    """Return a path as it can be pasted into a command: quoted, and not taken for an option."""
+    """Return a path as it can be pasted into a command: quoted, and not taken for an option.
+
+    Bytes that are no UTF-8 become escapes within ``$'...'``, which shells read back.
+    """
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        escaped = os.fsencode(path).decode("latin-1").encode("unicode_escape").decode()
+        return "$'" + escaped.replace("'", "\\'") + "'"
     return shlex.quote(f"./{path}" if path.startswith("-") else path)
 
 
@@ -367,7 +377,7 @@ def write_tables(results: Results) -> pd.DataFrame:
         tables["fixes"] = pd.concat(results.fixes, names=["case", "estimator"]).reset_index([0, 1])
     for name, table in tables.items():
         if len(table) or name not in ("assumptions", "fixes"):
-            results.store.write(f"{name}.csv", table.to_csv(index=False).encode())
+            results.store.write(f"{name}.csv", csv_text(table).encode())
     _write_runs(results)
     return metrics
 
@@ -377,7 +387,7 @@ def _write_runs(results: Results) -> None:
     table, content = results.runs(), io.BytesIO()
     if importlib.util.find_spec("pyarrow") is None:
         name, other = "runs.csv", "runs.parquet"
-        table.to_csv(content, index=False)
+        content.write(csv_text(table).encode())
     else:
         name, other = "runs.parquet", "runs.csv"
         table.to_parquet(content, index=False)

@@ -8,7 +8,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from ..errors import line_of
 from ..spec.limits import MOST_RUNS, MOST_SEED, SCENARIO_NAME
+
+_MOST_ESTIMATORS, _MOST_CELLS = 1000, 1_000_000
 
 
 class _Part(BaseModel):
@@ -46,11 +49,11 @@ class _Manifest(_Part):
     notes: str
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)]
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
-    estimators: dict[str, dict[str, Any]]
+    estimators: Annotated[dict[str, dict[str, Any]], Field(max_length=_MOST_ESTIMATORS)]
     families: dict[str, str]
     cases: Annotated[list[str], Field(min_length=1)]
     assumptions: bool
-    cells: list[_Cell]
+    cells: Annotated[list[_Cell], Field(max_length=_MOST_CELLS)]
     shared: dict[str, str]
     ggbench: str
     results_version: int
@@ -73,6 +76,25 @@ def flaw_of_manifest(content: Any) -> str | None:
         if problem["type"] == "missing":
             return f"it has no {where}"
         return f"its {where or 'content'} is not what it should be ({problem['msg']})"
+    return _flaw_of_cells(content)
+
+
+def _flaw_of_cells(manifest: dict[str, Any]) -> str | None:
+    """Return what is wrong with the cells of a manifest whose parts are of the right types."""
+    cells = manifest["cells"]
+    places = {(cell["assumption"], cell["case"], cell["estimator"]) for cell in cells}
+    if len(places) < len(cells):
+        return "its cells name an estimator on a case twice"
+    if len(set(manifest["cases"])) < len(manifest["cases"]):
+        return "its cases name one twice"
+    declared = {cell["case"] for cell in cells if not cell["assumption"]}
+    if unknown := sorted(declared - set(manifest["cases"])):
+        return f"its cells are of a case {line_of(unknown[0], 60)}, which is none of its cases"
+    own = {cell["estimator"] for cell in cells if not cell["assumption"]}
+    if unknown := sorted(own - set(manifest["estimators"])):
+        return f"its cells are of an estimator {line_of(unknown[0], 60)}, which it does not have"
+    if unknown := sorted(set(manifest["estimators"]) - set(manifest["families"])):
+        return f"it has no family of the estimator {line_of(unknown[0], 60)}"
     return None
 
 

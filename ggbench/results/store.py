@@ -121,7 +121,10 @@ class Store(Database):
         self.write("scenario.toml", manifest["scenario_text"].encode())
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file of the folder, whole or not at all, and through to the disk."""
+        """Write a file of the folder, whole or not at all, and through to the disk.
+
+        Raise StoreError if it cannot be written.
+        """
         temporary = self.folder / f".{name}.{os.getpid()}.part"
         try:
             with temporary.open("wb") as file:
@@ -135,7 +138,10 @@ class Store(Database):
             raise StoreError(f"cannot write {self.folder / name}: {reason_of(error)}") from None
 
     def remove(self, name: str) -> None:
-        """Take a file out of the folder, if it is there."""
+        """Take a file out of the folder, if it is there.
+
+        Raise StoreError if it cannot be removed.
+        """
         try:
             (self.folder / name).unlink(missing_ok=True)
         except OSError as error:

@@ -1,1 +1,1 @@
-"""How good an estimator is: its runs of the standard suite against stored runs of the others."""
+"""Scores: runs of an estimator in the standard suite, compared with stored runs."""

@@ -1,4 +1,4 @@
-"""Advice on a user's own case: estimator, accuracy, what limits it, instrument for a target."""
+"""Advice on a user's case: estimator, accuracy, limiting errors, required instrument."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ _FINEST, _COARSEST = 1e-6, 1e4
 """Noise of a gradiometer between which one is sought for a target, in its own unit."""
 _STEPS = 14
 """Halvings of that range on a logarithmic scale: to 0.2%."""
+_LINEAR, _AMBIGUOUS = 0.2, 0.8
+"""Widths of a prior in correlation lengths, see reports/nonlinearity.md."""
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 SIDES = ("", "truth", "model")
 """Tables of a case that may state a number: its own, and those of each side."""
@@ -194,10 +196,42 @@ def needed(case: CaseSpec, key: str, target_m: float) -> float:
     return math.exp(low)
 
 
+def usual_seconds() -> Mapping[str, float]:
+    """Return the usual time of a run by estimator [s]: the median over the cases of the suite.
+
+    The few runs of an advice are the first of their process, which also load and compile. Their
+    times decide nothing.
+    """
+    cells = pd.DataFrame(stored_runs.header()["cells"])
+    return {
+        str(name): float(s) for name, s in cells.groupby("estimator")["seconds"].median().items()
+    }
+
+
 def recommended(advice: Advice) -> tuple[str, bool]:
-    """Return the causal estimator to use, and whether it is recommended or only the best."""
-    row = advice.results.cases().iloc[0]
-    return (row["recommended"], True) if row["recommended"] else (row["best"], False)
+    """Return the causal estimator to use, and whether it is recommended or only the best.
+
+    Of several that are recommended it is the one that usually takes the least time.
+    """
+    seconds, metrics = usual_seconds(), table(advice)
+    named = metrics.loc[metrics["recommended"].astype(bool), "estimator"]
+    if len(named):
+        return min(named, key=lambda label: seconds.get(label, math.inf)), True
+    return advice.results.cases().iloc[0]["best"], False
+
+
+def after_landing(advice: Advice) -> str:
+    """Return the smoother of least error, "" where none was flown."""
+    return str(advice.results.cases().iloc[0]["best_smoother"])
+
+
+def on_the_prior(width: float) -> str:
+    """Return the consequence of a prior of so many correlation lengths of the field."""
+    if width < _LINEAR:
+        return "the field is nearly linear within it, and an EKF is efficient"
+    if width < _AMBIGUOUS:
+        return "a filter that linearises once can converge to a wrong place"
+    return "several places fit the first measurements: use a bank, a search or particles"
 
 
 def table(advice: Advice) -> pd.DataFrame:

@@ -1,19 +1,33 @@
-"""Cards: what an estimator achieved in the suite, as a file that can be checked and compared."""
+"""Cards: results of an estimator in the suite, as a file to check and compare."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import from_json
 
-from ..files import written_whole
+from ..errors import line_of, text_of
+from ..files import content_of, written_whole
+from ..spec.limits import MOST_RUNS, MOST_SEED
 from .stored_runs import ScoreError
 
-FORMAT = 1
+FORMAT = 2
+MOST_BYTES = 64_000_000
+"""Largest file of a card."""
 _DIGITS = 6
+_LONGEST_TEXT = 1000
 
 Verdict = Literal["better", "as good", "worse", "undecided"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
@@ -21,41 +35,53 @@ Judged = Literal["all", "odd", "even"]
 Role = Literal["ekf", "recommended", "best"]
 Number = float | None
 """A number, or null where there is none."""
+Error = Annotated[float, Field(ge=0.0)] | None
+"""An error [m], or null where there is none."""
+Line = Annotated[str, AfterValidator(lambda text: line_of(text, _LONGEST_TEXT))]
+"""A text on one printable line, whatever an estimator says of itself."""
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Opponent(_Part):
     """Comparison with another estimator on equal runs."""
 
-    label: str = Field(description="The other estimator.")
+    label: Line = Field(description="The other estimator.")
     role: Role = Field(
         description="The EKF; the recommended estimator of the case; or, where none is, its best."
     )
-    runs: int = Field(description="Runs that both finished.")
+    runs: NonNegativeInt = Field(description="Runs that both finished.")
     rms_m: Number = Field(description="Its RMS position error in the settled window [m].")
     error_ratio: Number = Field(
         description="Geometric mean of the scored estimator's error over its error, run by run."
     )
     lo: Number = Field(description="Lower end of the 95% interval of the ratio.")
     hi: Number = Field(description="Upper end of the 95% interval of the ratio.")
-    only_scored: int = Field(description="Runs in which the scored estimator alone succeeds.")
-    only_other: int = Field(description="Runs in which the other estimator alone succeeds.")
+    only_scored: NonNegativeInt = Field(
+        description="Runs in which the scored estimator alone succeeds."
+    )
+    only_other: NonNegativeInt = Field(
+        description="Runs in which the other estimator alone succeeds."
+    )
     verdict: Verdict = Field(description="Verdict on the scored estimator, by Holm over the card.")
 
 
 class Question(_Part):
     """One case of the suite."""
 
-    case: str = Field(description="Name of the case.")
-    title: str = Field(description="The question in words.")
-    skipped: str = Field(default="", description="Why the estimator cannot take the case.")
-    runs: int = Field(default=0, description="Runs that are judged.")
-    failed: int = Field(default=0, description="Runs without an estimate.")
-    diverged: int = Field(default=0, description="Runs that end beyond ten bounds and the INS.")
-    lost: int = Field(default=0, description="Runs that are far off and do not report it.")
+    case: Line = Field(description="Name of the case.")
+    title: Line = Field(description="The question in words.")
+    skipped: Line = Field(default="", description="Why the estimator cannot take the case.")
+    runs: NonNegativeInt = Field(default=0, description="Runs that are judged.")
+    failed: NonNegativeInt = Field(default=0, description="Runs without an estimate.")
+    diverged: NonNegativeInt = Field(
+        default=0, description="Runs that end beyond ten bounds and the INS."
+    )
+    lost: NonNegativeInt = Field(
+        default=0, description="Runs that are far off and do not report it."
+    )
     rms_m: Number = Field(default=None, description="RMS position error, settled window [m].")
     rms_lo: Number = Field(default=None, description="Lower end of its 95% interval [m].")
     rms_hi: Number = Field(default=None, description="Upper end of its 95% interval [m].")
@@ -68,24 +94,34 @@ class Question(_Part):
         default=None, description="Mean NEES of position and velocity; 6 is right."
     )
     coverage: Number = Field(default=None, description="Share of epochs in the 95% region.")
-    consistency: str = Field(default="", description="Consistent, overconfident, unsafe, ....")
+    consistency: Line = Field(default="", description="Consistent, overconfident, unsafe, ....")
     against: list[Opponent] = Field(default_factory=list)
-    errors_m: list[Number] = Field(
+    errors_m: list[Error] = Field(
         default_factory=list, description="RMS error of each run flown [m], null if it failed."
     )
     succeeded: list[bool] = Field(
         default_factory=list, description="Whether each run ends within the required error."
     )
 
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        """Refuse a question whose parts are not of the same runs."""
+        roles = [other.role for other in self.against]
+        if len(set(roles)) != len(roles) or (not self.skipped and "ekf" not in roles):
+            raise ValueError("against must have the EKF, and each role once")
+        if len(self.errors_m) != len(self.succeeded):
+            raise ValueError("errors_m and succeeded must have a value for each run")
+        return self
+
 
 class CardEstimator(_Part):
     """The scored estimator."""
 
-    label: str = Field(description="Name or file, and parameters that differ from the defaults.")
-    name: str = Field(description="Its name.")
-    parameters: dict[str, Any] = Field(description="All parameters.")
-    source: str = Field(description="SHA-256 of its source file.")
-    seeks: list[str] = Field(
+    label: Line = Field(description="Name or file, and parameters that differ from the defaults.")
+    name: Line = Field(description="Its name.")
+    parameters: dict[Line, bool | int | float | Line | None] = Field(description="All parameters.")
+    source: Line = Field(description="SHA-256 of its source file.")
+    seeks: list[Line] = Field(
         default_factory=list, description="Names in its source by which truth could be found."
     )
 
@@ -94,18 +130,26 @@ class Card(_Part):
     """Result of ``ggbench score``."""
 
     format: int = Field(description="Version of this format.")
-    ggbench: str = Field(description="Version of ggbench.")
+    ggbench: Line = Field(description="Version of ggbench.")
     results_version: int = Field(description="Version of the numbers that estimators give.")
-    suite: str = Field(description="Hash of the suite's content.")
-    seed: int = Field(description="Seed of the runs.")
+    suite: Line = Field(description="Hash of the suite's content.")
+    seed: int = Field(ge=0, le=MOST_SEED, description="Seed of the runs.")
     public: bool = Field(description="Whether the runs are the public ones, whose seed is known.")
-    runs: int = Field(description="Runs flown in each case.")
+    runs: int = Field(ge=1, le=MOST_RUNS, description="Runs flown in each case.")
     judged: Judged = Field(description="Which of them are judged.")
     estimator: CardEstimator
-    questions: list[Question]
-    seconds_per_run: dict[str, Number] = Field(
-        description="Median time of a run by case [s]; depends on the machine, never compared."
-    )
+    questions: list[Question] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        """Refuse a card with a case twice, or of other numbers of runs than it states."""
+        names = [question.case for question in self.questions]
+        if len(set(names)) != len(names):
+            raise ValueError("questions must be of different cases")
+        flown = [len(q.errors_m) for q in self.questions if not q.skipped]
+        if any(count != self.runs for count in flown):
+            raise ValueError(f"errors_m must have {self.runs} values in each case, as runs says")
+        return self
 
     def verdicts(self, role: str) -> dict[str, int]:
         """Return the number of cases by verdict against the EKF ("ekf") or the others ("")."""
@@ -137,16 +181,17 @@ def write(card: Card, path: Path) -> None:
 
 def read(path: Path) -> Card:
     """Read a card; raise ScoreError if it is no card, or of another format."""
+    content = content_of(path, ScoreError, "the card ", MOST_BYTES)
     try:
-        loaded = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ScoreError(f"cannot read the card {path}: {reason}") from None
+        loaded = from_json(content)
+    except ValueError as error:
+        raise ScoreError(f"cannot read the card {path}: {text_of(error)}") from None
     if isinstance(loaded, dict) and loaded.get("format", FORMAT) != FORMAT:
-        raise ScoreError(f"{path} has format {loaded['format']}; this version reads {FORMAT}")
+        found = line_of(str(loaded["format"]), 40)
+        raise ScoreError(f"{path} has format {found}; this version reads {FORMAT}")
     try:
         return Card.model_validate(loaded)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise ScoreError(f"{path} is no card: {where}: {first['msg'].lower()}") from None
+        where = line_of(".".join(map(str, first["loc"]))) or "the file"
+        raise ScoreError(f"{path} is no card: {where}: {line_of(first['msg']).lower()}") from None

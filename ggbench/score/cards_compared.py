@@ -1,35 +1,33 @@
-"""Two cards: whether one is reproduced by the other, or worse than it."""
+"""Comparison of two cards: reproduction, and regressions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Collection, Iterator
+from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 
+from ..campaign.result_keys import RESULTS_VERSION
 from ..judging.pairs import PairedRuns, compared, judged
 from ..judging.statistics import WORSE
 from ..spec import scenario
 from ..spec.case import CaseSpec
 from .card import Card, Question
-from .stored_runs import SUITE, ScoreError
+from .stored_runs import SUITE, ScoreError, header
 
-TOLERANCE = 1e-5
-"""Relative difference of two errors of a run up to which a card is reproduced; cards have six
-digits."""
+TOLERANCE = 2e-5
+"""Relative difference of two numbers up to which a card is reproduced; cards have six digits."""
 
 
 def differences(old: Card, new: Card) -> list[str]:
     """Return in what two cards of the same runs differ, a sentence each; nothing if reproduced.
 
-    Errors may differ by :data:`TOLERANCE`; times are not compared.
+    Everything that a card states is compared, numbers within :data:`TOLERANCE`. The figures of a
+    question are compared where its runs agree.
     """
-    found = []
-    for name in ("results_version", "suite", "seed", "runs"):
-        if getattr(old, name) != getattr(new, name):
-            found.append(f"{name} was {getattr(old, name)} and is {getattr(new, name)}")
-    for name in ("source", "parameters"):
-        if getattr(old.estimator, name) != getattr(new.estimator, name):
-            found.append(f"the estimator's {name} changed")
+    found = [*_unlike(_conditions(old), _conditions(new))]
     questions = {question.case: question for question in new.questions}
     for before in old.questions:
         after = questions.pop(before.case, None)
@@ -40,35 +38,97 @@ def differences(old: Card, new: Card) -> list[str]:
     return [*found, *(f"{case}: not in the old card" for case in questions)]
 
 
+def _conditions(card: Card) -> dict[str, Any]:
+    """Return what a card states besides its questions, the estimator without its folder."""
+    stated = card.model_dump(exclude={"questions"})
+    path, bracket, parameters = card.estimator.label.partition("[")
+    stated["estimator"]["label"] = PurePath(path).name + bracket + parameters
+    return stated
+
+
+def _unlike(old: Any, new: Any, place: str = "") -> Iterator[str]:
+    """Yield the differences of two values of a card, a sentence each."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys((*old, *new)):
+            yield from _unlike(old.get(key), new.get(key), f"{place}.{key}".lstrip("."))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for number, pair in enumerate(zip(old, new, strict=True)):
+            yield from _unlike(*pair, f"{place}[{number}]")
+    elif not _equal(old, new):
+        yield f"{place} was {_shown(old)} and is {_shown(new)}"
+
+
+def _equal(old: Any, new: Any) -> bool:
+    if type(old) is type(new) is float:
+        return math.isclose(old, new, rel_tol=TOLERANCE)
+    return bool(old == new)
+
+
+def _shown(value: Any) -> str:
+    return f"{len(value)} items" if isinstance(value, list) else repr(value)
+
+
 def _changed(before: Question, after: Question) -> Iterator[str]:
-    if before.skipped != after.skipped:
-        yield f"skipped was '{before.skipped}' and is '{after.skipped}'"
     old, new = (np.array(q.errors_m, dtype=float) for q in (before, after))
-    if len(old) != len(new):
-        yield f"{len(old)} runs were flown and are {len(new)}"
-        return
-    apart = ~np.isclose(old, new, rtol=TOLERANCE, atol=0.0, equal_nan=True)
-    if apart.any():
-        first = int(np.argmax(apart))
-        yield (
-            f"{apart.sum()} of {len(old)} runs differ, first run {first}: "
-            f"{old[first]:g} m was {new[first]:g} m"
+    if len(old) == len(new):
+        apart = ~np.isclose(old, new, rtol=TOLERANCE, atol=0.0, equal_nan=True)
+        if apart.any():
+            first = int(np.argmax(apart))
+            yield (
+                f"{apart.sum()} of {len(old)} runs differ, first run {first}: "
+                f"{old[first]:g} m was {new[first]:g} m"
+            )
+            return
+        if before.succeeded != after.succeeded:
+            yield "other runs succeed"
+            return
+    yield from _unlike(before.model_dump(), after.model_dump())
+
+
+def require_comparable(old: Card, cases: Collection[str], seed: int | None) -> None:
+    """Raise ScoreError unless a score of some cases can be compared with an old card.
+
+    Parameters
+    ----------
+    old : the card.
+    cases : names of the cases of the score, none for all.
+    seed : of the score, None for the public one.
+    """
+    suite = scenario.load(SUITE)
+    public = int(header()["seed"])
+    _require_same_runs(
+        (old.seed, old.suite, old.results_version),
+        (public if seed is None else seed, suite.content_hash, RESULTS_VERSION),
+    )
+    flown = [question.case for question in old.questions if not question.skipped]
+    if not set(flown) & set(cases or (case.name for case in suite.cases)):
+        raise ScoreError(
+            "no question of the card is flown by this score: the card has "
+            + (f"results of {', '.join(flown)}" if flown else "skipped all of its questions")
         )
-    if before.succeeded != after.succeeded:
-        yield "other runs succeed"
+
+
+def _require_same_runs(old: tuple[int, str, int], new: tuple[int, str, int]) -> None:
+    """Raise ScoreError unless seed, suite and version of results are the same."""
+    names = ("seed", "suite", "version of results")
+    for name, one, other in zip(names, old, new, strict=True):
+        if one != other:
+            raise ScoreError(
+                f"the two cards are of different runs, of the {name} {one} and {other}: score the "
+                "old estimator again"
+            )
 
 
 def worse(old: Card, new: Card) -> list[str]:
     """Return in which questions a new card is surely worse than an old one, a sentence each.
 
     On the runs that both flew; p-values by Holm over the card, so that of estimators that do not
-    differ at most 5% are called worse anywhere. Raise ScoreError if the cards are of other runs.
+    differ at most 5% are called worse anywhere. Raise ScoreError if the cards are of other runs, or
+    have no question in common.
     """
-    if (old.seed, old.suite, old.results_version) != (new.seed, new.suite, new.results_version):
-        raise ScoreError(
-            "the two cards are of different runs (seed, suite or version of results): score the "
-            "old estimator again"
-        )
+    _require_same_runs(
+        (old.seed, old.suite, old.results_version), (new.seed, new.suite, new.results_version)
+    )
     suite = scenario.load(SUITE)
     before = {question.case: question for question in old.questions if not question.skipped}
     pairs, skipped = [], []
@@ -82,6 +142,8 @@ def worse(old: Card, new: Card) -> list[str]:
         spec = suite.case(question.case)
         flown = _flown(question, spec), _flown(other, spec)
         pairs.append({"case": question.case} | compared(*flown))
+    if not pairs and not skipped:
+        raise ScoreError("the two cards have no question in common that the old one has flown")
     found = [
         f"{pair['case']}: errors are {pair['error_ratio']:.3g} times as large, "
         f"{pair['second_only']} runs succeed no more and {pair['first_only']} newly"

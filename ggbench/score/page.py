@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from ..errors import line_of
 from ..files import written_whole
 from ..report import columns, tables
 from ..report.page_templates import environment, markdown
@@ -13,6 +14,7 @@ from .card import VERDICTS, Card, Opponent, Question
 from .stored_runs import ScoreError
 
 HEAD = ("question", "bound [m]", "scored", "EKF", "against EKF", "recommended", "against it")
+_LONGEST_TEXT = 1000
 MOST_FAILURES = 10
 """Failed runs that a page lists."""
 
@@ -70,13 +72,20 @@ def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
         "head": HEAD,
         "rows": rows(card),
         "hidden": max(0, len(failures) - MOST_FAILURES),
-        "failures": failures[["case", "run", "reason", "command"]].iloc[:MOST_FAILURES],
+        "failures": failures[["case", "run", "reason", "command"]]
+        .iloc[:MOST_FAILURES]
+        .map(lambda cell: line_of(cell, _LONGEST_TEXT) if isinstance(cell, str) else cell),
     }
-    table = tables.markdown(HEAD, values["rows"])
+    table = tables.markdown(HEAD, [[*map(tables.plain, row)] for row in values["rows"]])
+    failed = [
+        (row.case, str(row.run), tables.plain(row.reason or "diverged"), tables.code(row.command))
+        for row in values["failures"].itertuples()
+    ]
+    failures_table = tables.markdown(("case", "run", "reason", "command"), failed)
     style = (columns.TEMPLATES / "page.css").read_text(encoding="utf-8")
     html = environment(html=True).get_template("card.html.j2")
     texts = {
-        "card.md": markdown("card.md.j2", table=table, **values),
+        "card.md": markdown("card.md.j2", table=table, failures_table=failures_table, **values),
         "card.html": html.render(style=style, **values),
     }
     for name, text in texts.items():

@@ -125,7 +125,6 @@ def score(
     }
     questions = _questions(suite, results, matches, skipped)
     content = choice.content
-    seconds = own[own["status"] == "ok"].groupby("case")["seconds"].median()
     return Score(
         Card(
             format=cards.FORMAT,
@@ -144,7 +143,6 @@ def score(
                 seeks=content.get("seeks", []),
             ),
             questions=questions,
-            seconds_per_run={str(case): rounded(value) for case, value in seconds.items()},
         ),
         failures,
     )

@@ -1,4 +1,4 @@
-"""Runs of the standard suite that are shipped: what every estimator of the roster achieved.
+"""Stored runs of the standard suite for all estimators of the roster.
 
 They are written from a results folder by ``make suite`` and read as a table of runs, so that an
 estimator is compared with others that are not flown again.

@@ -1,1 +1,1 @@
-"""What is on board other than the INS, and the measurement model h and H of its readings."""
+"""Sensors other than the INS, and the measurement model h and H."""

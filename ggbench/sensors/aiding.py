@@ -1,4 +1,4 @@
-"""Sensors other than the gradiometer: what they deliver, and how it depends on the INS's errors.
+"""Aiding sensors other than the gradiometer, and their dependence on the INS error.
 
 Each is given the motion and what the INS indicates of it, and says
 

@@ -32,7 +32,10 @@ def disturbance_at(
     at[2] = place[2] - error[2]
     along = np.empty((3, 3))
     gravity = model.gravity
-    vector_at(at, gravity.origin, gravity.step, gravity.coefficients, value, along)
+    vector_at(
+        at, gravity.origin, gravity.step, gravity.coefficients, gravity.base,
+        value, along,
+    )  # fmt: skip
     for i in range(3):
         slope[i, 0] = -along[i, 1] / per_east
         slope[i, 1] = -along[i, 0] / per_north

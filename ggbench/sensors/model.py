@@ -176,6 +176,7 @@ def model_arrays(
         origin=field.origin,
         step=field.step,
         coefficients=field.tensor_coefficients,
+        base=field.base_coefficients,
         times=then,
         references=taken.positions,
         attitudes=mount.attitudes,
@@ -200,7 +201,7 @@ def _unchangeable(arrays: Any, kept: Callable[[np.ndarray], np.ndarray]) -> Any:
     """
     changed: dict[str, Any] = {}
     for name, value in zip(arrays.__dataclass_fields__, fields_of(arrays), strict=True):
-        if name in ("origin", "step", "coefficients"):
+        if name in ("origin", "step", "coefficients", "base"):
             changed[name] = read_only(value)
         elif isinstance(value, np.ndarray):
             changed[name] = immutable(value) if value.dtype.kind == "i" else kept(value)

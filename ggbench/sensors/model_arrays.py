@@ -1,4 +1,4 @@
-"""The equation of measurement as arrays, and what kernels of eight runs keep of an epoch."""
+"""Arrays of the equation of measurement, and quantities of an epoch for eight runs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ModelArrays:
     channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
     combined : (1 or K, T, g, 6) S_ki, of all epochs or of each.
     lags : (1 or K, T) by how many epochs each of the T readings is earlier; −1 where there is none.
-    origin, step, coefficients : the map of T, see :class:`.field.Field`.
+    origin, step, coefficients, base : the map of T, see :class:`.field.Field`.
     times : (K,) t_k − τ_k, at which the gradiometer's readings are taken [s].
     references : (K, 3) INS positions then [rad, rad, m].
     attitudes : (K, 3, 3) INS attitudes C_nb then, or those of the mount; only of ``STRAPDOWN``.
@@ -68,6 +68,7 @@ class ModelArrays:
     origin: np.ndarray
     step: np.ndarray
     coefficients: np.ndarray
+    base: np.ndarray
     times: np.ndarray
     references: np.ndarray
     attitudes: np.ndarray

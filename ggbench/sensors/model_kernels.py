@@ -146,9 +146,14 @@ def read(
         if model.coefficients.size > 0:
             size = places.shape[1] * places.shape[2]
             spline_tensors(
-                places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
-                tensors.reshape((24, size)),
-            )  # fmt: skip
+                positions=places.reshape((3, size)),
+                count=count,
+                origin=model.origin,
+                step=model.step,
+                coefficients=model.coefficients,
+                base=model.base,
+                out=tensors.reshape((24, size)),
+            )
         gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[epoch]
         for s in range(vectors):
             sine, cosine = sine_cosine(_near_zero(load(places, 0, s)))
@@ -227,6 +232,7 @@ def linearise_reading(
                 origin=model.origin,
                 step=model.step,
                 coefficients=model.coefficients,
+                base=model.base,
                 work=points.work,
                 out=found.reshape((24, size)),
             )

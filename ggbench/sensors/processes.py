@@ -1,4 +1,4 @@
-"""Random processes at the times of readings: what biases, faults and mounts wander by.
+"""Random processes of biases, faults and mounts at the times of measurements.
 
 Times increase and count from the start of a flight, where each process begins.
 """

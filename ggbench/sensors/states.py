@@ -1,4 +1,4 @@
-"""States of sensors behind those of the INS: prior, motion, and their columns of C_k or B_k.
+"""Error states of sensors: prior, dynamics, and their columns of C_k or B_k.
 
 Each kind of state is one class. A suite lists those that it has, see :func:`states_of`.
 """

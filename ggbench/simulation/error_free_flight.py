@@ -1,4 +1,4 @@
-"""A case flown without errors: all that is the same in every run."""
+"""Error-free flight of a case, common to all of its runs."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def _crop(spec: FieldSpec) -> Area | None:
 
 def _refuse_recipe(spec: FieldSpec) -> None:
     """Raise MapError if a map that is not built is said to be built in another way."""
-    for key in ("land_correction", "relief_smoothing_deg", "density_kg_m3"):
+    for key in ("land_correction", "relief_smoothing_deg", "density_kg_m3", "drape"):
         found, usual = getattr(spec, key), FieldSpec.model_fields[key].default
         if found != usual:
             raise MapError(
@@ -168,6 +168,7 @@ def map_recipe(spec: FieldSpec) -> MapRecipe:
         land_correction=spec.land_correction,
         relief_smoothing_deg=spec.relief_smoothing_deg,
         density_kg_m3=spec.density_kg_m3,
+        drape=spec.drape,
     )
 
 

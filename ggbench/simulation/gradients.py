@@ -1,4 +1,4 @@
-"""What the gradiometers of runs deliver: readings with all their errors, and the true states."""
+"""Simulated gradiometer measurements with all errors, and the true states."""
 
 from __future__ import annotations
 

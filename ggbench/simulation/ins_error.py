@@ -1,4 +1,4 @@
-"""How far an INS without aiding errs along a flight: the covariance of its linear error model."""
+"""Error of an unaided INS along a flight, by the covariance of the linear error model."""
 
 from __future__ import annotations
 

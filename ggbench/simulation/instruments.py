@@ -221,7 +221,10 @@ def faults(spec: TrueGradiometer) -> Faults:
 def gravity_state(
     spec: DisturbanceSpec | None, gradiometer: Gradiometer | None
 ) -> GravityState | None:
-    """Return the gravity that the INS does not know, if it is a state."""
+    """Return the gravity that the INS does not know, if it is a state.
+
+    Raise GGBenchError if gradients that are not of the whole tensor are to be integrated.
+    """
     if spec is None:
         return None
     horizontal = spec.horizontal_mgal / MGAL

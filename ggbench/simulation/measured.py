@@ -1,4 +1,4 @@
-"""Readings that were measured, in place of simulated ones."""
+"""Measured readings in place of simulated ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The mechanization with feedback: an estimator's corrections re-base the INS as it goes.
+"""Mechanization with feedback: corrections of an estimator reset the INS.
 
 The error model is linear about what the INS indicates. Where an INS that is not corrected has
 drifted far, the squares of its errors are beyond what sensors see; one that is set right every

@@ -1,4 +1,4 @@
-"""Sensors and prior of a case in SI units: those of the truth, or those that estimators assume."""
+"""Sensors and prior of a case in SI units, true or assumed."""
 
 from __future__ import annotations
 

@@ -69,17 +69,22 @@ def require_within(fields: Sequence[Field], positions: np.ndarray, spec: Traject
             field.require_inside(positions)
         except OutsideMapError as error:
             lowest, highest = field.lower[2], field.upper[2]
-            below, above = positions[:, 2] < lowest, positions[:, 2] > highest
+            heights = field.coordinates(positions)[:, 2]
+            below, above = heights < lowest, heights > highest
             where, cure, share = "above", "fly lower or build it higher", above.mean()
             if below.mean() >= share:
                 where, share = "below", below.mean()
                 follows = any(segment.terrain is not None for segment in spec.segment)
-                cure = (
-                    f"lowest_m = {math.ceil(lowest)} of the segment keeps a flight that follows "
-                    "the terrain inside"
-                    if follows
-                    else "fly higher or build it lower"
-                )
+                cure = "fly higher or build it lower"
+                if field.is_draped:
+                    missing = math.ceil(lowest - heights.min())
+                    cure = f"fly {missing} m higher, or build it with a lower --clearance-from"
+                elif follows:
+                    cure = (
+                        f"lowest_m = {math.ceil(lowest)} of the segment keeps a flight that "
+                        "follows the terrain inside, and so does a map of 'ggbench map build "
+                        "--drape'"
+                    )
             if share == 0.0:
                 raise
             raise OutsideMapError(

@@ -1,1 +1,1 @@
-"""What a scenario file may say."""
+"""Contents of scenario files, as pydantic models."""

@@ -59,7 +59,10 @@ class PeriodicSpec(Section):
 
     @property
     def in_words(self) -> str:
-        """The kind and the noise, for the table of conditions of a report."""
+        """The kind and the noise, for the table of conditions of a report.
+
+        Raise NotImplementedError in the base class.
+        """
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Defaults of a campaign: who flies a scenario, and how often."""
+"""Defaults of a campaign: estimators, number of runs, seed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tracks and map errors that are drawn for the runs of a case."""
+"""Tracks and map errors drawn for the runs of a case."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from ..errors import GGBenchError
 from . import quantities as q
 from .aiding import RecordedAiding
 from .case import WindowsSpec, require_sensors
+from .columns import ColumnNames
 from .gradiometer import GradiometerSpec
 from .named_sensors import NO_SENSORS, NamedSensors, WithSensors
 from .recordings import FileName, Frame, ReadingsRecording, Recording
@@ -129,6 +130,19 @@ class ImuRecord(InertialRecording):
 class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
     """``[gradiometer]`` with its readings."""
 
+    readings: Literal["total", "disturbing"] = "total"  # type: ignore[assignment]
+    """Whether readings are whole gradients, or without the normal field of WGS84, as of surveys.
+
+    The normal field is added where the INS indicates to be, which errs by 0.0015 E for each metre
+    of its height error.
+    """
+
+    @model_validator(mode="after")
+    def _check_readings(self) -> RecordedGradiometer:
+        if self.readings == "disturbing":
+            self._require_plain('readings = "disturbing"')
+        return self
+
 
 class RecordedAltimeter(AltimeterSpec):
     """``[altimeter]``: with its heights if the mechanization runs here; ``[ins]`` has used them."""
@@ -137,6 +151,8 @@ class RecordedAltimeter(AltimeterSpec):
     """Path of the heights' record, relative to the file of the flight; with `[imu_record]`."""
     clock_offset_s: q.TimeShift = 0.0
     """Added to the file's times: it brings them to the clock of the INS."""
+    columns: ColumnNames | None = None
+    """What the file calls its columns, `{ height_m = "alt [ft]" }`; or a preset's name."""
 
 
 class RecordedField(FieldSpec):
@@ -188,13 +204,14 @@ class FlightSpec(WithSensors):
             )
         if self.gradiometer is not None:
             self.gradiometer.require_tractable()
-            if self.gradiometer.readings != "simulated":
-                raise ValueError(
-                    "gradiometer.readings is of a simulated flight: those of this one are in "
-                    "gradiometer.file"
-                )
         if self.disturbance is not None:
             self.disturbance.require_integrable(self.gradiometer, self.field.compensate)
+            disturbing = self.gradiometer is not None and self.gradiometer.readings == "disturbing"
+            if self.disturbance.integrate_gradients and disturbing:
+                raise ValueError(
+                    "disturbance.integrate_gradients needs whole gradients: "
+                    'gradiometer.readings = "disturbing" lacks the normal field'
+                )
             if self.disturbance.integrate_gradients and self.ins is not None:
                 raise ValueError(
                     "disturbance.integrate_gradients needs [imu_record]: the solution of [ins] was "

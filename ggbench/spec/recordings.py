@@ -1,4 +1,4 @@
-"""Tables that name a recorded file."""
+"""Tables of recorded files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from . import quantities as q
+from .columns import ColumnNames
 from .tables import Section
 
 FileName = Annotated[str, Field(min_length=1)]
@@ -20,6 +21,8 @@ class Recording(Section):
     """Path of the record, relative to the file of the flight."""
     clock_offset_s: q.TimeShift = 0.0
     """Added to the file's times: it brings them to the clock of the INS."""
+    columns: ColumnNames | None = None
+    """What the file calls its columns, `{ time_s = "stamp [us]" }`; or `euroc`, `px4` or `ros`."""
 
 
 class ReadingsRecording(Recording):

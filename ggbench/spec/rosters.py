@@ -1,4 +1,4 @@
-"""Sets of estimators that scenarios ask for by name, from ``scenarios/rosters.toml``."""
+"""Rosters: named sets of estimators, from ``scenarios/rosters.toml``."""
 
 from __future__ import annotations
 

@@ -41,6 +41,7 @@ from .validation_messages import suggest, validate
 
 C = TypeVar("C", ClaimSpec, ComparisonSpec)
 _MOST_NAMED = 20
+_MOST_NESTED = 16
 """Most cases that a message lists."""
 
 
@@ -275,15 +276,36 @@ def read_text(file: Traversable, origin: str) -> str:
 def read_toml(source: str, origin: str) -> dict[str, Any]:
     """Return the content of a TOML text, or raise ScenarioError with a sentence."""
     try:
-        return tomllib.loads(source)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        found = tomllib.loads(source)
+    except (ValueError, RecursionError) as error:  # ValueError: also of a number of any length
         raise ScenarioError(f"{origin}: is not valid TOML: {text_of(error)}") from None
+    _require_shallow(found, origin)
+    return found
+
+
+def _require_shallow(document: dict[str, Any], origin: str) -> None:
+    """Raise ScenarioError if tables and lists are nested deeper than any key of a scenario."""
+    level: list[Any] = [document]
+    for _ in range(_MOST_NESTED):
+        level = [
+            inner
+            for node in level
+            for inner in (node.values() if isinstance(node, dict) else node)
+            if isinstance(inner, dict | list)
+        ]
+    if level:
+        raise ScenarioError(
+            f"{origin}: has tables nested more than {_MOST_NESTED} deep, which no key of a file is"
+        )
 
 
 def parse(
     document: dict[str, Any], name: str, origin: str, source: str = "", notes: str = ""
 ) -> Scenario:
-    """Validate the content of a scenario file; ``origin`` names it in messages."""
+    """Validate the content of a scenario file; ``origin`` names it in messages.
+
+    Raise ScenarioError if it breaks a rule.
+    """
     provenance: dict[str, str] = {}
     document = strip_provenance(document, "", provenance, origin)
     # Who flies a scenario, and how often, is no part of it.
@@ -297,6 +319,11 @@ def parse(
     grid = document.pop("sweep", None)
     changes = _take_changes(document, "case", origin)
     studies = _take_changes(document, "assumption", origin)
+    if len(changes) * (1 + len(studies)) > MOST_POINTS:
+        raise ScenarioError(
+            f"{origin}: has {len(changes)} cases and {len(studies)} assumptions; at most "
+            f"{MOST_POINTS} cases, with those of the assumptions, are allowed"
+        )
     laid_out = None
     if grid is not None:
         if studies:
@@ -442,7 +469,10 @@ def _resolve(
 
 
 def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
-    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key."""
+    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key.
+
+    Raise ScenarioError if a value with provenance has another form.
+    """
     if isinstance(node, list):
         return [
             strip_provenance(item, f"{path}[{i}]", provenance, origin)

@@ -32,7 +32,12 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
     "turn": ("direction",),
     "speed": (),
     "waypoint": (),
-    "terrain-following": ("lowest_m", "max_climb_angle_deg", "max_vertical_acceleration_mps2"),
+    "terrain-following": (
+        "geoid_height_m",
+        "lowest_m",
+        "max_climb_angle_deg",
+        "max_vertical_acceleration_mps2",
+    ),
 }
 """Further keys that a kind of segment may have."""
 
@@ -82,6 +87,8 @@ class SegmentSpec(Section):
     """`terrain-following`: path of an elevation model, or `jacksboro_dem_3arcsec.npz` (shipped)."""
     clearance_m: q.Clearance | None = None
     """`terrain-following`: least height above the terrain."""
+    geoid_height_m: q.HeightDifference = 0.0
+    """`terrain-following`: height of the zero level of the terrain above the ellipsoid."""
     lowest_m: q.Height | None = None
     """`terrain-following`: lowest height above the ellipsoid. Without it: no limit."""
     max_climb_angle_deg: q.InclineLimit = 10.0
@@ -175,6 +182,7 @@ class SegmentSpec(Section):
         return TerrainFollowing(
             terrain=self.terrain,
             clearance=self.clearance_m,
+            zero_level=self.geoid_height_m,
             lowest=-math.inf if self.lowest_m is None else self.lowest_m,
             duration=self.duration_s,
             distance=None if self.distance_km is None else 1e3 * self.distance_km,

@@ -167,6 +167,8 @@ class FieldSpec(Section):
     """Standard deviation of a smoothing of the relief before it is used."""
     density_kg_m3: q.Density = 2670.0
     """Density of the ground (terrain sources)."""
+    drape: bool = False
+    """Whether layers follow the ground, `lowest_m` and `highest_m` above it (terrain sources)."""
     gravity_disturbance: bool = False
     """Whether the true accelerometers feel the gravity disturbance; the INS need not know it."""
     error: MapErrorSpec | None = None

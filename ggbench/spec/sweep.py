@@ -1,4 +1,4 @@
-"""Sweeps: a grid of cases, and what must be known about a sensor to reach an error.
+"""Sweeps: a grid of cases, and the sensor that a required error needs.
 
 The axes of a ``[sweep]`` span a grid. Each of its points is an ordinary case, so that running,
 resuming and summarizing know nothing of sweeps; a :class:`Sweep` says which case lies where.

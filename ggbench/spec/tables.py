@@ -46,7 +46,10 @@ class Section(BaseModel):
 
 
 def distinct(item: str) -> AfterValidator:
-    """Return a check that a list, whose members are called ``item``, has none of them twice."""
+    """Return a check that a list, whose members are called ``item``, has none of them twice.
+
+    The check raises ValueError.
+    """
 
     def check(values: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(set(values)) != len(values):

@@ -14,6 +14,7 @@ from ..files import sha256_of
 from ..trajectory.manoeuvres import Manoeuvre, State, TrajectoryError, plan
 from ..trajectory.terrain_following import TerrainFollowing, terrain_path
 from . import quantities as q
+from .columns import ColumnNames
 from .segments import SegmentSpec, keys_given
 from .tables import Listed, Section, distinct
 
@@ -27,7 +28,8 @@ _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is k
 
 _START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
 _TRACK = (
-    "max_gap_s", "max_acceleration_mps2", "smoothing_s", "lines", "middle_s", "made_up_turns",
+    "max_gap_s", "max_acceleration_mps2", "smoothing_s", "columns", "lines", "middle_s",
+    "made_up_turns",
 )  # fmt: skip
 
 
@@ -61,6 +63,11 @@ class TrajectorySpec(Section):
 
     With `lines` it holds survey lines and their readings (CSV, also packed by gzip).
     """
+    columns: ColumnNames | None = None
+    """Track (CSV): its names of columns by key, `{ height_m = "alt [ft]" }`; or a preset's name.
+
+    A unit in brackets is converted. Presets are `euroc`, `px4` and `ros`.
+    """
     lines: Annotated[Listed[LineName], distinct("a line")] = ()
     """Survey lines of the file: run r flies line r modulo their number."""
     made_up_turns: bool = False
@@ -85,6 +92,8 @@ class TrajectorySpec(Section):
                         "remove one of them"
                     )
             if self.lines:
+                if self.columns is not None:
+                    raise ValueError("'columns' is of a track, not of survey lines; remove it")
                 if len(self.drawn_lines) > 1 and self.middle_s is None:
                     raise ValueError(
                         "middle_s is missing: results need equal flights of all lines, so that "
@@ -169,7 +178,7 @@ class TrajectorySpec(Section):
 
         assert self.file is not None
         if not self.lines:
-            return read_track(self.file, self.track_limits())
+            return read_track(self.file, self.track_limits(), self.columns)
         line = self.survey_line()
         try:
             return line.track(self.track_limits(), self.middle_s)

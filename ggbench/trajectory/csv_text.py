@@ -1,4 +1,4 @@
-"""The text of a CSV file of numbers whose first line names its columns."""
+"""Text of a CSV file of numbers with named columns."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ _EXCEL = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)  # its first line, which 
 _IN_BRACKETS = re.compile(r"\s*[\[(][^\])]*[\])]")
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d")
 _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+_COMMENT = re.compile(r"#|//")
 _QUOTED = re.compile(r'"[^"]*"')
 _PERIODS = ((604_800.0, "GPS week"), (86_400.0, "day"))  # after which clocks begin at 0 [s]
 _NEAR = 100.0  # of such an end, where times fall [s]
@@ -52,8 +53,8 @@ class CsvText:
     def of(cls, content: bytes, wanted: str, known: Collection[str]) -> CsvText:
         """Return the rows of a file, separated by commas, semicolons or tabs, quoted or not.
 
-        Lines before the names that begin with # are passed over, unless such a line names columns
-        and the one below the comments does not, as numpy.savetxt writes it.
+        Lines before the names that begin with # or // are passed over, unless such a line names
+        columns and the one below the comments does not, as numpy.savetxt writes it.
 
         Parameters
         ----------
@@ -75,7 +76,9 @@ class CsvText:
         lines = text.replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
         excel = _EXCEL.fullmatch(lines[0])
         lines[0] = "" if excel else lines[0]
-        top = next((n for n, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
+        top = next(
+            (n for n, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), None
+        )
         if top is None:
             raise TrajectoryError(f"is empty; its first line must name the columns, {wanted}")
         named, first = _line_of_names(lines, top, known)

@@ -1,4 +1,4 @@
-"""The heading of a track against its course over ground: which convention it follows."""
+"""Heading of a track compared with its course over ground, to find the convention."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Manoeuvres: what the parts of a flight do to heading, speed and climb angle.
+"""Manoeuvres: changes of heading, speed and climb angle in parts of a flight.
 
 Each is laid out as rates at the middle of the sampling intervals, so that a flight is one sum of
 rates whatever it is made of. Rates rise and fall as raised cosines: acceleration and turn rate are
@@ -128,7 +128,10 @@ class Turn:
     radius: float | None = None
 
     def angle(self, start: State) -> float:
-        """Return the angle of the turn, clockwise positive [rad]."""
+        """Return the angle of the turn, clockwise positive [rad].
+
+        Raise TrajectoryError if the flight has this heading already.
+        """
         if self.by is not None:
             return self.by
         assert self.to is not None
@@ -167,7 +170,10 @@ class SpeedChange:
     acceleration: float
 
     def length(self, start: State) -> float:
-        """Return the time at that acceleration plus that of its coming and going."""
+        """Return the time at that acceleration plus that of its coming and going.
+
+        Raise TrajectoryError if it cannot be flown.
+        """
         if abs(self.to - start.speed) < 1e-9:
             raise TrajectoryError(
                 f"already flies at {self.to:g} m/s; to_speed_mps must be another speed"
@@ -204,7 +210,10 @@ class Climb:
         return 2.0 * pull_up + steady
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates of the climb angle with which the sampled flight gains the height."""
+        """Return rates of the climb angle with which the sampled flight gains the height.
+
+        Raise TrajectoryError if it cannot be flown.
+        """
         height = self._height(start)
         pull_up = max(self._times(start)[0], dt)
         middle = (np.arange(count) + 0.5) * dt

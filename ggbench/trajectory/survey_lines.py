@@ -9,7 +9,6 @@ field. An empty one is missing.
 
 from __future__ import annotations
 
-import gzip
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import text_of
+from ..files import content_of, gunzipped
 from ..maps.survey_lines import DISTURBANCE
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText, status_of
@@ -37,7 +37,6 @@ _WANTED = (
     f"line, kind, {', '.join(_PLACES)}, and of {', '.join(dict.fromkeys(_READINGS.values()))} what "
     "was measured"
 )
-_LARGEST = 500_000_000  # file, unpacked [bytes]
 _TIMING = 1e-3
 """By how much a duration may be off a multiple of the interval [s]."""
 _JITTER = 0.05
@@ -189,15 +188,13 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
 def _unpacked(file: Path) -> bytes:
     """Return the content of a file, which may be packed."""
     try:
-        content = file.read_bytes()
+        content = content_of(file, TrajectoryError)
         if content[:2] == b"\x1f\x8b":
-            content = gzip.decompress(content)
+            content = gunzipped(content, TrajectoryError, "it")
     except OSError as error:
         raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
     except (EOFError, zlib.error) as error:
         raise TrajectoryError(f"cannot be unpacked: {text_of(error)}") from None
-    if len(content) > _LARGEST:
-        raise TrajectoryError(f"has {len(content) / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} may be")
     return content
 
 

@@ -41,6 +41,7 @@ class TerrainFollowing:
     terrain : path of the terrain's file, or the name of one that is shipped.
     clearance : least height above the terrain [m].
     lowest : least height above the ellipsoid [m].
+    zero_level : of the terrain's heights above the ellipsoid [m].
     duration, distance : length, one of them [s], over ground [m].
     climb_angle : steepest climb and descent [rad].
     vertical_acceleration : its limit, upwards and downwards [m/s²].
@@ -53,9 +54,13 @@ class TerrainFollowing:
     distance: float | None = None
     climb_angle: float = math.radians(10.0)
     vertical_acceleration: float = 2.0
+    zero_level: float = 0.0
 
     def length(self, start: State) -> float:
-        """Return its duration [s]."""
+        """Return its duration [s].
+
+        Raise TrajectoryError if it is too short or too long.
+        """
         duration = self.duration
         if duration is None:
             assert self.distance is not None
@@ -67,7 +72,10 @@ class TerrainFollowing:
         return duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return the rates of climb angle, and of speed, whose horizontal part is kept."""
+        """Return the rates of climb angle, and of speed, whose horizontal part is kept.
+
+        Raise TrajectoryError if the terrain cannot be followed.
+        """
         if start.speed < 1e-3 or abs(start.climb) > 1e-6:
             raise TrajectoryError(
                 "must begin in level flight with a speed, and there the climb angle is "
@@ -105,7 +113,8 @@ class TerrainFollowing:
         count = fine * steps + 1
         velocity = enu(*(np.full(count, x) for x in (start.heading, start.speed, 0.0)))
         track = follow(start.position, velocity, step / fine)
-        height = heights(self.terrain, track[:, 0], track[:, 1]) + self.clearance
+        ground = heights(self.terrain, track[:, 0], track[:, 1]) + self.zero_level
+        height = ground + self.clearance
         # Highest of the neighbourhood of each step, so that none between them is missed.
         padded = np.concatenate([height[:1].repeat(fine), height, height[-1:].repeat(fine)])
         windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * fine + 1)
@@ -164,7 +173,10 @@ def terrain_path(name: str) -> Path:
 
 
 def version_of(name: str) -> tuple[int, int]:
-    """Return what changes when a file is written again."""
+    """Return what changes when a file is written again.
+
+    Raise TrajectoryError if the file cannot be read.
+    """
     try:
         status = terrain_path(name).stat()
     except OSError as error:
@@ -179,6 +191,8 @@ def terrain_of(
     """Return south, west, steps in latitude and longitude [deg], and heights [m].
 
     ``area`` is where voids count; None: everywhere.
+
+    Raise TrajectoryError if the file holds no terrain.
     """
     from ..gravity.terrain_files import read_terrain
 
@@ -244,7 +258,7 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
         else:
             low = middle
     whole = envelope(high)
-    if whole[edge] > height + 1e-3:
+    if whole[edge + flat - 1] > height + 1e-3:
         # Where it begins, the terrain ahead asks for more.
         raise TrajectoryError(
             f"begins at {height:.1f} m, too low for the terrain ahead, which asks for "
@@ -257,14 +271,17 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
 
 
 def _least_start(over: _Floor, step: float, slope: float, acceleration: float) -> float:
-    """Return the lowest height from which the floor can be passed after beginning level."""
+    """Return the lowest height from which the floor can be passed after beginning level.
+
+    Level for as long as the moving average sees, or else the flight would begin with a jerk.
+    """
     raised, flat, edge = over.raised, over.flat, over.edge
     low, high = float(raised[0]), float(raised.max()) + 1.0
     for _ in range(40):
         height = 0.5 * (low + high)
         padded = np.concatenate([np.full(edge, height), raised, np.full(edge, raised[-1])])
         padded[edge : edge + flat] = np.maximum(padded[edge : edge + flat], height)
-        if _limited(padded, step, slope, acceleration)[edge] <= height + 1e-6:
+        if _limited(padded, step, slope, acceleration)[edge + flat - 1] <= height + 1e-6:
             high = height
         else:
             low = height

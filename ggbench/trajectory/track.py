@@ -19,6 +19,7 @@ from .heading import require_heading
 from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
 from .track_formats import Place, rows_of
 
+Columns = str | tuple[tuple[str, str], ...] | None
 FASTEST = 10000.0
 """Highest speed of a track [m/s]."""
 _LARGEST = 1_000_000_000  # file [bytes]
@@ -70,11 +71,12 @@ class Track:
     remark: str = ""
 
 
-def read_track(file: str, limits: TrackLimits) -> Track:
+def read_track(file: str, limits: TrackLimits, columns: Columns = None) -> Track:
     """Read a track from a file: CSV, GPX, KML, NMEA 0183 or RTKLIB's .pos, by its content.
 
     The first line of a CSV file names the columns: time_s, latitude_deg, longitude_deg and
     height_m, and heading, pitch and roll in degrees if they are known. Others are passed over.
+    ``columns`` names a preset, or is pairs of a key and what the file calls it.
 
     Raises TrajectoryError with a sentence that names the file, the line, what was found and what is
     allowed.
@@ -86,17 +88,17 @@ def read_track(file: str, limits: TrackLimits) -> Track:
         raise TrajectoryError(
             f"track {file}: has {status.st_size / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} may be"
         )
-    return _read_track(file, limits, status.st_mtime_ns, status.st_size)
+    return _read_track(file, limits, columns, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=2)
-def _read_track(file: str, limits: TrackLimits, time: int, size: int) -> Track:
+def _read_track(file: str, limits: TrackLimits, columns: Columns, time: int, size: int) -> Track:
     try:
         content = Path(file).read_bytes()
     except OSError as error:
         raise TrajectoryError(f"cannot read the track {file}: {error.strerror}") from None
     try:
-        rows = rows_of(content)
+        rows = rows_of(content, dict(columns) if isinstance(columns, tuple) else columns)
         return replace(track_of(rows.columns, rows.place, limits), remark=rows.remark)
     except TrajectoryError as error:
         raise TrajectoryError(f"track {file}: {error}") from None

@@ -1,13 +1,15 @@
-"""The text of a track: a CSV file whose first line names its columns."""
+"""Text of a track: a CSV file with named columns."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from ..gravity.unit_names import examples_for, factor_to_key
+from . import column_names
 from .csv_text import CsvText
 from .manoeuvres import Array, TrajectoryError
 
@@ -21,12 +23,6 @@ _ALIASES = {
     "pitch_deg": ("pitch_deg", "pitch"),
     "roll_deg": ("roll_deg", "roll"),
 }
-_UNITS = {
-    "_s": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
-    "_m": {"m": 1.0, "metres": 1.0, "meters": 1.0, "ft": 0.3048, "feet": 0.3048, "km": 1000.0},
-    "_deg": {"deg": 1.0, "°": 1.0, "degrees": 1.0, "rad": math.degrees(1.0)},
-}
-"""Units that a name may have in brackets, and their factors, by the end of the column's key."""
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]")
 _KNOWN = {name for aliases in _ALIASES.values() for name in aliases}
 _BARE = (
@@ -38,36 +34,53 @@ _REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 
 
 def parse(
-    content: bytes, keys: Sequence[str] = tuple(_ALIASES), fewest: int = FEWEST_ROWS
+    content: bytes,
+    keys: Sequence[str] = tuple(_ALIASES),
+    fewest: int = FEWEST_ROWS,
+    columns: str | Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Array], int]:
     """Return the known columns of a CSV text, and the number of the line of their first row.
 
     Columns may be separated by commas, semicolons or tabs; those whose names are not known, or not
     among ``keys``, are passed over. A name may have a unit in brackets; times may be dates (ISO
-    8601). At least ``fewest`` rows are needed.
+    8601). At least ``fewest`` rows are needed. ``columns`` is what the file calls some of them, see
+    :func:`.column_names.find`.
 
     Raises TrajectoryError with a sentence that names the line, what was found and what is allowed.
     """
     required = [key for key in _REQUIRED if key in keys]
-    text = CsvText.of(content, _wanted(required, keys), _KNOWN)
+    named = column_names.names_of(columns)
+    if other := column_names.unused(named, _ALIASES if not isinstance(columns, str) else named):
+        raise TrajectoryError(
+            f"columns.{other[0]} names no column of a track; known: {', '.join(_ALIASES)}"
+        )
+    text = CsvText.of(content, _wanted(required, keys), _KNOWN | column_names.plain_names(named))
     parts = [_WITH_UNIT.fullmatch(name) for name in text.names]
     names = [part[1] if part else name for part, name in zip(parts, text.names, strict=True)]
-    known = _columns(names, required, text.line)
-    known = {key: at for key, at in known.items() if key in keys}
+    where, needed = f"line {text.line}", required.__contains__
+    given = {
+        key: place
+        for key in keys
+        if key in named and (place := column_names.find(key, text.names, named, where, needed(key)))
+    }
+    # What the user names is no other column by its own name.
+    free = ["" if at in {p.at for p in given.values()} else name for at, name in enumerate(names)]
+    known = _columns(free, [key for key in required if key not in given], text.line)
+    known = {key: at for key, at in known.items() if key in keys and key not in given}
     factors = {
         key: _factor(key, names[at], part[2], text.line)
         for key, at in known.items()
         if (part := parts[at])
-    }
+    } | {key: place.factor for key, place in given.items()}
     if len(text.rows) < fewest:
         raise TrajectoryError(f"has {len(text.rows)} rows; a track needs at least {fewest}")
-    columns = text.numbers(known)
+    read = text.numbers(known | {key: place.at for key, place in given.items()})
     for key, factor in factors.items():
-        columns[key] = factor * columns[key]
-    plain = [name for name, part in zip(names, parts, strict=True) if not part]
+        read[key] = factor * read[key]
+    plain = [name for name, part in zip(free, parts, strict=True) if not part]
     for group in _BARE:
-        _require_degrees(columns, plain, group)
-    return columns, text.first
+        _require_degrees({key: read[key] for key in known}, plain, group)
+    return read, text.first
 
 
 def _factor(key: str, name: str, unit: str, line: int) -> float:
@@ -76,11 +89,11 @@ def _factor(key: str, name: str, unit: str, line: int) -> float:
     Raises TrajectoryError if the unit is not known, or is not that of the name.
     """
     end = key[key.rindex("_") :]
-    factor = _UNITS[end].get(unit)
+    factor = factor_to_key(unit, key)
     if factor is None:
         raise TrajectoryError(
             f"line {line} names a column '{name}' in '{unit}'; units of {key} that are read: "
-            f"{', '.join(_UNITS[end])}"
+            f"{examples_for(key)}"
         )
     if name.endswith(end) and factor != 1.0:
         raise TrajectoryError(f"line {line} names a column '{name}' in '{unit}': which is right?")

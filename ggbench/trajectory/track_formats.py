@@ -1,4 +1,4 @@
-"""Tracks in the formats of receivers and planners: GPX, KML, NMEA 0183, RTKLIB; or CSV.
+"""Tracks in the formats of receivers and planners: GPX, KML and logs of receivers; or CSV.
 
 The content says which format a file has. KML is read as plain XML, for all that is needed of it is
 ``gx:Track`` and points with a time.
@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
 from ..errors import text_of
+from . import receiver_logs
 from .csv_text import iso_seconds
 from .manoeuvres import Array, TrajectoryError
+from .receiver_logs import Fix
 from .track_file import FEWEST_ROWS, parse
 
 Place = Callable[[int], str]
@@ -26,15 +28,13 @@ _SEA_LEVEL = (
     "its heights are above sea level: the geoid of EGM2008 to degree 120, {}, was added (within a "
     "few metres)"
 )
-_DAY = 86_400.0
 _FORMATS = {
     "gpx": re.compile(rb"<(\w+:)?gpx[\s>]"),
     "kml": re.compile(rb"<(\w+:)?kml[\s>]"),
-    "nmea": re.compile(rb"\s*[$!][A-Z]{2,5},?"),
-    "pos": re.compile(rb"%"),
+    **receiver_logs.FORMATS,
 }
-"""How the head of a file of each format looks."""
-_HEAD = 4096
+"""What the head of a file of each format holds."""
+_HEAD = 65_536
 
 
 @dataclass(frozen=True)
@@ -46,28 +46,19 @@ class Rows:
     remark: str = ""
 
 
-class Fix(NamedTuple):
-    """A position: seconds, degrees, metres above the ellipsoid or above sea level, and its line."""
-
-    time: float
-    latitude: float
-    longitude: float
-    height: float
-    geoid: float | None
-    place: str
-
-
-def rows_of(content: bytes) -> Rows:
-    """Return the rows of a track.
+def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> Rows:
+    """Return the rows of a track; ``columns`` is what a CSV file calls its columns.
 
     Raises TrajectoryError with a sentence that names the place, what was found and what is allowed.
     """
-    readers = {"gpx": _gpx, "kml": _kml, "nmea": _nmea, "pos": _pos}
+    readers = {"gpx": _gpx, "kml": _kml, **receiver_logs.READERS}
     name, text = recognised(content)
+    if name in readers and columns is not None:
+        raise TrajectoryError(f"is a file of {name.upper()}, which has no columns to name")
     if name in readers:
-        return _checked(readers[name](text))
-    columns, first = parse(content)
-    return Rows(columns, lambda n: f"line {first + n}")
+        return _checked(*readers[name](text))
+    read, first = parse(content, columns=columns)
+    return Rows(read, lambda n: f"line {first + n}")
 
 
 def recognised(content: bytes) -> tuple[str, str]:
@@ -78,9 +69,11 @@ def recognised(content: bytes) -> tuple[str, str]:
     head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for name, looks in _FORMATS.items():
         xml = name in ("gpx", "kml")
-        if looks.search(head) if xml and head.lstrip()[:1] == b"<" else looks.match(head):
+        if (not xml or head.lstrip()[:1] == b"<") and looks.search(head):
             try:
-                return name, content.decode("utf-8-sig")
+                # Receivers mix binary messages into NMEA; checksums find what they damage.
+                wrong = "replace" if name == "nmea" else "strict"
+                return name, content.decode("utf-8-sig", wrong)
             except UnicodeDecodeError:
                 raise TrajectoryError("is not UTF-8 text") from None
     if content[:2] == b"PK":
@@ -88,8 +81,16 @@ def recognised(content: bytes) -> tuple[str, str]:
     return "csv", ""
 
 
+_MOST_NAMESPACES = 100
+"""Receivers and programs declare fewer than ten; gpxpy takes a time that grows as their square."""
+
+
 def gpx_document(text: str) -> Any:
     """Return what a GPX file holds; raises TrajectoryError if it cannot be read."""
+    if (declared := text.count("xmlns")) > _MOST_NAMESPACES:
+        raise TrajectoryError(
+            f"declares {declared} XML namespaces; at most {_MOST_NAMESPACES} are allowed"
+        )
     import gpxpy  # slow to load
 
     try:
@@ -112,8 +113,11 @@ def kml_root(text: str) -> ElementTree.Element:
     return root
 
 
-def _checked(fixes: Sequence[Fix]) -> Rows:
-    """Return the rows of positions, with heights above the ellipsoid."""
+def _checked(fixes: Sequence[Fix], remark: str) -> Rows:
+    """Return the rows of positions, with heights above the ellipsoid.
+
+    ``remark`` is what was left out of the file.
+    """
     if len(fixes) < FEWEST_ROWS:
         raise TrajectoryError(f"has {len(fixes)} positions; a track needs at least {FEWEST_ROWS}")
     numbers = np.array([fix[:4] for fix in fixes], dtype=float)
@@ -123,14 +127,14 @@ def _checked(fixes: Sequence[Fix]) -> Rows:
             f"{fixes[int(bad.argmax())].place}: its time, its place or its height is no number"
         )
     times, latitude, longitude, height = numbers.T
-    remark = ""
     if all(fix.geoid is not None for fix in fixes):
         height = height + np.array([fix.geoid for fix in fixes], dtype=float)
     elif (np.abs(latitude) <= 90.0).all():  # else it is refused for that
-        from .geoid import geoid_heights  # loads a model, which few tracks need
+        from ..maps.geoid import geoid_heights  # loads a model, which few tracks need
 
         geoid = geoid_heights(latitude, longitude)
-        remark = _SEA_LEVEL.format(f"{geoid.mean():.0f} m on average")
+        heights = _SEA_LEVEL.format(f"{geoid.mean():.0f} m on average")
+        remark = "; ".join(filter(None, (remark, heights)))
         height = height + geoid
     columns = {
         "time_s": times - times[0],
@@ -141,7 +145,7 @@ def _checked(fixes: Sequence[Fix]) -> Rows:
     return Rows(columns, lambda n: fixes[n].place, remark)
 
 
-def _gpx(text: str) -> list[Fix]:
+def _gpx(text: str) -> tuple[list[Fix], str]:
     """Return the points of the tracks of a GPX file, in their order."""
     document = gpx_document(text)
     points = [p for track in document.tracks for part in track.segments for p in part.points]
@@ -168,47 +172,63 @@ def _gpx(text: str) -> list[Fix]:
                 place,
             )
         )
-    return fixes
+    return fixes, ""
 
 
-def _kml(text: str) -> list[Fix]:
+def _kml(text: str) -> tuple[list[Fix], str]:
     """Return the places of a KML file: of its gx:Tracks, or else of its points with a time."""
     root = kml_root(text)
-    whens: list[str] = []
-    places: list[str] = []
+    above = {child: parent for parent in root.iter() for child in parent}
+    stamped: list[tuple[str, str]] = []
     for track in root.iter("Track"):
-        _require_absolute(track)
         times, coordinates = _texts(track, "when"), _texts(track, "coord")
+        if not times and not coordinates:
+            continue  # which the standard allows
+        _require_absolute(track, above)
         if len(times) != len(coordinates):
             raise TrajectoryError(
                 f"a gx:Track has {len(times)} times and {len(coordinates)} places; it must have a "
                 "<when> for each <gx:coord>"
             )
-        whens += times
-        places += [",".join(each.split()) for each in coordinates]
-    for mark in root.iter("Placemark") if not whens else ():
+        stamped += zip(times, (",".join(each.split()) for each in coordinates), strict=True)
+    for mark in root.iter("Placemark") if not stamped else ():
         point, time = mark.find("Point"), mark.find("TimeStamp/when")
         if point is not None and time is not None:
-            _require_absolute(point)
-            whens.append(time.text or "")
-            places += _texts(point, "coordinates")[:1] or [""]
-    if not whens:
+            _require_absolute(point, above)
+            place = (_texts(point, "coordinates") or [""])[0]
+            stamped.append(((time.text or "").strip(), place))
+    # An unknown place or time is an empty element: it holds the place of its partner.
+    whole = [(when, place) for when, place in stamped if when and place]
+    if not whole:
         raise TrajectoryError(
             "has no times; a track is a gx:Track with <when> and <gx:coord>, or points with a "
             "TimeStamp each"
         )
-    return [
+    seconds = iso_seconds(when for when, _ in whole)
+    fixes = [
         Fix(time, *_degrees(place, number), None, f"place {number}")
-        for number, (time, place) in enumerate(zip(iso_seconds(whens), places, strict=True), 1)
+        for number, (time, (_, place)) in enumerate(zip(seconds, whole, strict=True), 1)
     ]
+    left_out = len(stamped) - len(whole)
+    return fixes, f"{left_out} empty places are left out" if left_out else ""
 
 
 def _texts(element: ElementTree.Element, name: str) -> list[str]:
     return [(each.text or "").strip() for each in element.iter(name)]
 
 
-def _require_absolute(element: ElementTree.Element) -> None:
-    mode = (_texts(element, "altitudeMode") or ["clampToGround"])[0]
+def _require_absolute(
+    element: ElementTree.Element, above: Mapping[ElementTree.Element, ElementTree.Element]
+) -> None:
+    """Raise TrajectoryError if heights of a track or a point are not above sea level.
+
+    A gx:Track inherits the mode of its gx:MultiTrack.
+    """
+    modes = [element.findtext("altitudeMode")]
+    parent = above.get(element)
+    if parent is not None and parent.tag == "MultiTrack":
+        modes.append(parent.findtext("altitudeMode"))
+    mode = next((mode.strip() for mode in modes if mode and mode.strip()), "clampToGround")
     if mode != "absolute":
         raise TrajectoryError(
             f"its altitudeMode is {mode[:40]!r}; heights above sea level are needed, 'absolute'"
@@ -224,79 +244,3 @@ def _degrees(place: str, number: int) -> tuple[float, float, float]:
             f"place {number} is {place[:40]!r} and must be longitude, latitude and height"
         ) from None
     return latitude, longitude, height
-
-
-def _nmea(text: str) -> list[Fix]:
-    """Return the fixes of GGA sentences; days are counted where the time of day falls."""
-    import pynmea2  # slow to load
-
-    fixes: list[Fix] = []
-    lines = text.splitlines()
-    for number, line in enumerate(lines, 1):
-        if not line.startswith("$") or line[3:6] != "GGA":
-            continue
-        try:
-            found = pynmea2.parse(line, check=True)
-            fixed = found.gps_qual is not None and int(found.gps_qual) > 0
-            if fixed:
-                fixes.append(_gga(found, f"line {number}", fixes))
-        except Exception as error:  # whatever a damaged sentence makes of itself
-            if number == len(lines):  # the log ends in it
-                continue
-            raise TrajectoryError(
-                f"line {number} is a GGA sentence that cannot be read ({text_of(error)}); remove "
-                "it if it is damaged"
-            ) from None
-    if not fixes:
-        raise TrajectoryError("has no GGA sentence with a fix, which give time, place and height")
-    return fixes
-
-
-def _gga(found: Any, place: str, before: Sequence[Fix]) -> Fix:
-    if not (found.lat and found.lon):
-        raise ValueError("it has no place")
-    clock = found.timestamp
-    time = 3600.0 * clock.hour + 60.0 * clock.minute + clock.second + 1e-6 * clock.microsecond
-    if before:
-        days, of_day = divmod(before[-1].time, _DAY)
-        time += _DAY * (days + (time < of_day - 0.5 * _DAY))
-    if found.altitude_units != "M":
-        raise ValueError("its height is not in metres")
-    separation = float(found.geo_sep) if found.geo_sep else None
-    return Fix(time, found.latitude, found.longitude, float(found.altitude), separation, place)
-
-
-def _pos(text: str) -> list[Fix]:
-    """Return the positions of a solution of RTKLIB."""
-    lines = text.splitlines()
-    heads = [line for line in lines if line.startswith("%")]
-    head = next((line for line in reversed(heads) if re.match(r"%\s+(GPST|UTC|JST)", line)), "")
-    if not all(name in head for name in ("latitude(deg)", "longitude(deg)", "height(m)")):
-        raise TrajectoryError(
-            "has no header with latitude(deg), longitude(deg), height(m); RTKLIB writes it with "
-            "out-solformat = llh, out-degform = deg and out-outhead = on"
-        )
-    above_sea = any("/geodetic" in line for line in heads)
-    fixes = []
-    for number, line in enumerate(lines, 1):
-        if line.startswith("%") or not line.strip():
-            continue
-        cells = re.split(r"[\s,;]+", line.strip())
-        try:
-            place = [float(cell) for cell in cells[2:5]]
-            time = _pos_time(cells[0], cells[1])
-            latitude, longitude, height = place
-        except (ValueError, IndexError):
-            raise TrajectoryError(
-                f"line {number} is {line[:60]!r} and must have a time, latitude, longitude, height"
-            ) from None
-        geoid = None if above_sea else 0.0
-        fixes.append(Fix(time, latitude, longitude, height, geoid, f"line {number}"))
-    return fixes
-
-
-def _pos_time(first: str, second: str) -> float:
-    """Return the seconds of ``2024/05/01 10:00:00.000`` or of ``week seconds``."""
-    if "/" not in first:
-        return 7.0 * _DAY * int(first) + float(second)
-    return float(iso_seconds([f"{first.replace('/', '-')}T{second}"])[0])

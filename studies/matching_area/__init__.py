@@ -1,4 +1,4 @@
-"""Study: how well indices of matching suitability predict the errors of flights.
+"""Study: indices of matching suitability as predictors of flight errors.
 
 ``make matching`` flies over many cells of two regions, compares errors and fixes with every index
 of :mod:`ggbench.matchability` and with the bound of the flight, and writes

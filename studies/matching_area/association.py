@@ -1,4 +1,4 @@
-"""How well an index orders tracks: correlations of ranks with intervals over cells.
+"""Rank correlations of indices and errors, with intervals over cells.
 
 Columns of values (n, p) are indices, rows tracks, larger is taken for better. Tracks through one
 cell share its map, so that a sample of the bootstrap draws cells, within each region, and takes all

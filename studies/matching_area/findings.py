@@ -1,4 +1,4 @@
-"""What the table of tracks shows: rankings of indices, fixes, choices, instruments."""
+"""Findings of the table of tracks: rankings of indices, fixes, choices, instruments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is taken of each survey, in ggbench's axes and units."""
+"""Selection of survey data, in ggbench's axes and units."""
 
 from __future__ import annotations
 

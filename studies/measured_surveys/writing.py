@@ -1,4 +1,4 @@
-"""What is shipped of a survey: a table, the masses of its map, the noise of its readings."""
+"""Files of a shipped survey: table, point masses of the map, noise model."""
 
 from __future__ import annotations
 

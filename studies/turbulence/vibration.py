@@ -1,4 +1,4 @@
-"""What gusts add to the noise of rotating disks: accelerations at their spin, isolated in part.
+"""Noise of rotating disks by gusts: accelerations at the spin frequency, isolated in part.
 
 In a gust each reading has its own vibration, so that what a disk's imperfections make of it is
 noise, and no bias as of a rotor that turns in step.

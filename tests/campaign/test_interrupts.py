@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import random
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
+import click
 import psutil
 import pytest
 from campaigns import DEADLINE_S, DEADLY, command, plan, stored
+from click.testing import CliRunner
 from problems import SMALL
 
 from ggbench.campaign import execution, worker
+from ggbench.cli.commands import Commands
 from ggbench.cli.interrupts import requests_to_end
+from ggbench.files import asked_to_end, written_together
 
 STUBBORN = """
 import pathlib, time
@@ -125,3 +134,70 @@ def test_a_signal_that_is_ignored_stays_so():
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)
+
+
+def started_as(name: str) -> subprocess.CompletedProcess[str]:
+    """A process of this name that is interrupted while it imports the commands."""
+    code = (
+        "import os, signal, sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'click':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        f"sys.argv[0] = {name!r}\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "import ggbench.cli.main\n"
+    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_an_interrupt_before_a_command_begins_is_a_sentence():
+    """Exit code 130; control: a program that imports the package keeps Python's own way."""
+    done = started_as("/usr/bin/ggbench")
+    assert (done.returncode, done.stderr) == (130, "Interrupted.\n")
+    assert "Traceback" in started_as("program").stderr
+
+
+@pytest.mark.parametrize("way", ["returns", "exits", "fails"])
+def test_a_command_that_swallows_an_interrupt_ends_with_130(way):
+    """As libraries do in their callbacks; an exit code of its own stays."""
+
+    @click.group(cls=Commands)
+    def group() -> None:
+        pass
+
+    @group.command()
+    def work() -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5)
+        if way != "returns":
+            sys.exit(0 if way == "exits" else 3)
+
+    done = CliRunner().invoke(group, ["work"])
+    asked_to_end.clear()
+    expected = (3, "") if way == "fails" else (130, "Interrupted.\n")
+    assert (done.exit_code, done.stderr) == expected
+
+
+def test_files_are_written_together_or_not_at_all(tmp_path):
+    """An interrupt between two files leaves neither, and no folder that was not there."""
+
+    def write(folder: Path, last: BaseException | None) -> None:
+        with written_together(folder) as place:
+            (place / "data").mkdir()
+            (place / "data" / "one").write_text("new")
+            if last:
+                raise last
+            (place / "two").write_text("new")
+
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "two").write_text("old")
+    for folder in ("old", "new"):
+        with pytest.raises(KeyboardInterrupt):
+            write(tmp_path / folder, KeyboardInterrupt())
+    assert [path.name for path in tmp_path.rglob("*")] == ["old", "two"]
+    assert (tmp_path / "old" / "two").read_text() == "old"
+    write(tmp_path / "old", None)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["data", "old", "one", "two"]
+    assert (tmp_path / "old" / "two").read_text() == "new"

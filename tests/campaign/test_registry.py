@@ -14,6 +14,7 @@ from problems import estimator, kalman, linear_problem, rng
 
 from ggbench.campaign import registry
 from ggbench.campaign.registry import EstimatorError, choose
+from ggbench.errors import GGBenchError
 from ggbench.parameters import parameters_of
 from ggbench.problem import Estimator
 
@@ -298,3 +299,13 @@ def test_docstrings_and_comments_of_an_installed_module_do_not_enter_its_hash():
     other = source.replace(b"2.0", b"2.5")
     assert registry.code_of(source) == registry.code_of(same) != registry.code_of(other)
     assert registry.code_of(b"\x7fELF\x00") == b"\x7fELF\x00"
+
+
+def test_a_folder_here_does_not_hide_an_installed_estimator(tmp_path, monkeypatch):
+    """As the folder of its results; a folder of another name is one of estimates."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("ekf", "mine"):
+        (tmp_path / name).mkdir()
+    assert choose("ekf").estimator.name == "ekf"
+    with pytest.raises(GGBenchError, match="mine holds no estimates"):
+        choose("mine")

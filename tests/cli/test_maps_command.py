@@ -239,7 +239,9 @@ BAD = {
     "too many": (["--geoid", GEOID, "--spacing-arcsec", 2], "at most 400000000 in all"),
     "around the Earth": (["--coefficients", "model.gfc", "--west", -400, *BOX[:4], *BOX[6:]],
                          "--west -400 is no longitude"),
-    "too few": (["--geoid", GEOID, "--highest", 100], "at least 4 in each"),
+    "too few": (
+        ["--geoid", GEOID, "--highest", 100, "--height-spacing", 90], "at least 4 in each",
+    ),
     "density": (["--terrain", DEM, "--density", -1], "density = -1.0 must lie between"),
     "correction": (["--terrain", DEM, "--land-correction", DEM], "give --geoid"),
     "small relief": (["--geoid", GEOID, "--land-correction", DEM], "it must cover the grid"),

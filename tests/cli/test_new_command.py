@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import invoke
+from problems import SMALL
 from problems import estimator as chosen
 from small_cases import rough_map
+from terrain_fields import rough_terrain
 from thinning import thinned
 
 from ggbench import maps
@@ -169,6 +171,65 @@ def test_a_flight_that_follows_ones_own_terrain_stays_in_ones_own_map(tmp_path):
     assert invoke(["validate", "lifted.toml"], tmp_path).returncode == 0
     for wrong in (["--terrain", "dem.asc"], ["--map", "own.nc", "--clearance", "5"]):
         assert invoke(["new", "scenario", "other", *wrong], tmp_path).returncode == 2
+
+
+def draped_map(folder, *words, name="low.nc"):
+    """Build a draped map over rough ground of 900 m relief, 17 m below the ellipsoid."""
+    terrain = rough_terrain(72, 900.0)
+    names = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m")
+    np.savez(folder / "dem.npz", **{name: getattr(terrain, name) for name in names})
+    built = invoke(
+        ["map", "build", "-o", name, "--terrain", "dem.npz", "--drape", "--spacing-arcsec",
+         "8", "--height-spacing", "100", "--geoid-height", "-17", *words],
+        folder,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr
+
+
+def test_a_flight_below_the_summits_stays_in_a_draped_map(tmp_path):
+    """At its clearance above the ground, whose zero level is that of the map."""
+    draped_map(tmp_path, "--clearance-to", "800")
+    words = ["new", "scenario", "mine", "--map", "low.nc"]
+    done = invoke([*words, "--terrain", "dem.npz", "--clearance", "200"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    written = tomllib.loads((tmp_path / "mine.toml").read_text())
+    (segment,) = written["trajectory"]["segment"]
+    assert segment["geoid_height_m"] == -17.0 and "lowest_m" not in segment
+    done = invoke(["validate", "mine.toml"], tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = " ".join(done.stdout.split())
+    assert "m above its base surface" in told, told
+    above = int(re.search(r"at least (\d+) m above its base surface", told)[1])
+    assert 60 <= above <= 200
+    lowest = float(re.search(r"m/s, ([0-9.]+) to [0-9.]+ m high", told)[1])
+    assert lowest < rough_terrain(72, 900.0).height_m.max() - 17.0
+
+
+def test_a_flight_into_the_ground_or_out_of_a_draped_map_is_refused(tmp_path):
+    draped_map(tmp_path, name="deep.nc")
+    words = ["new", "scenario", "low", "--map", "deep.nc"]
+    done = invoke([*words, "--terrain", "dem.npz", "--clearance", "5"], tmp_path)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 2 and "build it with --clearance-from " in said, said
+    for more, wanted in (
+        ([], "give the --terrain that they follow"),
+        (["--waypoints", "way.csv"], "waypoints are flown level"),
+    ):
+        (tmp_path / "way.csv").write_text("latitude,longitude\n45.02,7.02\n45.03,7.03\n")
+        done = invoke([*words, *more], tmp_path)
+        assert done.returncode == 2 and wanted in " ".join(done.stderr.split())
+    level = SMALL.replace('source = "normal"', 'source = "deep.nc"')
+    table, rest = level.index("[trajectory]"), level.index("[imu]")
+    flight = (
+        "[trajectory]\nlatitude_deg = 45.03\nlongitude_deg = 7.03\nheight_m = 300.0\n"
+        "speed_mps = 30.0\nheading_deg = 90.0\n[[trajectory.segment]]\nduration_s = 20.0\n\n"
+    )
+    (tmp_path / "level.toml").write_text(level[:table] + flight + level[rest:])
+    done = invoke(["validate", "level.toml"], tmp_path)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 2
+    assert "position 45.03000° N, 7.03" in said and "above its base surface, which lies at" in said
+    assert re.search(r"fly \d+ m higher, or build it with a lower --clearance-from", said), said
 
 
 @pytest.mark.long

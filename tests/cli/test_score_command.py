@@ -8,6 +8,8 @@ import shutil
 import pytest
 from command import invoke
 
+from ggbench.score import stored_runs
+
 CASES = ["-c", "air-narrow", "-c", "one-channel", "-n", "20", "-j", "0"]
 
 
@@ -41,22 +43,33 @@ def test_a_filter_from_the_template_gets_its_card(folder):
 def test_its_card_is_reproduced_and_no_worse(folder):
     """Flown again in another folder; and a card that was changed is not reproduced."""
     card = folder / "results" / "score" / "my_filter-py" / "card.json"
-    done = invoke(["score", "--check", str(card), "-o", "again", "-j", "0"], folder)
+    done = invoke(["score", "my_filter.py", "--check", str(card), "-o", "again", "-j", "0"], folder)
     assert done.returncode == 0, done.stdout
+    assert "The check runs the code of my_filter.py." in done.stdout
     assert "The card is reproduced." in done.stdout
-    done = invoke(["score", "--check", str(card), "-o", str(card.parent)], folder)
+    done = invoke(["score", "my_filter.py", "--check", str(card), "-o", str(card.parent)], folder)
     assert done.returncode == 2
     assert "--check flies them again: name another folder by -o" in " ".join(done.stderr.split())
     shutil.copy(card, folder / "older.json")
     same = invoke(["score", "my_filter.py", *CASES, "--against", "older.json"], folder)
     assert same.returncode == 0
-    assert "No question is worse." in same.stdout
+    assert "2 questions compared, none is worse." in same.stdout
     changed = json.loads(card.read_text(encoding="utf-8"))
     changed["questions"][0]["errors_m"][3] *= 1.01
     (folder / "changed.json").write_text(json.dumps(changed))
-    done = invoke(["score", "--check", "changed.json", "-o", "again", "-j", "0"], folder)
+    done = invoke(
+        ["score", "my_filter.py", "--check", "changed.json", "-o", "again", "-j", "0"], folder
+    )
     assert done.returncode == 1
     assert "air-narrow: 1 of 20 runs differ, first run 3" in done.stdout
+    changed = json.loads(card.read_text(encoding="utf-8"))
+    changed["questions"][0]["rms_m"] *= 0.9
+    changed["questions"][1]["against"][0]["verdict"] = "better"
+    (folder / "changed.json").write_text(json.dumps(changed))
+    done = invoke(["score", "my_filter.py", "--check", "changed.json", "-j", "0"], folder)
+    assert done.returncode == 1
+    assert "air-narrow: rms_m was" in done.stdout
+    assert "one-channel: against[0].verdict was 'better' and is" in done.stdout
 
 
 @pytest.mark.long
@@ -92,6 +105,57 @@ def test_bad_input_is_a_sentence(arguments, said, tmp_path):
     assert done.returncode == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def stated(label: str, case: str = "air-narrow") -> dict[str, object]:
+    """A card of one case and two runs."""
+    other = {
+        "label": "ekf", "role": "ekf", "runs": 2, "rms_m": 1.0, "error_ratio": 1.0, "lo": 0.9,
+        "hi": 1.1, "only_scored": 0, "only_other": 0, "verdict": "as good",
+    }  # fmt: skip
+    here = stored_runs.header()
+    return {
+        "format": 2, "ggbench": "0", "results_version": here["results_version"],
+        "suite": here["scenario_hash"], "seed": here["seed"], "public": True, "runs": 2,
+        "judged": "all",
+        "estimator": {"label": label, "name": "a", "parameters": {}, "source": "0"},
+        "questions": [{"case": case, "title": "", "against": [other],
+                       "errors_m": [1e3, 1e3], "succeeded": [True, True]}],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "label", ["victim/setup.py", "exec:./victim/run", "a[", "\0.py", "stored.mat"]
+)
+def test_a_card_runs_no_file_that_it_names(label, tmp_path):
+    """Neither a module nor a program; control: the file does something when it is named."""
+    victim = tmp_path / "victim"
+    victim.mkdir()
+    (victim / "setup.py").write_text("open('ran', 'w').close()")
+    (victim / "run").write_text("#!/bin/sh\ntouch ran")
+    (victim / "run").chmod(0o755)
+    (tmp_path / "card.json").write_text(json.dumps(stated(label)))
+    done = invoke(["score", "--check", "card.json", "-j", "0"], tmp_path)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "ran").exists()
+    if label.endswith("setup.py"):
+        invoke(["score", label, "--check", "card.json", "-j", "0"], tmp_path)
+        assert (tmp_path / "ran").exists()
+
+
+def test_a_card_of_other_cases_is_no_gate(tmp_path):
+    """Exit code 2, before anything is flown; control: a case that is flown is compared."""
+    (tmp_path / "card.json").write_text(json.dumps(stated("ekf", "outliers")))
+    done = invoke(["score", "ekf", "-c", "air-narrow", "--against", "card.json"], tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "no question of the card is flown by this score" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["card.json"]
+    arguments = ["-c", "air-narrow", "-n", "2", "-j", "0", "--against", "card.json"]
+    (tmp_path / "card.json").write_text(json.dumps(stated("ekf")))
+    done = invoke(["score", "ekf", *arguments], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "1 question compared, none is worse." in done.stdout
 
 
 @pytest.mark.parametrize("output", [[], ["-o", "mine"]])

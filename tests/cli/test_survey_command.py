@@ -61,6 +61,20 @@ def test_a_map_is_stored_with_its_error_and_the_noise_of_the_readings():
     assert "12 lines of s.csv" in noise["provenance"] and "not repeat" in noise["provenance"]
 
 
+@pytest.mark.parametrize("depth", [200, 800, 3000])
+@pytest.mark.parametrize("limits", [[], ["--lowest", "700"], ["--highest", "300"]])
+def test_default_bounds_of_lines_at_one_height_always_work(depth, limits):
+    """Whatever the depth; as a control, spacings that a user sets too wide are refused."""
+    level = survey()
+    level.height_m[:] = 80.0
+    write_csv(level, "level.csv")
+    options = ["--depth", str(depth), "--source-spacing", "500", "--damping", "0.1"]
+    run("--lines", "level.csv", *options, *limits, "-o", "m.nc")
+    assert min(read("m.nc").tensor.shape[:3]) >= 4
+    said = run("--lines", "level.csv", *options, "--height-spacing", "9000", "-o", "m.nc", code=2)
+    assert "at least 4 in each" in said
+
+
 def turned(lines):
     """Axes east, north, down."""
     lines.values[:, [lines.components.index("xz"), lines.components.index("yz")]] *= -1.0
@@ -74,8 +88,8 @@ def exchanged(lines):
 
 
 def marked(lines):
-    """A missing value with a mark that is not declared."""
-    lines.values[100, 0] = -99999.0
+    """A missing value with a mark that looks like a number."""
+    lines.values[100, 0] = -54321.0
 
 
 @pytest.mark.parametrize("spoil", [turned, exchanged, marked])
@@ -90,7 +104,24 @@ def test_a_survey_that_no_field_fits_gets_a_warning(spoil):
     warning = said[said.index("Warning: ") : said.index("Standard error")]
     found = re.findall(r"(x[xyz]|y[yz]) ([\d.]+) E and ([\d.]+) E", warning)
     assert found and all(float(left) > 0.7 * float(read) for _, left, read in found)
-    assert "Check the axes (--axes), the signs, the units and marks of missing values" in warning
+    expected = {
+        turned: "fit best with --axes east-north-down",
+        exchanged: "fit best with axes x north, y east, z up",
+        marked: "Check the axes (--axes), the signs, the units and marks of missing values",
+    }
+    assert expected[spoil] in warning
+
+
+@pytest.mark.parametrize("axes", ["east-north-up", "north-east-down"])
+def test_axes_that_fit_are_named_whatever_was_said(axes):
+    """Lines in axes east, north, down; with the axes that are named there is no warning."""
+    lines = survey()
+    turned(lines)
+    write_csv(lines, "wrong.csv")
+    said = run("--lines", "wrong.csv", *SETTINGS, "--axes", axes, "-o", "m.nc")
+    assert "fit best with --axes east-north-down" in said
+    right = run("--lines", "wrong.csv", *SETTINGS, "--axes", "east-north-down", "-o", "m.nc")
+    assert "Warning" not in right
 
 
 def test_an_error_that_cannot_be_computed_is_neither_stated_nor_stored():

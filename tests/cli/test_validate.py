@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -321,3 +322,35 @@ def test_a_flight_at_the_edge_of_its_map_is_warned_of(tmp_path):
 def test_room_is_needed_only_for_an_error_that_nothing_bounds(text, sides, tmp_path):
     (found, *_) = examined(of(tmp_path, text))
     assert {each.side for each in found.narrow} == sides
+
+
+def with_estimators(*texts: str) -> str:
+    """The small scenario, whose campaign names these estimators."""
+    return re.sub("(?m)^estimators = .*$", f"estimators = {json.dumps(texts)}", SMALL, count=1)
+
+
+@pytest.mark.parametrize("named", ["side/effect.py", "exec:./side/effect"])
+def test_validate_runs_no_code_that_a_scenario_names(named, tmp_path):
+    """Neither of a file nor of a program, and it says so; control: --estimators loads the file."""
+    (tmp_path / "side").mkdir()
+    (tmp_path / "side" / "effect.py").write_text("open('ran', 'w').close()")
+    (tmp_path / "side" / "effect").write_text("#!/bin/sh\ntouch ran")
+    (tmp_path / "side" / "effect").chmod(0o755)
+    (tmp_path / "own.toml").write_text(with_estimators("ekf", named))
+    done = invoke(["validate", "own.toml"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"Not loaded: {named}; --estimators loads them" in done.stdout
+    assert not (tmp_path / "ran").exists()
+    done = invoke(["validate", "--estimators", "own.toml"], tmp_path)
+    if named.endswith(".py"):
+        assert (tmp_path / "ran").exists()
+        assert "side/effect.py defines 0 estimators" in done.stderr
+    else:
+        assert (done.returncode, "Not loaded" in done.stdout) == (0, False)
+
+
+def test_a_wrong_name_of_an_estimator_is_still_found(tmp_path):
+    (tmp_path / "own.toml").write_text(with_estimators("ekv", "own.py"))
+    done = invoke(["validate", "own.toml"], tmp_path)
+    assert done.returncode == 2
+    assert "there is no estimator 'ekv'" in done.stderr

@@ -206,7 +206,7 @@ def test_components_of_a_map_stand_under_their_names():
     """EE to UU, the first row of each in the south, over the cells of its nodes in degrees."""
     nodes = Nodes(np.linspace(30.0, 31.0, 6), np.linspace(100.0, 103.0, 7), np.array([1e4]))
     tensor = np.random.default_rng(6).normal(size=(6, 7, 6))
-    figure = map_components.map_components(nodes, tensor, 1e4, "here")
+    figure = map_components.map_components(nodes, tensor, "10000 m", "here")
     for index, (name, axis) in enumerate(zip(TENSOR, figure.axes, strict=False)):
         (image,) = axis.get_images()
         assert axis.get_title() == f"Γ_{name.upper()}"

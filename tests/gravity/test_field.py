@@ -23,6 +23,8 @@ from ggbench.gravity.spline import (
 
 ORIGIN = np.array([0.58, 1.88, 9000.0])
 STEP = np.array([4e-4, 5e-4, 500.0])
+LEVEL = np.zeros((0, 0))
+"""The base of level layers."""
 NODES = (6, 4, 7)
 UPPER = ORIGIN + STEP * (np.array(NODES) - 1)
 
@@ -54,7 +56,14 @@ def of_tensors(
     """Return the tensor (6,) and its derivatives (6, 3) at a position."""
     found = np.empty((24, 1))
     spline_tensor_slopes(
-        position[:, np.newaxis], 1, origin, step, coefficients, np.empty(TENSOR_WORK), found
+        positions=position[:, np.newaxis],
+        count=1,
+        origin=origin,
+        step=step,
+        coefficients=coefficients,
+        base=LEVEL,
+        work=np.empty(TENSOR_WORK),
+        out=found,
     )
     return found[:6, 0], found[6:, 0].reshape(6, 3)
 
@@ -62,7 +71,13 @@ def of_tensors(
 def kernel(field: Field, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     value, derivative = np.empty((1, 6)), np.empty((1, 6, 3))
     gradients_and_slopes(
-        position[np.newaxis], field.origin, field.step, field.tensor_coefficients, value, derivative
+        positions=position[np.newaxis],
+        origin=field.origin,
+        step=field.step,
+        coefficients=field.tensor_coefficients,
+        base=field.base_coefficients,
+        values=value,
+        derivatives=derivative,
     )
     return value[0], derivative[0]
 
@@ -100,7 +115,15 @@ def test_spline_reproduces_cubic_polynomials():
         slopes = [evaluate(point, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
         np.testing.assert_allclose(derivative, np.stack(slopes, axis=-1), rtol=0.0, atol=1e-12)
         vector, along = np.empty(3), np.empty((3, 3))
-        vector_at(point, np.zeros(3), np.ones(3), three, vector, along)
+        vector_at(
+            position=point,
+            origin=np.zeros(3),
+            step=np.ones(3),
+            coefficients=three,
+            base=LEVEL,
+            value=vector,
+            derivative=along,
+        )
         np.testing.assert_allclose(vector, value[:3], rtol=0.0, atol=1e-14)
         np.testing.assert_allclose(along, derivative[:3], rtol=0.0, atol=1e-14)
 

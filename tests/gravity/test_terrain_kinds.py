@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import struct
 import subprocess
 import sys
@@ -15,8 +16,10 @@ import rasterio.shutil
 import xarray
 from rasterio.transform import from_origin
 
+from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.terrain import TerrainError
 from ggbench.gravity.terrain_files import read_terrain
+from ggbench.maps.gravity_grid import read_grid
 
 LATITUDES, LONGITUDES = 45.0 + 0.1 * np.arange(12), 7.0 + 0.1 * np.arange(16)
 HEIGHTS = np.add.outer(100.0 * np.arange(12), 10.0 * np.arange(16)) - 500.0
@@ -173,3 +176,60 @@ def test_a_missing_database_of_proj_is_named(tmp_path):
         )  # fmt: skip
         assert "PROJ's database proj.db, which is not found" in ended.stderr
         assert f"{variable} = {value!r} leads to another installation: unset it" in ended.stderr
+
+
+def virtual_raster(source: str) -> str:
+    """A raster of GDAL that holds no values, but the name of a file that does."""
+    return (
+        '<VRTDataset rasterXSize="16" rasterYSize="12"><SRS>EPSG:4326</SRS>'
+        "<GeoTransform>6.95,0.1,0,46.15,0,-0.1</GeoTransform>"
+        '<VRTRasterBand dataType="Float32" band="1"><SimpleSource>'
+        f"<SourceFilename>{source}</SourceFilename><SourceBand>1</SourceBand>"
+        "</SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".tiff", ".asc", ".grd", ".hgt", ".nc", ".gtx", ".isg"])
+def test_a_raster_leads_to_no_other_file(suffix, tmp_path):
+    """A virtual raster under another name is refused, be its source local; control: the source."""
+    source = write_raster(tmp_path / "source.tif", HEIGHTS)
+    (tmp_path / f"N46E007{suffix}").write_text(virtual_raster(str(source)))
+    with pytest.raises((TerrainError, MapError)):
+        if suffix in (".gtx", ".isg"):
+            read_grid(tmp_path / f"N46E007{suffix}", "geoid")
+        else:
+            read_terrain(tmp_path / f"N46E007{suffix}")
+    np.testing.assert_allclose(read_terrain(source).height_m, HEIGHTS)
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.asc", "a.grd"])
+def test_a_raster_leads_not_into_the_network(name, tmp_path, monkeypatch):
+    """Nothing arrives at the address that it names; control: without the rule GDAL asks there."""
+    monkeypatch.setenv("GDAL_HTTP_TIMEOUT", "1")
+    monkeypatch.setenv("GDAL_HTTP_CONNECTTIMEOUT", "1")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        address = f"/vsicurl/http://127.0.0.1:{server.getsockname()[1]}/x.tif"
+        (tmp_path / name).write_text(virtual_raster(address))
+        with pytest.raises(TerrainError, match="cannot be read as a raster"):
+            read_terrain(tmp_path / name)
+        with pytest.raises(BlockingIOError):
+            server.accept()
+        if name == "a.tif":
+            with pytest.raises(rasterio.RasterioIOError), rasterio.open(tmp_path / name) as data:
+                data.read(1)
+            server.accept()[0].close()
+
+
+def test_a_raster_is_of_the_format_that_its_suffix_names(tmp_path):
+    """An ASCII grid named as a GeoTIFF, and a format that is not known, are refused."""
+    rasterio.shutil.copy(
+        write_raster(tmp_path / "a.tif", HEIGHTS), tmp_path / "b.asc", driver="AAIGrid"
+    )
+    np.testing.assert_allclose(read_terrain(tmp_path / "b.asc").height_m, HEIGHTS)
+    (tmp_path / "b.asc").rename(tmp_path / "b.tif")
+    with pytest.raises(TerrainError, match=r"b\.tif cannot be read as a raster"):
+        read_terrain(tmp_path / "b.tif")
+    (tmp_path / "a.tif").rename(tmp_path / "a.vrt")
+    with pytest.raises(MapError, match=r"allowed suffixes are \.tif"):
+        read_grid(tmp_path / "a.vrt", "geoid")

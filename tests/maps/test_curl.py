@@ -37,7 +37,15 @@ DAILY = (
 def gradient_of_gravity(field: Field, position: np.ndarray) -> np.ndarray:
     """Return (3, 3) what a step of one metre east, north or up adds to g, in axes that stay [E]."""
     gravity, slope = np.empty(3), np.empty((3, 3))
-    vector_at(position, field.origin, field.step, field.disturbance_coefficients, gravity, slope)
+    vector_at(
+        position=position,
+        origin=field.origin,
+        step=field.step,
+        coefficients=field.disturbance_coefficients,
+        base=field.base_coefficients,
+        value=gravity,
+        derivative=slope,
+    )
     to_radians = np.linalg.inv(metres(position))
     out = slope @ to_radians
     for axis, (north, east, _) in enumerate(to_radians.T):

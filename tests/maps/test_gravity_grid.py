@@ -151,7 +151,7 @@ def write_byn(path):
     [("GTX", "a.gtx"), ("GSAG", "a.grd"), ("GSBG", "a.grd"), ("GS7BG", "a.grd"), ("BYN", "a.byn")],
 )
 def test_grids_of_other_programs(driver, name, tmp_path):
-    """Whatever GDAL reads is a geoid or gravity."""
+    """Each is a geoid or gravity."""
     if driver == "BYN":
         write_byn(tmp_path / name)
     else:
@@ -246,8 +246,84 @@ def test_other_functionals_of_icgem_are_refused_by_name(kind, tmp_path):
 
 def test_bouguer_anomalies_in_netcdf_are_refused(tmp_path):
     write_grid(tmp_path / "a.nc", "bouguer_anomaly", "mGal", VALUES, 45.0, 7.0, 0.1)
-    with pytest.raises(MapError, match="holds 'bouguer_anomaly'; free-air anomalies"):
+    with pytest.raises(
+        MapError, match=r"holds 'bouguer_anomaly': that is a Bouguer.*; free-air anomalies"
+    ):
         read_grid(tmp_path / "a.nc", "anomaly")
+
+
+OTHER_QUANTITIES = {
+    "vgg (Eotvos)": "that is a gravity gradient",
+    "EMAG2 (nT)": "gravity in 'nT'",
+    "total magnetic intensity": "that is a magnetic field",
+    "gravity (s^-2)": "gravity in 's\\^-2'",
+    "Complete Bouguer anomaly [mGal]": "Bouguer or isostatic",
+    "isostatic residual (mGal)": "Bouguer or isostatic",
+    "CBA_267": "Bouguer or isostatic",
+    "geoid (m)": "that is a geoid",
+    "observed gravity": "that is observed gravity",
+}
+"""Descriptions of grids that are no gravity that a map can be made of."""
+
+
+def described(folder, text, values=VALUES):
+    """The same grid as GMT's netCDF, its unit in the description alone, and as a raster."""
+    write_grid(folder / "a.nc", "z", "", values, 45.0, 7.0, 0.1)
+    with netCDF4.Dataset(folder / "a.nc", "a") as file:
+        file["z"].long_name = text
+    raster = write_raster(folder / "a.tif", values)
+    with rasterio.open(raster, "r+") as dataset:
+        dataset.set_band_description(1, text)
+    return folder / "a.nc", raster
+
+
+@pytest.mark.parametrize("text", OTHER_QUANTITIES)
+def test_another_quantity_in_the_description_is_refused(text, tmp_path):
+    for path in described(tmp_path, text):
+        for kind in ("anomaly", "disturbance"):
+            with pytest.raises(MapError, match=OTHER_QUANTITIES[text]):
+                read_grid(path, kind)
+
+
+@pytest.mark.parametrize(
+    ("text", "factor"),
+    [("faa (mGal)", 1e-5), ("free-air gravity (EGM2008) [µGal]", 1e-8), ("Free air (m/s^2)", 1.0)],
+)
+def test_a_unit_in_the_description_is_the_unit(text, factor, tmp_path):
+    for path in described(tmp_path, text, 1e-5 * VALUES / factor):
+        grid = read_grid(path, "anomaly")
+        np.testing.assert_allclose(grid.values, 1e-5 * VALUES, rtol=1e-6)
+        assert not any("assumed" in remark for remark in grid.remarks)
+        with pytest.raises(MapError, match=r"differs from a disturbance by 0\.3 mGal"):
+            read_grid(path, "disturbance")
+
+
+def test_a_disturbance_is_no_anomaly_and_brackets_without_a_unit_are_passed_over(tmp_path):
+    for path in described(tmp_path, "Gravity disturbance (EGM2008)"):
+        with pytest.raises(MapError, match="give it as a disturbance"):
+            read_grid(path, "anomaly")
+        (remark,) = read_grid(path, "disturbance").remarks
+        assert "mGal assumed" in remark
+
+
+def test_the_name_of_a_file_counts_where_no_description_names_a_quantity(tmp_path):
+    for name in ("bouguer_victoria.tif", "vgg.tif"):
+        with pytest.raises(MapError, match="holds '"):
+            read_grid(write_raster(tmp_path / name, VALUES, "mGal"), "disturbance")
+    described(tmp_path, "gravity disturbance")
+    (tmp_path / "a.tif").rename(tmp_path / "bouguer_area.tif")
+    assert read_grid(tmp_path / "bouguer_area.tif", "disturbance").height_m == 0.0
+
+
+def test_a_grid_of_ggxf_is_named(tmp_path):
+    """As NGS publishes GEOID2022: values in a group, and no coordinates."""
+    with netCDF4.Dataset(tmp_path / "geoid.ggxf", "w") as file:
+        file.ggxfVersion = "GGXF-1.0"
+        group = file.createGroup("SGEOID2022")
+        group.createDimension("gridi", 20)
+        group.createVariable("geoidHeight", "f4", ("gridi",))[:] = 1.0
+    with pytest.raises(MapError, match="is a file of GGXF"):
+        read_grid(tmp_path / "geoid.ggxf", "geoid")
 
 
 STEP = 0.01

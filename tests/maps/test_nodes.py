@@ -85,6 +85,28 @@ def test_longitudes_are_counted_as_the_inputs_count_them():
         assert ends(nodes) == pytest.approx(ends(expected))
 
 
+def test_more_than_one_turn_is_refused():
+    """Of what serves the whole Earth; control: one turn is a map."""
+    whole = [reach((-90.0, 90.0, -360.0, 360.0))]
+    with pytest.raises(MapError, match="--west -180 to --east 181 are 361 degrees; at most one"):
+        nodes_for(whole, GridRequest(-1.0, 1.0, -180.0, 181.0, spacing_deg=0.5))
+    nodes, _ = nodes_for(whole, GridRequest(-1.0, 1.0, -180.0, 180.0, spacing_deg=0.5))
+    assert nodes.longitude_deg.size == 721
+
+
+def test_the_memory_of_a_layer_is_limited_before_the_work():
+    """And stated; control: as many nodes in more layers are allowed."""
+    whole = [reach((-90.0, 90.0, -360.0, 360.0))]
+    bounds = {"south_deg": -20.0, "north_deg": 20.0, "west_deg": 0.0, "east_deg": 40.0}
+    heights = {"lowest_m": 1000.0, "highest_m": 2000.0, "height_spacing_m": 200.0}
+    with pytest.raises(MapError, match=r"a layer of 4001 x 4001 nodes .* needs 3\.46 GB of memory"):
+        nodes_for(whole, GridRequest(**bounds, **heights, spacing_deg=0.01))
+    nodes, _ = nodes_for(
+        whole, GridRequest(**bounds, **heights | {"height_spacing_m": 50.0}, spacing_deg=0.02)
+    )
+    assert nodes.latitude_deg.size * nodes.longitude_deg.size * nodes.height_m.size > 4001**2
+
+
 @pytest.mark.parametrize("around", [(178.0, 182.0), (-182.0, -178.0), (-360.0, 360.0)])
 def test_a_map_may_cross_the_date_line(around):
     """Of a region that crosses it, however it is counted, and of what serves the whole Earth."""
@@ -185,10 +207,8 @@ def test_a_map_begins_low_enough_for_flights_that_follow_the_ground(tmp_path):
     """One cell of the terrain, 93 m, above its highest ground; where that serves them is said."""
     made = plan(Inputs(terrain=low_hills(tmp_path / "low.npz")), GridRequest(), "test")
     assert made.nodes.height_m[0] == 320.0
-    remark = made.remarks[-1]
-    assert (
-        "320 m, lies 100 m above the highest ground of the terrain (220 m at 46.0250° N" in remark
-    )
+    begins = "320 m, lies 100 m above the highest ground of the terrain (220 m at 46.0250° N"
+    (remark,) = (remark for remark in made.remarks if begins in remark)
     served = int(remark.rpartition("over ")[2].partition("%")[0])
     assert 5 <= served <= 40  # where the ground is higher than 120 m
 

@@ -18,7 +18,9 @@ def stated(mine=(), **changes):
         own = settled & (table["case"] == case)
         table.loc[own, "recommended"] = table.loc[own, "estimator"].isin(labels)
     named = cases().assign(**({"recommended": ["ekf", "ukf"]} | changes))
-    runs = pd.DataFrame({"assumption": [""], "estimator": ["ekf"], "remark": [""]})
+    runs = pd.DataFrame(
+        {"assumption": [""], "estimator": ["ekf"], "remark": [""], "status": ["ok"], "case": ["a"]}
+    )
     return answer(
         scenario(
             scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,

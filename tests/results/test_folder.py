@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import errno
 import importlib.util
+import json
 import os
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +16,11 @@ import pytest
 from campaigns import failed, ran, small
 from problems import SMALL
 
+from ggbench.campaign import running
+from ggbench.campaign.campaign import Campaign
 from ggbench.judging.run_errors import WINDOWS, window_mask
 from ggbench.judging.summary import METRICS
+from ggbench.report import render
 from ggbench.results.database import Result, StoreError
 from ggbench.results.folder import Results, as_argument, write_tables
 from ggbench.results.store import MOST_KEPT, Store, kept_epochs
@@ -378,3 +383,52 @@ def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
     assert (tmp_path / "out" / "metrics.csv").read_bytes() == b"before"
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == before
     store.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda m: m["cells"].append(m["cells"][0]), "name an estimator on a case twice"),
+        (lambda m: m["cases"].append(m["cases"][0]), "its cases name one twice"),
+        (lambda m: m["cells"][0].update(case="x"), "are of a case x, which is none"),
+        (lambda m: m["cells"][0].update(estimator="x"), "are of an estimator x, which it does not"),
+        (lambda m: m["families"].clear(), "it has no family of the estimator"),
+        (
+            lambda m: m["estimators"].update({f"e{n}": {} for n in range(2000)}),
+            "its estimators is not what it should be",
+        ),
+    ],
+)
+def test_a_manifest_names_each_cell_once(change, said, copied):
+    """Thousands of cells that a stranger adds cost no minutes, and no traceback."""
+    path = copied.folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
+    with pytest.raises(StoreError, match=said):
+        Results(copied.folder)
+
+
+def test_a_path_that_is_no_utf8_is_quoted_for_a_shell():
+    """Bash reads it back; control: other paths as they were quoted before."""
+    name = os.fsdecode(b"r\xe9s'ul ts")
+    quoted = as_argument(name)
+    quoted.encode()
+    done = subprocess.run(
+        ["bash", "-c", f"printf %s {quoted}"], capture_output=True, check=True, env={"LC_ALL": "C"}
+    )
+    assert done.stdout == os.fsencode(name)
+    assert (as_argument("a b"), as_argument("-x")) == ("'a b'", "./-x")
+
+
+def test_a_scenario_in_a_folder_that_is_no_utf8_is_run_and_reported(tmp_path):
+    """All tables are written, with the command that repeats a run."""
+    folder = tmp_path / os.fsdecode(b"r\xe9s")
+    folder.mkdir()
+    loaded = small(folder)
+    work = Campaign(loaded, str(folder / "small.toml"), ("ins",), 2, 1, False, folder / "out")
+    running.fly(work, jobs=0).store.close()
+    found = Results(folder / "out")
+    assert "$'" in found.runs()["command"].iloc[0]
+    render.write(folder / "out", folder / "report")
+    found.store.close()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from unittest.mock import Mock
 
+import pandas as pd
 import pytest
 from campaigns import small
 from command import invoke
@@ -91,14 +94,31 @@ def test_the_recommended_estimator_was_flown(found):
     assert {"ins", "ekf"} <= set(advice.table(found)["estimator"])
 
 
+def test_times_of_a_first_run_decide_nothing(found):
+    """The times are those of the suite, and the EKF's are below those of the Gaussian sum."""
+    usual = advice.usual_seconds()
+    assert 0.0 < usual["ins"] < usual["ekf"] < usual["gaussian-sum"] < 10.0
+    rows = [("gaussian-sum", 1.0, True, 1e-3), ("ekf", 1.0, True, 2.3), ("ins", 9.0, False, 1e-3)]
+    columns = ["estimator", "rms_m", "recommended", "seconds_per_run"]
+    qualified = pd.DataFrame(rows, columns=columns).assign(window="settled")
+    slow = dataclasses.replace(found, results=Mock(metrics=lambda: qualified))
+    assert advice.recommended(slow) == ("ekf", True)
+
+
+def test_the_width_of_the_prior_has_a_consequence():
+    words = [advice.on_the_prior(width) for width in (0.1, 0.5, 2.0)]
+    for word, text in zip(("EKF", "wrong place", "bank"), words, strict=True):
+        assert word in text
+
+
 def test_the_command_says_what_to_use_and_what_limits(tmp_path):
     (tmp_path / "own.toml").write_text(SMALL, encoding="utf-8")
     command = ["advise", "own.toml", "-n", "4", "-j", "0", "--target", "1e-9"]
     done = invoke(command, tmp_path, columns=120)
     assert done.returncode == 1, done.stderr
-    best = "the least bad is" if "the least bad is" in done.stdout else "Use "
+    best = "the least bad is" if "the least bad is" in done.stdout else "In flight: use "
     both = "Each cause is halved in truth and model together."
-    for words in (best, "What limits", both, "No gradiometer reaches 1e-09 m here"):
+    for words in (best, "After landing: ", "What limits", both, "No gradiometer reaches 1e-09 m"):
         assert words in done.stdout
 
 

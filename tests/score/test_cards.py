@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import functools
 import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from markdown_it import MarkdownIt
 
 from ggbench.score import card as cards
-from ggbench.score import cards_compared
+from ggbench.score import cards_compared, page, stored_runs
 from ggbench.score.card import Card, CardEstimator, Opponent, Question
 from ggbench.score.stored_runs import ScoreError
 
 RUNS = 40
+CASES = ("air-narrow", "ship-narrow")
 
 
 def card(seed: int = 1, factor: float = 1.0, **changes) -> Card:
     """A card of two cases, of errors drawn by a seed and multiplied by a factor."""
     generator = np.random.default_rng(seed)
     questions = []
-    for case in ("air-narrow", "ship-narrow"):
+    for case in CASES:
         errors = factor * np.sqrt(generator.chisquare(3, RUNS))
         other = Opponent(
             label="ekf", role="ekf", runs=RUNS, rms_m=1.7, error_ratio=1.0, lo=0.9, hi=1.1,
@@ -38,8 +45,8 @@ def card(seed: int = 1, factor: float = 1.0, **changes) -> Card:
             )
         )
     values = {
-        "format": 1, "ggbench": "0", "results_version": 1, "suite": "ab", "seed": 3700,
-        "public": True, "runs": RUNS, "judged": "all", "seconds_per_run": {"air-narrow": 0.1},
+        "format": cards.FORMAT, "ggbench": "0", "results_version": 1, "suite": "ab", "seed": 3700,
+        "public": True, "runs": RUNS, "judged": "all",
         "estimator": CardEstimator(label="a.py", name="a", parameters={}, source="cd"),
         "questions": questions,
     }  # fmt: skip
@@ -60,7 +67,9 @@ def test_a_card_is_read_as_it_was_written(tmp_path):
         ("{", "cannot read the card"),
         ("[]", "is no card: the file"),
         ("{}", "is no card: format: field required"),
-        ('{"format": 2}', "has format 2; this version reads 1"),
+        ('{"format": 1}', "has format 1; this version reads 2"),
+        ("[" * 5000, "cannot read the card"),
+        (f'{{"format": {"9" * 5000}}}', "cannot read the card"),
         ("\ud800", "cannot read the card"),
     ],
 )
@@ -73,20 +82,52 @@ def test_a_bad_card_is_refused_in_a_sentence(content, said, tmp_path):
 
 
 def test_a_reproduced_card_has_no_differences():
-    """Times and digits beyond the sixth are not compared."""
-    again = card(factor=1.0 + 1e-7, seconds_per_run={"air-narrow": 0.3}, ggbench="1")
+    """Digits beyond the fifth are not compared, nor the folder of the estimator's file."""
+    moved = card().estimator.model_copy(update={"label": "elsewhere/a.py"})
+    again = card(factor=1.0 + 1e-7, estimator=moved)
     assert cards_compared.differences(card(), again) == []
+
+
+def leaves(value: object, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Yield the place of every text, number, truth value and null of a JSON document."""
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, item in items:
+            yield from leaves(item, (*path, key))
+    else:
+        yield path
+
+
+EDITS = {str: lambda text: f"{text}x", bool: lambda truth: not truth, int: lambda n: n + 1,
+         float: lambda x: 1.001 * x, type(None): lambda none: 0.5}  # fmt: skip
+
+
+def test_every_edit_of_a_card_is_found(tmp_path):
+    """Of each value of a card, one that is changed alone: refused as no card, or a difference."""
+    whole = card().model_dump(mode="json")
+    places = [*leaves(whole)]
+    assert len(places) > 2 * (2 * RUNS + 20)
+    for place in places:
+        edited = json.loads(json.dumps(whole))
+        holder = functools.reduce(lambda value, key: value[key], place[:-1], edited)
+        holder[place[-1]] = EDITS[type(holder[place[-1]])](holder[place[-1]])
+        (tmp_path / "card.json").write_text(json.dumps(edited))
+        try:
+            found = cards_compared.differences(cards.read(tmp_path / "card.json"), card())
+        except ScoreError:
+            continue
+        assert found, place
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({"factor": 1.001}, "air-narrow: 40 of 40 runs differ, first run 0"),
-        ({"suite": "xy"}, "suite was ab and is xy"),
+        ({"suite": "xy"}, "suite was 'ab' and is 'xy'"),
         ({"questions": card().questions[:1]}, "ship-narrow: not flown"),
         (
             {"estimator": CardEstimator(label="a.py", name="a", parameters={}, source="ef")},
-            "the estimator's source changed",
+            "estimator.source was 'cd' and is 'ef'",
         ),
     ],
 )
@@ -121,5 +162,95 @@ def test_false_alarms_of_two_cards():
 
 
 def test_cards_of_other_runs_are_not_compared():
-    with pytest.raises(ScoreError, match="different runs"):
+    with pytest.raises(ScoreError, match="different runs, of the seed 3700 and 5"):
         cards_compared.worse(card(), card(seed=1).model_copy(update={"seed": 5}))
+
+
+def with_cases(*cases: str, **changes: object) -> Card:
+    """A card of other cases."""
+    pairs = zip(card().questions, cases, strict=True)
+    renamed = [question.model_copy(update={"case": case} | changes) for question, case in pairs]
+    return card(questions=renamed)
+
+
+def test_a_gate_on_nothing_is_no_gate():
+    """Cards of other cases, or that skipped all, are not compared; control: one case in common."""
+    for old in (with_cases("outliers", "map-error"), with_cases(*CASES, skipped="too long")):
+        with pytest.raises(ScoreError, match="no question"):
+            cards_compared.worse(old, card())
+    assert cards_compared.worse(with_cases("outliers", CASES[1]), card()) == []
+
+
+def test_what_cannot_be_compared_is_refused_before_it_is_flown():
+    """By the cases, the seed, the suite and the version of results of the score to come."""
+    here = stored_runs.header()
+    old = card(
+        seed=here["seed"], suite=here["scenario_hash"], results_version=here["results_version"]
+    )
+    cards_compared.require_comparable(old, (), None)
+    cards_compared.require_comparable(old, CASES[:1], here["seed"])
+    for changes, cases, seed, said in [
+        ({}, ("outliers",), None, "no question of the card"),
+        ({}, (), 7, "of the seed"),
+        ({"suite": "ab"}, (), None, "of the suite ab"),
+        ({"results_version": -1}, (), None, "of the version of results -1"),
+    ]:
+        with pytest.raises(ScoreError, match=said):
+            cards_compared.require_comparable(old.model_copy(update=changes), cases, seed)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        ("runs", -1, "runs: input should be greater than or equal to 1"),
+        ("runs", 10**19, "runs: input should be less than or equal to 1000000"),
+        ("runs", 3, "errors_m must have 3 values"),
+        ("seed", -5, "seed: input should be greater than or equal to 0"),
+        ("questions", [], "questions: list should have at least 1"),
+        ("questions.0.succeeded", [True], "errors_m and succeeded must have a value for each run"),
+        ("questions.0.against", [], "against must have the ekf"),
+        ("questions.0.case", CASES[1], "questions must be of different cases"),
+        ("questions.0.rms_m", float("inf"), "rms_m"),
+        ("estimator.parameters", {"a": [[1]]}, "estimator.parameters.a"),
+    ],
+)
+def test_a_card_is_refused_for_each_impossible_value(place, value, said, tmp_path):
+    changed = card().model_dump(mode="json")
+    *path, last = place.split(".")
+    holder = functools.reduce(lambda v, k: v[int(k)] if k.isdigit() else v[k], path, changed)
+    holder[last] = value
+    (tmp_path / "card.json").write_text(json.dumps(changed))
+    with pytest.raises(ScoreError, match="is no card: ") as error:
+        cards.read(tmp_path / "card.json")
+    assert said in str(error.value)
+
+
+def test_a_card_is_no_larger_than_its_limit(monkeypatch, tmp_path):
+    """What is read of a file without an end is bounded."""
+    monkeypatch.setattr(cards, "MOST_BYTES", 1000)
+    cards.write(card(), tmp_path / "card.json")
+    for path in (tmp_path / "card.json", Path("/dev/zero")):
+        with pytest.raises(ScoreError, match=r"it has more than 0\.001 MB"):
+            cards.read(path)
+
+
+HOSTILE = "a`b\n\n# Heading ![x](http://e) <b>|\x1b[31m"
+
+
+def test_texts_of_an_estimator_stay_texts_on_a_page(tmp_path):
+    """Its label, why it skips, and why runs failed: no heading, image, HTML or cell of a table."""
+    told = card().estimator.model_copy(update={"label": HOSTILE})
+    first, second = card().questions
+    skipped = Question(case=second.case, title=second.title, skipped=HOSTILE)
+    shown = Card.model_validate(card(estimator=told, questions=[first, skipped]).model_dump())
+    failures = pd.DataFrame(
+        [{"case": "air-narrow", "run": 1, "reason": HOSTILE, "command": HOSTILE}]
+    )
+    for path in page.write(shown, failures, tmp_path):
+        text = path.read_text(encoding="utf-8")
+        assert "\x1b" not in text
+        parser = MarkdownIt("commonmark", {"html": True}).enable("table")
+        html = text if path.suffix == ".html" else parser.render(text)
+        assert "<img" not in html and "<b>" not in html
+        assert len(re.findall("<h[1-6]", html)) == 3
+        assert html.split("<tr>")[-1].count("<td>") == 4

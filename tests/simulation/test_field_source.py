@@ -40,10 +40,15 @@ def test_a_map_that_is_written_anew_is_read_anew(tmp_path):
     assert (after.tensor_coefficients != before.tensor_coefficients).any()
 
 
-@pytest.mark.parametrize("key", ["land_correction", "relief_smoothing_deg", "density_kg_m3"])
+@pytest.mark.parametrize(
+    "key", ["land_correction", "relief_smoothing_deg", "density_kg_m3", "drape"]
+)
 @pytest.mark.parametrize("source", ["normal", "map.nc"])
 def test_how_a_map_is_built_means_nothing_without_building_one(key, source):
-    value = {"land_correction": False, "relief_smoothing_deg": 0.1, "density_kg_m3": 2500.0}[key]
+    value = {
+        "land_correction": False, "relief_smoothing_deg": 0.1, "density_kg_m3": 2500.0,
+        "drape": True,
+    }[key]  # fmt: skip
     with pytest.raises(MapError, match=rf"field.{key} is {value}, which means nothing for source"):
         make_field(FieldSpec.model_validate({"source": source, key: value}))
 

@@ -514,6 +514,7 @@ SEGMENT: dict[str, tuple[float, dict[str, Any], str]] = {
     "to_speed_mps": (70.0, {"kind": "speed", "acceleration_mps2": 1.0}, "to"),
     "clearance_m": (80.0, TERRAIN, "clearance"),
     "lowest_m": (450.0, TERRAIN, "lowest"),
+    "geoid_height_m": (-31.0, TERRAIN, "zero_level"),
     "max_climb_angle_deg": (8.0, TERRAIN, "climb_angle"),
 }
 """Value, the other keys of a segment, and the attribute of the manoeuvre that is flown."""

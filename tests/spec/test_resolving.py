@@ -227,7 +227,7 @@ def test_manoeuvres_are_in_si_units():
     terrain = {"kind": "terrain-following", "terrain": "x.nc", "clearance_m": 90.0}
     follow = made(distance_km=3.0, max_climb_angle_deg=8.0, lowest_m=200.0, **terrain)
     assert list(vars(follow).values()) == [
-        "x.nc", 90.0, 200.0, None, 3000.0, math.radians(8), 2.0
+        "x.nc", 90.0, 200.0, None, 3000.0, math.radians(8), 2.0, 0.0
     ]  # fmt: skip
     assert made(duration_s=9.0, **terrain).lowest == -math.inf
 

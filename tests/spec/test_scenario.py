@@ -12,6 +12,7 @@ from problems import CASES, SMALL
 from ggbench.errors import GGBenchError
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.spec import scenario
+from ggbench.spec.flight import load as load_flight
 from ggbench.spec.scenario import ScenarioError
 
 PAPER_TABLE = {
@@ -296,3 +297,33 @@ def test_the_text_of_a_value_is_that_of_the_file():
     assert flat["trajectory.segment[0].duration_s"] == 20.0
     assert flat["case[0].reference.position_mrse_m"] == 6.0
     assert flat["campaign.estimators"] == ["ins", "ekf"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x = " + "9" * 5000, "is not valid TOML: Exceeds the limit"),
+        (".".join("a" * 3000) + " = 1", "nested more than 16 deep"),
+        ("x = " + "[" * 40 + "]" * 40, "nested more than 16 deep"),
+        ("x = " + "[" * 5000 + "]" * 5000, "is not valid TOML"),
+        ("x = " + "{a=" * 3000 + "1" + "}" * 3000, "is not valid TOML"),
+    ],
+)
+def test_toml_without_measure_is_refused(text, said, tmp_path):
+    """Of a scenario and of a recorded flight; control: tables as deep as keys are read on."""
+    path = tmp_path / "deep.toml"
+    path.write_text(f"{text}\n{SMALL}")
+    for read in (scenario.load, lambda file: load_flight(Path(file))):
+        with pytest.raises(GGBenchError, match=said):
+            read(str(path))
+    path.write_text(".".join("a" * 15) + f" = 1\n{SMALL}")
+    with pytest.raises(ScenarioError, match="unknown key 'a'"):
+        scenario.load(str(path))
+
+
+def test_too_many_cases_are_refused_before_they_are_read(tmp_path):
+    cases = "".join(f'[[case]]\nname = "c{n}"\ntitle = "t"\n' for n in range(10_001))
+    path = tmp_path / "many.toml"
+    path.write_text(SMALL + cases)
+    with pytest.raises(ScenarioError, match=r"has 10003 cases .*at most 10000 cases"):
+        scenario.load(str(path))

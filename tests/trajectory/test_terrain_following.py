@@ -133,6 +133,17 @@ def test_a_flight_without_a_height_starts_as_high_as_the_terrain_asks_for(over_r
     assert height > ground + 150.0
 
 
+def test_a_flight_without_a_height_begins_level(over_ridges):
+    """It climbed at 0.5 m/s from the first sample on, which is an acceleration of a g."""
+    for kilometres in (0.0, 2.0, 4.0, 6.0):
+        longitude = 108.0 + kilometres / 92.8
+        asked = spec(over_ridges, height_m=None, longitude_deg=longitude)
+        flight = trajectory_of(asked, 0.05)
+        upwards = np.diff(flight.velocities[:, 2]) / 0.05
+        assert np.abs(upwards[:40]).max() < 2.0
+        assert abs(flight.velocities[1, 2]) < 1e-3
+
+
 def test_only_a_flight_that_follows_terrain_at_first_may_lack_its_height(over_ridges):
     with pytest.raises(ValueError, match="'height_m' is missing"):
         spec({"kind": "cruise", "duration_s": 10.0}, over_ridges, height_m=None)

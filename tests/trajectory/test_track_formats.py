@@ -24,9 +24,9 @@ from receiver_tracks import (
 )
 
 from ggbench.cli.main import main
+from ggbench.maps.geoid import geoid_heights
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.csv_text import iso_seconds
-from ggbench.trajectory.geoid import geoid_heights
 from ggbench.trajectory.manoeuvres import TrajectoryError
 from ggbench.trajectory.track_formats import rows_of
 
@@ -89,7 +89,7 @@ BAD = {
     "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "place 4: its time.* no number"),
     "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "place 4: comes 6"),
     "zip": ("PK\x03\x04", "is a zip archive; unpack it"),
-    "NMEA, checksum": (nmea().replace("GPGGA,235955", "GPGGA,235956"), "line 5 is a GGA .*ecksum"),
+    "NMEA, checksums": (nmea().replace(",08,0.9,", ",09,0.9,"), "line 2 is a GGA .*checksum.* 20"),
     "NMEA without fixes": ("\n".join([nmea_line("GPGGA,1,,,,,0,,,,,,,,")] * 9), "no GGA sentence"),
     "NMEA in feet": (
         "\n".join(nmea_line("GPGGA,000000.00,4800.0,N,01130.0,E,1,8,1,9,F,1,M,,") for _ in "12"),
@@ -145,3 +145,15 @@ def test_damaged_files_have_a_sentence(name, tmp_path):
         except TrajectoryError:
             refused += 1
     assert refused > 30
+
+
+def test_a_gpx_file_declares_few_namespaces(tmp_path):
+    """Thousands would take minutes to read; control: a few are read."""
+    for count, refused in ((50, False), (20_000, True)):
+        declared = "".join(f' xmlns:n{n}="http://example.org/{n}"' for n in range(count))
+        text = gpx().replace("<gpx", f"<gpx{declared}", 1)
+        if refused:
+            with pytest.raises(TrajectoryError, match="XML namespaces; at most 100"):
+                rows_of(text.encode())
+        else:
+            assert len(rows_of(text.encode()).columns["time_s"]) > 10

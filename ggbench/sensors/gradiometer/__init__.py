@@ -1,1 +1,1 @@
-"""The gravity gradiometer: what it reads, its signal chain, its errors."""
+"""Gravity gradiometer: measurement axes, signal chain, errors."""

@@ -1,4 +1,4 @@
-"""What a gradiometer does to the tensor that it should deliver: truth that no estimator knows.
+"""Unmodelled errors of the true gradiometer.
 
 In this order: tilt of the mount, its misalignment and the scale factors, the errors of its rotating
 disks, what the scale factors have drifted by, bias and drift, white noise, outliers, the low-pass,

@@ -1,4 +1,4 @@
-"""The gravity gradiometer: what it reads in the axes of its mount, and which of it it delivers.
+"""Gravity gradiometer: gradients in the axes of its mount, and its channels.
 
 A gradiometer reads the gravitational gradient tensor Γ in the axes of its mount s, C_sn Γ^n C_snᵀ:
 

@@ -1,4 +1,4 @@
-"""The gradiometer's Butterworth low-pass, and what an estimator can do about it.
+"""Butterworth low-pass of the gradiometer, and its compensation.
 
 The instrument filters its readings by a causal difference equation, y = L x (L lower triangular,
 the first ``order`` outputs equal the inputs). A measurement model sees ``filter(reading)`` minus

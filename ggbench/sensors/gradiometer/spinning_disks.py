@@ -1,4 +1,4 @@
-"""Rotating-accelerometer disks on a mount: what their imperfections add to the channels of a run.
+"""Rotating-accelerometer disks on a mount: effects of their imperfections.
 
 The signal of one disk and its error budget are those of :mod:`.gradiometer.rotating`; here
 the imperfections of each disk are drawn once per run, and the motion is that of the flight.

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.harmonics import HarmonicCoefficients, potential
-from ..maps.shipped_parts import COEFFICIENTS, disturbing_coefficients
-from .manoeuvres import Array
+from .shipped_parts import COEFFICIENTS, disturbing_coefficients
+
+Array = NDArray[np.float64]
 
 _ZERO_DEGREE = -0.41
 """Geoid height of degree 0, from EGM2008's mass and potential to those of WGS84 [m]."""
 _MOST_NODES = 50
 """Places along a track at which the series is summed: it changes over 160 km and more."""
+
+_STEP_DEG, _MARGIN_DEG, _FEWEST_NODES = 0.5, 0.05, 4
+"""Distance of a grid's nodes, which resolves degree 120, their margin and their least number."""
 
 
 def geoid_heights(latitude: Array, longitude: Array) -> Array:
@@ -27,6 +34,23 @@ def geoid_heights(latitude: Array, longitude: Array) -> Array:
     nodes = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_NODES)).round())
     found = [_geoid_height(latitude[int(n)], longitude[int(n)]) for n in nodes]
     return np.asarray(np.interp(rows, nodes, found))
+
+
+def geoid_over(latitude: Array, longitude: Array) -> Array:
+    """Return heights of the geoid above the ellipsoid (N,) [m] at places (N,) [deg].
+
+    As :func:`geoid_heights`, between nodes of a grid over the places.
+    """
+    axes = [_axis(places) for places in (latitude, longitude)]
+    heights = np.array([[_geoid_height(lat, lon) for lon in axes[1]] for lat in axes[0]])
+    return np.asarray(RectBivariateSpline(*axes, heights).ev(latitude, longitude))
+
+
+def _axis(places: Array) -> Array:
+    """Return nodes that cover places, closer than the series changes."""
+    first, last = float(places.min()) - _MARGIN_DEG, float(places.max()) + _MARGIN_DEG
+    count = math.ceil((last - first) / _STEP_DEG) + 1
+    return np.linspace(first, last, max(count, _FEWEST_NODES))
 
 
 def _geoid_height(latitude: float, longitude: float) -> float:

@@ -1,4 +1,4 @@
-"""Separate process in which ``ggbench check`` asks an estimator its checks.
+"""Separate process for the checks of ``ggbench check``.
 
 A user's file may print without end, end its process or never return. Answers go through a pipe.
 """
@@ -26,10 +26,10 @@ def main(pipe: str, text: str, names: list[str]) -> None:
     def tell(**answer: str) -> None:
         answers.send_bytes(json.dumps(answer).encode())
 
-    from ..campaign import registry
     from ..contract.catalogue import CHECKS, flight
     from ..errors import GGBenchError
     from ..estimator_spec import EstimatorSpec
+    from . import registry
 
     try:
         flight()  # which is compiled at the first use, and is no time of the estimator's
@@ -54,8 +54,8 @@ def main(pipe: str, text: str, names: list[str]) -> None:
 
 def _asked(ask: Callable[[], str], file: str) -> dict[str, str]:
     """Ask; return the verdict and a sentence."""
-    from ..campaign.texts import exception_text, printable
     from ..contract.demands import Broken, Refused
+    from .texts import exception_text, printable
 
     try:
         return {"verdict": "passed", "text": printable(ask())}

@@ -1,0 +1,188 @@
+"""Planning and scoring from Python: bound, tracks, advice, score and check."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..campaign import examination
+from ..judging import planned
+from ..problem import Estimator
+from ..simulation.error_free_flight import prepare
+from ..spec.case import CaseSpec
+from ..spec.limits import MOST_RUNS, MOST_SEED
+from ..spec.scenario import Scenario
+from .arguments import ArgumentError, listed, number, whole
+from .problems import case_of
+from .running import scenario_of, text_of_estimator
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..score.advice import Advice
+    from ..score.scoring import Score
+
+_MOST_HEADINGS, _MOST_STARTS = 360, 15
+
+
+def bound(case: CaseSpec | Scenario | str | Path) -> pd.DataFrame:
+    """Return the Cramér–Rao bound along the track of a case, as ``ggbench bound`` does.
+
+    Parameters
+    ----------
+    case : itself; or a scenario, its name or its path, of which the first case is taken.
+
+    Returns
+    -------
+    A row for each epoch, see :func:`ggbench.judging.planned.planned`.
+
+    Raises
+    ------
+    GGBenchError
+        If the case cannot be flown.
+    """
+    return planned.planned(prepare(case_of(case).of_run(0)))
+
+
+def plan(
+    case: CaseSpec | Scenario | str | Path,
+    headings: int = 8,
+    starts: int = 1,
+    step_km: float = 5.0,
+) -> pd.DataFrame:
+    """Rank other starts and headings of a flight by the bound, as ``ggbench plan`` does.
+
+    Parameters
+    ----------
+    case : as for :func:`bound`; its flight consists of segments.
+    headings : number of headings, evenly spread.
+    starts : number of starts along each side of a square about the start.
+    step_km : distance of neighbouring starts [km].
+
+    Returns
+    -------
+    A row for each track, the smallest bound first, see :func:`ggbench.judging.planned.tracks`.
+
+    Raises
+    ------
+    ArgumentError
+        If the track comes from a file, or a number is out of its range.
+    """
+    flown = case_of(case)
+    if flown.trajectory.file is not None:
+        raise ArgumentError("the track of a file cannot be moved: give [trajectory] segments")
+    turns = [360.0 * k / headings for k in range(whole("headings", headings, 1, _MOST_HEADINGS))]
+    side = whole("starts", starts, 1, _MOST_STARTS)
+    offsets = [number("step_km", step_km) * (k - 0.5 * (side - 1)) for k in range(side)]
+    return planned.tracks(flown, [(east, north) for north in offsets for east in offsets], turns)
+
+
+def advise(
+    scenario: Scenario | CaseSpec | str | Path,
+    case: str | None = None,
+    *,
+    target_m: float | None = None,
+    runs: int = 40,
+    output: Path | str | None = None,
+    jobs: int | None = None,
+) -> Advice:
+    """Advise on a case, as ``ggbench advise`` does.
+
+    Parameters
+    ----------
+    scenario : as for :func:`ggbench.run`.
+    case : name of its case; by default the first.
+    target_m : RMS position error that is wanted [m].
+    runs : of each estimator; fewer than 40 give no recommendation.
+    output : results folder; by default a temporary one, which is kept.
+    jobs : worker processes; by default one for each processor.
+
+    Raises
+    ------
+    GGBenchError
+        If the case cannot be flown, or no run gave a result.
+    """
+    from ..score import advice  # not at the top: few want it
+
+    loaded, names = scenario_of(scenario)
+    flown = loaded.case(case or (names[0] if names else loaded.cases[0].name))
+    return advice.advise(
+        scenario=loaded,
+        case=flown,
+        folder=Path(output or tempfile.mkdtemp(prefix="ggbench-")),
+        target_m=None if target_m is None else number("target_m", target_m),
+        runs=whole("runs", runs, 2, MOST_RUNS),
+        jobs=None if jobs is None else whole("jobs", jobs, 0, MOST_RUNS),
+    )
+
+
+def scorecard(
+    estimator: str | Estimator,
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    cases: Sequence[str] | str = (),
+    output: Path | str | None = None,
+    jobs: int | None = None,
+) -> Score:
+    """Score an estimator in the standard suite, as ``ggbench score`` does.
+
+    Parameters
+    ----------
+    estimator : text that names it, or itself.
+    runs : of each case; by default all stored ones.
+    seed : of the runs. By default the public one, whose other estimators are not flown again.
+    cases : names of those to fly; by default all.
+    output : results folder; by default a temporary one, which is kept.
+    jobs : worker processes; by default one for each processor.
+
+    Returns
+    -------
+    ``card``, and ``failures``, a table of runs that failed or diverged.
+
+    Raises
+    ------
+    GGBenchError
+        If the estimator or a case is named wrongly, or it takes no case.
+    """
+    from ..score import scoring
+
+    return scoring.score(
+        estimator=text_of_estimator(estimator),
+        folder=Path(output or tempfile.mkdtemp(prefix="ggbench-")),
+        runs=None if runs is None else whole("runs", runs, 2, MOST_RUNS),
+        seed=None if seed is None else whole("seed", seed, 0, MOST_SEED),
+        cases=listed(cases, str, "cases"),
+        jobs=None if jobs is None else whole("jobs", jobs, 0, MOST_RUNS),
+    )
+
+
+def check(estimator: str | Estimator, time_limit: float = examination.LIMIT_S) -> pd.DataFrame:
+    """Test an estimator against the contract, as ``ggbench check`` does.
+
+    Parameters
+    ----------
+    estimator : text that names it, or itself.
+    time_limit : longest time of one check [s].
+
+    Returns
+    -------
+    A row for each check: ``check``, ``verdict`` (passed, failed, refused), ``demand``, ``text``.
+
+    Raises
+    ------
+    CheckError
+        If the estimator cannot be made.
+    """
+    import pandas as pd
+
+    from ..contract.catalogue import CHECKS
+
+    limit, text = number("time_limit", time_limit), text_of_estimator(estimator)
+    rows = [
+        (asked.name, verdict, asked.demand, said)
+        for asked, verdict, said in examination.examined(text, CHECKS, limit)
+    ]
+    return pd.DataFrame(rows, columns=["check", "verdict", "demand", "text"])

@@ -1,0 +1,76 @@
+"""``ggbench cards``: one page of scorecards that were flown again."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from ..display.compiling import tell_first_use
+from ..display.progress import Progress
+from ..errors import line_of
+from ..figures.numbers import counted
+from .screen import console
+from .tables import require_suffix
+
+_EXIT_NOT_REPRODUCED = 1
+
+
+@click.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "-e",
+    "--estimator",
+    "estimators",
+    multiple=True,
+    metavar="FILE",
+    help="File of an estimator whose cards may be flown, which runs its code; repeat for more.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("cards.html"),
+    show_default=True,
+    help="The page.",
+)
+@click.option(
+    "-f",
+    "--flights",
+    type=click.Path(path_type=Path),
+    default=Path("results") / "cards",
+    show_default=True,
+    help="Folder of the flights; what it holds is not flown again.",
+)
+@click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
+def cards(
+    folder: Path, estimators: tuple[str, ...], output: Path, flights: Path, jobs: int | None
+) -> None:
+    """Fly the cards in DIR again, and write a page of those that are reproduced.
+
+    A card counts only as it was flown here. Cards of installed estimators are flown; of others only
+    those whose file is named by -e: no code is run because a card names it.
+
+    Exit code 1 if a card is not reproduced.
+    """
+    require_suffix(output, ".html")
+    tell_first_use("ins/strapdown.py", "in a minute or two")
+    from ..campaign import registry
+    from ..score import cards_page, checked
+
+    paths, allowed, found = checked.files_of(folder), registry.choose_all(estimators), []
+    for path in paths:
+        with Progress(console, path.name) as progress:
+            found.append(
+                checked.check(
+                    path, allowed, flights, jobs=jobs, tell=click.echo, progress=progress.tell
+                )
+            )
+    cards_page.write(found, output)
+    refused = [one for one in found if one.card is None]
+    for one in refused:
+        click.echo(f"{line_of(str(one.path))} is not reproduced: {line_of(one.reasons[0])}")
+    reproduced = counted(len(found) - len(refused), "card")
+    click.echo(f"{reproduced} of {len(found)} reproduced. Wrote {output}.")
+    sys.exit(_EXIT_NOT_REPRODUCED if refused else 0)

@@ -1,0 +1,23 @@
+"""Interrupts during the import of the commands, a few tenths of a second.
+
+Imported first. A program that imports the command, as a test does, keeps its own way.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+
+def _end(number: int, frame: object) -> None:
+    """End a command that has not begun: nothing is there to be summed up."""
+    os.write(2, b"Interrupted.\n")
+    os._exit(130)
+
+
+if Path(sys.argv[0]).name in ("ggbench", "ggbench.exe") and (
+    signal.getsignal(signal.SIGINT) is signal.default_int_handler
+):
+    signal.signal(signal.SIGINT, _end)

@@ -1,0 +1,209 @@
+"""Tables of ASEG-GDF2: a ``.dat`` file and its definitions.
+
+ASEG-GDF2, a standard for point located data exchange, revision 4 (Australian Society of Exploration
+Geophysicists, 2003). Agencies write fields in the widths of their definitions, or
+separated by blanks, tabs or commas; both are read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..gravity.gradient_map import MapError
+from .survey_tables import SurveyTable, text_in
+
+_STATEMENT = re.compile(r"DEFN\s*\d*\s*ST\s*=\s*\w+\s*,\s*RT\s*=\s*(\w*)\s*;(.*)", re.IGNORECASE)
+_FORMAT = re.compile(r"\s*(\d*)\s*([AIFEDG])(\d+)(?:\.(\d+))?\s*", re.IGNORECASE)
+_NULL = re.compile(r"NULL\s*=\s*([-+]?[\d.]+(?:[ED][-+]?\d+)?)", re.IGNORECASE)
+_UNIT = re.compile(r"UNITS?\s*[=:]\s*([^,:;]*)", re.IGNORECASE)
+_DATA = ("", "DATA")  # types of the records that hold samples
+_IDENTIFIER = "RT"  # field of a record's type, in front of the others where rows have one
+_OTHER_RECORDS = ("COMM", "PROJ")
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a record: ``count`` columns of ``width`` characters.
+
+    Attributes
+    ----------
+    name, count, width : of the field.
+    number : whether its format is one of numbers.
+    description : what its definition says besides.
+    """
+
+    name: str
+    count: int
+    width: int
+    number: bool
+    description: str
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of its columns."""
+        if self.count == 1:
+            return [self.name]
+        return [f"{self.name}[{number}]" for number in range(self.count)]
+
+
+def read_gdf2(path: Path, text: str) -> SurveyTable:
+    """Return the table of a ``.dat`` file; its ``.dfn`` file is in the same folder.
+
+    Raises MapError if the definitions are missing, or the rows do not follow them.
+    """
+    fields = _fields(path, text)
+    columns = [(label, field) for field in fields for label in field.labels]
+    labels = _distinct([label for label, _ in columns])
+    numeric = np.array([field.number for _, field in columns])
+    rows, numbers = _rows(text)
+    cut = len(rows) > 1 and len(rows[-1].split()) < min(len(rows[0].split()), len(columns))
+    if cut:
+        rows, numbers = rows[:-1], numbers[:-1]
+    cells = _cells(path, rows, numbers, [field.width for _, field in columns], numeric)
+    described = {
+        label: field.description for label, (_, field) in zip(labels, columns, strict=True)
+    }
+    units = {label: m[1].strip() for label, text in described.items() if (m := _UNIT.search(text))}
+    voids = {
+        label: float(m[1].upper().replace("D", "E"))
+        for label, text in described.items()
+        if (m := _NULL.search(text))
+    }
+    return SurveyTable(
+        path=path,
+        columns=dict(zip(labels, map(list, zip(*cells, strict=True)), strict=True)),
+        rows=np.array(numbers),
+        units=units,
+        descriptions={label: _free_text(text) for label, text in described.items()},
+        voids=voids,
+        cut=cut,
+    )
+
+
+def _free_text(text: str) -> str:
+    """Return the description of a field without its unit and its mark of missing values."""
+    parts = re.split(r"[:,]", _NULL.sub("", _UNIT.sub("", text)))
+    return " ".join(filter(None, (part.strip().removeprefix("NAME=") for part in parts)))
+
+
+def _fields(path: Path, text: str) -> list[Field]:
+    """Return the fields of the records of samples."""
+    stem = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    candidates = [stem.with_suffix(ending) for ending in (".dfn", ".DFN", ".Dfn")]
+    known = next((file for file in candidates if file.exists()), None)
+    if known is not None:
+        text = text_in(known, known.read_bytes())
+    found: list[Field] = []
+    for row in text.splitlines():
+        statement = _STATEMENT.match(row.strip())
+        if statement is None or statement[1].upper() not in _DATA:
+            continue
+        for definition in statement[2].split(";"):
+            name, _, rest = (part.strip() for part in definition.partition(":"))
+            if not rest or name.upper() in (_IDENTIFIER, "COMMENTS"):
+                continue  # END DEFN, or the type of the record
+            shape = _FORMAT.match(rest)
+            if shape is None:
+                raise MapError(f"{path}: field {name} has the format {rest[:40]!r}, unknown here.")
+            found.append(
+                Field(
+                    name=name,
+                    count=int(shape[1] or 1),
+                    width=int(shape[3]),
+                    number=shape[2].upper() != "A",
+                    description=rest[shape.end() :].strip(" :,"),
+                )
+            )
+    if not found:
+        if known is not None:
+            raise MapError(f"{known} defines no field, as DEFN 1 ST=RECD,RT=;LINE:I8 does.")
+        raise MapError(f"{path} needs its definition file {candidates[0].name} in the same folder.")
+    return found
+
+
+def _distinct(labels: Sequence[str]) -> list[str]:
+    """Return labels, with a number behind those that are there already."""
+    return [
+        label if label not in labels[:n] else f"{label}__{labels[: n + 1].count(label)}"
+        for n, label in enumerate(labels)
+    ]
+
+
+def _rows(text: str) -> tuple[list[str], list[int]]:
+    """Return the rows of samples, without the type of their record, and their lines' numbers."""
+    rows, numbers = [], []
+    for number, row in enumerate(text.splitlines(), 1):
+        if row.strip(" \x1a") and not row.startswith((*_OTHER_RECORDS, "DEFN")):
+            rows.append(row[len("DATA") :] if row.startswith("DATA") else row)
+            numbers.append(number)
+    if not rows:
+        raise ValueError("it has no samples")
+    return rows, numbers
+
+
+def _cells(
+    path: Path,
+    rows: Sequence[str],
+    numbers: Sequence[int],
+    widths: Sequence[int],
+    numeric: np.ndarray,
+) -> list[list[str]]:
+    """Return the cells of the rows, by widths or by separators, whichever fits.
+
+    Widths do not fit if a cell of a number holds none, or a word lies across two fields in a file
+    whose rows have as many words as there are fields.
+
+    Raises MapError if neither fits.
+    """
+    ends = np.cumsum(widths)
+    starts = [0, *ends[:-1].tolist()]
+    by_width = [
+        [row[a:b].strip() for a, b in zip(starts, ends.tolist(), strict=True)] for row in rows
+    ]
+    separator = next((mark for mark in "\t,;" if mark in rows[0]), None)
+    by_words = [[cell.strip() for cell in row.split(separator)] for row in rows]
+    fits_words = all(len(row) == len(widths) for row in by_words) and (
+        _first_wrong(by_words, numeric) is None
+    )
+    wrong = _first_wrong(by_width, numeric)
+    across = any(
+        row[end - 1 : end].strip() and row[end : end + 1].strip()
+        for row in rows
+        for end in starts[1:]
+    )
+    if separator is None and wrong is None and not (fits_words and across):
+        return by_width
+    if fits_words:
+        return by_words
+    words = {len(row) for row in by_words}
+    place = ""
+    if wrong is not None:
+        row, column = wrong
+        place = f"; by widths, line {numbers[row]} has {by_width[row][column][:40]!r} for a number"
+    raise MapError(
+        f"{path}: its definitions have {len(widths)} columns of {int(ends[-1])} characters in all, "
+        f"and its rows {min(words)} to {max(words)} words{place}."
+    )
+
+
+def _first_wrong(cells: Sequence[Sequence[str]], numeric: np.ndarray) -> tuple[int, int] | None:
+    """Return row and column of the first cell of a number that holds none, or None."""
+    wanted = np.flatnonzero(numeric).tolist()
+    for n, row in enumerate(cells):
+        for column in wanted:
+            if row[column] and row[column] != "*" and not _is_number(row[column]):
+                return n, column
+    return None
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.upper().replace("D", "E"))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,253 @@
+"""Draped layers of a map: their base surface, and fields at equal heights above it.
+
+The base is the upper envelope of the terrain, smoothed to the map's spacing. It is nowhere below
+the ground, so that a height above it is one above the ground at least.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, maximum_filter, uniform_filter
+
+from ..gravity.gradient_map import MapError
+from ..gravity.meridians import turns
+from ..gravity.spline import spline_coefficients, surface_heights
+from .netcdf import Layer, Nodes, step_of
+from .parts import Part, TerrainPart, smoothed, terrain_about
+
+if TYPE_CHECKING:
+    from ..gravity.terrain import Terrain
+    from ..gravity.terrain_masses import TerrainMasses
+
+Array = NDArray[np.floating]
+
+_RAISED = 4
+"""Times that the base is raised where ground stands out of it, before it is raised everywhere."""
+_LEVELS = 12
+"""Level layers between which a smooth field is interpolated by a polynomial in the height."""
+_MOST_COLUMNS = 4_000_000
+"""Nodes of a layer: twelve level layers of nine components are kept, 1.7 GB."""
+_REACH = 4.0
+"""Height over which a smooth terrain's field is known, over the depth to which it is continued."""
+_LEAST_REACH_M = 2000.0
+
+
+def base_surface(
+    terrain: Terrain, geoid_height_m: float, latitude_deg: Array, longitude_deg: Array
+) -> NDArray[np.float64]:
+    """Return heights of the base surface above the ellipsoid at nodes, (n_lat, n_lon) [m].
+
+    The terrain's highest cell within half a spacing, or within one cell if that is more, averaged
+    over the same width. Where the spline through the nodes would lie below a cell, they are raised.
+    """
+    steps = terrain.latitude_step_deg, terrain.longitude_step_deg
+    nodes = latitude_deg, longitude_deg
+    width = [
+        2 * max(1, math.ceil(0.5 * step_of(axis) / step)) + 1
+        for axis, step in zip(nodes, steps, strict=True)
+    ]
+    margins = [count * step for count, step in zip(width, steps, strict=True)]
+    terrain = terrain.crop(
+        latitude_deg[0] - margins[0],
+        latitude_deg[-1] + margins[0],
+        longitude_deg[0] - margins[1],
+        longitude_deg[-1] + margins[1],
+    )
+    ground = np.asarray(terrain.height_m, dtype=np.float32)
+    envelope = uniform_filter(maximum_filter(ground, width, mode="nearest"), width, mode="nearest")
+    turn = float(turns(longitude_deg.mean(), terrain.longitudes_deg.mean()))
+    first = terrain.south_deg, terrain.west_deg - turn
+    places = np.meshgrid(
+        *((axis - low) / step for axis, low, step in zip(nodes, first, steps, strict=True)),
+        indexing="ij",
+    )
+    base: NDArray[np.float64] = map_coordinates(
+        envelope.astype(float), places, order=1, mode="nearest"
+    )
+    for _ in range(_RAISED):
+        low = _raise_needed(base, ground, first, steps, nodes)
+        if not low.any():
+            break
+        base += maximum_filter(low, 3)
+    base += float(_raise_needed(base, ground, first, steps, nodes).max())
+    return base + geoid_height_m
+
+
+def _raise_needed(
+    base: Array,
+    ground: Array,
+    first: tuple[float, float],
+    steps: tuple[float, float],
+    nodes: tuple[Array, Array],
+) -> Array:
+    """Return by how much cells stand out of a base near its nodes, (n_lat, n_lon) [m]."""
+    # Twice as dense as the cells: their middles, and their sides and corners with all neighbours.
+    fine = np.repeat(np.repeat(ground, 2, axis=0), 2, axis=1)
+    fine = maximum_filter(fine, 2, origin=-1)[:-1, :-1]
+    axes = [
+        low + 0.5 * step * np.arange(count)
+        for low, step, count in zip(first, steps, fine.shape, strict=True)
+    ]
+    kept = [(axis >= n[0]) & (axis <= n[-1]) for axis, n in zip(axes, nodes, strict=True)]
+    fine = fine[np.ix_(*kept)]
+    axes = [axis[keep] for axis, keep in zip(axes, kept, strict=True)]
+    origin = np.array([nodes[0][0], nodes[1][0], 0.0])
+    step = np.array([step_of(nodes[0]), step_of(nodes[1]), 1.0])
+    coefficients = spline_coefficients(spline_coefficients(base, 0), 1)
+    needed = np.zeros_like(base)
+    columns = np.clip(np.rint((axes[1] - origin[1]) / step[1]).astype(int), 0, base.shape[1] - 1)
+    points = np.zeros((axes[1].size, 3))
+    points[:, 1] = axes[1]
+    found = np.empty(axes[1].size)
+    for latitude, heights in zip(axes[0], fine, strict=True):
+        points[:, 0] = latitude
+        surface_heights(points, origin, step, coefficients, found)
+        row = min(round((latitude - origin[0]) / step[0]), base.shape[0] - 1)
+        np.maximum.at(needed[row], columns, np.maximum(heights - found, 0.0))
+    return needed
+
+
+@dataclasses.dataclass(frozen=True)
+class DrapedTerrain:
+    """The field of a terrain's masses on draped layers.
+
+    Attributes
+    ----------
+    masses : of the terrain.
+    ratio : see :meth:`TerrainMasses.field`.
+    smooth : the terrain whose field is left out, with level layers; None: nothing is.
+    """
+
+    masses: TerrainMasses
+    ratio: float
+    smooth: SmoothTerrain | None = None
+
+    @classmethod
+    def of(
+        cls, part: TerrainPart, nodes: Nodes, tolerance: float, continued: bool = True
+    ) -> tuple[DrapedTerrain, float]:
+        """Return a terrain's part for draped nodes, and the error of its lines of mass [E].
+
+        The nodes have a base; the tolerance [E] is that of :meth:`TerrainMasses.ratio_for`.
+        """
+        from ..gravity.terrain_masses import TerrainMasses  # compiled, as a cached map needs not
+
+        masses = TerrainMasses.of(
+            terrain_about(part.terrain, nodes), part.options, part.geoid_height_m, continued
+        )
+        lowest = points_of(nodes, float(nodes.height_m[0]))
+        ratio, error = masses.ratio_for(lowest, tolerance)
+        return cls(masses, ratio, SmoothTerrain.of(part, nodes)), error
+
+    def layers(self, nodes: Nodes) -> Iterator[Layer]:
+        """Yield the field."""
+        taken = None if self.smooth is None else on_levels(self.smooth, nodes, self.smooth.floor_m)
+        for height in nodes.height_m:
+            tensor, vector = self.masses.field(points_of(nodes, height), self.ratio)
+            tensor = tensor.reshape(*nodes.shape[:2], 6)
+            vector = vector.reshape(*nodes.shape[:2], 3)
+            if taken is not None:
+                smooth_tensor, smooth_vector = next(taken)
+                tensor -= smooth_tensor
+                vector -= smooth_vector
+            yield tensor, vector
+
+
+@dataclasses.dataclass(frozen=True)
+class SmoothTerrain:
+    """A smoothed terrain on level layers, above its own summits.
+
+    Attributes
+    ----------
+    part : the smoothed terrain.
+    floor_m : lowest height at which its series converges quickly [m].
+    """
+
+    part: TerrainPart
+    floor_m: float
+
+    @classmethod
+    def of(cls, part: TerrainPart, nodes: Nodes) -> SmoothTerrain | None:
+        """Return the terrain that a part leaves out; None if it leaves out nothing."""
+        from .ground import Ground
+
+        if part.above_degree is None:
+            return None
+        terrain = smoothed(terrain_about(part.terrain, nodes), part.above_degree, part.options)
+        whole = dataclasses.replace(part, terrain=terrain, above_degree=None)
+        return cls(whole, Ground(terrain, part.geoid_height_m).lowest_m())
+
+    def layers(self, nodes: Nodes) -> Iterator[Layer]:
+        """Yield the field of the whole smoothed terrain on level layers."""
+        return self.part.layers(nodes)
+
+
+def points_of(nodes: Nodes, height: float) -> NDArray[np.float64]:
+    """Return latitude, longitude [rad] and height [m] of the nodes of a layer, (N, 3)."""
+    assert nodes.base_m is not None
+    lat, lon = np.meshgrid(
+        np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), indexing="ij"
+    )
+    return np.stack([lat.ravel(), lon.ravel(), nodes.base_m.ravel() + height], axis=-1)
+
+
+def draped(part: Part, nodes: Nodes) -> Iterator[Layer]:
+    """Yield the layers of a part on the nodes of a draped map."""
+    return part.layers(nodes) if isinstance(part, DrapedTerrain) else on_levels(part, nodes)
+
+
+def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[Layer]:
+    """Yield a field on draped layers by polynomials in the height through level layers.
+
+    The level layers lie at Chebyshev's points. With a floor above the lowest node the field is
+    continued downwards from the layers above the floor: only a smooth one can be.
+
+    Raise MapError if a layer has too many nodes.
+    """
+    assert nodes.base_m is not None
+    if nodes.base_m.size > _MOST_COLUMNS:
+        raise MapError(
+            f"a layer of the draped map has {nodes.base_m.size} nodes; with harmonics or a gravity "
+            f"grid {_MOST_COLUMNS} are allowed: give a smaller area or a wider spacing."
+        )
+    lowest = float(nodes.base_m.min() + nodes.height_m[0])
+    highest = float(nodes.base_m.max() + nodes.height_m[-1])
+    low, high = max(lowest, floor), highest
+    if floor > lowest:
+        high = max(highest, low + max(_REACH * (low - lowest), _LEAST_REACH_M))
+    angles = math.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS
+    heights = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles)
+    level = Nodes(nodes.latitude_deg, nodes.longitude_deg, heights)
+    layers = [np.concatenate(layer, axis=-1).astype(np.float32) for layer in part.layers(level)]
+    for height in nodes.height_m:
+        weights = _polynomials(heights, nodes.base_m + height)
+        total = np.zeros((*nodes.shape[:2], 9))
+        for weight, layer in zip(weights, layers, strict=True):
+            total += weight[..., np.newaxis] * layer
+        yield total[..., :6], total[..., 6:]
+
+
+def _polynomials(nodes: Array, places: Array) -> Array:
+    """Return the weights (n, ...) of values at nodes (n,) in their polynomial at places (...)."""
+    weights = np.ones((nodes.size, *places.shape))
+    for i, node in enumerate(nodes):
+        for other in np.delete(nodes, i):
+            weights[i] *= (places - other) / (node - other)
+    return weights
+
+
+def summed(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
+    """Yield the sum of all parts on draped layers, from the lowest up."""
+    first, *others = (draped(part, nodes) for part in parts)
+    for tensor, vector in first:
+        for layers in others:
+            more_tensor, more_vector = next(layers)
+            tensor += more_tensor
+            vector += more_vector
+        yield tensor, vector

@@ -1,0 +1,80 @@
+"""Axis conventions of the gradients of survey lines."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from .equivalent_sources import Plane
+from .survey_fit import FitOptions, SurveyFit, fit
+from .survey_lines import AXES, CONVENTIONS, SurveyLines, Turn, axes_in_words, turned
+
+_MOST_SOURCES = 600
+"""Point masses with which conventions are compared: seconds for each."""
+_BETTER = 0.5
+"""Residual of a convention over that of the axes that were said, from which on it is named."""
+_FITS = 0.7
+"""Residual over the readings, from which on a convention fits."""
+_DIRECTIONS = ("east", "north", "up", "west", "south", "down")
+
+
+def convention_in_words(found: SurveyFit, axes: str) -> str:
+    """Return which axes fit lines better than those that were said; "" for none.
+
+    Lines held back are compared with maps of the others, in each of the eight conventions.
+
+    Parameters
+    ----------
+    found : a map that hardly predicts lines held back.
+    axes : of the file, as the user said, a key of :data:`.survey_lines.AXES`.
+    """
+    lines = found.lines
+    if lines.quantity != "gradient":
+        return ""
+    options = _coarse(found)
+    scores = []
+    for turn in CONVENTIONS:
+        if (other := _turned(lines, turn)) is not None:
+            tried = fit(other, options)
+            left, read = (float(np.sqrt(np.mean(rms**2))) for rms in tried.rms)
+            scores.append((left / read, turn))
+    own = next(score for score, turn in scores if turn is CONVENTIONS[0])
+    best, turn = min(scores, key=lambda each: each[0])
+    if best > _FITS or best > _BETTER * own:
+        return ""
+    whole = {axis: _after(step, turn) for axis, step in AXES[axes].items()}
+    named = next((name for name, known in AXES.items() if _same(known, whole)), "")
+    words = f"--axes {named}" if named else f"axes {axes_in_words(whole, _DIRECTIONS)}"
+    return f"lines held back fit best with {words}: {best:.2f} of the RMS in place of {own:.2f}"
+
+
+def _coarse(found: SurveyFit) -> FitOptions:
+    """Return settings of a map with few point masses."""
+    east, north, _ = Plane.under(found.lines).metres(found.lines)
+    widest = math.sqrt(float(np.ptp(east) * np.ptp(north)) / _MOST_SOURCES)
+    depth, spacing, damping = found.settings
+    return FitOptions(depth, max(spacing, widest), damping)
+
+
+def _turned(lines: SurveyLines, turn: Turn) -> SurveyLines | None:
+    """Return lines whose components are in other axes than it was said; None if two are one."""
+    pairs = [turned(name, turn) for name in lines.components]
+    names = tuple(name for name, _ in pairs)
+    if len(set(names)) < len(names):
+        return None
+    values = lines.values * [sign for _, sign in pairs]
+    return dataclasses.replace(lines, components=names, values=values)
+
+
+def _after(step: tuple[str, int], turn: Turn) -> tuple[str, int]:
+    axis, sign = step
+    other, further = turn[axis]
+    return other, sign * further
+
+
+def _same(one: Turn, other: Turn) -> bool:
+    """Return whether two turns give a tensor the same components: all signs may be opposite."""
+    signs = {one[axis][1] * other[axis][1] for axis in one}
+    return all(one[axis][0] == other[axis][0] for axis in one) and len(signs) == 1

@@ -1,0 +1,172 @@
+"""Numbers of the columns of survey files: units, missing values and limits."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ..gravity.gradient_map import MapError
+from ..gravity.unit_names import examples_for, factor_to_key
+from .survey_lines import ANOMALY, COMPONENTS, DISTURBANCE, Quantity
+from .survey_tables import SurveyTable
+
+Array = NDArray[np.float64]
+
+PROJECTED = ("easting_m", "northing_m")
+"""Columns of coordinates of a projection, in place of longitude and latitude."""
+_LIMITS = {
+    "time_s": (-1e18, 1e18),
+    "latitude_deg": (-90.0, 90.0),
+    "longitude_deg": (-360.0, 360.0),
+    "height_m": (-12_000.0, 100_000.0),
+    **dict.fromkeys(PROJECTED, (-4e7, 4e7)),
+    **dict.fromkeys(COMPONENTS, (-1e5, 1e5)),
+    **dict.fromkeys((DISTURBANCE, ANOMALY), (-2000.0, 2000.0)),
+}
+"""Of what is measured anywhere: m, degrees, E and mGal."""
+_HUGE = 1e20  # no value is as large: 1e32 (Geosoft), 1.7e38 (Surfer)
+_ALWAYS_MARKS = re.compile(r"-(?:9{4,}(?:\.[09]*)?|3276[78](?:\.0*)?)")
+_MAYBE_MARKS = re.compile(r"[-+]?9{2,}(?:\.[09]*)?")
+_ISOLATED = 3.0
+"""Distance of a mark of nines from the other values, over their range."""
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
+_LEAST = 1e-3
+"""RMS of values below which their unit is in doubt [E or mGal]."""
+
+
+class Column(NamedTuple):
+    """A column of a table that is used: its name, and its unit; empty if it has none."""
+
+    name: str
+    unit: str
+
+
+class Numbers(NamedTuple):
+    """The numbers of a column in the unit of its key, NaN where missing, and remarks."""
+
+    values: Array
+    remarks: tuple[str, ...]
+
+
+def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[float]) -> Numbers:
+    """Return the numbers of a column in the unit of its key.
+
+    Raise MapError, with the line, if a cell is no number.
+    """
+    cells = [cell.strip() for cell in table.columns[column.name]]
+    if key == "time_s" and any(_CLOCK.fullmatch(cell) for cell in cells[:1]):
+        return Numbers(np.array([_seconds(cell) for cell in cells]), ())
+    written = pd.to_numeric(pd.Series(cells), errors="coerce").to_numpy(dtype=float).copy()
+    bad = np.isnan(written) & np.array([cell.casefold() not in ("", "*", "nan") for cell in cells])
+    if bad.any():
+        row = int(bad.argmax())
+        raise table.error(row, f"{column.name} is {cells[row][:40]!r} and must be a number")
+    factor, of_unit = _factor(table, key, column)
+    for mark in (*voids, *([table.voids[column.name]] if column.name in table.voids else ())):
+        written[np.isclose(written, mark, rtol=1e-6, atol=0.0)] = np.nan
+    marks = _undeclared(cells, written, factor, _LIMITS[key])
+    of_marks = ""
+    if marks.any():
+        found = ", ".join(sorted({cells[n] for n in np.flatnonzero(marks)})[:3])
+        of_marks = f"undeclared {found} taken for missing values, {marks.sum()} times"
+        written[marks] = np.nan
+    return Numbers(factor * written, tuple(filter(None, (of_unit, of_marks))))
+
+
+def _seconds(cell: str) -> float:
+    """Return the seconds of day of a clock's reading; NaN if it is none."""
+    found = _CLOCK.fullmatch(cell)
+    return 3600.0 * int(found[1]) + 60.0 * int(found[2]) + float(found[3]) if found else np.nan
+
+
+def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
+    """Return the factor of a column to its key's unit, and a remark.
+
+    Raises MapError if the unit is not known, or is one of another quantity.
+    """
+    end = {DISTURBANCE: "_mgal", ANOMALY: "_mgal"}.get(key, "_eotvos" if key in COMPONENTS else "")
+    named = key + end
+    unit = column.unit or _unit_at_end(column.name, named)
+    if not unit:
+        return 1.0, "no unit given, mGal assumed" if end == "_mgal" else ""
+    factor = factor_to_key(unit, named)
+    if factor is None:
+        raise MapError(
+            f"{table.path}: the column {column.name} is in {unit!r}, and {key} may be in "
+            f"{examples_for(named)}; state the right unit as in --column "
+            f"'{key}={column.name} [UNIT]'."
+        )
+    return factor, "" if factor == 1.0 else f"converted from {unit}"
+
+
+def _unit_at_end(name: str, key: str) -> str:
+    """Return the unit at the end of a column's name, as of ``ALT_FT`` and ``GFAAGU``; or "".
+
+    It counts if it is one of the key's quantity.
+    """
+    found = re.search(r"(?:_|(?=(?:gu|mgal)$))([a-z]{2,}|[mse])$", name.casefold())
+    return found[1] if found and factor_to_key(found[1], key) is not None else ""
+
+
+def _undeclared(
+    cells: Sequence[str], written: Array, factor: float, limits: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Return which values are marks of missing ones that the file does not declare.
+
+    Those of the size 1e20 and more, of four nines and more below zero, and other nines that lie
+    beyond the limits or far from all other values.
+    """
+    huge = np.abs(written) >= _HUGE
+    always = np.array([_ALWAYS_MARKS.fullmatch(cell) is not None for cell in cells])
+    maybe = np.array([_MAYBE_MARKS.fullmatch(cell) is not None for cell in cells]) & ~always
+    marks = huge | (always & np.isfinite(written))
+    others = written[np.isfinite(written) & ~marks & ~maybe]
+    if maybe.any() and others.size:
+        low, high = others.min(), others.max()
+        apart = np.maximum(low - written, written - high)
+        beyond = (factor * written < limits[0]) | (factor * written > limits[1])
+        marks |= maybe & (beyond | ((apart > _ISOLATED * (high - low)) & (high > low)))
+    return np.asarray(marks)
+
+
+def require_limits(
+    table: SurveyTable, values: Mapping[str, Array], rows: NDArray[np.int64]
+) -> None:
+    """Raise MapError if a value is beyond its limits; ``rows`` are the samples of the values."""
+    for key, found in values.items():
+        low, high = _LIMITS[key]
+        off = (found < low) | (found > high)
+        if not off.any():
+            continue
+        n = int(off.argmax())
+        hint = (
+            "it must be in degrees of WGS84, not in metres of a projection; --crs names one"
+            if key in ("latitude_deg", "longitude_deg")
+            else f"it must lie between {low:g} and {high:g}: is it another unit, another quantity, "
+            "or a mark of missing values (--void VALUE declares it)?"
+        )
+        raise table.error(int(rows[n]), f"{key} is {found[n]:g}; {hint}")
+
+
+def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity) -> None:
+    """Raise MapError if values without a stated unit are too small for any field.
+
+    Such are gradients in s⁻² and gravity in m/s².
+    """
+    unit, other = ("E", "s^-2") if quantity == "gradient" else ("mGal", "m/s2")
+    unstated = [column.name for column in values if not column.unit]
+    rms = max(
+        (float(np.sqrt(np.mean(found**2))) for found in values.values() if found.size), default=1.0
+    )
+    if unstated and 0.0 < rms < _LEAST:
+        raise MapError(
+            f"{path}: the RMS of {', '.join(unstated)} is {rms:.2g} {unit}, too small for any "
+            f"instrument: is it in {other}? State the unit, as in --column "
+            f"'KEY={unstated[0]} [{other}]', also if it is {unit}."
+        )

@@ -1,0 +1,263 @@
+"""Tables of survey files as texts: CSV and Geosoft XYZ."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ..errors import text_of
+from ..gravity.gradient_map import MapError
+from ..gravity.unit_names import without_unit
+from .survey_lines import PRIMARY, TIE
+
+LINE, KIND = "line", "kind"
+_NUMBER = re.compile(r"(^|[,;\t])\s*[-+]?\d*\.\d*\s*([,;\t]|$)")  # of a row, not of names
+_KINDS = {
+    "line": PRIMARY, "l": PRIMARY, "tie": TIE, "t": TIE, "base": "base", "b": "base",
+    "trend": "trend", "p": "trend", "test": "test", "s": "test", "special": "test",
+    "random": "random", "r": "random",
+}  # fmt: skip
+"""Kinds of lines by the words and letters that begin Geosoft's headings of lines."""
+_HEADING = re.compile(
+    rf"\s*({'|'.join(sorted(_KINDS, key=len, reverse=True))})(?:\s*:\s*|\s+|(?=\d))(\S+)(\s.*)?",
+    re.IGNORECASE,
+)
+_OTHER_HEADING = re.compile(r"\s*([A-Za-z]+)\s+(\S+)\s*")
+_RULES = {"=", "-"}  # what a line below the names is made of
+
+
+@dataclass(frozen=True)
+class SurveyTable:
+    """The samples of a survey file as texts, a column for each name.
+
+    Attributes
+    ----------
+    path : of the file.
+    columns : cells (N,) of each column; an empty cell is a missing value.
+    rows : number of each sample's line in the file (N,).
+    units : of columns that state one.
+    descriptions : of columns that have one.
+    voids : numbers that mark missing values, as the file declares them for a column.
+    cut : whether the last row was left out, being cut.
+    """
+
+    path: Path
+    columns: Mapping[str, Sequence[str]]
+    rows: NDArray[np.int64]
+    units: Mapping[str, str] = field(default_factory=dict)
+    descriptions: Mapping[str, str] = field(default_factory=dict)
+    voids: Mapping[str, float] = field(default_factory=dict)
+    cut: bool = False
+
+    def named(self, name: str) -> str:
+        """Return the column of a name; "" if there is none.
+
+        It may be written in other letters, and lack the unit in brackets of the file's name.
+        """
+        if name in self.columns:
+            return name
+        for key in (
+            lambda c: without_unit(c)[0],
+            str.casefold,
+            lambda c: without_unit(c)[0].lower(),
+        ):
+            found = [column for column in self.columns if key(column) in (name, name.casefold())]
+            if len(found) == 1:
+                return found[0]
+        return ""
+
+    def unit(self, name: str) -> str:
+        """Return the unit that the file states for a column; empty if it states none."""
+        return self.units.get(name) or without_unit(name)[1]
+
+    def error(self, row: int, said: str) -> MapError:
+        """Return an error about a sample, by its number from 0."""
+        return MapError(f"{self.path}: line {self.rows[row]}: {said}.")
+
+
+def text_in(path: Path, content: bytes) -> str:
+    """Return the text of a survey; raises MapError if it holds other bytes than UTF-8's."""
+    try:
+        text = content.decode("utf-8-sig")
+        bad = text.find("\0")
+        place, found = bad, "a null byte"
+    except UnicodeDecodeError as error:
+        bad, found = error.start, f"the byte 0x{content[error.start]:02x}"
+        place, text = bad, content[:bad].decode("latin-1")
+    if bad < 0:
+        return text
+    raise MapError(
+        f"the survey {path}: line {text.count(chr(10), 0, place) + 1} has {found}, and must be "
+        "UTF-8 text: convert it, for example with 'iconv -f latin1 -t utf-8'."
+    )
+
+
+def read_csv(path: Path, text: str) -> SurveyTable:
+    """Return the table of a CSV text: commas, semicolons or tabs; lines with a # are remarks.
+
+    The first other line names the columns, unless it holds numbers and the remark above names as
+    many columns, as numpy.savetxt writes it.
+
+    Raises ValueError or MapError if it is none.
+    """
+    rows = text.splitlines()
+    kept = [n for n, row in enumerate(rows) if row.strip() and row.lstrip()[:1] != "#"]
+    if not kept:
+        raise ValueError("it has no samples")
+    top = kept[0]
+    separator = max(",;\t", key=rows[top].count)
+    if top and _NUMBER.search(rows[top]):
+        above = rows[top - 1].lstrip("# ")
+        if len(_cells(above, separator)) == len(_cells(rows[top], separator)):
+            rows[top - 1], kept = above, [top - 1, *kept]
+    head, *numbers = kept
+    names = [name.strip() for name in _cells(rows[head], separator)]
+    _require_distinct(path, names)
+    if not numbers:
+        raise ValueError("it has no samples below the names of its columns")
+    frame = _frame(path, [rows[n] for n in numbers], numbers, names, separator)
+    columns = {name: frame[name].tolist() for name in names}
+    return SurveyTable(path, columns, np.array(numbers) + 1)
+
+
+def _cells(row: str, separator: str) -> list[str]:
+    return next(csv.reader([row], delimiter=separator, skipinitialspace=True), [])
+
+
+def _require_distinct(path: Path, names: Sequence[str]) -> None:
+    twice = next((name for name in names if name and names.count(name) > 1), None)
+    if twice is not None:
+        raise MapError(f"{path} names the column {twice!r} twice.")
+
+
+def _frame(
+    path: Path, rows: Sequence[str], numbers: Sequence[int], names: Sequence[str], separator: str
+) -> pd.DataFrame:
+    """Return rows as texts; ``numbers`` are those of their lines, from 0."""
+    try:
+        frame = pd.read_csv(
+            io.StringIO("\n".join(rows)),
+            sep=separator,
+            header=None,
+            names=list(names),
+            index_col=False,
+            dtype=str,
+            keep_default_na=False,
+            skipinitialspace=True,
+            on_bad_lines="error",
+        )
+    except ValueError as error:
+        found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+        if found is None:
+            raise
+        wide = numbers[int(found[2]) - 1] + 1
+        raise MapError(
+            f"{path}: line {wide} has {found[3]} fields, and there are {len(names)} columns."
+        ) from None
+    if len(frame) != len(rows):
+        raise MapError(f"{path}: a quoted field does not end on its line.")
+    return frame.fillna("")
+
+
+def read_xyz(path: Path, text: str) -> SurveyTable:
+    """Return the table of a Geosoft XYZ text.
+
+    The last comment with as many words as a row names the columns. A heading before each line names
+    it, in any of the forms ``Line 1000``, ``L1000``, ``LINE:1000`` and ``Line 1000 2008/07/03``.
+    ``*`` is a missing value.
+
+    Raises ValueError or MapError if it is none.
+    """
+    comments: list[list[str]] = []
+    cells: list[list[str]] = []
+    numbers: list[int] = []
+    lines: list[str] = []
+    kinds: list[str] = []
+    name, kind = "", PRIMARY
+    for number, row in enumerate(text.splitlines(), 1):
+        heading = _heading(row)
+        if row.lstrip().startswith("/"):
+            comments.append(_words(row.strip().lstrip("/")))
+        elif heading is not None:
+            kind, name = heading
+        elif row.strip():
+            cells.append(_words(row))
+            numbers.append(number)
+            lines.append(name)
+            kinds.append(kind)
+    if not cells:
+        raise ValueError("it has no samples")
+    count = len(cells[0])
+    named = [words for words in comments if len(words) == count and not _is_rule(words)]
+    if not named:
+        raise ValueError(
+            f"no comment names its {count} columns behind a /; of the first row is "
+            f"{' '.join(cells[0])[:80]!r}"
+        )
+    cut = len(cells) > 1 and len(cells[-1]) < count
+    if cut:
+        for rows in (cells, numbers, lines, kinds):
+            rows.pop()
+    odd = next((n for n, row in enumerate(cells) if len(row) != count), None)
+    if odd is not None:
+        raise MapError(
+            f"{path}: line {numbers[odd]} has {len(cells[odd])} fields, and there are {count} "
+            "columns: a missing value must be written as *."
+        )
+    names = named[-1]
+    _require_distinct(path, names)
+    columns: dict[str, Sequence[str]] = {
+        column: ["" if cell == "*" else cell for cell in values]
+        for column, values in zip(names, zip(*cells, strict=True), strict=True)
+    }
+    columns.setdefault(LINE, lines)
+    columns.setdefault(KIND, kinds)
+    return SurveyTable(path, columns, np.array(numbers), cut=cut)
+
+
+def _heading(row: str) -> tuple[str, str] | None:
+    """Return kind and name of the line that a row begins; None of a row of numbers."""
+    words = row.split()
+    if found := _HEADING.fullmatch(row):
+        # A row of numbers behind a text such as L1000 is a sample, a date or a flight is not.
+        if len(words) <= 3 or not all(map(_is_number, words[1:])):
+            return _KINDS[found[1].lower()], found[2]
+    elif found := _OTHER_HEADING.fullmatch(row):
+        return found[1].lower(), found[2]
+    return None
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return word == "*"
+    return True
+
+
+def _words(row: str) -> list[str]:
+    return [cell.strip() for cell in row.split(",")] if "," in row else row.split()
+
+
+def _is_rule(words: Sequence[str]) -> bool:
+    return all(set(word) <= _RULES for word in words)
+
+
+def missing_line(table: SurveyTable, column: str) -> None:
+    """Raise MapError if a cell of a column of texts is empty, with the number of its line."""
+    for row, cell in enumerate(table.columns[column]):
+        if not str(cell).strip():
+            raise table.error(row, f"{column} is empty, and each sample needs one")
+
+
+def unreadable(path: Path, ending: str, error: BaseException) -> MapError:
+    """Return what to say of a file that a reader cannot read."""
+    return MapError(f"{path} is no {ending} file: {text_of(error)}.")

@@ -1,0 +1,138 @@
+"""Conventions of a gradiometer's record: axes, unit and normal field that fit the map best.
+
+Readings are compared with what the map has where the INS indicates to be, for each of the eight
+conventions of axes, in Eötvös and in s⁻², each without its mean.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..maps.survey_lines import CONVENTIONS, Turn, axes_in_words, turned
+from ..problem import Problem, predict_along
+from ..simulation.instruments import gradiometer_of
+from ..spec.gradiometer import GradiometerSpec
+from .flight import RecordedFlight
+from .normal_field import normal_readings
+
+_FITS = 0.5
+"""Residual over the map's own RMS from which on a convention fits."""
+_BETTER = 0.5
+"""Residual over that of the record as it is from which on a convention is better."""
+_SI = 1e9
+"""Eötvös in a s⁻²."""
+_SAME_MEAN = 3.0
+"""Offset of a mean, over the residual, up to which two means are the same."""
+_FEWEST = 20
+_DIRECTIONS = {
+    "local-level": ("east", "north", "up", "west", "south", "down"),
+    "strapdown": ("right", "forward", "up", "left", "back", "down"),
+}
+"""Directions of x, y and z of a mount, and the opposite ones."""
+
+
+class Convention(NamedTuple):
+    """A convention that fits a record: its axes, the factor of its unit, and what it lacks.
+
+    ``after`` and ``before`` are RMS residuals with it and without [E], the latter as the record is.
+    """
+
+    turn: Turn
+    factor: float
+    lacks: str
+    after: float
+    before: float
+
+
+def gradient_convention(flight: RecordedFlight) -> Convention | None:
+    """Return the convention that fits a gradiometer's record clearly better than ours.
+
+    None without a gradiometer, of a filtered one, and if no convention fits.
+    """
+    problem, spec = flight.problem, flight.spec.gradiometer
+    if spec is None or spec.filter != "none" or problem.track is None:
+        return None
+    names, read, mapped, normal = _compared(problem, spec)
+    if len(read) < _FEWEST:
+        return None
+    disturbing = mapped - normal
+    signal = _rms(disturbing - disturbing.mean(axis=0))
+    before = _rms(read - mapped)
+    found: list[tuple[float, Turn, float]] = []
+    for factor in (1.0, _SI):
+        for turn in CONVENTIONS:
+            expected = _turned(mapped, names, turn)
+            if expected is not None:
+                apart = factor * read - expected
+                found.append((_rms(apart - apart.mean(axis=0)), turn, factor))
+    after, turn, factor = min(found, key=lambda each: each[0])
+    own = next(rms for rms, t, f in found if t is CONVENTIONS[0] and f == 1.0)
+    if own <= after / _BETTER:  # as good as any: the axes are ours
+        after, turn, factor = own, CONVENTIONS[0], 1.0
+    expected, normal_turned = _turned(mapped, names, turn), _turned(normal, names, turn)
+    assert expected is not None and normal_turned is not None
+    means = {
+        "": factor * read - expected,
+        "the normal field": factor * read - (expected - normal_turned),
+    }
+    lacks = next(
+        (said for said, apart in means.items() if _rms(apart) < _SAME_MEAN * max(after, 1e-12)),
+        "its mean",
+    )
+    if after > _FITS * signal or after > _BETTER * before:
+        return None
+    return Convention(turn, factor, lacks, after, before)
+
+
+def in_words(found: Convention, instrument: str) -> str:
+    """Return what a convention says, for a sentence."""
+    parts = []
+    if found.turn is not CONVENTIONS[0] and instrument in _DIRECTIONS:
+        parts.append(f"in axes {axes_in_words(found.turn, _DIRECTIONS[instrument])}")
+    elif found.turn is not CONVENTIONS[0]:
+        reverse = [axis for axis, (_, sign) in found.turn.items() if sign < 0]
+        changes = ["x and y exchanged"] if found.turn["x"][0] == "y" else []
+        parts.append(f"with {' and '.join([*changes, *(f'{a} reversed' for a in reverse)])}")
+    if found.factor != 1.0:
+        parts.append("in s⁻², 1e9 times too small")
+    if found.lacks == "the normal field":
+        parts.append('of the disturbing field (readings = "disturbing")')
+    elif found.lacks:
+        parts.append(f"without {found.lacks}")
+    return " and ".join(parts)
+
+
+def _compared(
+    problem: Problem, spec: GradiometerSpec
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
+    """Return names of channels, readings, the map and the normal field (N, g) at the INS [E]."""
+    assert problem.track is not None
+    own = [j for j, channel in enumerate(problem.channels) if channel.sensor == "gradiometer"]
+    there = np.flatnonzero(problem.present[:, own].all(axis=1))
+    instrument = gradiometer_of(spec)
+    model = predict_along(problem.model, there, np.zeros((len(there), problem.dimension)))
+    normal = normal_readings(
+        spec.instrument,
+        problem.track.positions[there],
+        problem.times[there],
+        problem.track.attitudes[there],
+    )
+    read = problem.measurements[there][:, own]
+    return instrument.components, read, model[:, own], normal @ instrument.channels.T
+
+
+def _turned(values: np.ndarray, names: tuple[str, ...], turn: Turn) -> np.ndarray | None:
+    """Return channels (N, g) in other axes; None if one of them is not among the channels."""
+    columns = []
+    for name in names:
+        other, sign = turned(name, turn)
+        if other not in names:
+            return None
+        columns.append(sign * values[:, names.index(other)])
+    return np.stack(columns, axis=-1)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

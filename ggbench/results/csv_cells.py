@@ -1,0 +1,41 @@
+"""Texts in CSV files that spreadsheets take for texts, whatever they begin with.
+
+A cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return is a formula to a
+spreadsheet. Titles, labels and reasons come from anyone, so such a text is written behind an
+apostrophe (OWASP, CSV injection), which :func:`restored` takes off.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""With the apostrophes before it, so that a text that has them is restored as it was."""
+
+
+def csv_text(table: pd.DataFrame, **options: Any) -> str:
+    """Return a table as CSV without its index; ``options`` are those of ``DataFrame.to_csv``."""
+    changed = table.rename(columns=_safe)
+    texts = changed.select_dtypes(exclude=["number", "bool"])
+    return changed.assign(**{key: texts[key].map(_safe) for key in texts}).to_csv(
+        index=False, **options
+    )
+
+
+def restored(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table that was read from such a file with its texts as they were."""
+    texts = table.select_dtypes(exclude=["number", "bool"])
+    return table.assign(**{key: texts[key].map(_plain) for key in texts})
+
+
+def _safe(cell: Any) -> Any:
+    return f"'{cell}" if isinstance(cell, str) and _FORMULA.match(cell) else cell
+
+
+def _plain(cell: Any) -> Any:
+    quoted = isinstance(cell, str) and cell.startswith("'") and _FORMULA.match(cell)
+    return cell[1:] if quoted else cell

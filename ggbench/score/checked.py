@@ -1,0 +1,112 @@
+"""Cards of a folder, checked by flying them again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..campaign import running
+from ..campaign.registry import Choice, choose, is_own
+from ..errors import GGBenchError, line_of
+from ..estimator_spec import EstimatorSpec
+from . import card as cards
+from . import cards_compared, scoring
+from .card import Card
+from .stored_runs import ScoreError
+
+
+@dataclass(frozen=True)
+class CheckedCard:
+    """A card of a folder, and what became of its check.
+
+    Attributes
+    ----------
+    path : of its file.
+    card : as it was flown again; None if it was not, or differs.
+    reasons : why it is not believed, a sentence each; none if it is reproduced.
+    """
+
+    path: Path
+    card: Card | None
+    reasons: tuple[str, ...] = ()
+
+
+def files_of(folder: Path) -> list[Path]:
+    """Return the JSON files in a folder and in its folders; raise ScoreError if there are none."""
+    try:
+        found = sorted(path for path in folder.rglob("*.json") if path.is_file())
+    except OSError as error:
+        raise ScoreError(f"cannot read {folder}: {error.strerror}") from None
+    if not found:
+        raise ScoreError(f"{folder} holds no cards: 'ggbench score ESTIMATOR' writes card.json")
+    return found
+
+
+def check(
+    path: Path,
+    allowed: Sequence[Choice],
+    flights: Path,
+    jobs: int | None = None,
+    tell: Callable[[str], None] = lambda said: None,
+    progress: Callable[[running.CampaignProgress], None] = lambda step: None,
+) -> CheckedCard:
+    """Fly a card again and compare all that it states.
+
+    Only the code of installed estimators and of those that are allowed is run, never a file because
+    a card names it. A file's hash is compared with the card's before it flies. Raise
+    KeyboardInterrupt if it was interrupted.
+
+    Parameters
+    ----------
+    path : file of the card.
+    allowed : estimators of files and programs whose cards may be flown.
+    flights : folder of results folders; what they hold is not flown again.
+    jobs, progress : as :func:`.scoring.score` has them.
+    tell : is called with a sentence before the flight.
+    """
+    try:
+        old = cards.read(path)
+        label = _named(old, allowed)
+        tell(f"{line_of(str(path))}: the check runs the code of {label}.")
+        found = scoring.score(
+            estimator=label,
+            folder=flights / _folder(old),
+            runs=old.runs,
+            seed=old.seed,
+            judged_runs=old.judged,
+            cases=[question.case for question in old.questions],
+            jobs=jobs,
+            progress=progress,
+        )
+    except GGBenchError as error:
+        return CheckedCard(path, None, (str(error),))
+    if found.card is None:
+        raise KeyboardInterrupt
+    reasons = tuple(cards_compared.differences(old, found.card))
+    return CheckedCard(path, None if reasons else found.card, reasons)
+
+
+def _folder(old: Card) -> str:
+    """Return the name of the results folder of an estimator and a seed."""
+    name = re.sub(r"\W+", "-", old.estimator.name)[:40].strip("-")
+    own = json.dumps([old.estimator.source, old.estimator.parameters, old.seed], sort_keys=True)
+    return f"{name}-{hashlib.sha256(own.encode()).hexdigest()[:12]}"
+
+
+def _named(old: Card, allowed: Sequence[Choice]) -> str:
+    """Return the text of the estimator that flies a card; raise ScoreError if none may."""
+    label = old.estimator.label
+    if not is_own(label):
+        return label
+    given = EstimatorSpec.parse(label)
+    for choice in allowed:
+        spec = EstimatorSpec(choice.spec.name, given.parameters)
+        if choice.content["source"] == old.estimator.source:
+            return choose(str(spec)).label
+    if any(Path(choice.spec.name).name == Path(given.name).name for choice in allowed):
+        raise ScoreError(f"{label} was another file when the card was made: its hash differs")
+    raise ScoreError(f"{label} is not installed: name its file by -e, whose code is then run")

@@ -1,0 +1,39 @@
+"""Key for the names of the columns of a file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
+
+from ..trajectory.column_names import PRESETS
+from .tables import Table
+
+
+def _checked(value: Any) -> Any:
+    """Return a preset's name or a table, hashable. Raises ValueError if it is neither."""
+    if isinstance(value, Table):
+        return value
+    if isinstance(value, str):
+        if value not in PRESETS:
+            raise ValueError(f"must be a table of names or one of {', '.join(PRESETS)}")
+        return value
+    table = Table.of(value)
+    for key, name in table:
+        if not isinstance(name, str) or not name.strip():
+            raise ValueError(f"{key} must be a name, as in {key} = 'NAME [UNIT]'")
+    return table
+
+
+def called(columns: Any) -> Any:
+    """Return a key's value as :func:`.column_names.names_of` takes it: a dict, a preset or None."""
+    return columns.content() if isinstance(columns, Table) else columns
+
+
+ColumnNames = Annotated[
+    Any,
+    BeforeValidator(_checked),
+    PlainSerializer(called),
+    WithJsonSchema({"anyOf": [{"type": "object"}, {"type": "string", "enum": [*PRESETS]}]}),
+]
+"""A table from keys to names of columns, each with a unit in brackets if need be; or a preset."""

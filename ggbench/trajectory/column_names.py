@@ -1,0 +1,149 @@
+"""Names and units of the columns of a track or a record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from ..gravity.unit_names import examples_for, factor_to_key, without_unit
+from .manoeuvres import TrajectoryError
+
+_FEWEST_KNOWN = 3  # names of a preset by which its files are known
+
+Names = Mapping[str, Sequence[str]]
+"""Names of a file's columns by key, the preferred one first; a unit may follow in brackets."""
+
+
+def _axes(key: str, name: str, axes: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the columns of three axes; ``{}`` stands for the axis."""
+    return {key.format(axis): (name.format(own),) for axis, own in zip("xyz", axes, strict=True)}
+
+
+_RATE, _FORCE = "angular_rate_{}_radps", "specific_force_{}_mps2"
+PRESETS: Mapping[str, Names] = {
+    "euroc": {
+        "time_s": ("timestamp [ns]",),
+        **_axes(_RATE, "w_RS_S_{} [rad s^-1]", "xyz"),
+        **_axes(_FORCE, "a_RS_S_{} [m s^-2]", "xyz"),
+    },
+    "px4": {
+        "time_s": ("timestamp [us]",),
+        **_axes(_RATE, "gyro_rad[{}]", "012"),
+        **_axes(_FORCE, "accelerometer_m_s2[{}]", "012"),
+        "latitude_deg": ("latitude_deg", "lat [1e-7 deg]"),
+        "longitude_deg": ("longitude_deg", "lon [1e-7 deg]"),
+        "height_m": ("altitude_ellipsoid_m", "alt_ellipsoid [mm]"),
+    },
+    "ros": {
+        "time_s": ("%time [ns]",),
+        **_axes(_RATE, "field.angular_velocity.{}", "xyz"),
+        **_axes(_FORCE, "field.linear_acceleration.{}", "xyz"),
+        "latitude_deg": ("field.latitude",),
+        "longitude_deg": ("field.longitude",),
+        "height_m": ("field.altitude",),
+    },
+}
+"""Columns of EuRoC MAV, of PX4's sensor_combined and vehicle_gps_position, of ``rostopic echo``."""
+
+
+class Place(NamedTuple):
+    """Where a column is, what the file calls it, and its factor to the unit of its key.
+
+    ``stated`` says whether the unit is stated, by the user or behind the name.
+    """
+
+    at: int
+    name: str
+    factor: float
+    stated: bool
+
+
+def names_of(columns: str | Mapping[str, str] | None) -> Names:
+    """Return the names of a preset, or of a table of a file; none without either.
+
+    Raises TrajectoryError if there is no such preset.
+    """
+    if columns is None:
+        return {}
+    if isinstance(columns, str):
+        if columns not in PRESETS:
+            raise TrajectoryError(
+                f"columns is {columns!r}; allowed are {', '.join(PRESETS)}, or a table of names"
+            )
+        return PRESETS[columns]
+    return {key: (name,) for key, name in columns.items()}
+
+
+def plain_names(names: Names) -> set[str]:
+    """Return the names of columns in lower case and without brackets, to recognise their line."""
+    return {
+        part.casefold()
+        for options in names.values()
+        for name in options
+        for part in (name.partition("[")[0].strip(), name)
+    }
+
+
+def find(
+    key: str, columns: Sequence[str], names: Names, where: str, needed: bool = True
+) -> Place | None:
+    """Return the column of a key; None if it is not ``needed`` and not there.
+
+    Parameters
+    ----------
+    key : of the column; its end is the unit.
+    columns : of the file, in lower case.
+    names : what the file calls them; a key that it lacks has its own name.
+    where : the line of the names, for messages.
+
+    Raises
+    ------
+    TrajectoryError
+        If a column that the user names is not there, or has a unit of another quantity.
+    """
+    for name in names.get(key, (key,)):
+        if (found := _matching(name.casefold(), columns)) is None:
+            continue
+        at, unit = found
+        factor = factor_to_key(unit, key) if unit else 1.0
+        if factor is None:
+            raise TrajectoryError(
+                f"{where} names a column '{columns[at]}' in '{unit}'; units of {key} that are "
+                f"read: {examples_for(key)}"
+            )
+        return Place(at, columns[at], factor, bool(unit))
+    if key in names and needed:
+        shown = ", ".join(column[:30] for column in columns[:16])
+        raise TrajectoryError(
+            f"{where} names no column {' or '.join(map(repr, names[key]))} for {key} (found: "
+            f"{shown})"
+        )
+    return None
+
+
+def _matching(name: str, columns: Sequence[str]) -> tuple[int, str] | None:
+    """Return which column a name means, and its unit: the user's if there is one, else its own."""
+    if name in columns:
+        return columns.index(name), without_unit(name)[1]
+    bare, unit = without_unit(name)
+    for wanted, own in ((name, ""), (bare, unit)):
+        for at, column in enumerate(columns):
+            plain, stated = without_unit(column)
+            if wanted in (plain, column):
+                return at, own or stated
+    return None
+
+
+def unused(names: Names, keys: Iterable[str]) -> list[str]:
+    """Return the keys of names that are none of some keys."""
+    return sorted(set(names) - set(keys))
+
+
+def preset_of(columns: Sequence[str]) -> str:
+    """Return the preset that some columns of a file are of; "" if they are of none."""
+    plain = {without_unit(column)[0] for column in columns} | set(columns)
+    for preset, names in PRESETS.items():
+        own = plain_names({key: options for key, options in names.items() if key not in options})
+        if len(own & plain) >= _FEWEST_KNOWN:
+            return preset
+    return ""

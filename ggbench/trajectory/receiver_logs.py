@@ -1,0 +1,254 @@
+"""Tracks in logs of receivers: NMEA 0183, RTKLIB, CSRS-PPP, NovAtel."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ..errors import text_of
+from .csv_text import iso_seconds
+from .manoeuvres import TrajectoryError
+
+_DAY = 86_400.0
+_WEEK = 7.0 * _DAY
+FORMATS = {
+    "nmea": re.compile(rb"(?:^|[\s,\\\\])[$!][A-Z]{2}[A-Z]{3},", re.MULTILINE),
+    "pos": re.compile(rb"\A%(?!time\b)"),
+    "csrs": re.compile(rb"\AHDR GRP|^DIR +FRAME +STN", re.MULTILINE),
+    "novatel": re.compile(rb"^#[A-Z0-9]+A,[^;\r\n]*;", re.MULTILINE),
+}
+"""What the head of a file of each format holds."""
+_GGA = re.compile(r"\$[A-Z]{2}GGA,[^$*\r\n]*(?:\*[0-9A-Fa-f]{2})?")
+_NO_FIX = {"0": "without a fix", "6": "estimated", "7": "manual", "8": "simulated"}
+"""Qualities of GGA sentences that no receiver measured."""
+_MOST_DAMAGED = 0.1
+"""Share of the sentences that may be damaged, and are left out."""
+_CSRS_NAMES = ("YEAR-MM-DD", "HR:MN:SS.SS", "LATDD", "LATMN", "LATSS", "LONDD", "LONMN", "LONSS",
+               "HGT(m)")  # fmt: skip
+_NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSSPOSA": 1}
+"""Logs of NovAtel that hold positions, the preferred first."""
+
+
+class Fix(NamedTuple):
+    """A position: seconds, degrees, metres above the ellipsoid or above sea level, and its line."""
+
+    time: float
+    latitude: float
+    longitude: float
+    height: float
+    geoid: float | None
+    place: str
+
+
+Found = tuple[list[Fix], str]
+"""The positions of a file, and a remark on what was left out."""
+
+
+def _nmea(text: str) -> Found:
+    """Return the fixes of GGA sentences; days are counted where the time of day falls.
+
+    Sentences may stand behind TAG blocks, time stamps or the words of a logger, and may lack a
+    checksum. Damaged ones, and qualities that are no fix, are left out and counted.
+    """
+    fixes: list[Fix] = []
+    left_out: Counter[str] = Counter()
+    damaged: list[tuple[int, str]] = []
+    sentences = [
+        (number, found[0])
+        for number, line in enumerate(text.splitlines(), 1)
+        for found in _GGA.finditer(line)
+    ]
+    summed = any("*" in sentence for _, sentence in sentences)
+    for number, sentence in sentences:
+        try:
+            found = _parsed(sentence, summed)
+            quality = str(found.gps_qual if found.gps_qual is not None else 0)
+            if quality in _NO_FIX:
+                left_out[_NO_FIX[quality]] += 1
+            else:
+                fixes.append(_gga(found, f"line {number}", fixes))
+        except Exception as error:  # whatever a damaged sentence makes of itself
+            damaged.append((number, _reason(error)))
+    if damaged and damaged[-1][0] == sentences[-1][0]:
+        damaged.pop()  # the log ends in it
+    if damaged and len(damaged) > _MOST_DAMAGED * (len(fixes) + len(damaged)):
+        number, reason = damaged[0]
+        raise TrajectoryError(
+            f"line {number} is a GGA sentence that cannot be read ({reason}), one of "
+            f"{len(damaged)} among {len(fixes) + len(damaged)}: more than {_MOST_DAMAGED:.0%} are "
+            "damaged"
+        )
+    if not fixes:
+        found_only = ", ".join(f"{count} {what}" for what, count in left_out.items())
+        raise TrajectoryError(
+            "has no GGA sentence with a fix, which give time, place and height"
+            + (f" (only {found_only})" if found_only else "")
+        )
+    del left_out[_NO_FIX["0"]]  # as before the first fix
+    if damaged:
+        number, reason = damaged[0]
+        left_out[f"damaged (the first in line {number}: {reason})"] = len(damaged)
+    said = ", ".join(f"{count} {what}" for what, count in left_out.items())
+    return fixes, f"of its GGA sentences these are left out: {said}" if said else ""
+
+
+def _parsed(sentence: str, summed: bool) -> Any:
+    """Return a sentence; ``summed`` says whether it must have a checksum, as others have."""
+    import pynmea2  # slow to load
+
+    return pynmea2.parse(sentence, check=summed)
+
+
+def _reason(error: Exception) -> str:
+    """Return what is wrong with a sentence: pynmea2 raises pairs of a reason and the sentence."""
+    first = error.args[0] if error.args else error
+    return str(first[0]) if isinstance(first, tuple) and first else text_of(error)
+
+
+def _gga(found: Any, place: str, before: Sequence[Fix]) -> Fix:
+    if not (found.lat and found.lon):
+        raise ValueError("it has no place")
+    clock = found.timestamp
+    time = 3600.0 * clock.hour + 60.0 * clock.minute + clock.second + 1e-6 * clock.microsecond
+    if before:
+        days, of_day = divmod(before[-1].time, _DAY)
+        time += _DAY * (days + (time < of_day - 0.5 * _DAY))
+    if found.altitude_units != "M":
+        raise ValueError("its height is not in metres")
+    separation = float(found.geo_sep) if found.geo_sep else None
+    return Fix(time, found.latitude, found.longitude, float(found.altitude), separation, place)
+
+
+def _pos(text: str) -> Found:
+    """Return the positions of a solution of RTKLIB."""
+    lines = text.splitlines()
+    heads = [line for line in lines if line.startswith("%")]
+    head = next((line for line in reversed(heads) if re.match(r"%\s+(GPST|UTC|JST)", line)), "")
+    if not all(name in head for name in ("latitude(deg)", "longitude(deg)", "height(m)")):
+        raise TrajectoryError(
+            "has no header with latitude(deg), longitude(deg), height(m); RTKLIB writes it with "
+            "out-solformat = llh, out-degform = deg and out-outhead = on"
+        )
+    above_sea = any("/geodetic" in line for line in heads)
+    fixes = []
+    for number, line in enumerate(lines, 1):
+        if line.startswith("%") or not line.strip():
+            continue
+        cells = re.split(r"[\s,;]+", line.strip())
+        try:
+            place = [float(cell) for cell in cells[2:5]]
+            time = _pos_time(cells[0], cells[1])
+            latitude, longitude, height = place
+        except (ValueError, IndexError):
+            raise TrajectoryError(
+                f"line {number} is {line[:60]!r} and must have a time, latitude, longitude, height"
+            ) from None
+        geoid = None if above_sea else 0.0
+        fixes.append(Fix(time, latitude, longitude, height, geoid, f"line {number}"))
+    return fixes, ""
+
+
+def _pos_time(first: str, second: str) -> float:
+    """Return the seconds of ``2024/05/01 10:00:00.000`` or of ``week seconds``."""
+    if "/" not in first:
+        return _WEEK * int(first) + float(second)
+    return float(iso_seconds([f"{first.replace('/', '-')}T{second}"])[0])
+
+
+def _csrs(text: str) -> Found:
+    """Return the positions of a solution of CSRS-PPP, above the ellipsoid.
+
+    The service may list them backwards in time.
+    """
+    lines = text.splitlines()
+    head = next((line.split() for line in lines if line.split()[:2] == ["DIR", "FRAME"]), [])
+    if not all(name in head for name in _CSRS_NAMES):
+        raise TrajectoryError(
+            "is a solution of CSRS-PPP without the line that names its columns, DIR FRAME STN to "
+            "HGT(m)"
+        )
+    at = [head.index(name) for name in _CSRS_NAMES]
+    fixes = []
+    for number, line in enumerate(lines, 1):
+        cells = line.split()
+        if not cells or cells[0] in ("HDR", "DIR", "NOW"):
+            continue
+        try:
+            date, clock, *angles, height = (cells[n] for n in at)
+            time = float(iso_seconds([f"{date}T{clock}"])[0])
+            latitude, longitude = _sexagesimal(angles[:3]), _sexagesimal(angles[3:])
+            fixes.append(Fix(time, latitude, longitude, float(height), 0.0, f"line {number}"))
+        except (ValueError, IndexError):
+            raise TrajectoryError(
+                f"line {number} is {line[:60]!r} and must have date, clock, latitude, longitude "
+                "and height of CSRS-PPP"
+            ) from None
+    if len(fixes) > 1 and fixes[0].time > fixes[-1].time:
+        fixes.reverse()
+    return fixes, ""
+
+
+def _sexagesimal(cells: Sequence[str]) -> float:
+    """Return degrees of degrees, minutes and seconds; a sign may stand before zero degrees."""
+    degrees, minutes, seconds = (float(cell) for cell in cells)
+    size = abs(degrees) + minutes / 60.0 + seconds / 3600.0
+    return -size if cells[0].startswith("-") else size
+
+
+def _novatel(text: str) -> Found:
+    """Return the positions of NovAtel's ASCII logs, of one kind of them."""
+    rows: dict[str, list[tuple[int, list[str], list[str]]]] = {}
+    others: Counter[str] = Counter()
+    for number, line in enumerate(text.splitlines(), 1):
+        header, _, log = line.strip().partition(";")
+        if not header.startswith("#") or not log:
+            continue
+        cells = header[1:].split(",")
+        others[cells[0]] += 1
+        if cells[0] in _NOVATEL:
+            rows.setdefault(cells[0], []).append((number, cells, log.partition("*")[0].split(",")))
+    kind = next((name for name in _NOVATEL if name in rows), None)
+    if kind is None:
+        raise TrajectoryError(
+            f"is a log of NovAtel with {', '.join(others)}; positions are read of "
+            f"{', '.join(_NOVATEL)}"
+        )
+    fixes = []
+    for number, head, body in rows[kind]:
+        try:
+            fix = _of_novatel(head, body, above_sea=_NOVATEL[kind] == 1, place=f"line {number}")
+        except (ValueError, IndexError):
+            raise TrajectoryError(
+                f"line {number} is a log {kind} of NovAtel that cannot be read"
+            ) from None
+        if fix is not None:
+            fixes.append(fix)
+    without = len(rows[kind]) - len(fixes)
+    return fixes, f"{without} of its logs {kind} have no solution" if without else ""
+
+
+def _of_novatel(
+    head: Sequence[str], body: Sequence[str], above_sea: bool, place: str
+) -> Fix | None:
+    """Return the position of a log; None if it has no solution."""
+    if not above_sea:  # week, seconds, latitude, longitude, ellipsoidal height, ..., status
+        week, seconds, latitude, longitude, height = map(float, body[:5])
+        if body[11] in ("INS_INACTIVE", "INS_ALIGNING", "WAITING_INITIALPOS"):
+            return None
+        return Fix(_WEEK * week + seconds, latitude, longitude, height, 0.0, place)
+    if body[0] != "SOL_COMPUTED":
+        return None
+    week, seconds = float(head[5]), float(head[6])
+    latitude, longitude, height, geoid = map(float, body[2:6])
+    return Fix(_WEEK * week + seconds, latitude, longitude, height, geoid, place)
+
+
+READERS: Mapping[str, Callable[[str], Found]] = {
+    "nmea": _nmea,
+    "pos": _pos,
+    "csrs": _csrs,
+    "novatel": _novatel,
+}
+"""Readers by format."""

@@ -1,0 +1,184 @@
+"""Code of users' own files changes no other estimator, whatever it changes in its process."""
+
+from __future__ import annotations
+
+import pickle
+import struct
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import LABELS, plan, ran, records, small
+from problems import SMALL
+
+from ggbench.campaign import campaign, registry
+from ggbench.campaign.campaign import CampaignError
+from ggbench.campaign.messages import GarbledError, Inbox, packed
+from ggbench.display.timing import Moment, duration
+from ggbench.results.database import StoreError
+from ggbench.results.store import Store, read_manifest
+from ggbench.spec import scenario
+
+FOREIGN = """
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+
+def refuse(*arguments, **options):
+    raise ArithmeticError("no such function any more")
+
+
+@dataclass(frozen=True)
+class Foreign(Estimator):
+    way: Literal["spoil", "isfinite", "clock", "pickle", "none"] = "none"
+    name = "NAME"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        if getattr(np, "spoilt", False) or not np.isfinite(problem.noise_cov).all():
+            raise ValueError("NumPy is another one")
+        if self.way == "spoil":
+            np.spoilt = True
+        if self.way == "isfinite":
+            np.isfinite = refuse
+        if self.way == "clock":
+            time.perf_counter = lambda: float("nan")
+        if self.way == "pickle":
+            import pickle
+            pickle.dumps = lambda *arguments, **options: b"junk"
+        score = Path("/proc/self/oom_score_adj")
+        told = int(score.read_text()) if score.exists() else -1
+        mean = np.zeros((problem.epochs, problem.dimension))
+        return Estimate(mean, None, "filter", info={"oom_score": told})
+"""
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch) -> Path:
+    """A folder with two estimator files; what they change in this process is restored."""
+    for name in ("changer", "victim"):
+        (tmp_path / f"{name}.py").write_text(FOREIGN.replace("NAME", name))
+    for module, name in ((np, "isfinite"), (time, "perf_counter"), (pickle, "dumps")):
+        monkeypatch.setattr(module, name, getattr(module, name))
+    monkeypatch.setattr(np, "spoilt", False, raising=False)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_task_has_no_estimators_of_two_files(files):
+    """Nor of a file and of the package; each run of each estimator is in a task."""
+    work = plan(files, "out", ("changer.py", "ekf", "victim.py[way=clock]", "victim.py", "ins"))
+    store, _ = work.open()
+    tasks = [*work.tasks(store)]
+    store.close()
+    assert {task.guests for task in tasks} == {
+        frozenset(), frozenset({"changer.py"}), frozenset({"victim.py"})
+    }  # fmt: skip
+    for task in tasks:
+        own = {label for label, _ in task.estimators if label.endswith((".py", "]"))}
+        assert not own or len(own) == len(task.estimators)
+    assert sum(len(task.runs) * len(task.estimators) for task in tasks) == 5 * 3 * 2
+
+
+def test_a_failure_after_foreign_code_is_tried_again(files):
+    """In one process it may be another file's doing; control: with its process whole, it is not."""
+    spoilt = ran(files, labels=("changer.py[way=spoil]", "victim.py"))
+    assert "victim.py" in set(spoilt.failures()["estimator"])
+    spoilt.store.close()
+    np.spoilt = False
+    again = ran(files, labels=("victim.py",))
+    runs = again.runs()
+    assert (runs.loc[runs["estimator"] == "victim.py", "status"] == "ok").all()
+    again.store.close()
+
+
+@pytest.mark.long
+def test_foreign_code_changes_no_other_estimator(files):
+    """In worker processes: every record of the others is as if the file were not there.
+
+    The clock of a record is the benchmark's own, and a worker is ended before its parent where
+    memory runs out.
+    """
+    alone = ran(files, "alone", LABELS)
+    labels = ("changer.py[way=isfinite]", "victim.py", *LABELS)
+    mixed = ran(files, "mixed", labels, jobs=1)
+    found = {key: record for key, record in records(mixed).items() if key[1] in LABELS}
+    assert found == records(alone)
+    runs = mixed.runs()
+    assert (runs.loc[runs["estimator"] == "victim.py", "status"] == "ok").all()
+    told = [r["info"]["oom_score"] for r in mixed.records() if r["estimator"] == "victim.py"]
+    assert set(told) <= {800, -1}
+
+
+@pytest.mark.long
+def test_a_process_that_changes_its_messages_has_died(files):
+    mixed = ran(files, labels=("changer.py[way=pickle]", "ekf"), jobs=1, runs=1)
+    runs = mixed.runs()
+    assert (runs.loc[runs["estimator"] == "ekf", "status"] == "ok").all()
+    (reason,) = set(mixed.failures()["reason"])
+    assert "connection that results come by" in reason
+
+
+def test_a_message_that_cannot_be_unpickled_is_none():
+    """Its length and checksum are right; control: a message as it is sent."""
+    assert [*Inbox().take(packed("hello"))] == ["hello"]
+    mark = packed("hello")[:4]
+    junk = struct.pack("<4sIQ", mark, zlib.crc32(b"junk"), 4) + b"junk"
+    with pytest.raises(GarbledError):
+        list(Inbox().take(junk))
+
+
+def test_a_clock_that_an_estimator_changes_times_no_run(files):
+    """Times are finite numbers; a clock that is set back is no negative duration."""
+    found = ran(files, labels=("changer.py[way=clock]",))
+    seconds = found.runs()["seconds"].to_numpy()
+    found.store.close()
+    assert np.isfinite(seconds).all() and (seconds >= 0.0).all()
+    assert duration(-10791.0) == "0 s"
+    start = Moment.now()
+    assert start._replace(wall=start.wall + 10791.0).since().startswith("0 s, and ")
+
+
+def test_a_folder_is_asked_again_whose_it_is_once_it_is_locked(tmp_path, monkeypatch):
+    """Another campaign finishes in it while the first one prepares: its results stay."""
+    other = small(tmp_path, SMALL)
+    slow = plan(tmp_path, "out", ("ins",))
+    checked = campaign.check
+
+    def finish_another(*arguments):
+        monkeypatch.setattr(campaign, "check", checked)
+        renamed = tmp_path / "other.toml"
+        renamed.write_text(other.source)
+        ran(tmp_path, labels=("ins",), scenario=scenario.load(str(renamed))).store.close()
+        yield from checked(*arguments)
+
+    monkeypatch.setattr(campaign, "check", finish_another)
+    with pytest.raises(StoreError, match="holds results of the scenario other, not of small"):
+        slow.open()
+    assert read_manifest(tmp_path / "out")["scenario"] == "other"
+    Store(tmp_path / "out", create=True).close()  # it is not locked any more
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"runs": 10**9}, "runs is 1000000000 and must be from 1 to 1000000"),
+        ({"runs": 0}, "runs is 0"),
+        ({"seed": -5}, "seed is -5 and must be from 0"),
+    ],
+)
+def test_bounds_are_checked_before_anything_is_written(asked, said, tmp_path):
+    with pytest.raises(CampaignError, match=said):
+        plan(tmp_path, "out", ("ins",), **asked)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_label_with_a_null_character_is_refused():
+    with pytest.raises(registry.EstimatorError, match="with a null character"):
+        registry.choose("a\0.py")

@@ -1,0 +1,73 @@
+"""Docstrings of the package: parameters that exist, and the errors that a function raises."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FILES = [path for room in ("ggbench", "estimators") for path in sorted((ROOT / room).rglob("*.py"))]
+COMMANDS = ROOT / "ggbench" / "cli"
+"""Their docstrings are help texts; errors are printed."""
+DEMANDS = ROOT / "ggbench" / "contract" / "demands.py"
+"""Its functions all raise the same two errors, which the module names."""
+_SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w[\w ]*\n-+\n|\Z)", re.MULTILINE | re.DOTALL)
+_ENTRY = re.compile(r"^(\S.*?) :", re.MULTILINE)
+
+
+def flaws(source: str, raises: bool = True) -> Iterator[str]:
+    """Yield a sentence for each public class or function whose docstring is incomplete."""
+    for node in _public(ast.parse(source)):
+        text = ast.get_docstring(node)
+        if not text:
+            yield f"{node.name} has no docstring"
+        elif isinstance(node, ast.FunctionDef):
+            yield from _flaws_of(node, text, raises)
+
+
+def _public(tree: ast.Module | ast.ClassDef) -> Iterator[ast.ClassDef | ast.FunctionDef]:
+    """Yield public classes and functions, and those within the classes."""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
+            yield node
+            if isinstance(node, ast.ClassDef):
+                yield from _public(node)
+
+
+def _flaws_of(node: ast.FunctionDef, text: str, raises: bool) -> Iterator[str]:
+    rest = node.args
+    given = [*rest.posonlyargs, *rest.args, *rest.kwonlyargs, rest.vararg, rest.kwarg]
+    names = {argument.arg for argument in given if argument is not None}
+    section = _SECTION.search(text)
+    for entry in _ENTRY.findall(section[1]) if section else ():
+        for name in entry.split(","):
+            if name.strip().lstrip("*") not in names:
+                yield f"{node.name} has no parameter {name.strip()}"
+    thrown = any(isinstance(part, ast.Raise) and part.exc is not None for part in ast.walk(node))
+    if raises and thrown and not re.search(r"[Rr]aise|[Rr]efuse", text):
+        yield f"{node.name} raises an error that its docstring does not state"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_docstrings_state_parameters_and_errors(path):
+    raises = COMMANDS not in path.parents and path != DEMANDS
+    assert list(flaws(path.read_text(encoding="utf-8"), raises)) == []
+
+
+def test_an_incomplete_docstring_is_found():
+    bare = "def f(x):\n    return x\n"
+    other = (
+        'def f(x):\n    """Do.\n\n    Parameters\n    ----------\n    x, y : numbers.\n    """\n'
+    )
+    silent = 'def f(x):\n    """Do."""\n    raise ValueError(x)\n'
+    assert list(flaws(bare)) == ["f has no docstring"]
+    assert list(flaws(other)) == ["f has no parameter y"]
+    assert list(flaws(silent)) == ["f raises an error that its docstring does not state"]
+    assert list(flaws(silent, raises=False)) == []
+    assert (
+        list(flaws('def f(x):\n    """Return x.\n\n    Raise ValueError."""\n    raise x(1)')) == []
+    )

@@ -1,0 +1,99 @@
+"""Tracks of programs with other names and units of columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from receiver_tracks import COUNT, HEIGHTS, LATITUDES, LONGITUDES
+from small_cases import small_case
+
+from ggbench.campaign.result_keys import problem_key
+from ggbench.spec.trajectory import TrajectorySpec
+from ggbench.trajectory.manoeuvres import TrajectoryError
+from ggbench.trajectory.track_formats import rows_of
+
+SECONDS = np.arange(COUNT) + 1.7e9
+FILES = {
+    "GPSLogger": (
+        "time,lat,lon,elevation,accuracy", SECONDS, 1.0, 1.0, 1.0,
+        {"height_m": "elevation"},
+    ),
+    "OpenSky": (
+        "time,lat,lon,geoaltitude,heading_unknown", SECONDS, 1.0, 1.0, 1.0,
+        {"height_m": "geoaltitude"},
+    ),
+    "ULog": ("timestamp,lat,lon,alt_ellipsoid,fix", SECONDS * 1e6, 1e7, 1e7, 1e3, "px4"),
+    "ULog, newer": (
+        "timestamp,latitude_deg,longitude_deg,altitude_ellipsoid_m,fix", SECONDS * 1e6, 1.0, 1.0,
+        1.0, "px4",
+    ),
+    "AirData": (
+        "time(millisecond),latitude,longitude,height_above_takeoff(feet),altitude(feet)",
+        SECONDS * 1e3, 1.0, 1.0, 1.0 / 0.3048, {"height_m": "height_above_takeoff"},
+    ),
+    "rostopic": (
+        "%time,field.latitude,field.longitude,field.altitude,field.header.seq", SECONDS * 1e9, 1.0,
+        1.0, 1.0, "ros",
+    ),
+    "radians": (
+        "t,phi,lambda,h,n", SECONDS, np.pi / 180.0, np.pi / 180.0, 1.0,
+        {"latitude_deg": "phi [rad]", "longitude_deg": "lambda [rad]"},
+    ),
+}  # fmt: skip
+
+
+def written(name):
+    head, times, *factors, _ = FILES[name]
+    rows = np.column_stack(
+        [times, LATITUDES * factors[0], LONGITUDES * factors[1], HEIGHTS * factors[2], SECONDS]
+    )
+    return "\n".join([head, *(",".join(f"{v:.12g}" for v in row) for row in rows)]).encode()
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_track_of_another_program_is_read_by_its_names(name):
+    """The same flight from all; without the names each is refused."""
+    found = rows_of(written(name), FILES[name][-1]).columns
+    np.testing.assert_allclose(np.diff(found["time_s"]), 1.0, atol=0.02)
+    np.testing.assert_allclose(found["latitude_deg"], LATITUDES, atol=1e-7)
+    np.testing.assert_allclose(found["longitude_deg"], LONGITUDES, atol=1e-7)
+    np.testing.assert_allclose(found["height_m"], HEIGHTS, atol=1e-3)
+    if name != "AirData":  # which has another height, in feet, by the usual name
+        with pytest.raises(TrajectoryError):
+            rows_of(written(name))
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"height_m": "alti"}, "line 1 names no column 'alti' for height_m"),
+        ({"height_m": "elevation [deg]"}, "a column 'elevation' in 'deg'; units of height_m"),
+        ({"hight_m": "elevation"}, "columns.hight_m names no column of a track; known: time_s"),
+        ("px5", "columns is 'px5'; allowed are euroc, px4, ros"),
+        ("ros", "names no column '%time \\[ns\\]' for time_s"),
+    ],
+)
+def test_a_wrong_name_has_its_sentence(columns, said):
+    with pytest.raises(TrajectoryError, match=said):
+        rows_of(written("GPSLogger"), columns)
+
+
+def test_names_belong_to_a_track_of_columns(tmp_path):
+    with pytest.raises(TrajectoryError, match="is a file of GPX, which has no columns"):
+        rows_of(b"<gpx version='1.1'></gpx>", {"height_m": "ele"})
+    with pytest.raises(ValueError, match="must be a table of names"):
+        TrajectorySpec(file="a.csv", columns="px5")
+    with pytest.raises(ValueError, match="height_m must be a name"):
+        TrajectorySpec(file="a.csv", columns={"height_m": 3})
+
+
+def test_other_names_are_another_flight(tmp_path):
+    """To the keys of stored runs, as heights of two columns are."""
+    path = tmp_path / "a.csv"
+    path.write_bytes(written("AirData"))
+    keys = set()
+    for columns in ({"height_m": "altitude"}, {"height_m": "height_above_takeoff"}, None):
+        spec = TrajectorySpec(file=str(path), columns=columns)
+        keys.add(problem_key(small_case({}).model_copy(update={"trajectory": spec}), 1))
+        assert hash(spec) == hash(spec.model_copy())
+    assert len(keys) == 3
