@@ -23,7 +23,7 @@ _EXIT_FAILED = 1
     "estimators",
     multiple=True,
     metavar="NAME[param=value,...]",
-    help="Estimator: a name or a .py file; repeat for more [ekf].",
+    help="Estimator: a name or a .py file; repeatable [ekf].",
 )
 @click.option(
     "-o",
@@ -38,12 +38,13 @@ _EXIT_FAILED = 1
     type=click.IntRange(0, MOST_SEED),
     default=0,
     show_default=True,
-    help="Seed of the estimators' random numbers; most have no use for it.",
+    help="Seed of the estimators' random numbers.",
 )
 def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int) -> None:
     """Estimate a recorded FLIGHT, a TOML file that names its records.
 
-    Writes corrected tracks with standard deviations, residuals, and a report with figures.
+    The command writes corrected tracks with standard deviations, residuals, and a report with
+    figures.
     """
     from ..api import problems
     from ..campaign import registry
