@@ -42,7 +42,7 @@ def bound(
     require_suffix(output, ".csv")
     require_suffix(figure, ".png")
     if every and (case or figure):
-        raise click.UsageError("--all is of all cases: no -c, --figure")
+        raise click.UsageError("--all prints all cases: remove -c and --figure")
     loaded = scenario.load(scenario_name)
     if every:
         _print_all(loaded, output)

@@ -50,7 +50,7 @@ def check(estimator: str, time_limit: float) -> None:
         _tell(asked, verdict, text)
     passed, failed, refused = (verdicts[verdict] for verdict in _SHOWN)
     if not passed and not failed:
-        raise CheckError(f"{estimator} takes none of the problems that the contract is asked on")
+        raise CheckError(f"{estimator} refuses all problems of the contract")
     left = len(CHECKS) - verdicts.total()
     unasked = f", {refused} not asked" if refused else ""
     untried = f"; {left} not tried without an estimate" if left else ""

@@ -83,7 +83,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         found[choice.label] = estimated
         click.echo(f"{choice.label}: {start.since()}")
     if not found:
-        raise GGBenchError("no estimator gave an estimate: nothing is written")
+        raise GGBenchError("no estimator returned an estimate: no file is written")
     for remark in remarks(recorded, by_label):
         click.echo(f"Note: {remark}.")
     for suspicion in suspicions(recorded, by_label):

@@ -186,16 +186,18 @@ def run(
     """
     asked = _Asked(**options)
     if asked.cluster and asked.jobs is not None:
-        raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
+        raise click.UsageError("-j and --cluster exclude each other: give one of them")
     if asked.retry_failed and not asked.resume:
-        raise click.UsageError("--fresh discards all runs: --retry-failed has none to run again")
+        raise click.UsageError("--fresh discards all runs: remove --retry-failed")
     if whole_library and (scenario_name or asked.cases or one_run is not None):
-        raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
+        raise click.UsageError(
+            "--all runs all cases of all scenarios: remove SCENARIO, -c and --run"
+        )
     if scenario_name is None and not whole_library:
         raise click.UsageError("name a SCENARIO, or --all")
     alone = _Asked(asked.estimators, seed=asked.seed, cases=asked.cases)
     if one_run is not None and (output or asked != alone):
-        raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
+        raise click.UsageError("--run stores nothing: only -e, -c and --seed are allowed with it")
     asked = replace(asked, first=tell_first_use("ins/strapdown.py", "in a minute or two"))
     if scenario_name is None:
         sys.exit(_run_library(asked, output or Path("results")))

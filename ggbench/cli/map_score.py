@@ -86,7 +86,7 @@ def score(
 
     MAP is a *.nc file, or the name of a shipped region or terrain. Each cell gets terrain
     statistics with their principal-component index, the accuracy from the Fisher information of a
-    track, and A_min, the distance of the likeliest false position in terms of the noise. No flight
+    track, and A_min, the log-likelihood ratio against the likeliest false position. No flight
     is simulated.
     """
     from ..gravity.field import Field

@@ -193,7 +193,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
         raise MapError(f"the map file {output} must be named *.nc: it is a netCDF file.")
     for key in _SOURCES:
         if options[key] is not None and options[key].resolve() == output.resolve():
-            raise MapError(f"the map file {output} would overwrite what it is made of.")
+            raise MapError(f"the map file {output} would overwrite its own input.")
     if not options["drape"]:
         _refuse_drape_options(options)
     started = time.monotonic()

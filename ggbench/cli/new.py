@@ -255,7 +255,7 @@ def _begun(
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise NewFileError(f"{path} is there already, and is left as it is") from None
+        raise NewFileError(f"{path} exists already and is not overwritten") from None
     except OSError as error:
         with contextlib.suppress(OSError):
             path.unlink()  # else half of it would be there

@@ -80,7 +80,7 @@ def plan(
     loaded = scenario.load(scenario_name)
     flown = loaded.cases[0] if case is None else loaded.case(case)
     if flown.trajectory.file is not None:
-        raise click.UsageError("the track of a file cannot be moved: give [trajectory] segments")
+        raise click.UsageError("a track from a file cannot be moved: give [trajectory] segments")
     offsets = [step * (k - 0.5 * (grid - 1)) for k in range(grid)]
     places = [(east, north) for north in offsets for east in offsets]
     found = tracks(flown, places, [360.0 * k / headings for k in range(headings)])

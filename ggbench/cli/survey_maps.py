@@ -109,8 +109,8 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
     mixed = [key for key in others if options[key] is not None]
     if mixed:
         raise MapError(
-            f"--lines and --{mixed[0].replace('_', '-')} are two sources: a map of survey lines is "
-            "made of nothing else."
+            f"--lines and --{mixed[0].replace('_', '-')} are two sources: "
+            "a map of survey lines has no other source."
         )
 
 
