@@ -343,7 +343,7 @@ BAD_CALLS = {
     "unknown case": (lambda s: s.case("bas"), "no case 'bas' .did you mean 'base'"),
     "unknown case to run": (lambda s: gg.run(s, cases=["x"]), "no case 'x'"),
     "case by its name": (lambda s: gg.simulate("base"), "base"),
-    "number as a case": (lambda s: gg.simulate(1), "the case must be scenario.case.name. or a scenario"),
+    "number as a case": (lambda s: gg.simulate(1), "must be scenario.case.name. or a scenario"),
     "no headings": (lambda s: gg.plan(s, headings=0), "headings is 0 and must lie between"),
     "unknown estimator to check": (lambda s: gg.check("ekff"), "did you mean 'ekf'"),
     "negative seed": (lambda s: gg.simulate(s.case("base"), -1), "seed is -1 and must lie between"),
