@@ -72,7 +72,7 @@ def plan(
     """
     flown = case_of(case)
     if flown.trajectory.file is not None:
-        raise ArgumentError("the track of a file cannot be moved: give [trajectory] segments")
+        raise ArgumentError("a track from a file cannot be moved: give [trajectory] segments")
     turns = [360.0 * k / headings for k in range(whole("headings", headings, 1, _MOST_HEADINGS))]
     side = whole("starts", starts, 1, _MOST_STARTS)
     offsets = [number("step_km", step_km) * (k - 0.5 * (side - 1)) for k in range(side)]

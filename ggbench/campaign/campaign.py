@@ -333,7 +333,7 @@ class Campaign:
         kept = {k: v for k, v in self.plan.estimators.items() if k not in left_out}
         self.left_out, self.plan = left_out, replace(self.plan, estimators=kept)
         if not kept:
-            raise CampaignError("no estimator can take this scenario: " + "; ".join(remarks))
+            raise CampaignError("all estimators refuse this scenario: " + "; ".join(remarks))
         return remarks
 
     def _seeking(self) -> list[str]:

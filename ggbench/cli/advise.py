@@ -31,7 +31,7 @@ _SMALL = 0.005
     "--target",
     type=click.FloatRange(0.0, min_open=True),
     metavar="M",
-    help="RMS position error that is wanted, in metres.",
+    help="Required RMS position error [m].",
 )
 @click.option(
     "-n",
@@ -53,10 +53,11 @@ def advise(
     output: Path | None,
     jobs: int | None,
 ) -> None:
-    """Advise on a case of your own SCENARIO: a name or a path.
+    """Recommend an estimator and an instrument for a SCENARIO.
 
-    Flies a few runs of the estimators that the suite recommends. Says which one to use, its error
-    and cost, what limits the accuracy, and which gradiometer reaches a target.
+    SCENARIO is a name or a path. The command flies a few runs of the estimators that the suite
+    recommends. It prints the best one, its error and its time, the causes that limit the accuracy,
+    and the gradiometer that reaches the target.
 
     Exit code 1 if no gradiometer reaches the target.
     """

@@ -19,36 +19,44 @@ _SHOWN_CELLS = 5
 
 @click.command()
 @click.argument("name", metavar="MAP")
-@click.option("--height", type=float, help="Of the flights above the ellipsoid [m; the lowest].")
+@click.option(
+    "--height", type=float, help="Height of the flights above the ellipsoid [m; the lowest]."
+)
 @click.option("--cell-deg", type=float, default=0.5, show_default=True, help="Side of a cell [°].")
 @click.option(
     "--instrument",
     type=click.Choice(["tensor", "uu", "gravity"]),
     default="tensor",
     show_default=True,
-    help="Six components, the vertical gradient alone, or a gravimeter.",
+    help="Full tensor, vertical gradient, or gravimeter.",
 )
 @click.option(
-    "--noise", type=float, default=1.0, show_default=True, help="Of a reading [E; mGal of gravity]."
+    "--noise",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Noise of a measurement [E; mGal for gravity].",
 )
-@click.option("--spacing", type=float, help="Between nodes of the statistics [m; a cell's 50th].")
+@click.option("--spacing", type=float, help="Node spacing of the statistics [m; 1/50 of a cell].")
 @click.option(
     "--per-km2",
     type=float,
     default=1.0,
     show_default=True,
-    help="Readings on a square kilometre, of the information.",
+    help="Measurements per km² for the information.",
 )
-@click.option("--track-km", type=float, help="Length of tracks through a cell [its shorter side].")
-@click.option("--readings", type=int, default=51, show_default=True, help="Of each track.")
+@click.option("--track-km", type=float, help="Track length in a cell [its shorter side].")
+@click.option(
+    "--readings", type=int, default=51, show_default=True, help="Measurements on each track."
+)
 @click.option(
     "--sigma-km",
     type=float,
     default=5.0,
     show_default=True,
-    help="To what the position is known before, per axis: A_min looks to three times as far.",
+    help="Prior standard deviation of the position, per axis; A_min searches within three of them.",
 )
-@click.option("--right-km", type=float, help="How far off a fix is right [half of --sigma-km].")
+@click.option("--right-km", type=float, help="Largest error of a right fix [half of --sigma-km].")
 @click.option("--south", type=float, help="Bounds of the cells [deg]; default: the whole map.")
 @click.option("--north", type=float)
 @click.option("--west", type=float)
@@ -74,12 +82,12 @@ def score(
     output: Path | None,
     figure: Path | None,
 ) -> None:
-    """Score the cells of a MAP: where is it worth matching.
+    """Score the cells of a MAP for matching.
 
-    MAP is a file *.nc, or the name of a shipped region or terrain. Each cell gets the
-    statistics of the literature and their index by principal components; the accuracy that
-    Fisher's information of a track through it allows; and A_min, how far the likeliest wrong place
-    is from being taken for the right one. None of these has seen an error of a flight.
+    MAP is a *.nc file, or the name of a shipped region or terrain. Each cell gets terrain
+    statistics with their principal-component index, the accuracy from the Fisher information of a
+    track, and A_min, the log-likelihood ratio against the likeliest false position. No flight
+    is simulated.
     """
     from ..gravity.field import Field
     from ..matchability.information import Instrument

@@ -45,13 +45,13 @@ _folder = click.option(
     "--output",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path(),
-    help="Folder to write it to [the current one].",
+    help="Output folder [the current one].",
 )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 def new() -> None:
-    """Begin a scenario or an estimator: a commented file that runs."""
+    """Create a scenario or an estimator from a template."""
 
 
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -59,21 +59,19 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 @new.command()
 @click.argument("name")
-@click.option("--track", type=_FILE, help="Fly a track of your own, a CSV file.")
-@click.option("--map", "own_map", type=_FILE, help="Fly over a map of your own, a netCDF file.")
-@click.option(
-    "--terrain", type=_FILE, help="Follow the terrain of this elevation model, with --map."
-)
+@click.option("--track", type=_FILE, help="Track to fly: a CSV file.")
+@click.option("--map", "own_map", type=_FILE, help="Map to fly over: a netCDF file.")
+@click.option("--terrain", type=_FILE, help="Elevation model to follow; requires --map.")
 @click.option(
     "--clearance",
     type=click.FloatRange(0.0, 1e5, min_open=True),
     metavar="M",
-    help="Least height above that terrain [200].",
+    help="Minimum height above the terrain [200].",
 )
 @click.option(
     "--waypoints",
     type=_FILE,
-    help="Fly through the places of a GPX, KML or CSV file, with --map.",
+    help="Waypoints to fly through: a GPX, KML or CSV file; requires --map.",
 )
 @_folder
 def scenario(
@@ -85,10 +83,11 @@ def scenario(
     waypoints: Path | None,
     output: Path,
 ) -> None:
-    """Write NAME.toml: a flight over a shipped map, with every table explained.
+    """Write NAME.toml, a commented scenario.
 
-    Over a map of your own the flight lies in the middle, a third of the way up; with a terrain it
-    follows the ground, but never leaves the map. Through waypoints it flies as fast as turns allow.
+    The default is a flight over a shipped map. With --map the flight crosses the middle of the map,
+    at a third of its height. With --terrain it follows the ground within the map. With --waypoints
+    its speed is limited by the turns.
     """
     if waypoints is not None and (own_map is None or track is not None or terrain is not None):
         raise click.UsageError("--waypoints goes with --map, and without --track and --terrain")
@@ -118,7 +117,7 @@ def scenario(
 @click.argument("name")
 @_folder
 def estimator(name: str, output: Path) -> None:
-    """Write NAME.py: an extended Kalman filter that keeps the contract, with its class NAME."""
+    """Write NAME.py, a commented extended Kalman filter."""
     called = "".join(part[:1].upper() + part[1:] for part in re.split("[-_]+", name))
     if keyword.iskeyword(called) or called in _TAKEN:
         raise NewFileError(f"an estimator '{name}' would be a class {called}: choose another name")
@@ -256,7 +255,7 @@ def _begun(
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise NewFileError(f"{path} is there already, and is left as it is") from None
+        raise NewFileError(f"{path} exists already and is not overwritten") from None
     except OSError as error:
         with contextlib.suppress(OSError):
             path.unlink()  # else half of it would be there

@@ -23,20 +23,20 @@ _SHOWN = 10
 
 @click.command()
 @click.argument("scenario_name", metavar="SCENARIO")
-@click.option("-c", "--case", metavar="NAME", help="Case to plan [the first].")
+@click.option("-c", "--case", metavar="NAME", help="Case [the first].")
 @click.option(
     "--headings",
     type=click.IntRange(1, 72),
     default=8,
     show_default=True,
-    help="Number of headings, evenly spread.",
+    help="Number of headings.",
 )
 @click.option(
     "--grid",
     type=click.IntRange(1, 15),
     default=1,
     show_default=True,
-    help="Number of starts along each side of a square about the start.",
+    help="Number of starts along each side of a square grid around the start.",
 )
 @click.option(
     "--step",
@@ -44,13 +44,13 @@ _SHOWN = 10
     default=5.0,
     show_default=True,
     metavar="KM",
-    help="Distance of neighbouring starts.",
+    help="Distance between starts.",
 )
 @click.option(
     "--target",
     type=click.FloatRange(0.0, min_open=True),
     metavar="M",
-    help="RMS position error that is wanted: how many tracks allow it.",
+    help="Required RMS position error: counts the tracks that allow it.",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")
@@ -64,10 +64,10 @@ def plan(
     output: Path | None,
     figure: Path | None,
 ) -> None:
-    """Rank tracks for the flight of a SCENARIO by the bound of the RMS position error.
+    """Rank tracks for the flight of a SCENARIO by their Cramér–Rao bound.
 
-    The flight is moved to other starts and turned to other headings. No estimator has smaller
-    errors than the bound; of wrong places that look alike it knows nothing.
+    The command moves the flight to other starts and headings. It ranks them by the bound of the RMS
+    position error. The bound ignores false fixes.
 
     Exit code 1 if no track allows the target.
     """
@@ -80,7 +80,7 @@ def plan(
     loaded = scenario.load(scenario_name)
     flown = loaded.cases[0] if case is None else loaded.case(case)
     if flown.trajectory.file is not None:
-        raise click.UsageError("the track of a file cannot be moved: give [trajectory] segments")
+        raise click.UsageError("a track from a file cannot be moved: give [trajectory] segments")
     offsets = [step * (k - 0.5 * (grid - 1)) for k in range(grid)]
     places = [(east, north) for north in offsets for east in offsets]
     found = tracks(flown, places, [360.0 * k / headings for k in range(headings)])

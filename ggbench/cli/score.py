@@ -39,31 +39,31 @@ _COLOURS = {"better": "green", "worse": "red"}
     "-s",
     "--seed",
     type=click.IntRange(0, MOST_SEED),
-    help="Seed of new tracks, maps and noises, for both sides [the public one].",
+    help="Seed of new tracks, maps and noises, for all estimators [the public one].",
 )
 @click.option(
-    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to fly; repeat for more."
+    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to fly; repeatable."
 )
 @click.option(
     "--judge",
     type=click.Choice(["all", "odd", "even"]),
     default="all",
     show_default=True,
-    help="Judge runs of this number only: tune on even ones, report odd ones.",
+    help="Runs to judge: tune on even ones, report odd ones.",
 )
 @click.option(
     "--check",
     "checked",
     type=click.Path(path_type=Path),
     metavar="CARD",
-    help="Fly a card again, which runs the ESTIMATOR's code; exit code 1 if not reproduced.",
+    help="Repeat a card; runs the ESTIMATOR's code; exit code 1 if not reproduced.",
 )
 @click.option(
     "--against",
     "before",
     type=click.Path(path_type=Path),
     metavar="CARD",
-    help="Compare with an older card; exit code 1 if a question is surely worse.",
+    help="Compare with an older card; exit code 1 if a case is significantly worse.",
 )
 @click.option(
     "-o",
@@ -84,14 +84,15 @@ def score(
     output: Path | None,
     jobs: int | None,
 ) -> None:
-    """Score an ESTIMATOR, a .py file or a name, in the standard suite.
+    """Score an ESTIMATOR in the standard suite.
 
-    The runs of the other estimators are stored. Writes card.json, card.md and card.html.
+    ESTIMATOR is a .py file or a name. The runs of the other estimators are stored. The command
+    writes card.json, card.md and card.html.
 
-    A score runs the code of the ESTIMATOR. --check runs no file that a card names: without an
-    ESTIMATOR it flies installed estimators only.
+    A score runs the code of the ESTIMATOR. A card alone never runs code: without an ESTIMATOR,
+    --check repeats cards of installed estimators only.
 
-    Exit code 1 if a card is not reproduced or is surely worse than an older one.
+    Exit code 1 if a card is not reproduced or is significantly worse than an older one.
     """
     if quick and runs:
         raise click.UsageError("--quick flies 20 runs of each case: give it or -n")

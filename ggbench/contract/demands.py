@@ -143,7 +143,7 @@ def repeatable(estimator: Estimator, problem: Problem, first: Estimate | None = 
         differs = (np.asarray(one) != np.asarray(other)).reshape(len(one), -1).any(axis=1)
         raise Broken(
             f"the same problem and generator gave another {name} the second time, first at epoch "
-            f"{differs.argmax()}: draw from rng alone, and keep nothing between two calls"
+            f"{differs.argmax()}: draw from rng alone, and keep no state between calls"
         )
 
 
@@ -161,7 +161,7 @@ def inputs_kept(estimator: Estimator, problem: Problem) -> None:
             what = named.get(key, f"an array {array.shape} of the model")
             raise Broken(f"{what} was changed: it goes to every estimator, so work on a copy")
     if after != set(before):
-        raise Broken("the problem or its model holds other arrays afterwards than before")
+        raise Broken("estimate() replaced arrays of the problem or its model")
 
 
 def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None:
@@ -233,7 +233,7 @@ def _require_causal_fixes(
 ) -> None:
     assert first.fixes is not None
     if second.fixes is None:
-        raise Broken("it makes fixes of one problem, and returned None of the next")
+        raise Broken("it returned fixes for one problem and None for the next")
     before, after = _rows(first.fixes), _rows(second.fixes)
     ones, others = (rows[rows[:, 0] <= last] for rows in (before, after))
     if not np.array_equal(ones, others):
@@ -259,8 +259,8 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
     found = answer(estimator, problem, gaussian=True)
     if found.cov is None:
         raise Broken(
-            "an exact estimator has a covariance: say exact_if_linear_gaussian = False, or return "
-            "one"
+            "an exact estimator must return a covariance; otherwise "
+            "set exact_if_linear_gaussian = False"
         )
     right = exact(problem, found)
     mean_off, cov_off = deviation(found.mean, found.cov, *right)
@@ -304,7 +304,7 @@ def near_exact(estimator: Estimator, problem: Problem) -> None:
     """
     found = answer(estimator, problem)
     if found.fixes is not None:
-        raise Refused("it tells only what its fixes tell")
+        raise Refused("it has only fixes")
     mean, cov = exact(problem, found)
     variance = np.diagonal(cov, axis1=1, axis2=2)
     off = float(np.sqrt(np.mean((np.asarray(found.mean) - mean) ** 2 / variance)))

@@ -267,8 +267,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         """Raise ValueError if an instrument, as it is in truth, cannot have these errors."""
         if spec.readings == "measured" and self.model_dump(exclude_defaults=True):
             raise ValueError(
-                "truth.gradiometer: measured readings have the errors that they have; remove its "
-                "keys"
+                "truth.gradiometer: measured readings already contain their errors: remove its keys"
             )
         of_white_noise = ("noise_freedom", "noise_doubles_at_deg_per_s", "noise_doubles_at_mps2")
         if spec.coloured_noise is not None and (

@@ -98,7 +98,7 @@ def test_an_estimator_that_fails_does_not_take_the_others_along(tmp_path, log):
     assert (tmp_path / "out" / "ekf" / "corrected.csv").exists()
     alone = invoke(["estimate", "log/flight.toml", "-e", "./broken.py", "-o", "two"], tmp_path)
     assert alone.returncode == 2
-    assert "nothing is written" in alone.stderr
+    assert "no file is written" in alone.stderr
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,7 @@ def test_a_sum_is_finer_than_its_coefficients():
 
 
 BAD = {
-    "nothing": ([], "a map is made of something: give --terrain, --coefficients"),
+    "nothing": ([], "a map needs a source: give --terrain, --coefficients"),
     "two grids": (["--geoid", GEOID, "--anomaly", "x.nc"], "give one of them"),
     "two spacings": (
         ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1], "give one of them"
@@ -224,11 +224,11 @@ BAD = {
     "missing grid": (["--geoid", "gone.nc"], "cannot read gone.nc: No such file"),
     "no model": (["--coefficients", "text.txt", *BOX], "no line 'end_of_head'"),
     "no grid": (["--geoid", "text.nc"], "text.nc is no grid that can be read"),
-    "no bounds": (["--coefficients", "model.gfc"], "serve the whole Earth: give the bounds"),
+    "no bounds": (["--coefficients", "model.gfc"], "cover the whole Earth: give the bounds"),
     "degree too high": (["--coefficients", "model.gfc", "--max-degree", 99, *BOX], "up to 8"),
     "shipped degree": (["--geoid", GEOID, "--max-degree", 121], "to degree 120 only"),
     "lowest degree": (["--coefficients", "model.gfc", "--min-degree", 9, *BOX], "between 2 and"),
-    "outside": (["--geoid", GEOID, "--south", 20], "--south 20 lies outside what the inputs"),
+    "outside": (["--geoid", GEOID, "--south", 20], "20 lies outside the area of the inputs"),
     "not a number": (["--geoid", GEOID, "--south", "nan"], "--south nan must be a finite number"),
     "upside down": (["--geoid", GEOID, "--south", 34, "--north", 33], "must be less than --north"),
     "below ground": (["--terrain", DEM, "--lowest", 900], "900 lies 176 m below the highest"),
@@ -284,7 +284,7 @@ def test_what_cannot_be_is_refused_with_one_sentence(name, folder, monkeypatch):
 def test_files_that_cannot_be_shown_or_written_are_refused(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert "gone.nc: No such file" in run("show", "gone.nc", code=2)
-    assert "is no whole netCDF file" in run("show", "text.nc", code=2)
+    assert "is not a complete netCDF file" in run("show", "text.nc", code=2)
     assert "lacks height" in run("show", "gravity.nc", code=2)
     assert "must be named *.nc" in run("build", "-o", "x.tif", "--terrain", DEM, code=2)
     words = ["--geoid", GEOID, *BOX, *HEIGHTS, "--spacing-arcmin", 5]

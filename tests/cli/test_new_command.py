@@ -254,7 +254,7 @@ def test_a_scenario_that_is_begun_runs(tmp_path):
         (["estimator", "a" * 61], "60 at most"),
         (["estimator", "none"], "would be a class None: choose another name"),
         (["estimator", "estimator"], "would be a class Estimator: choose another name"),
-        (["estimator", "there"], "there.py is there already, and is left as it is"),
+        (["estimator", "there"], "there.py exists already and is not overwritten"),
         (["scenario", "x", "-o", "there.py/in"], "cannot write "),
     ],
 )

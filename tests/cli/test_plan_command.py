@@ -70,8 +70,8 @@ def test_the_bounds_of_all_cases_are_in_one_table(tmp_path):
     [
         (["plan", "wide_prior", "--grid", "0"], "--grid"),
         (["plan", "wide_prior", "-o", "tracks.txt"], ".csv"),
-        (["plan", "turbulence"], "the track of a file cannot be moved"),
-        (["bound", "wide_prior", "--all", "-c", "1km"], "--all is of all cases"),
+        (["plan", "turbulence"], "a track from a file cannot be moved"),
+        (["bound", "wide_prior", "--all", "-c", "1km"], "--all prints all cases"),
     ],
 )
 def test_bad_input_is_a_sentence(arguments, said, tmp_path):

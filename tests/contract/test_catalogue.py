@@ -58,7 +58,7 @@ BROKEN = {
     "inputs": (
         END,
         f"        object.__setattr__(problem.model, 'kept', means)\n{END}",
-        "holds other arrays afterwards than before",
+        "replaced arrays of the problem",
     ),
     "causality": (
         END,
@@ -135,7 +135,7 @@ def test_the_right_check_fails(tmp_path, name):
         ("Estimate(means, ", "Estimate(means + 0j, ", "estimate", "type complex128"),
         ("Estimate(means, ", "Estimate(means * np.nan, ", "estimate", "not finite at 40 epochs"),
         (END, f"        covs[-1, 2, 2] *= -1.0\n{END}", "covariance", "variance of state 2 at"),
-        (", covs, ", ", None, ", "exact", "say exact_if_linear_gaussian = False"),
+        (", covs, ", ", None, ", "exact", "set exact_if_linear_gaussian = False"),
         ('causality = "filter"', 'causality = "batch"', "causality", "declare 'filter'"),
         ('causality = "filter"', 'causality = "none"', "causality", "is 'none', and when readings"),
     ],
