@@ -377,8 +377,8 @@ def test_a_height_as_uncertain_as_the_position_is_said(initial, said, tmp_path):
 
 def test_the_prior_is_compared_with_the_field_of_a_built_map(tmp_path):
     """Over a map from a file; over one that is not built nothing is evaluated."""
-    rough_map(tmp_path / "map.nc")
-    text = SMALL.replace('source = "normal"', 'source = "map.nc"')
+    own_map = rough_map(tmp_path / "map.nc")
+    text = SMALL.replace('source = "normal"', f'source = "{own_map}"')
     (base, *_) = examined(of(tmp_path, text))
     assert 100.0 < base.correlation_m < 100_000.0
     done = invoke(["validate", "own.toml"], tmp_path, columns=400)
