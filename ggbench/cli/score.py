@@ -86,7 +86,8 @@ def score(
 ) -> None:
     """Score an ESTIMATOR, a .py file or a name, in the standard suite.
 
-    The runs of the other estimators are stored. Writes card.json, card.md and card.html.
+    The runs of the other estimators are stored. Writes card.json, card.md, card.html and
+    card.png.
 
     A score runs the code of the ESTIMATOR. --check runs no file that a card names: without an
     ESTIMATOR it flies installed estimators only.
@@ -195,12 +196,14 @@ def _print_card(card: Card) -> None:
 
 
 def _print_failures(found: Score) -> None:
-    """Print the runs that failed or diverged, each with the command that repeats it."""
-    for row in found.failures.head(_MOST_LISTED).itertuples():
-        console.out(f"{row.case}, run {row.run}: {row.reason or 'diverged'}\n  {row.command}")
-    more = len(found.failures) - _MOST_LISTED
-    if more > 0:
-        console.out(f"... and {counted(more, 'more run')} that failed or diverged")
+    """Print each kind of failure, and the command that repeats one run of it."""
+    from ..score import page
+
+    kinds = page.kinds_of_failures(found.failures)
+    for reason, where, command in kinds[:_MOST_LISTED]:
+        console.out(f"{where}: {reason}\n  {command}")
+    if len(kinds) > _MOST_LISTED:
+        console.out(f"... and {counted(len(kinds) - _MOST_LISTED, 'more kind')} of failures")
 
 
 def _verdict(card: Card, old: Card | None, previous: Card | None) -> int:
