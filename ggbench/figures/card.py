@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from matplotlib.ticker import LogLocator, NullFormatter
+
 from .style import BOUND, Drawing, styled, subplots
 
 _LONGEST = 60
@@ -33,10 +35,12 @@ def scorecard(rows: Sequence[Mapping[str, float | str]], label: str) -> Drawing:
         usable = [v if math.isfinite(v) and v > 0.0 else math.nan for v in values]
         axis.plot(usable, places, ls="", label=name, **style)
     axis.set_xscale("log")
-    axis.set_yticks(places, [str(row["title"])[:_LONGEST].replace("$", r"\$") for row in rows])
+    axis.set_yticks(places, [str(row["title"])[:_LONGEST] for row in rows])
     axis.set_ylim(len(rows) - 0.5, -0.5)
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel("RMS position error, settled window [m]")
     handles, names = axis.get_legend_handles_labels()
-    escaped = [name.replace("$", r"\$") for name in names]
-    figure.legend(handles, escaped, loc="outside upper center", ncols=3)
+    figure.legend(handles, names, loc="outside upper center", ncols=3)
     return figure
