@@ -71,7 +71,14 @@ def corrected_samples(
     indicated : motion of the INS at the samples.
     start : is added to the times [s].
 
-    Raises EstimateError as :func:`corrected` does.
+    Returns
+    -------
+    Columns as :func:`corrected` has them, without standard deviations.
+
+    Raises
+    ------
+    EstimateError
+        As :func:`corrected`.
     """
     mean, _ = _arrays(problem, estimate)
     inside = (times >= problem.times[0]) & (times <= problem.times[-1])
