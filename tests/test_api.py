@@ -445,7 +445,7 @@ def test_bound_and_tracks_are_those_of_the_commands(scenario):
     problem, _ = gg.simulate(scenario)
     np.testing.assert_array_equal(bounds["time_s"], problem.times)
     assert (bounds["position_smoothed_m"] <= bounds["position_m"] * (1.0 + 1e-9)).all()
-    assert len(tracks) == 12 and tracks["bound_m"].is_monotonic_increasing
+    assert len(tracks) == 13 and tracks["bound_m"].is_monotonic_increasing
     (own,) = gg.plan(scenario, headings=1)["bound_m"]
     assert own == pytest.approx(bound_of(scenario.cases[0]))
 

@@ -87,6 +87,7 @@ def advise(
 
 def _print(found: Advice) -> None:
     """Print the estimators, the recommended one, and what limits the accuracy."""
+    from ..judging.field_scale import on_the_prior
     from ..report import columns
     from ..score import advice as advices
 
@@ -116,10 +117,8 @@ def _print(found: Advice) -> None:
         console.out(f"After landing: {smoother}, RMS error {columns.metres(errors[smoother])} m.")
     row = found.results.cases().iloc[0]
     if math.isfinite(row["width"]):
-        console.out(
-            f"The initial uncertainty is {row['width']:.2g} correlation lengths of the field "
-            f"({1e-3 * row['correlation_m']:.3g} km): {advices.on_the_prior(row['width'])}."
-        )
+        prior = on_the_prior(row["position_m"], row["correlation_m"])
+        console.out(f"{prior[0].upper()}{prior[1:]}.")
     table = ResponsiveTable(
         "What limits the accuracy: each cause halved",
         [("cause", "text"), ("bound m", "number"), ("change", "number")],

@@ -16,8 +16,10 @@ import numpy as np
 from ..campaign.campaign import case_named
 from ..campaign.flights import first_problem
 from ..display.compiling import fields_of, tell_maps
+from ..judging.field_scale import correlation_m
 from ..maps import recipe
 from ..recorded.motion import angles_of
+from ..sensors.gradiometer.instrument import COMPONENTS
 from ..simulation.field_source import is_file, make_field, map_recipe
 from ..simulation.formulation import require_short_delays
 from ..simulation.ins_error import InsError, inertial_alone, ins_error
@@ -75,6 +77,8 @@ class Examined:
     readings : how many each sensor on board gives, by its name.
     ins : error of the INS without aiding.
     narrow : margins in the estimators' map that are too narrow for it.
+    correlation_m : the field's correlation length along the track [m]; NaN without a gradiometer,
+        and where the true map is not built yet.
     """
 
     study: str
@@ -84,6 +88,7 @@ class Examined:
     readings: dict[str, int]
     ins: InsError
     narrow: tuple[Shortfall, ...]
+    correlation_m: float
 
     @property
     def name(self) -> str:
@@ -124,6 +129,7 @@ def _examined(study: str, case: CaseSpec) -> Examined:
     nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
     error, assumed = ins_error_of(case), bounds[1]
     narrow = shortfalls(case, trajectory, assumed, error) if assumed.finite else ()
+    inside = all(min(m.border, m.below, m.above) >= 0.0 for m in margins)
     return Examined(
         study=study,
         case=case,
@@ -132,7 +138,19 @@ def _examined(study: str, case: CaseSpec) -> Examined:
         readings=readings,
         ins=error,
         narrow=narrow,
+        correlation_m=_correlation(case, trajectory) if inside else math.nan,
     )
+
+
+def _correlation(case: CaseSpec, trajectory: Trajectory) -> float:
+    """Return the field's correlation length along the track [m], NaN where it is not known."""
+    spec = case.side("truth").field
+    if case.gradiometer is None or spec.source == "normal":
+        return math.nan
+    if not (is_file(spec.source) or recipe.cached_path(recipe.checked(map_recipe(spec))).exists()):
+        return math.nan
+    read = trajectory.positions[:: case.strides["gradiometer"]]
+    return correlation_m(read, make_field(spec).tensor(*read.T)[:, COMPONENTS.index("zz")])
 
 
 def _clear(found: Examined) -> bool:

@@ -43,8 +43,8 @@ _EXIT_FAILED = 1
 def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int) -> None:
     """Estimate a recorded FLIGHT, a TOML file that names its records.
 
-    The command writes corrected tracks with standard deviations, residuals, and a report with
-    figures.
+    The command writes corrected tracks with standard deviations (CSV, GPX, KML), tracks at the rate
+    of the INS, residuals, and a report with figures (markdown, HTML).
     """
     from ..api import problems
     from ..campaign import registry
@@ -88,9 +88,12 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         click.echo(f"Note: {remark}.")
     for suspicion in suspicions(recorded, by_label):
         click.echo(f"Warning: {suspicion}.")
+    for sentence in flight_report.summary(recorded, found):
+        click.echo(f"{sentence}.")
     families = {choice.label: choice.family for choice in choices}
     path = flight_report.write(recorded, found, families, output)
-    click.echo(f"Wrote {path}, and tracks and residuals in the folders next to it.")
+    page = path.with_name(flight_report.PAGE)
+    click.echo(f"Wrote {page} and {path.name}, and tracks and residuals in the folders next to it.")
     sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)
 
 

@@ -308,6 +308,7 @@ def _run_library(asked: _Asked, output: Path) -> int:
 
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
     """Print the metrics of what is stored and how to go on."""
+    from ..campaign.campaign import left_out_remarks
     from ..results.folder import as_argument
     from .terminal import print_metrics
 
@@ -331,6 +332,9 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
         click.echo(
             f"{counted(failed, 'run')} failed: 'ggbench show {name}' tells why and repeats them."
         )
+    manifest = results.manifest
+    for remark in left_out_remarks(manifest["left_out"], manifest["cases"]):
+        click.echo(f"Note: {remark}.")
     if outcome.without_success:
         click.echo(f"Every run of {' and of '.join(outcome.without_success)} failed.")
     if interrupted:

@@ -66,8 +66,8 @@ def plan(
 ) -> None:
     """Rank tracks for the flight of a SCENARIO by their Cramér–Rao bound.
 
-    The command moves the flight to other starts and headings. It ranks them by the bound of the RMS
-    position error. The bound ignores false fixes.
+    The command moves the flight, of segments or of a track, to other starts and headings. It ranks
+    them by the bound of the RMS position error. The bound ignores false fixes.
 
     Exit code 1 if no track allows the target.
     """
@@ -79,8 +79,6 @@ def plan(
     require_suffix(figure, ".png")
     loaded = scenario.load(scenario_name)
     flown = loaded.cases[0] if case is None else loaded.case(case)
-    if flown.trajectory.file is not None:
-        raise click.UsageError("a track from a file cannot be moved: give [trajectory] segments")
     offsets = [step * (k - 0.5 * (grid - 1)) for k in range(grid)]
     places = [(east, north) for north in offsets for east in offsets]
     found = tracks(flown, places, [360.0 * k / headings for k in range(headings)])
@@ -90,8 +88,12 @@ def plan(
     if figure is not None:
         from ..figures.planned import planned_tracks
         from ..figures.style import save
+        from ..simulation.field_source import make_field
+        from ..simulation.true_motion import trajectory_of
 
-        save(planned_tracks(found, flown.title), figure)
+        field = make_field(flown.side("truth").field)
+        present = trajectory_of(flown.trajectory, flown.imu.period_s).positions
+        save(planned_tracks(found, field, present, flown.title), figure)
         click.echo(f"Wrote {figure}")
     reached = target is None or bool((found["bound_m"] <= target).any())
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
@@ -116,6 +118,10 @@ def _print(found: pd.DataFrame, title: str, target: float | None) -> None:
     table.print(console)
     if len(able):
         console.out(f"The worst track has a bound of {able['bound_m'].iloc[-1]:.3g} m.")
+        present = able[able["present"]]
+        if len(present):
+            rank, bound = int(present.index[0]) + 1, present["bound_m"].iloc[0]
+            console.out(f"The present flight has a bound of {bound:.3g} m, number {rank} of them.")
     unable = found[found["reason"] != ""]
     if len(unable):
         console.out(

@@ -87,7 +87,7 @@ def score(
     """Score an ESTIMATOR in the standard suite.
 
     ESTIMATOR is a .py file or a name. The runs of the other estimators are stored. The command
-    writes card.json, card.md and card.html.
+    writes card.json, card.md, card.html and card.png.
 
     A score runs the code of the ESTIMATOR. A card alone never runs code: without an ESTIMATOR,
     --check repeats cards of installed estimators only.
@@ -196,12 +196,14 @@ def _print_card(card: Card) -> None:
 
 
 def _print_failures(found: Score) -> None:
-    """Print the runs that failed or diverged, each with the command that repeats it."""
-    for row in found.failures.head(_MOST_LISTED).itertuples():
-        console.out(f"{row.case}, run {row.run}: {row.reason or 'diverged'}\n  {row.command}")
-    more = len(found.failures) - _MOST_LISTED
-    if more > 0:
-        console.out(f"... and {counted(more, 'more run')} that failed or diverged")
+    """Print each kind of failure, and the command that repeats one run of it."""
+    from ..score import page
+
+    kinds = page.kinds_of_failures(found.failures)
+    for reason, where, command in kinds[:_MOST_LISTED]:
+        console.out(f"{where}: {reason}\n  {command}")
+    if len(kinds) > _MOST_LISTED:
+        console.out(f"... and {counted(len(kinds) - _MOST_LISTED, 'more kind')} of failures")
 
 
 def _verdict(card: Card, old: Card | None, previous: Card | None) -> int:

@@ -25,6 +25,7 @@ from small_cases import blank_map
 from thinning import thinned
 
 from ggbench.cli.main import main
+from ggbench.figures.numbers import short
 from ggbench.gravity import ellipsoid
 from ggbench.gravity.degraded_map import MapDegradation, degrade
 from ggbench.gravity.field import Field
@@ -320,7 +321,14 @@ def test_cells_of_a_map_are_scored():
     assert "Wrote out/score.csv" in output
     table = pd.read_csv("out/score.csv")
     assert len(table) == 9
-    assert sorted(table["grade"]) == ["fair"] * 3 + ["good"] * 3 + ["unsuitable"] * 3
+    thirds = ("highest third", "lowest third", "middle third")
+    assert sorted(table["grade"]) == [third for third in thirds for _ in range(3)]
+    best = table.sort_values("track_m").iloc[0]
+    sentence = " ".join(output.split())
+    assert f"allows an RMS position error of {short(best['track_m'])} m" in sentence
+    assert "A match at a wrong place, more than 750 m off, has a probability of" in sentence
+    for unfit in ("nepers", "√tr", "e-", "unsuitable"):
+        assert unfit not in output.replace("score.csv", "")
     assert np.isfinite(table.drop(columns="grade").to_numpy()).all()
     assert imread("out/score.png").shape[1] > 800
     few = run("score", "own.nc", "--cell-deg", 0.1, "--sigma-km", 1.5, "--readings", 11)
