@@ -20,7 +20,7 @@ from ..judging.field_scale import correlation_m
 from ..maps import recipe
 from ..recorded.motion import angles_of
 from ..sensors.gradiometer.instrument import COMPONENTS
-from ..simulation.field_source import is_file, make_field, map_recipe
+from ..simulation.field_source import beside, is_file, make_field, map_recipe
 from ..simulation.formulation import require_short_delays
 from ..simulation.ins_error import InsError, inertial_alone, ins_error
 from ..simulation.instruments import faults, spinning_disks
@@ -150,7 +150,8 @@ def _correlation(case: CaseSpec, trajectory: Trajectory) -> float:
     if not (is_file(spec.source) or recipe.cached_path(recipe.checked(map_recipe(spec))).exists()):
         return math.nan
     read = trajectory.positions[:: case.strides["gradiometer"]]
-    return correlation_m(read, make_field(spec).tensor(*read.T)[:, COMPONENTS.index("zz")])
+    field = beside(make_field(spec), float(read[0, 1]))
+    return correlation_m(read, field.tensor(*read.T)[:, COMPONENTS.index("zz")])
 
 
 def _clear(found: Examined) -> bool:
