@@ -68,13 +68,16 @@ def plan(
     Raises
     ------
     ArgumentError
-        If the flight follows survey lines, or a number is out of its range.
+        If a number is out of its range.
+    GGBenchError
+        If the flight follows survey lines.
     """
-    flown = case_of(case)
-    turns = [360.0 * k / headings for k in range(whole("headings", headings, 1, _MOST_HEADINGS))]
-    side = whole("starts", starts, 1, _MOST_STARTS)
-    offsets = [number("step_km", step_km) * (k - 0.5 * (side - 1)) for k in range(side)]
-    return planned.tracks(flown, [(east, north) for north in offsets for east in offsets], turns)
+    return planned.around(
+        case_of(case),
+        whole("headings", headings, 1, _MOST_HEADINGS),
+        whole("starts", starts, 1, _MOST_STARTS),
+        number("step_km", step_km),
+    )
 
 
 def advise(

@@ -59,10 +59,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Turn an error of the user's into a CampaignError that names the case.
-
-    Raise CampaignError in its place.
-    """
+    """Raise an error of the user's as a CampaignError that names the case."""
     try:
         yield
     except GGBenchError as error:
@@ -250,7 +247,6 @@ class Campaign:
         self.families: dict[str, str] = {k: choice.family for k, choice in choices.items()}
         studied = choose(self.scenario.campaign.assumption_estimator)
         label = next((k for k, v in contents.items() if v == studied.content), studied.label)
-        self.left_out: dict[str, dict[str, str]] = {}
         self.plan = Plan(
             scenario if self.assumptions else replace(scenario, assumptions=()),
             contents,
@@ -358,7 +354,6 @@ class Campaign:
             for label, content in self.plan.estimators.items()
             if len(left_out.get(label, ())) < len(cases)
         }
-        self.left_out = left_out
         self.plan = replace(self.plan, estimators=kept, left_out=left_out)
         if not kept:
             raise CampaignError("all estimators refuse this scenario: " + "; ".join(remarks))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
@@ -77,8 +77,6 @@ class Examined:
     readings : how many each sensor on board gives, by its name.
     ins : error of the INS without aiding.
     narrow : margins in the estimators' map that are too narrow for it.
-    correlation_m : the field's correlation length along the track [m]; NaN without a gradiometer,
-        and where the true map is not built yet.
     """
 
     study: str
@@ -88,7 +86,19 @@ class Examined:
     readings: dict[str, int]
     ins: InsError
     narrow: tuple[Shortfall, ...]
-    correlation_m: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether the flight stays inside all maps."""
+        return self.margin is None or self.margin.least >= 0.0
+
+    @cached_property
+    def correlation_m(self) -> float:
+        """The field's correlation length along the track [m], evaluated when it is asked for.
+
+        NaN without a gradiometer, outside of a map, and where the true map is not built yet.
+        """
+        return _correlation(self.case) if self.inside else math.nan
 
     @property
     def name(self) -> str:
@@ -126,10 +136,9 @@ def _examined(study: str, case: CaseSpec) -> Examined:
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, readings["gradiometer"])
     margins = [margin_of(trajectory, each) for each in bounds if each.finite]
-    nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
+    nearest = min(margins, key=lambda m: m.least, default=None)
     error, assumed = ins_error_of(case), bounds[1]
     narrow = shortfalls(case, trajectory, assumed, error) if assumed.finite else ()
-    inside = all(min(m.border, m.below, m.above) >= 0.0 for m in margins)
     return Examined(
         study=study,
         case=case,
@@ -138,18 +147,17 @@ def _examined(study: str, case: CaseSpec) -> Examined:
         readings=readings,
         ins=error,
         narrow=narrow,
-        correlation_m=_correlation(case, trajectory) if inside else math.nan,
     )
 
 
-def _correlation(case: CaseSpec, trajectory: Trajectory) -> float:
+def _correlation(case: CaseSpec) -> float:
     """Return the field's correlation length along the track [m], NaN where it is not known."""
     spec = case.side("truth").field
     if case.gradiometer is None or spec.source == "normal":
         return math.nan
     if not (is_file(spec.source) or recipe.cached_path(recipe.checked(map_recipe(spec))).exists()):
         return math.nan
-    read = trajectory.positions[:: case.strides["gradiometer"]]
+    read = _trajectory(case).positions[:: case.strides["gradiometer"]]
     field = beside(make_field(spec), float(read[0, 1]))
     return correlation_m(read, field.tensor(*read.T)[:, COMPONENTS.index("zz")])
 
@@ -158,8 +166,7 @@ def _clear(found: Examined) -> bool:
     """Return whether the plan alone says that the flight is possible, and stays in its map."""
     (lowest, highest), (_, fastest) = found.flown.heights, found.flown.speeds
     possible = lowest >= LOWEST_M and highest <= HIGHEST_M and fastest <= FASTEST_MPS
-    margin = found.margin
-    return possible and (margin is None or min(margin.border, margin.below, margin.above) >= 0.0)
+    return possible and found.inside
 
 
 @cache

@@ -72,16 +72,14 @@ def plan(
     Exit code 1 if no track allows the target.
     """
     tell_first_use("trajectory/truth.py", "in seconds")
-    from ..judging.planned import tracks
+    from ..judging.planned import around
     from ..spec import scenario
 
     require_suffix(output, ".csv")
     require_suffix(figure, ".png")
     loaded = scenario.load(scenario_name)
     flown = loaded.cases[0] if case is None else loaded.case(case)
-    offsets = [step * (k - 0.5 * (grid - 1)) for k in range(grid)]
-    places = [(east, north) for north in offsets for east in offsets]
-    found = tracks(flown, places, [360.0 * k / headings for k in range(headings)])
+    found = around(flown, headings, grid, step)
     _print(found, f"{loaded.name}, {flown.title}", target)
     if output is not None:
         write_csv(found, output)

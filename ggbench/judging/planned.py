@@ -69,6 +69,20 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
     return math.sqrt(float(squares[window_mask(flight.times, case.windows, "settled")].mean()))
 
 
+def around(case: CaseSpec, headings: int, starts: int, step_km: float) -> pd.DataFrame:
+    """Return :func:`tracks` of evenly spread headings and a square of starts about a flight's.
+
+    Parameters
+    ----------
+    headings : number of headings.
+    starts : number of starts along each side of the square.
+    step_km : distance of neighbouring starts [km].
+    """
+    offsets = [step_km * (k - 0.5 * (starts - 1)) for k in range(starts)]
+    places = [(east, north) for north in offsets for east in offsets]
+    return tracks(case, places, [360.0 * k / headings for k in range(headings)])
+
+
 def tracks(
     case: CaseSpec, places_km: Iterable[tuple[float, float]], turns_deg: Iterable[float]
 ) -> pd.DataFrame:
