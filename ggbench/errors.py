@@ -1,5 +1,6 @@
 """The base class of the errors that users can cause, and the texts of other errors."""
 
+_LONGEST_REASON = 300
 _LONGEST_TEXT = 200
 
 
@@ -16,6 +17,15 @@ def text_of(error: BaseException) -> str:
     Libraries quote what they read, and a damaged file may be quoted at any length.
     """
     return line_of(str(error)) or type(error).__name__
+
+
+def brief(text: str) -> str:
+    """Return the reason of a failure as one printable line of at most 300 characters.
+
+    The tables of a results folder keep the whole text.
+    """
+    line = line_of(text, _LONGEST_REASON + 1)
+    return line if len(line) <= _LONGEST_REASON else f"{line[: _LONGEST_REASON - 1]}…"
 
 
 def line_of(text: str, longest: int = _LONGEST_TEXT) -> str:

@@ -302,7 +302,7 @@ def test_an_estimator_that_no_worker_could_find(scenario, lazy, tmp_path):
 def test_an_estimator_that_cannot_take_a_problem(scenario, lazy):
     """One problem is refused with the reason; in a campaign the others are run."""
     problem, _ = gg.simulate(scenario.case("base"))
-    with pytest.raises(gg.GGBenchError, match="lazy cannot take this problem: it is too lazy"):
+    with pytest.raises(gg.GGBenchError, match="lazy refuses this problem: it is too lazy"):
         gg.estimate(problem, f"{lazy}[refuses=true]")
     with pytest.raises(gg.GGBenchError, match="returned an object of type str"):
         gg.estimate(problem, f"{lazy}[returns_text=true]")
@@ -338,12 +338,12 @@ def test_a_scenario_that_was_changed(scenario):
 
 BAD_CALLS = {
     "unknown scenario": (lambda s: gg.load("wang2012"), "did you mean 'wang2013'"),
-    "scenario that is a number": (lambda s: gg.load(2013), "by its name or path, not by an obj"),
+    "scenario that is a number": (lambda s: gg.load(2013), "must be a name or a path, not an obj"),
     "unknown scenario to run": (lambda s: gg.run("wang2012"), "did you mean 'wang2013'"),
     "unknown case": (lambda s: s.case("bas"), "no case 'bas' .did you mean 'base'"),
     "unknown case to run": (lambda s: gg.run(s, cases=["x"]), "no case 'x'"),
     "case by its name": (lambda s: gg.simulate("base"), "base"),
-    "number as a case": (lambda s: gg.simulate(1), "a case is scenario.case.name., or a scenario"),
+    "number as a case": (lambda s: gg.simulate(1), "must be scenario.case.name. or a scenario"),
     "no headings": (lambda s: gg.plan(s, headings=0), "headings is 0 and must lie between"),
     "unknown estimator to check": (lambda s: gg.check("ekff"), "did you mean 'ekf'"),
     "negative seed": (lambda s: gg.simulate(s.case("base"), -1), "seed is -1 and must lie between"),
@@ -359,11 +359,11 @@ BAD_CALLS = {
     "time in words": (lambda s: gg.run(s, time_limit="long"), "time_limit is 'long' and must be a"),
     "unknown estimator": (lambda s: gg.estimator("ekff"), "did you mean 'ekf'"),
     "unknown estimator to run": (lambda s: gg.run(s, ["ekff"]), "did you mean 'ekf'"),
-    "estimator that is a class": (lambda s: gg.estimator(gg.Estimator), "named by a text, not by"),
+    "estimator that is a class": (lambda s: gg.estimator(gg.Estimator), "must be named by a text"),
     "estimators in a set": (lambda s: gg.run(s, {"ekf"}), "must be a list of texts or estimators"),
     "estimators of a number": (lambda s: gg.run(s, [1]), "must be a list of texts or estimators"),
     "cases of a number": (lambda s: gg.run(s, cases=[1]), "cases must be a list of texts, and is"),
-    "truth as a problem": (lambda s: gg.estimate(None, "ekf"), "a Problem is estimated, and not"),
+    "truth as a problem": (lambda s: gg.estimate(None, "ekf"), "must be a Problem, not"),
     "nothing stored": (lambda s: gg.Results("nowhere"), "nowhere holds no results"),
     "map by another name": (lambda s: gg.maps.write("m.map", blank_map()), "must be named .*nc"),
     "no map": (lambda s: gg.maps.read("gone.nc"), "cannot read the map gone.nc"),
@@ -445,7 +445,7 @@ def test_bound_and_tracks_are_those_of_the_commands(scenario):
     problem, _ = gg.simulate(scenario)
     np.testing.assert_array_equal(bounds["time_s"], problem.times)
     assert (bounds["position_smoothed_m"] <= bounds["position_m"] * (1.0 + 1e-9)).all()
-    assert len(tracks) == 12 and tracks["bound_m"].is_monotonic_increasing
+    assert len(tracks) == 13 and tracks["bound_m"].is_monotonic_increasing
     (own,) = gg.plan(scenario, headings=1)["bound_m"]
     assert own == pytest.approx(bound_of(scenario.cases[0]))
 

@@ -12,11 +12,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ggbench.cli.keys import REQUIRED, Key, KeyTable, presets_of, tables
-from ggbench.exchange import problem_files
 from ggbench.score import card
 from ggbench.spec.json_schema import schema_text
 
-EXCHANGE = Path(__file__).parents[1] / "howto" / "another_language.md"
 PAGE = Path(__file__).parents[1] / "scenario_files.md"
 SCHEMA = Path(__file__).parents[1] / "scenario.schema.json"
 CARD_SCHEMA = Path(__file__).parents[1] / "card.schema.json"
@@ -35,17 +33,6 @@ def filled_in(text: str) -> str:
     return re.sub(
         r"(<!-- tables -->\n).*?(<!-- end of tables -->)",
         lambda found: f"{found[1]}\n{overview}\n{found[2]}",
-        text,
-        flags=re.DOTALL,
-    )
-
-
-def with_format(text: str) -> str:
-    """Return the page on other languages with the present table of a problem's file."""
-    table = "\n".join(problem_files.table())
-    return re.sub(
-        r"(<!-- problem format -->\n).*?(<!-- end of problem format -->)",
-        lambda found: f"{found[1]}\n{table}\n\n{found[2]}",
         text,
         flags=re.DOTALL,
     )
@@ -93,6 +80,5 @@ def _code(text: str) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(filled_in(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
-    EXCHANGE.write_text(with_format(EXCHANGE.read_text(encoding="utf-8")), encoding="utf-8")
     SCHEMA.write_text(schema_text(), encoding="utf-8")
     CARD_SCHEMA.write_text(card.schema_text(), encoding="utf-8")

@@ -143,8 +143,8 @@ def judge_estimates(
         key = result_keys.problem_key(case, first["seed"])
         if any(one.problem["key"] != key for one in held if one.problem["case"] == case.name):
             raise ExchangeError(
-                f"case {case.name} of {loaded.name} is another problem now than that of "
-                f"{estimates}: it was changed, or exported by another version; export it again"
+                f"case {case.name} of {loaded.name} differs from the problem of "
+                f"{estimates}: the case or the version has changed; export it again"
             )
     if cut is not None:
         require_causal(held, estimate_files.stored_runs(Path(cut)))
@@ -179,7 +179,7 @@ def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> Non
     cut : of the same runs, exported with ``until_s``.
     """
     if any(whole.causality == "batch" for whole in held):
-        raise ExchangeError("estimates that are 'batch' may use all readings: give no cut")
+        raise ExchangeError("'batch' estimates may use all measurements: remove the cut")
     compared = False
     for whole, part, number in _common_runs(held, cut):
         last = part.times[-1] - (whole.lag or 0.0)
@@ -199,7 +199,7 @@ def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> Non
                 f"at {first:g} s"
             )
     if not compared:
-        raise ExchangeError("the cut estimates are of no run of the whole ones")
+        raise ExchangeError("the cut estimates have no run in common with the whole ones")
 
 
 def _common_runs(

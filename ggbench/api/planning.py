@@ -14,7 +14,7 @@ from ..simulation.error_free_flight import prepare
 from ..spec.case import CaseSpec
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from ..spec.scenario import Scenario
-from .arguments import ArgumentError, listed, number, whole
+from .arguments import listed, number, whole
 from .problems import case_of
 from .running import scenario_of, text_of_estimator
 
@@ -56,7 +56,7 @@ def plan(
 
     Parameters
     ----------
-    case : as for :func:`bound`; its flight consists of segments.
+    case : as for :func:`bound`; its flight consists of segments or follows a track.
     headings : number of headings, evenly spread.
     starts : number of starts along each side of a square about the start.
     step_km : distance of neighbouring starts [km].
@@ -68,15 +68,16 @@ def plan(
     Raises
     ------
     ArgumentError
-        If the track comes from a file, or a number is out of its range.
+        If a number is out of its range.
+    GGBenchError
+        If the flight follows survey lines.
     """
-    flown = case_of(case)
-    if flown.trajectory.file is not None:
-        raise ArgumentError("the track of a file cannot be moved: give [trajectory] segments")
-    turns = [360.0 * k / headings for k in range(whole("headings", headings, 1, _MOST_HEADINGS))]
-    side = whole("starts", starts, 1, _MOST_STARTS)
-    offsets = [number("step_km", step_km) * (k - 0.5 * (side - 1)) for k in range(side)]
-    return planned.tracks(flown, [(east, north) for north in offsets for east in offsets], turns)
+    return planned.around(
+        case_of(case),
+        whole("headings", headings, 1, _MOST_HEADINGS),
+        whole("starts", starts, 1, _MOST_STARTS),
+        number("step_km", step_km),
+    )
 
 
 def advise(

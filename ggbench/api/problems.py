@@ -79,9 +79,7 @@ def load(name_or_path: str | Path) -> Scenario:
         With a sentence that names the file, the key, what was found and what is allowed.
     """
     if not isinstance(name_or_path, str | Path):
-        raise ArgumentError(
-            f"a scenario is loaded by its name or path, not by {kind(name_or_path)}"
-        )
+        raise ArgumentError(f"the scenario must be a name or a path, not {kind(name_or_path)}")
     return scenarios.load(name_or_path)
 
 
@@ -99,7 +97,7 @@ def case_of(given: CaseSpec | Scenario | str | Path) -> CaseSpec:
         return given.cases[0]
     if isinstance(given, str | Path):
         return load(given).cases[0]
-    raise ArgumentError(f"a case is scenario.case(name), or a scenario's first, not {kind(given)}")
+    raise ArgumentError(f"the case must be scenario.case(name) or a scenario, not {kind(given)}")
 
 
 def simulate(
@@ -139,7 +137,7 @@ def estimator(text: str) -> Estimator:
         If the text, the name, the file or a parameter is wrong; the message says what is allowed.
     """
     if not isinstance(text, str):
-        raise ArgumentError(f"an estimator is named by a text, not by {kind(text)}")
+        raise ArgumentError(f"the estimator must be named by a text, not {kind(text)}")
     return registry.choose(text).estimator
 
 
@@ -164,11 +162,11 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
         If the estimate lies outside the problem's map, where the border's values go on.
     """
     if not isinstance(problem, Problem):
-        raise ArgumentError(f"a Problem is estimated, and not {kind(problem)}")
+        raise ArgumentError(f"the problem must be a Problem, not {kind(problem)}")
     chosen = _estimator(estimator)
     reason = chosen.skip(problem)
     if reason:
-        raise registry.EstimatorError(f"{chosen.name} cannot take this problem: {reason}")
+        raise registry.EstimatorError(f"{chosen.name} refuses this problem: {reason}")
     rng = np.random.default_rng(whole("seed", seed, 0, MOST_SEED))
     found = estimation.estimate(chosen, problem, rng)
     if not isinstance(found, Estimate):
@@ -204,7 +202,7 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
         With a sentence that names the file, the place in it, what was found and what is allowed.
     """
     if not isinstance(path, str | Path):
-        raise ArgumentError(f"a flight is read by the path of its file, not by {kind(path)}")
+        raise ArgumentError(f"the flight must be the path of a file, not {kind(path)}")
     from ..recorded.flight import read_flight as read  # not at the top: it loads slowly
 
     found = read(path)
@@ -232,9 +230,9 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.Da
         If the problem has no track, or the estimate is another one's.
     """
     if not isinstance(problem, Problem):
-        raise ArgumentError(f"the track of a Problem is corrected, and not {kind(problem)}")
+        raise ArgumentError(f"the problem must be a Problem, not {kind(problem)}")
     if not isinstance(estimate, Estimate):
-        raise ArgumentError(f"a track is corrected by an Estimate, and not by {kind(estimate)}")
+        raise ArgumentError(f"the estimate must be an Estimate, not {kind(estimate)}")
     import pandas as pd
 
     from ..recorded.corrected import corrected as columns

@@ -79,7 +79,7 @@ def run(
     start = None if seed is None else whole("seed", seed, 0, MOST_SEED)
     processes = None if jobs is None else whole("jobs", jobs, 0, MOST_RUNS)
     if cluster and jobs is not None:
-        raise ArgumentError("jobs are of this machine and a cluster is others: give one of them")
+        raise ArgumentError("jobs and cluster exclude each other: give one of them")
     if time_limit is not None and not 0.0 < number("time_limit", time_limit) <= _LONGEST_S:
         raise ArgumentError(f"time_limit is {time_limit} s and must lie above 0, to {_LONGEST_S:g}")
     loaded, chosen_cases = scenario_of(scenario)
@@ -155,7 +155,7 @@ def sweep(
     """
     keys = list(values)
     if not keys or not all(values.values()):
-        raise ArgumentError("a sweep needs at least one key, and each at least one value")
+        raise ArgumentError("a sweep needs at least one key, and each key at least one value")
     points = []
     for number_of, combination in enumerate(itertools.product(*values.values())):
         point = case

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import GGBenchError
+from ..figures.numbers import some
 from ..problem import Problem
 from ..results.database import StoreError
 from ..results.store import FORMAT, Store, read_manifest, require_ours
@@ -36,6 +37,7 @@ from .registry import choose, choose_all, own_file
 from .runner import EstimatorKeys, Task, by_block_size
 from .texts import exception_text
 
+_NAMED_CASES = 3
 TASK_RUNS = 128
 """Most runs of a task."""
 
@@ -57,10 +59,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Turn an error of the user's into a CampaignError that names the case.
-
-    Raise CampaignError in its place.
-    """
+    """Raise an error of the user's as a CampaignError that names the case."""
     try:
         yield
     except GGBenchError as error:
@@ -78,6 +77,7 @@ class Plan:
     estimators : label to content (:attr:`.Choice.content`) of the cases' runs.
     studied : the same of the assumptions' runs.
     runs, seed : number of runs per case, and the seed.
+    left_out : reasons by label and case, of the cases that an estimator cannot take.
     """
 
     scenario: Scenario
@@ -85,13 +85,19 @@ class Plan:
     studied: Mapping[str, Mapping[str, Any]]
     runs: int
     seed: int
+    left_out: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def cells(self) -> list[tuple[str, CaseSpec, EstimatorKeys]]:
         """Return every study ("" for none) and case with its estimators and their keys."""
         return [
-            (study, case, self._pairs(case, self.studied if study else self.estimators))
+            (study, case, self._pairs(case, self.studied if study else self._taking(case.name)))
             for study, case in self.scenario.every_case()
         ]
+
+    def _taking(self, case: str) -> dict[str, Mapping[str, Any]]:
+        """Return the estimators that take a case."""
+        refused = {label for label, reasons in self.left_out.items() if case in reasons}
+        return {k: content for k, content in self.estimators.items() if k not in refused}
 
     def _pairs(self, case: CaseSpec, contents: Mapping[str, Mapping[str, Any]]) -> EstimatorKeys:
         return tuple(
@@ -126,7 +132,17 @@ class Plan:
         shown = whole.select([case.name for case in whole.cases if case.name in names])
         if not (old["assumptions"] or self.scenario.assumptions):
             shown = replace(shown, assumptions=())
-        joined = replace(self, scenario=shown, estimators=held | dict(self.estimators))
+        # What an earlier campaign found of further cases holds as long as the source is the same.
+        same = {k for k, content in self.estimators.items() if old["estimators"].get(k) == content}
+        left_out = {k: v for k, v in old.get("left_out", {}).items() if k in held or k in same}
+        for label, reasons in self.left_out.items():
+            left_out[label] = left_out.get(label, {}) | dict(reasons)
+        joined = replace(
+            self,
+            scenario=shown,
+            estimators=held | dict(self.estimators),
+            left_out=left_out,
+        )
         stored = {key for _, _, pairs in joined.cells() for _, key in pairs} & finished
         return replace(joined, runs=max(old["runs"], self.runs)) if stored else joined
 
@@ -231,7 +247,6 @@ class Campaign:
         self.families: dict[str, str] = {k: choice.family for k, choice in choices.items()}
         studied = choose(self.scenario.campaign.assumption_estimator)
         label = next((k for k, v in contents.items() if v == studied.content), studied.label)
-        self.left_out: dict[str, str] = {}
         self.plan = Plan(
             scenario if self.assumptions else replace(scenario, assumptions=()),
             contents,
@@ -318,22 +333,30 @@ class Campaign:
                 )
 
     def _leave_out(self) -> list[str]:
-        """Leave estimators out that cannot take a problem (``skip``); return why."""
-        left_out: dict[str, str] = {}
+        """Leave estimators out of the cases that they cannot take (``skip``); return why.
+
+        An estimator that takes none of the cases is no part of the plan.
+        """
+        left_out: dict[str, dict[str, str]] = {}
         estimators = {label: choose(label).estimator for label in self.labels}
-        for study, _, problem in check(self.plan.scenario, self.seed):
+        for study, case, problem in check(self.plan.scenario, self.seed):
             for label, estimator in estimators.items() if not study else ():
                 try:
                     reason = estimator.skip(problem)
                 except Exception as error:
                     reason = f"its skip raises {exception_text(error)}"
                 if reason:
-                    left_out.setdefault(label, reason)
-        remarks = [f"{label} is left out: {reason}" for label, reason in left_out.items()]
-        kept = {k: v for k, v in self.plan.estimators.items() if k not in left_out}
-        self.left_out, self.plan = left_out, replace(self.plan, estimators=kept)
+                    left_out.setdefault(label, {})[case.name] = reason
+        cases = [case.name for case in self.plan.scenario.cases]
+        remarks = left_out_remarks(left_out, cases)
+        kept = {
+            label: content
+            for label, content in self.plan.estimators.items()
+            if len(left_out.get(label, ())) < len(cases)
+        }
+        self.plan = replace(self.plan, estimators=kept, left_out=left_out)
         if not kept:
-            raise CampaignError("no estimator can take this scenario: " + "; ".join(remarks))
+            raise CampaignError("all estimators refuse this scenario: " + "; ".join(remarks))
         return remarks
 
     def _seeking(self) -> list[str]:
@@ -375,7 +398,7 @@ class Campaign:
             "runs": plan.runs,
             "estimators": dict(plan.estimators),
             "families": {label: self.families[label] for label in plan.estimators},
-            "left_out": dict(self.left_out),
+            "left_out": {label: dict(of) for label, of in plan.left_out.items()},
             "cases": [case.name for case in plan.scenario.cases],
             "assumptions": bool(plan.scenario.assumptions),
             "cells": [
@@ -400,6 +423,24 @@ class Campaign:
                 "processors": os.cpu_count(),
             },
         }
+
+
+def left_out_remarks(left_out: Mapping[str, Mapping[str, str]], cases: Sequence[str]) -> list[str]:
+    """Return a remark on each estimator that is left out of cases.
+
+    Parameters
+    ----------
+    left_out : label to case to reason.
+    cases : all cases of the campaign.
+    """
+    remarks = []
+    for label, reasons in left_out.items():
+        for reason in dict.fromkeys(reasons.values()):
+            of = [case for case in cases if reasons.get(case) == reason]
+            where = "" if len(of) == len(cases) else f" of {some(of, most=_NAMED_CASES)}"
+            if of:
+                remarks.append(f"{label} is left out{where}: {reason}")
+    return remarks
 
 
 def planned(

@@ -130,8 +130,8 @@ def _on(
                 yield results
     except (CancelledError, CommClosedError, OSError):
         raise ClusterError(
-            f"the connection to the Dask scheduler at {workers.address} broke; the same command "
-            "goes on from what is stored"
+            f"the connection to the Dask scheduler at {workers.address} broke; "
+            "the same command resumes the campaign"
         ) from None
     except ModuleNotFoundError as error:
         raise ClusterError(f"the cluster cannot run ggbench: {error}") from None

@@ -208,7 +208,7 @@ class WorkerSlot:
         elif isinstance(message, GGBenchError):
             raise message
         else:
-            raise WorkerDiedError("its process said what was not asked")
+            raise WorkerDiedError("its process sent an unexpected message")
 
     def _is_of(self, message: list[object], started: Started) -> bool:
         """Return whether a message is the results of just what was started."""
@@ -230,8 +230,8 @@ class WorkerSlot:
             if self._false_starts == _MOST_FALSE_STARTS:
                 last = self.worker.output.of_run().rpartition("\n")[2]
                 raise ExecutionError(
-                    f"worker processes end before they are ready: {death}"
-                    + (f"; the last that they printed: {last}" if last else "")
+                    f"worker processes end during their start: {death}"
+                    + (f"; last output: {last}" if last else "")
                 )
         else:
             if self._current is not None:

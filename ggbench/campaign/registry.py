@@ -253,6 +253,7 @@ def is_own(text: str) -> bool:
     return name.endswith(".py") or name.startswith(PROGRAM) or _holds_estimates(name)
 
 
+@cache  # asked of every label in every case
 def own_file(label: str) -> str:
     """Return the path of the user's own module that a label names, "" if it names another kind."""
     name = _parsed(label).name

@@ -118,7 +118,7 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
         if key_of(task.case, label, task.seed) != key:
             raise OtherSourceError(
                 f"the version of ggbench or of a library, the source of {label} or a map file "
-                f"is not what the campaign was started with; here: {result_keys.environment()}"
+                f"differs from that of the campaign; this machine has {result_keys.environment()}"
             )
     for runs in groups_of_runs(task.case, task.runs):
         yield from _run_block(task, task.estimators, runs)

@@ -108,7 +108,7 @@ class Worker:
             if ended:
                 raise WorkerDiedError(self._how_it_ended()) from None
         except GarbledError:
-            raise WorkerDiedError("it wrote into the connection that results come by") from None
+            raise WorkerDiedError("it wrote to the connection for results") from None
         except OSError:
             raise WorkerDiedError(self._how_it_ended()) from None
 

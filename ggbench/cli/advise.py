@@ -31,7 +31,7 @@ _SMALL = 0.005
     "--target",
     type=click.FloatRange(0.0, min_open=True),
     metavar="M",
-    help="RMS position error that is wanted, in metres.",
+    help="Required RMS position error [m].",
 )
 @click.option(
     "-n",
@@ -53,10 +53,11 @@ def advise(
     output: Path | None,
     jobs: int | None,
 ) -> None:
-    """Advise on a case of your own SCENARIO: a name or a path.
+    """Recommend an estimator and an instrument for a SCENARIO.
 
-    Flies a few runs of the estimators that the suite recommends. Says which one to use, its error
-    and cost, what limits the accuracy, and which gradiometer reaches a target.
+    SCENARIO is a name or a path. The command flies a few runs of the estimators that the suite
+    recommends. It prints the best one, its error and its time, the causes that limit the accuracy,
+    and the gradiometer that reaches the target.
 
     Exit code 1 if no gradiometer reaches the target.
     """
@@ -86,6 +87,7 @@ def advise(
 
 def _print(found: Advice) -> None:
     """Print the estimators, the recommended one, and what limits the accuracy."""
+    from ..judging.field_scale import on_the_prior
     from ..report import columns
     from ..score import advice as advices
 
@@ -115,10 +117,8 @@ def _print(found: Advice) -> None:
         console.out(f"After landing: {smoother}, RMS error {columns.metres(errors[smoother])} m.")
     row = found.results.cases().iloc[0]
     if math.isfinite(row["width"]):
-        console.out(
-            f"The initial uncertainty is {row['width']:.2g} correlation lengths of the field "
-            f"({1e-3 * row['correlation_m']:.3g} km): {advices.on_the_prior(row['width'])}."
-        )
+        prior = on_the_prior(row["position_m"], row["correlation_m"])
+        console.out(f"{prior[0].upper()}{prior[1:]}.")
     table = ResponsiveTable(
         "What limits the accuracy: each cause halved",
         [("cause", "text"), ("bound m", "number"), ("change", "number")],

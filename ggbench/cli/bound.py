@@ -22,8 +22,8 @@ _SHOWN_EPOCHS = 8
 
 @click.command()
 @click.argument("scenario_name", metavar="SCENARIO")
-@click.option("-c", "--case", metavar="NAME", help="Case to plan [the first].")
-@click.option("--all", "every", is_flag=True, help="The settled window of all cases, a row each.")
+@click.option("-c", "--case", metavar="NAME", help="Case [the first].")
+@click.option("--all", "every", is_flag=True, help="Print the settled window of all cases.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")
 def bound(
@@ -31,10 +31,9 @@ def bound(
 ) -> None:
     """Print the Cramér–Rao bound along the track of a SCENARIO.
 
-    SCENARIO is the name of a shipped one or a path; its track may be a CSV file of your own
-    ([trajectory] file). No estimator's standard deviations can be smaller, and on a good track
-    those of a good one are as small; of wrong places that look alike the bound knows nothing:
-    'ggbench map score' looks for those.
+    SCENARIO is the name of a shipped scenario or a path. Its track may be a CSV file ([trajectory]
+    file). No unbiased estimator has smaller standard deviations. The bound ignores false fixes: use
+    'ggbench map score' for these.
     """
     from ..judging.planned import planned
     from ..simulation.error_free_flight import prepare
@@ -43,7 +42,7 @@ def bound(
     require_suffix(output, ".csv")
     require_suffix(figure, ".png")
     if every and (case or figure):
-        raise click.UsageError("--all is of all cases: no -c, --figure")
+        raise click.UsageError("--all prints all cases: remove -c and --figure")
     loaded = scenario.load(scenario_name)
     if every:
         _print_all(loaded, output)

@@ -25,7 +25,7 @@ _EXIT_NOT_REPRODUCED = 1
     "estimators",
     multiple=True,
     metavar="FILE",
-    help="File of an estimator whose cards may be flown, which runs its code; repeat for more.",
+    help="Estimator file whose cards are flown; runs its code; repeatable.",
 )
 @click.option(
     "-o",
@@ -33,7 +33,7 @@ _EXIT_NOT_REPRODUCED = 1
     type=click.Path(path_type=Path),
     default=Path("cards.html"),
     show_default=True,
-    help="The page.",
+    help="HTML file to write.",
 )
 @click.option(
     "-f",
@@ -41,16 +41,16 @@ _EXIT_NOT_REPRODUCED = 1
     type=click.Path(path_type=Path),
     default=Path("results") / "cards",
     show_default=True,
-    help="Folder of the flights; what it holds is not flown again.",
+    help="Folder of the flights; stored flights are not repeated.",
 )
 @click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
 def cards(
     folder: Path, estimators: tuple[str, ...], output: Path, flights: Path, jobs: int | None
 ) -> None:
-    """Fly the cards in DIR again, and write a page of those that are reproduced.
+    """Repeat the cards in DIR and write a page of the reproduced ones.
 
-    A card counts only as it was flown here. Cards of installed estimators are flown; of others only
-    those whose file is named by -e: no code is run because a card names it.
+    The page shows the figures of the new flights. Cards of installed estimators are always flown.
+    Cards of estimator files need -e FILE: a card alone never runs code.
 
     Exit code 1 if a card is not reproduced.
     """

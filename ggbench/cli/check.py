@@ -30,15 +30,16 @@ _SHOWN = {"passed": ("passed", "green"), "failed": ("FAILED", "red"), "refused":
     default=LIMIT_S,
     show_default=True,
     metavar="SECONDS",
-    help="Longest time of one check.",
+    help="Time limit of one check.",
 )
 def check(estimator: str, time_limit: float) -> None:
-    """Check that an ESTIMATOR keeps the contract: a .py file or a name, with parameters in [].
+    """Check an ESTIMATOR against the contract.
 
-    Of each check: what it demands; if it fails, what was found, and why it is demanded; if it
-    passes although the estimator loses digits by rounding, how many.
+    ESTIMATOR is a .py file or a name, with parameters in []. The command prints each check. For a
+    failed check it prints the error and the reason for the check. It also reports digits lost by
+    rounding.
 
-    Exit code 1 if a check failed, 2 if the estimator cannot be made or takes no problem.
+    Exit code 1 if a check failed, 2 if the estimator cannot be created or refuses all problems.
     """
     tell_first_use("ins/strapdown.py", "in a minute or two")
     from ..contract.catalogue import CHECKS
@@ -49,7 +50,7 @@ def check(estimator: str, time_limit: float) -> None:
         _tell(asked, verdict, text)
     passed, failed, refused = (verdicts[verdict] for verdict in _SHOWN)
     if not passed and not failed:
-        raise CheckError(f"{estimator} takes none of the problems that the contract is asked on")
+        raise CheckError(f"{estimator} refuses all problems of the contract")
     left = len(CHECKS) - verdicts.total()
     unasked = f", {refused} not asked" if refused else ""
     untried = f"; {left} not tried without an estimate" if left else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,7 +34,12 @@ def quoted(path: Path) -> str:
 
 
 def draped_flight(
-    nodes: Nodes, attributes: Mapping[str, str], own_map: Path, terrain: Path, clearance: float
+    nodes: Nodes,
+    attributes: Mapping[str, str],
+    own_map: Path,
+    terrain: Path,
+    clearance: float,
+    at_most: Callable[[float, float, str], float],
 ) -> str:
     """Return the table of a straight flight in the middle of a draped map that follows its ground.
 
@@ -46,6 +51,8 @@ def draped_flight(
     nodes, attributes : of the map.
     own_map, terrain : files.
     clearance : least height above the terrain [m].
+    at_most : the speed [m/s] of the fastest that the flight allows, of the usual one, and of the
+        words for what allows no more.
 
     Raises
     ------
@@ -68,7 +75,8 @@ def draped_flight(
     metres = metres_per_radian(np.array([math.radians(middle[0]), 0.0, 0.0]))
     per_north, per_east = (math.radians(1.0) * length for length in metres)
     side = min(float(np.ptp(lat)) * per_north, float(np.ptp(lon)) * per_east)
-    speed = min(_SPEED_MPS, _SHARE * side / _DURATION_S)
+    room = f"the flight of {_DURATION_S:g} s takes {_SHARE:g} of the map's shorter side"
+    speed = at_most(_SHARE * side / _DURATION_S, _SPEED_MPS, room)
     base = RegularGridInterpolator((lat, lon), nodes.base_m, bounds_error=False, fill_value=None)
     lowest, highest = float(nodes.height_m[0]), float(nodes.height_m[-1])
     needed = []
@@ -105,8 +113,14 @@ def draped_flight(
 
 def _zero_level(attributes: Mapping[str, str]) -> str:
     """Return the line of the geoid's height that a map states of its terrain, if any."""
+    height = geoid_height_of(attributes)
+    return f"geoid_height_m = {height:g}    # as in the map\n" if height else ""
+
+
+def geoid_height_of(attributes: Mapping[str, str]) -> float | None:
+    """Return the geoid's height that a map states of its terrain [m], None if it states none."""
     try:
         height = float(json.loads(attributes.get("parameters", "{}"))["geoid_height_m"])
     except (ValueError, KeyError, TypeError):
-        return ""
-    return f"geoid_height_m = {height:g}    # as in the map\n" if height != 0.0 else ""
+        return None
+    return height if math.isfinite(height) else None

@@ -14,7 +14,9 @@ _EXIT_FAILED = 1
 
 @click.command()
 @click.argument("scenario_name", metavar="SCENARIO")
-@click.option("-c", "--case", "cases", multiple=True, metavar="NAME", help="Case; repeat [all].")
+@click.option(
+    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case; repeatable [all]."
+)
 @click.option(
     "-n",
     "--runs",
@@ -30,20 +32,20 @@ _EXIT_FAILED = 1
     type=click.Choice(["mat", "nc", "txt"]),
     default="mat",
     show_default=True,
-    help="MATLAB 5 (Octave, too), netCDF-4 (which is HDF5), or plain text.",
+    help="MATLAB 5 (also for Octave), netCDF-4 (HDF5), or plain text.",
 )
 @click.option(
     "--until",
     type=click.FloatRange(0.0, min_open=True),
     metavar="SECONDS",
-    help="Leave later epochs out: 'judge --cut' then tests a filter for the use of later readings.",
+    help="Omit later epochs. 'judge --cut' then tests for the use of future measurements.",
 )
 @click.option(
     "-o",
     "--output",
     required=True,
     type=click.Path(path_type=Path),
-    help="Folder for one file a case.",
+    help="Folder for one file of each case.",
 )
 def export(
     scenario_name: str,
@@ -54,9 +56,9 @@ def export(
     until: float | None,
     output: Path,
 ) -> None:
-    """Write the problems of a SCENARIO as files, for a filter in any language.
+    """Write the problems of a SCENARIO as files for other languages.
 
-    A file has measurements, Φ, Q, R, the prior, the map and the equation of measurement, and no
+    A file contains measurements, Φ, Q, R, the prior, the map and the measurement equation, but no
     truth. 'ggbench judge' reads the estimates.
     """
     from ..api import exchange
@@ -79,7 +81,7 @@ def export(
 @click.option(
     "--cut",
     type=click.Path(path_type=Path),
-    help="Estimates of problems exported with --until, to test for the use of later readings.",
+    help="Estimates of problems exported with --until: tests for the use of future measurements.",
 )
 @click.option(
     "--scenario", "scenario_name", metavar="SCENARIO", help="Scenario [that of the problem's file]."
@@ -93,9 +95,10 @@ def export(
 def judge(
     estimates: Path, cut: Path | None, scenario_name: str | None, output: Path | None
 ) -> None:
-    """Judge ESTIMATES, a file or a folder of files, of problems that 'ggbench export' wrote.
+    """Judge ESTIMATES of exported problems.
 
-    The results folder is that of any campaign: 'ggbench report' writes its page.
+    ESTIMATES is a file or a folder of files, for problems of 'ggbench export'. The command writes a
+    results folder for 'ggbench report'.
 
     Exit code 1 if an estimate is refused.
     """

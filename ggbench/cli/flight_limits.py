@@ -9,16 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
 from ..campaign.campaign import case_named
 from ..campaign.flights import first_problem
 from ..display.compiling import fields_of, tell_maps
+from ..judging.field_scale import correlation_m
 from ..maps import recipe
 from ..recorded.motion import angles_of
-from ..simulation.field_source import is_file, make_field, map_recipe
+from ..sensors.gradiometer.instrument import COMPONENTS
+from ..simulation.field_source import beside, is_file, make_field, map_recipe
 from ..simulation.formulation import require_short_delays
 from ..simulation.ins_error import InsError, inertial_alone, ins_error
 from ..simulation.instruments import faults, spinning_disks
@@ -86,6 +88,19 @@ class Examined:
     narrow: tuple[Shortfall, ...]
 
     @property
+    def inside(self) -> bool:
+        """Whether the flight stays inside all maps."""
+        return self.margin is None or self.margin.least >= 0.0
+
+    @cached_property
+    def correlation_m(self) -> float:
+        """The field's correlation length along the track [m], evaluated when it is asked for.
+
+        NaN without a gradiometer, outside of a map, and where the true map is not built yet.
+        """
+        return _correlation(self.case) if self.inside else math.nan
+
+    @property
     def name(self) -> str:
         """Name of the case, with its study."""
         return f"{self.study}/{self.case.name}" if self.study else self.case.name
@@ -121,7 +136,7 @@ def _examined(study: str, case: CaseSpec) -> Examined:
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, readings["gradiometer"])
     margins = [margin_of(trajectory, each) for each in bounds if each.finite]
-    nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
+    nearest = min(margins, key=lambda m: m.least, default=None)
     error, assumed = ins_error_of(case), bounds[1]
     narrow = shortfalls(case, trajectory, assumed, error) if assumed.finite else ()
     return Examined(
@@ -135,12 +150,23 @@ def _examined(study: str, case: CaseSpec) -> Examined:
     )
 
 
+def _correlation(case: CaseSpec) -> float:
+    """Return the field's correlation length along the track [m], NaN where it is not known."""
+    spec = case.side("truth").field
+    if case.gradiometer is None or spec.source == "normal":
+        return math.nan
+    if not (is_file(spec.source) or recipe.cached_path(recipe.checked(map_recipe(spec))).exists()):
+        return math.nan
+    read = _trajectory(case).positions[:: case.strides["gradiometer"]]
+    field = beside(make_field(spec), float(read[0, 1]))
+    return correlation_m(read, field.tensor(*read.T)[:, COMPONENTS.index("zz")])
+
+
 def _clear(found: Examined) -> bool:
     """Return whether the plan alone says that the flight is possible, and stays in its map."""
     (lowest, highest), (_, fastest) = found.flown.heights, found.flown.speeds
     possible = lowest >= LOWEST_M and highest <= HIGHEST_M and fastest <= FASTEST_MPS
-    margin = found.margin
-    return possible and (margin is None or min(margin.border, margin.below, margin.above) >= 0.0)
+    return possible and found.inside
 
 
 @cache

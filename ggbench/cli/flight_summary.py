@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import click
 
 from ..figures.numbers import short, some, span
+from ..judging.field_scale import on_the_prior
 from ..spec.aiding import GnssSpec
 from ..trajectory.manoeuvres import BANK_GRAVITY
 from .flight_limits import Examined, FlightExtremes
@@ -32,6 +33,9 @@ MOST_HEIGHT_ERROR_M = 10_000.0
 """Error of the indicated height [m] beyond which neither gravity nor a map is known at it."""
 SCHULER_HEIGHT_S = 570.0
 """Time √(R / 2g) in which an unaided error of the height grows e-fold (Groves 2013, sec. 5.7)."""
+HEIGHT_PRIOR_M = 100.0
+"""Standard deviation of the first height [m] beyond which it is unusual: a barometer is better."""
+_BAROMETER_M = 20.0
 _NAMED = 3
 
 
@@ -41,13 +45,18 @@ def print_flights(found: Sequence[Examined]) -> None:
     flights: dict[str, list[str]] = {}
     readings: dict[str, list[str]] = {}
     errors: dict[str, list[str]] = {}
+    priors: dict[str, list[str]] = {}
     for each in cases:
         flights.setdefault(_flight(each), []).append(each.case.name)
         errors.setdefault(_ins(each), []).append(each.case.name)
         counts = ", ".join(f"{name} {count}" for name, count in each.readings.items())
         readings.setdefault(counts, []).append(each.case.name)
-    for what, texts in (("Flight", flights), ("INS", errors), ("Readings", readings)):
+        priors.setdefault(_prior(each), []).append(each.case.name)
+    shown = (("Flight", flights), ("INS", errors), ("Readings", readings), ("Prior", priors))
+    for what, texts in shown:
         for text, names in texts.items():
+            if not text:
+                continue
             of = f" in {some(names, most=_NAMED)}" if len(names) < len(cases) else ""
             console.print(f"{what}{of}: {text}", markup=False)
 
@@ -93,13 +102,37 @@ def _ins(each: Examined) -> str:
     )
 
 
+def _prior(each: Examined) -> str:
+    """Return the initial uncertainty in correlation lengths of the field, "" if unknown."""
+    if math.isnan(each.correlation_m):
+        return ""
+    return on_the_prior(each.case.initial_error.position_m, each.correlation_m)
+
+
 def warn(found: Iterable[Examined]) -> None:
     """Print a line for each warning, and for what was made of a track's heights."""
     cases = list(found)
     for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
         click.echo(f"Note: of the track, {remark}.")
+    for remark in remarks_on_the_prior(cases):
+        click.echo(f"Note: {remark}.")
     for warning in warnings(cases):
         click.echo(f"Warning: {warning}.")
+
+
+def remarks_on_the_prior(found: Iterable[Examined]) -> Iterator[str]:
+    """Yield a sentence for each large uncertainty of the first height that no key states."""
+    cases: dict[float, list[str]] = {}
+    for each in found:
+        initial = each.case.initial_error
+        if initial.height_m is None and initial.position_m > HEIGHT_PRIOR_M:
+            cases.setdefault(initial.position_m, []).append(each.name)
+    for position, names in cases.items():
+        yield (
+            f"in {some(names, most=_NAMED)}, initial_error.position_m = {position:g} is also the "
+            f"standard deviation of the height, because height_m is not given; of a height from a "
+            f"barometer give height_m = {_BAROMETER_M:g}"
+        )
 
 
 def warnings(found: Iterable[Examined]) -> Iterator[str]:

@@ -23,7 +23,7 @@ _EXIT_FAILED = 1
     "estimators",
     multiple=True,
     metavar="NAME[param=value,...]",
-    help="Estimator: a name or a .py file; repeat for more [ekf].",
+    help="Estimator: a name or a .py file; repeatable [ekf].",
 )
 @click.option(
     "-o",
@@ -38,12 +38,13 @@ _EXIT_FAILED = 1
     type=click.IntRange(0, MOST_SEED),
     default=0,
     show_default=True,
-    help="Seed of the estimators' random numbers; most have no use for it.",
+    help="Seed of the estimators' random numbers.",
 )
 def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int) -> None:
     """Estimate a recorded FLIGHT, a TOML file that names its records.
 
-    Writes corrected tracks with standard deviations, residuals, and a report with figures.
+    The command writes corrected tracks with standard deviations (CSV, GPX, KML), tracks at the rate
+    of the INS, residuals, and a report with figures (markdown, HTML).
     """
     from ..api import problems
     from ..campaign import registry
@@ -82,14 +83,17 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         found[choice.label] = estimated
         click.echo(f"{choice.label}: {start.since()}")
     if not found:
-        raise GGBenchError("no estimator gave an estimate: nothing is written")
+        raise GGBenchError("no estimator returned an estimate: no file is written")
     for remark in remarks(recorded, by_label):
         click.echo(f"Note: {remark}.")
     for suspicion in suspicions(recorded, by_label):
         click.echo(f"Warning: {suspicion}.")
+    for sentence in flight_report.summary(recorded, found):
+        click.echo(f"{sentence}.")
     families = {choice.label: choice.family for choice in choices}
     path = flight_report.write(recorded, found, families, output)
-    click.echo(f"Wrote {path}, and tracks and residuals in the folders next to it.")
+    page = path.with_name(flight_report.PAGE)
+    click.echo(f"Wrote {page} and {path.name}, and tracks and residuals in the folders next to it.")
     sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)
 
 

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     "--column",
     multiple=True,
     metavar="KEY=COLUMN",
-    help="What the log calls a column; a unit may follow, as in 'time_s=stamp [us]'; may be "
-    "repeated.",
+    help="Column name in the log, optionally with a unit: 'time_s=stamp [us]'; repeatable.",
 )
 @click.option(
     "--preset",
@@ -31,11 +30,11 @@ if TYPE_CHECKING:
     help="Names and units of EuRoC MAV, PX4's sensor_combined or 'rostopic echo -p'.",
 )
 def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
-    """Print the [imu] table of the sensors in LOG, by their Allan deviation.
+    """Fit the Allan deviation of LOG and print an [imu] table.
 
-    LOG is a record at rest, an hour or more: CSV or netCDF with time_s, angular_rate_x_radps and so
-    on, specific_force_x_mps2 and so on, or increments as of [imu_record]. White noise and a bias
-    that changes (Gauss–Markov) are fitted to the mean of the three axes.
+    LOG is a record of an hour or more at rest, as CSV or netCDF. Its columns are time_s,
+    angular_rate_x_radps, ..., specific_force_x_mps2, ..., or the increments of [imu_record]. The
+    model is white noise plus a Gauss–Markov bias, fitted to the mean of the three axes.
     """
     from ..recorded.allan import imu_noise
     from ..spec.sensors import ImuSpec

@@ -256,9 +256,9 @@ def _about(schema: Schema) -> str:
 def keys(name: str | None, schema: bool) -> None:
     """Explain the keys of a scenario file.
 
-    Without an argument: its tables. With a table, as "imu" or "truth.gradiometer": its keys with
-    unit, type, default and limits. With a key, as "imu.period_s" or "period_s": that key, in every
-    table that has it. Editors complete and check keys by the JSON schema.
+    Without an argument, the command lists all tables. For a table, such as imu, it lists the keys
+    with unit, type, default and limits. For a key, such as imu.period_s or period_s, it explains
+    the key in every table. Editors use the JSON schema.
     """
     if schema:
         from ..spec.json_schema import schema_text

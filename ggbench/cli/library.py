@@ -105,18 +105,18 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path) -> None:
     "--all",
     "whole_library",
     is_flag=True,
-    help="Report every results folder in FOLDER [results], and write their front page.",
+    help="Report every results folder in FOLDER [results] and write a front page.",
 )
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="Where to write [FOLDER/report; with --all: reports].",
+    help="Output folder [FOLDER/report; with --all: reports].",
 )
 def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
-    """Write the report of a results FOLDER: one page, its figure and all numbers as CSV.
+    """Write the report of a results FOLDER: one page, a figure, and CSV tables.
 
-    With the extra 'page' installed, an HTML page with all tables is written next to it.
+    With the extra 'page', the command also writes an HTML page with all tables.
     """
     if folder is None and not whole_library:
         raise click.UsageError("name a results FOLDER, or --all")

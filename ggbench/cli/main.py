@@ -117,7 +117,7 @@ def list_command() -> None:
     "--all",
     "whole_library",
     is_flag=True,
-    help="Run every shipped scenario, one after the other, into results/NAME or DIR/NAME of -o.",
+    help="Run every shipped scenario, into results/NAME, or DIR/NAME with -o DIR.",
 )
 @click.option(
     "-e",
@@ -125,15 +125,15 @@ def list_command() -> None:
     "estimators",
     multiple=True,
     metavar="NAME[param=value,...]",
-    help="A name, a .py file, estimates, exec:PROGRAM or a roster (@core); repeat for more. "
-    "Default: the scenario's.",
+    help="A name, a .py file, estimates, exec:PROGRAM or a roster (@core); repeatable [the "
+    "scenario's].",
 )
 @click.option(
     "-n", "--runs", type=click.IntRange(1, MOST_RUNS), help="Runs per case [the scenario's]."
 )
 @click.option("-s", "--seed", type=click.IntRange(0, MOST_SEED), help="Seed [the scenario's].")
 @click.option(
-    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to run; repeat for more."
+    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to run; repeatable [all]."
 )
 @click.option("--assumptions", is_flag=True, help="Also study the scenario's assumptions.")
 @click.option(
@@ -142,32 +142,32 @@ def list_command() -> None:
 @click.option(
     "--resume/--fresh",
     default=True,
-    help="Go on from what the results folder holds, or discard it  [resume].",
+    help="Resume the stored campaign, or discard it [resume].",
 )
 @click.option(
     "--retry-failed",
     is_flag=True,
-    help="Run failed runs again, as of a licence server or a disk that was away.",
+    help="Repeat failed runs.",
 )
 @click.option(
     "-j",
     "--jobs",
     type=click.IntRange(0),
-    help="Worker processes [all processors]; 0: none, to debug, without time limit.",
+    help="Worker processes [all processors]; 0: this process, for debugging, without time limit.",
 )
 @click.option("--cluster", metavar="ADDRESS", help="Run on the Dask scheduler at this address.")
 @click.option(
     "--time-limit",
     type=click.FloatRange(0.0, 1e9, min_open=True),
     metavar="SECONDS",
-    help="Longest time of one run of one estimator [the scenario's, else 600].",
+    help="Time limit of one run of one estimator [the scenario's, else 600].",
 )
 @click.option(
     "--run",
     "one_run",
     type=click.IntRange(0, MOST_RUNS),
     metavar="K",
-    help="Only run number K, in this process; show it and store nothing.",
+    help="Run only number K in this process, show it, and store nothing.",
 )
 def run(
     scenario_name: str | None,
@@ -176,25 +176,28 @@ def run(
     one_run: int | None,
     **options: Any,
 ) -> None:
-    """Run a scenario: SCENARIO is the name of a shipped one or a path.
+    """Run a SCENARIO.
 
-    Finished runs are stored at once; the same command goes on where it was stopped.
+    SCENARIO is the name of a shipped scenario or a path. Each finished run is stored at once. The
+    same command resumes an interrupted campaign.
 
-    Exit code 1 if every run of an estimator failed, 2 if it cannot be run as asked, 130 if it was
+    Exit code 1 if every run of an estimator failed, 2 if the command is invalid, 130 if it was
     interrupted.
     """
     asked = _Asked(**options)
     if asked.cluster and asked.jobs is not None:
-        raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
+        raise click.UsageError("-j and --cluster exclude each other: give one of them")
     if asked.retry_failed and not asked.resume:
-        raise click.UsageError("--fresh discards all runs: --retry-failed has none to run again")
+        raise click.UsageError("--fresh discards all runs: remove --retry-failed")
     if whole_library and (scenario_name or asked.cases or one_run is not None):
-        raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
+        raise click.UsageError(
+            "--all runs all cases of all scenarios: remove SCENARIO, -c and --run"
+        )
     if scenario_name is None and not whole_library:
         raise click.UsageError("name a SCENARIO, or --all")
     alone = _Asked(asked.estimators, seed=asked.seed, cases=asked.cases)
     if one_run is not None and (output or asked != alone):
-        raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
+        raise click.UsageError("--run stores nothing: only -e, -c and --seed are allowed with it")
     asked = replace(asked, first=tell_first_use("ins/strapdown.py", "in a minute or two"))
     if scenario_name is None:
         sys.exit(_run_library(asked, output or Path("results")))
@@ -305,6 +308,7 @@ def _run_library(asked: _Asked, output: Path) -> int:
 
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
     """Print the metrics of what is stored and how to go on."""
+    from ..campaign.campaign import left_out_remarks
     from ..results.folder import as_argument
     from .terminal import print_metrics
 
@@ -328,6 +332,9 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
         click.echo(
             f"{counted(failed, 'run')} failed: 'ggbench show {name}' tells why and repeats them."
         )
+    manifest = results.manifest
+    for remark in left_out_remarks(manifest["left_out"], manifest["cases"]):
+        click.echo(f"Note: {remark}.")
     if outcome.without_success:
         click.echo(f"Every run of {' and of '.join(outcome.without_success)} failed.")
     if interrupted:
@@ -345,9 +352,9 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
 @click.option("--run", "number", type=click.IntRange(0), metavar="K", help="Run to show.")
 @click.option("-c", "--case", metavar="NAME", help="Case to show.")
 def show(folder: Path, number: int | None, case: str | None) -> None:
-    """Show what a results FOLDER holds and one run of it.
+    """Show the contents of a results FOLDER and one of its runs.
 
-    Without --run or --case: those that most deserve a look.
+    By default the command chooses the most conspicuous run.
     """
     from ..results.folder import Results
     from . import run_view
@@ -368,22 +375,22 @@ def show(folder: Path, number: int | None, case: str | None) -> None:
     type=click.FloatRange(0.0),
     default=0.01,
     show_default=True,
-    help="Relative increase of an error that is still accepted; 0.01: one percent.",
+    help="Accepted relative increase of an error; 0.01 is one percent.",
 )
 @click.option(
     "--window",
     type=click.Choice(["whole", "settled", "last20"]),
     default="settled",
     show_default=True,
-    help="Part of the flight over which errors are averaged.",
+    help="Averaging window.",
 )
 @click.option(
     "--require-all", is_flag=True, help="Also fail if AFTER lacks an estimator or case of BEFORE."
 )
 def compare(before: Path, after: Path, threshold: float, window: str, require_all: bool) -> None:
-    """Compare two results folders: what got better or worse, and how surely.
+    """Compare the errors of two results folders, run by run.
 
-    Exit code 1 if something got significantly worse than the threshold.
+    Exit code 1 if an error increased significantly by more than the threshold.
     """
     from ..judging.comparison import compare as compare_runs
     from ..results.folder import Results

@@ -70,6 +70,11 @@ class Margin:
     above: float
     lowest: float | None = None
 
+    @property
+    def least(self) -> float:
+        """The least of the distances [m]; negative outside of the map."""
+        return min(self.border, self.below, self.above)
+
 
 @dataclass(frozen=True)
 class Shortfall:

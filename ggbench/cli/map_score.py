@@ -9,46 +9,56 @@ from typing import Any
 import click
 
 from ..display.responsive_table import ResponsiveTable
-from ..figures.numbers import counted
+from ..figures.numbers import counted, short
 from .screen import console
 from .tables import require_suffix, write_csv
 
 _FILE = click.Path(path_type=Path)
 _SHOWN_CELLS = 5
+_LEAST_SHARE = 1e-4
+"""Bounds below it are rounded up to it: no model of a flight is as good."""
 
 
 @click.command()
 @click.argument("name", metavar="MAP")
-@click.option("--height", type=float, help="Of the flights above the ellipsoid [m; the lowest].")
+@click.option(
+    "--height", type=float, help="Height of the flights above the ellipsoid [m; the lowest]."
+)
 @click.option("--cell-deg", type=float, default=0.5, show_default=True, help="Side of a cell [°].")
 @click.option(
     "--instrument",
     type=click.Choice(["tensor", "uu", "gravity"]),
     default="tensor",
     show_default=True,
-    help="Six components, the vertical gradient alone, or a gravimeter.",
+    help="Full tensor, vertical gradient, or gravimeter.",
 )
 @click.option(
-    "--noise", type=float, default=1.0, show_default=True, help="Of a reading [E; mGal of gravity]."
+    "--noise",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Noise of a measurement [E; mGal for gravity].",
 )
-@click.option("--spacing", type=float, help="Between nodes of the statistics [m; a cell's 50th].")
+@click.option("--spacing", type=float, help="Node spacing of the statistics [m; 1/50 of a cell].")
 @click.option(
     "--per-km2",
     type=float,
     default=1.0,
     show_default=True,
-    help="Readings on a square kilometre, of the information.",
+    help="Measurements per km² for the information.",
 )
-@click.option("--track-km", type=float, help="Length of tracks through a cell [its shorter side].")
-@click.option("--readings", type=int, default=51, show_default=True, help="Of each track.")
+@click.option("--track-km", type=float, help="Track length in a cell [its shorter side].")
+@click.option(
+    "--readings", type=int, default=51, show_default=True, help="Measurements on each track."
+)
 @click.option(
     "--sigma-km",
     type=float,
     default=5.0,
     show_default=True,
-    help="To what the position is known before, per axis: A_min looks to three times as far.",
+    help="Prior standard deviation of the position, per axis; wrong places are sought to three.",
 )
-@click.option("--right-km", type=float, help="How far off a fix is right [half of --sigma-km].")
+@click.option("--right-km", type=float, help="Largest error of a right fix [half of --sigma-km].")
 @click.option("--south", type=float, help="Bounds of the cells [deg]; default: the whole map.")
 @click.option("--north", type=float)
 @click.option("--west", type=float)
@@ -74,12 +84,12 @@ def score(
     output: Path | None,
     figure: Path | None,
 ) -> None:
-    """Score the cells of a MAP: where is it worth matching.
+    """Score the cells of a MAP for matching.
 
-    MAP is a file *.nc, or the name of a shipped region or terrain. Each cell gets the
-    statistics of the literature and their index by principal components; the accuracy that
-    Fisher's information of a track through it allows; and A_min, how far the likeliest wrong place
-    is from being taken for the right one. None of these has seen an error of a flight.
+    MAP is a *.nc file, or the name of a shipped region or terrain. Each cell gets terrain
+    statistics with their principal-component index, which only ranks the cells of this map; the RMS
+    position error that a track through it allows, in metres; and an upper bound of the share of
+    tracks that match a wrong place. No flight is simulated.
     """
     from ..gravity.field import Field
     from ..matchability.information import Instrument
@@ -141,11 +151,11 @@ def _print_scored(scored: Any) -> None:
     numbers = (
         f"σ [{unit}]",
         f"roughness [{unit}/km]",
-        "class",
-        "track √tr J⁻¹ [m]",
+        "index",
+        "error of a track [m]",
         "best heading [°]",
-        "A_min [nepers]",
-        "false fixes ≤",
+        "error on it [m]",
+        "wrong place, at most",
     )
     shown = ResponsiveTable(
         "best and worst cells by the accuracy of a track, over its headings",
@@ -165,11 +175,26 @@ def _print_scored(scored: Any) -> None:
             f"{row['deviation']:.3g}",
             f"{1e3 * row['roughness']:.3g}",
             row["grade"] or "-",
-            f"{row['track_m']:.3g}",
+            short(row["track_m"]),
             f"{row['best_heading_deg']:g}",
-            f"{row['ambiguity']:.3g}",
-            f"{row['false_fix']:.2g}",
+            short(row["best_track_m"]),
+            _share(row["false_fix"]),
         )
         if number == best - 1 < len(ordered) - 1:
             shown.add_section()
     shown.print(console)
+    found = ordered.iloc[0]
+    mean, least = (short(found[name]) for name in ("track_m", "best_track_m"))
+    console.out(
+        f"In the best cell a track of {design.track_m / 1e3:.3g} km allows an RMS position error "
+        f"of {mean} m, the mean over headings, and of {least} m on heading "
+        f"{found['best_heading_deg']:g}°. A match at a wrong place, more than "
+        f"{design.right_m:g} m off, has a probability of {_share(found['false_fix'])} at most."
+    )
+
+
+def _share(value: float) -> str:
+    """Return an upper bound of a share in percent, 0.01 % of all smaller ones."""
+    if value < _LEAST_SHARE:
+        return f"{100.0 * _LEAST_SHARE:g} %"
+    return f"{100.0 * value:.2g} %" if value < 0.995 else "100 %"

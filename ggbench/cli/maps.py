@@ -31,7 +31,7 @@ _SOURCES = (
 
 @click.group("map")
 def map_group() -> None:
-    """Build gravity-gradient maps from data of your own, and look at them."""
+    """Build, show and score gravity-gradient maps."""
 
 
 map_group.add_command(score)
@@ -42,18 +42,24 @@ map_group.add_command(score)
 @click.option(
     "--terrain", type=_FILE, help="Elevation model: GeoTIFF, .hgt, netCDF, ESRI ASCII, Surfer."
 )
-@click.option("--density", type=float, default=2670.0, show_default=True, help="Of rock [kg/m³].")
 @click.option(
-    "--water-density", type=float, default=1030.0, show_default=True, help="Of the sea [kg/m³]."
+    "--density", type=float, default=2670.0, show_default=True, help="Density of rock [kg/m³]."
 )
 @click.option(
-    "--order", type=int, default=8, show_default=True, help="Fewest orders of Parker's series."
+    "--water-density",
+    type=float,
+    default=1030.0,
+    show_default=True,
+    help="Density of sea water [kg/m³].",
+)
+@click.option(
+    "--order", type=int, default=8, show_default=True, help="Minimum order of Parker's series."
 )
 @click.option(
     "--geoid-height",
     type=float,
     help="Height of the terrain's zero level above the ellipsoid [m]. Default: 0; with --drape "
-    "that of EGM2008, if the file does not say that its heights are above the ellipsoid.",
+    "EGM2008, unless the file declares ellipsoidal heights.",
 )
 @click.option("--coefficients", type=_FILE, help="Global gravity model: a .gfc file.")
 @click.option("--max-degree", type=_DEGREE, help="Highest degree of the coefficients to use [all].")
@@ -62,7 +68,7 @@ map_group.add_command(score)
     "--epoch",
     type=click.DateTime(["%Y-%m-%d"]),
     metavar="YYYY-MM-DD",
-    help="Date for which coefficients that vary with time hold.",
+    help="Date of time-variable coefficients.",
 )
 @click.option("--geoid", type=_FILE, help="Grid of geoid undulations or height anomalies.")
 @click.option("--anomaly", type=_FILE, help="Grid of free-air gravity anomalies.")
@@ -72,33 +78,32 @@ map_group.add_command(score)
     type=float,
     default=0.0,
     show_default=True,
-    help="Height above the ellipsoid at which the gravity grid holds [m].",
+    help="Height of the gravity grid above the ellipsoid [m].",
 )
 @click.option(
     "--land-correction",
     type=_FILE,
     metavar="TERRAIN",
-    help="Elevation model that turns the geoid of land into the height anomaly.",
+    help="Elevation model to convert the geoid on land to the height anomaly.",
 )
 @click.option(
     "--terrain-from-degree",
     type=_DEGREE,
     metavar="N",
-    help="Degree up to which the other data hold the field; the terrain adds what is shorter "
-    "[the highest degree of the coefficients].",
+    help="Highest degree of the other data; the terrain adds shorter wavelengths [the highest "
+    "degree of the coefficients].",
 )
 @click.option(
     "--clearance",
     type=click.FloatRange(0.0, 1e6, min_open=True),
     metavar="M",
-    help="Height above the ground at which you will fly [200]: the map begins at most so high "
-    "above the highest ground, and a note says over which share such a flight is inside.",
+    help="Planned height above the ground [200]. The map begins at most this high above the "
+    "highest ground. A note states the share of the area inside the map.",
 )
 @click.option(
     "--drape",
     is_flag=True,
-    help="Let the layers follow the ground of the terrain instead of being level: for flights "
-    "below its summits.",
+    help="Make layers that follow the ground, for flights below the summits.",
 )
 @click.option(
     "--clearance-from",
@@ -106,7 +111,7 @@ map_group.add_command(score)
     default=60.0,
     show_default=True,
     metavar="M",
-    help="Lowest layer of --drape above the base, which is the ground's smoothed envelope.",
+    help="Lowest layer of --drape above the base, the smoothed envelope of the ground.",
 )
 @click.option(
     "--clearance-to",
@@ -122,29 +127,30 @@ map_group.add_command(score)
     default=0.5,
     show_default=True,
     metavar="E",
-    help="Of the field of the terrain with --drape: decides how far away its cells are prisms.",
+    help="Tolerance of the terrain field with --drape: smaller values compute more cells as "
+    "prisms.",
 )
 @click.option(
     "--beyond",
     type=click.Choice(["mirror", "nothing"]),
     default="mirror",
     show_default=True,
-    help="What lies beyond the edges of the terrain with --drape; without it, its mirror image.",
+    help="Continuation beyond the edges of the terrain with --drape.",
 )
 @click.option(
     "--void",
     type=float,
     multiple=True,
     metavar="VALUE",
-    help="Value that marks voids in terrains, grids and lines, as it is in the file; may be "
-    "repeated [what the file declares, -32768, 3.4e38 and the like].",
+    help="Void value in terrains, grids and lines; repeatable [declared values, -32768, 3.4e38 "
+    "and similar].",
 )
 @survey_maps.options
 @click.option(
     "--south",
     type=float,
-    help="Bounds [deg], longitudes from -180 or from 0; "
-    "across the date line 179 to -179. Default: what the data can serve.",
+    help="Bounds [deg]; longitudes from -180 or from 0; across the date line 179 to -179. "
+    "Default: from the data.",
 )
 @click.option("--north", type=float)
 @click.option("--west", type=float)
@@ -155,9 +161,9 @@ map_group.add_command(score)
     help="Lowest height above the ellipsoid, and above the highest ground [m].",
 )
 @click.option("--highest", type=float, help="Highest height above the ellipsoid [m].")
-@click.option("--height-spacing", type=float, help="Between layers [m].")
-@click.option("--spacing-arcsec", type=float, help="In latitude and longitude.")
-@click.option("--spacing-arcmin", type=float, help="The same in arc minutes.")
+@click.option("--height-spacing", type=float, help="Layer spacing [m].")
+@click.option("--spacing-arcsec", type=float, help="Node spacing in latitude and longitude.")
+@click.option("--spacing-arcmin", type=float, help="Node spacing in arc minutes.")
 @click.option(
     "--precision", type=click.Choice(["float32", "float64"]), default="float32", show_default=True
 )
@@ -166,19 +172,19 @@ map_group.add_command(score)
     type=click.IntRange(0, 9),
     default=1,
     show_default=True,
-    help="0: none, fastest; 9: smallest.",
+    help="Compression level: 0 is fastest, 9 is smallest.",
 )
 def build(output: Path, precision: str, compression: int, **options: Any) -> None:
-    """Build a map of the disturbing gravity gradient from data of your own.
+    """Build a map of the disturbing gravity gradient.
 
     \b
     Sources:
-      --terrain DEM                      what the ground attracts
-      --coefficients MODEL.gfc           a global model to its degree N
-      --coefficients ... --terrain ...   both: the terrain adds only what is shorter than degree N
+      --terrain DEM                      attraction of the terrain
+      --coefficients MODEL.gfc           global model to its degree N
+      --coefficients ... --terrain ...   both: the terrain adds wavelengths beyond degree N
       --geoid | --anomaly | --disturbance GRID [--coefficients ...]
-                                         remove, compute, restore (EGM2008 to degree 120)
-      --lines SURVEY [--leave-out ...]   point masses that reproduce the lines of a survey
+                                         remove-compute-restore (EGM2008 to degree 120)
+      --lines SURVEY [--leave-out ...]   point masses fitted to survey lines
     """  # noqa: D301
     from ..gravity.gradient_map import MapError
     from ..maps import netcdf, plan
@@ -187,7 +193,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
         raise MapError(f"the map file {output} must be named *.nc: it is a netCDF file.")
     for key in _SOURCES:
         if options[key] is not None and options[key].resolve() == output.resolve():
-            raise MapError(f"the map file {output} would overwrite what it is made of.")
+            raise MapError(f"the map file {output} would overwrite its own input.")
     if not options["drape"]:
         _refuse_drape_options(options)
     started = time.monotonic()
@@ -305,11 +311,11 @@ def _warn_of_densities(options: dict[str, Any]) -> None:
 
 @map_group.command()
 @click.argument("file", type=_FILE)
-@click.option("-o", "--output", type=_FILE, help="PNG file of the six components to draw.")
+@click.option("-o", "--output", type=_FILE, help="PNG file of the six components.")
 @click.option("--height", type=float, help="Height to draw, to the nearest node [the lowest].")
-@click.option("--clearance", type=float, help="The same of a draped map, above its base.")
+@click.option("--clearance", type=float, help="Height to draw above the base of a draped map.")
 def show(file: Path, output: Path | None, height: float | None, clearance: float | None) -> None:
-    """Print what the map in FILE is, and draw its six components."""
+    """Describe the map in FILE and draw its six components."""
     from ..gravity.gradient_map import MapError
     from ..maps import netcdf_reader, plan
 

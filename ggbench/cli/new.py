@@ -9,12 +9,13 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from ..files import reason_of
 from .draped_flight import NewFileError, draped_flight, quoted
+from .vehicles import VEHICLES, clearance_of, imu_table
 
 if TYPE_CHECKING:
     from ..maps.netcdf import Nodes
@@ -26,6 +27,7 @@ _LONGEST = 60
 _FLIGHT_S = 130.0
 """Duration of a flight over a map of one's own."""
 _CLEARANCE_M = 200.0
+_NOISE_EOTVOS = 0.1
 _BANK_DEG = 25.0
 _ABOVE_MAP_M = 20.0
 """Of a flight that follows the terrain: three deviations of the barometer's error."""
@@ -45,13 +47,13 @@ _folder = click.option(
     "--output",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path(),
-    help="Folder to write it to [the current one].",
+    help="Output folder [the current one].",
 )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 def new() -> None:
-    """Begin a scenario or an estimator: a commented file that runs."""
+    """Create a scenario or an estimator from a template."""
 
 
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -59,21 +61,36 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 @new.command()
 @click.argument("name")
-@click.option("--track", type=_FILE, help="Fly a track of your own, a CSV file.")
-@click.option("--map", "own_map", type=_FILE, help="Fly over a map of your own, a netCDF file.")
 @click.option(
-    "--terrain", type=_FILE, help="Follow the terrain of this elevation model, with --map."
+    "--track", type=_FILE, help="Track to fly: CSV, GPX, KML, NMEA 0183 or RTKLIB's .pos."
+)
+@click.option("--map", "own_map", type=_FILE, help="Map to fly over: a netCDF file.")
+@click.option(
+    "--terrain",
+    type=_FILE,
+    help="Elevation model: to follow, with --map; for the height of a --track above it.",
 )
 @click.option(
     "--clearance",
     type=click.FloatRange(0.0, 1e5, min_open=True),
     metavar="M",
-    help="Least height above that terrain [200].",
+    help="Minimum height above the terrain [200]; a lower track is refused.",
 )
 @click.option(
     "--waypoints",
     type=_FILE,
-    help="Fly through the places of a GPX, KML or CSV file, with --map.",
+    help="Waypoints to fly through: a GPX, KML or CSV file; requires --map.",
+)
+@click.option(
+    "--vehicle",
+    type=click.Choice(["aircraft", "helicopter", "drone", "ship"]),
+    help="Usual speed, inertial sensors and gradiometer of it, with --map or --track.",
+)
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.1, 1000.0),
+    metavar="M/S",
+    help="Speed of the flight, with --map; else the vehicle's, or slower if turns need it.",
 )
 @_folder
 def scenario(
@@ -83,33 +100,63 @@ def scenario(
     terrain: Path | None,
     clearance: float | None,
     waypoints: Path | None,
+    vehicle: str | None,
+    speed: float | None,
     output: Path,
 ) -> None:
-    """Write NAME.toml: a flight over a shipped map, with every table explained.
+    """Write NAME.toml, a commented scenario.
 
-    Over a map of your own the flight lies in the middle, a third of the way up; with a terrain it
-    follows the ground, but never leaves the map. Through waypoints it flies as fast as turns allow.
+    The default is a flight over a shipped map. With --map the flight crosses the middle of the map,
+    at a third of its height. With --terrain it follows the ground within the map. With --waypoints
+    its speed is limited by the turns, unless --speed states it.
     """
     if waypoints is not None and (own_map is None or track is not None or terrain is not None):
         raise click.UsageError("--waypoints goes with --map, and without --track and --terrain")
-    if terrain is not None and (own_map is None or track is not None):
-        raise click.UsageError("--terrain goes with --map, and without --track")
+    if terrain is not None and own_map is None and track is None:
+        raise click.UsageError("--terrain goes with --map or with --track")
     if clearance is not None and terrain is None:
         raise click.UsageError("--clearance goes with --terrain")
-    tables = {}
+    if vehicle is not None and own_map is None and track is None:
+        raise click.UsageError("--vehicle goes with --map or with --track")
+    if speed is not None and (own_map is None or track is not None):
+        raise click.UsageError("--speed goes with --map, and without --track, which has its own")
+    if vehicle == "ship" and terrain is not None:
+        raise click.UsageError("a ship follows no terrain: leave out --vehicle or --terrain")
+    pace = Pace(speed, vehicle)
+    tables, remark = {}, ""
     if track is not None:
         tables["trajectory"] = f"file = {quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
     if own_map is not None:
         tables["field"] = f"source = {quoted(own_map)}\n"
         if waypoints is not None:
-            tables["trajectory"] = _flight_through(waypoints, own_map)
+            tables["trajectory"] = _flight_through(waypoints, own_map, pace)
         elif track is None:
-            tables["trajectory"] = _flight_over(own_map, terrain, clearance or _CLEARANCE_M)
-        if terrain is not None or waypoints is not None:
+            flown_at = clearance or _CLEARANCE_M
+            tables["trajectory"] = _flight_over(own_map, terrain, flown_at, pace)
+        if (terrain is not None and track is None) or waypoints is not None:
             tables["field"] += f"\n{_BAROMETER}"
+    if track is not None and terrain is not None:
+        remark = clearance_of(track, terrain, _attributes_of(own_map), clearance)
+    noise = _NOISE_EOTVOS
+    if vehicle is not None:
+        tables["imu"] = imu_table(vehicle)
+        noise = VEHICLES[vehicle].noise_eotvos
+        if vehicle == "ship":
+            tables["trajectory"] = f'vehicle = "ship"\n{tables["trajectory"]}'
     flown = "A flight of my own" if tables else _SHIPPED
-    path = _begun(".toml", name, output, tables, TITLE=_titled(name), DESCRIPTION=flown)
+    path = _begun(
+        ".toml",
+        name,
+        output,
+        tables,
+        TITLE=_titled(name),
+        DESCRIPTION=flown,
+        NOISE=f"{noise:g}",
+        BETTER=f"{0.1 * noise:g}",
+    )
     shown = path.as_posix()
+    if remark:
+        click.echo(f"{remark}.")
     click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
     click.echo(f"Run it: ggbench run {shown} -n 10")
 
@@ -118,7 +165,7 @@ def scenario(
 @click.argument("name")
 @_folder
 def estimator(name: str, output: Path) -> None:
-    """Write NAME.py: an extended Kalman filter that keeps the contract, with its class NAME."""
+    """Write NAME.py, a commented extended Kalman filter."""
     called = "".join(part[:1].upper() + part[1:] for part in re.split("[-_]+", name))
     if keyword.iskeyword(called) or called in _TAKEN:
         raise NewFileError(f"an estimator '{name}' would be a class {called}: choose another name")
@@ -128,7 +175,43 @@ def estimator(name: str, output: Path) -> None:
     click.echo(f"Compare it with another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
 
 
-def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
+class Pace(NamedTuple):
+    """Speed that is asked for [m/s], and the vehicle, whose speed is not exceeded."""
+
+    speed: float | None
+    vehicle: str | None
+
+    def at_most(self, allowed: float, usual: float, why: str) -> float:
+        """Return the speed of a flight [m/s].
+
+        Parameters
+        ----------
+        allowed : fastest that the flight allows [m/s].
+        usual : of the flight if no vehicle is named [m/s].
+        why : what allows no more, for the message.
+
+        Raises
+        ------
+        NewFileError
+            If a faster one is asked for.
+        """
+        if self.speed is not None:
+            if self.speed > allowed:
+                raise NewFileError(
+                    f"{self.speed:g} m/s is too fast: {why}, which allows {allowed:.3g} m/s"
+                )
+            return self.speed
+        return min(usual if self.vehicle is None else VEHICLES[self.vehicle].speed_mps, allowed)
+
+
+def _attributes_of(own_map: Path | None) -> Mapping[str, str]:
+    """Return the attributes of a map, none without one."""
+    from ..maps import netcdf_reader  # not at the top: --help loads no numbers
+
+    return {} if own_map is None else netcdf_reader.read_layers(own_map)[1]
+
+
+def _flight_over(own_map: Path, terrain: Path | None, clearance: float, pace: Pace) -> str:
     """Return the table of a straight flight to the east in the middle of a map.
 
     With a terrain it follows that, and stays inside the map by what a barometer errs. Raise
@@ -146,7 +229,7 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
                 f"the layers of {own_map} follow the ground: give the --terrain that they follow, "
                 "and so does the flight"
             )
-        return draped_flight(nodes, attributes, own_map, terrain, clearance)
+        return draped_flight(nodes, attributes, own_map, terrain, clearance, pace.at_most)
     south, north = map(float, nodes.latitude_deg[[0, -1]])
     west, east = map(float, nodes.longitude_deg[[0, -1]])
     lowest = float(nodes.height_m[0])
@@ -154,7 +237,9 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
     metres = metres_per_radian(np.array([math.radians(latitude), 0.0, lowest]))
     per_north, per_east = (math.radians(1.0) * length for length in metres)
     side = min((north - south) * per_north, (east - west) * per_east)
-    speed = min(250.0 if terrain is None else 60.0, 0.4 * side / _FLIGHT_S)
+    room = f"the flight of {_FLIGHT_S:g} s takes 0.4 of the map's shorter side"
+    usual = 250.0 if terrain is None else 60.0
+    speed = pace.at_most(0.4 * side / _FLIGHT_S, usual, room)
     start = longitude - 0.5 * _FLIGHT_S * speed / per_east
     flown = _height_line(_third_way_up(nodes))
     segment = f"duration_s = {_FLIGHT_S:g}     # straight and level\n"
@@ -173,7 +258,7 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
     )
 
 
-def _flight_through(waypoints: Path, own_map: Path) -> str:
+def _flight_through(waypoints: Path, own_map: Path, pace: Pace) -> str:
     """Return the table of a level flight through the places of a file, over a map.
 
     It is slow enough for turns of a quarter of the shortest leg, and no faster than an airliner.
@@ -200,10 +285,15 @@ def _flight_through(waypoints: Path, own_map: Path) -> str:
     ]
     shortest = min(length for _, length in legs)
     pull = BANK_GRAVITY * math.tan(math.radians(_BANK_DEG))
-    speed = min(250.0, math.sqrt(0.25 * shortest * pull))
+    allowed = math.sqrt(0.25 * shortest * pull)
+    room = f"the radius of a turn at {_BANK_DEG:g}° of bank is to be a quarter of the shortest leg"
+    speed = pace.at_most(allowed, 250.0, room)
+    turn = f"bank_deg = {_BANK_DEG:g}"
+    if pace.vehicle == "ship":
+        turn = f"radius_m = {0.25 * shortest:.0f}"
     segments = "".join(
         f'\n[[trajectory.segment]]\nkind = "waypoint"\nlatitude_deg = {latitude:.7f}\n'
-        f"longitude_deg = {longitude:.7f}\nbank_deg = {_BANK_DEG:g}\n"
+        f"longitude_deg = {longitude:.7f}\n{turn}\n"
         for latitude, longitude in places[1:]
     )
     return (
@@ -256,7 +346,7 @@ def _begun(
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise NewFileError(f"{path} is there already, and is left as it is") from None
+        raise NewFileError(f"{path} exists already and is not overwritten") from None
     except OSError as error:
         with contextlib.suppress(OSError):
             path.unlink()  # else half of it would be there

@@ -23,20 +23,20 @@ _SHOWN = 10
 
 @click.command()
 @click.argument("scenario_name", metavar="SCENARIO")
-@click.option("-c", "--case", metavar="NAME", help="Case to plan [the first].")
+@click.option("-c", "--case", metavar="NAME", help="Case [the first].")
 @click.option(
     "--headings",
     type=click.IntRange(1, 72),
     default=8,
     show_default=True,
-    help="Number of headings, evenly spread.",
+    help="Number of headings.",
 )
 @click.option(
     "--grid",
     type=click.IntRange(1, 15),
     default=1,
     show_default=True,
-    help="Number of starts along each side of a square about the start.",
+    help="Number of starts along each side of a square grid around the start.",
 )
 @click.option(
     "--step",
@@ -44,13 +44,13 @@ _SHOWN = 10
     default=5.0,
     show_default=True,
     metavar="KM",
-    help="Distance of neighbouring starts.",
+    help="Distance between starts.",
 )
 @click.option(
     "--target",
     type=click.FloatRange(0.0, min_open=True),
     metavar="M",
-    help="RMS position error that is wanted: how many tracks allow it.",
+    help="Required RMS position error: counts the tracks that allow it.",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")
@@ -64,34 +64,34 @@ def plan(
     output: Path | None,
     figure: Path | None,
 ) -> None:
-    """Rank tracks for the flight of a SCENARIO by the bound of the RMS position error.
+    """Rank tracks for the flight of a SCENARIO by their Cramér–Rao bound.
 
-    The flight is moved to other starts and turned to other headings. No estimator has smaller
-    errors than the bound; of wrong places that look alike it knows nothing.
+    The command moves the flight, of segments or of a track, to other starts and headings. It ranks
+    them by the bound of the RMS position error. The bound ignores false fixes.
 
     Exit code 1 if no track allows the target.
     """
     tell_first_use("trajectory/truth.py", "in seconds")
-    from ..judging.planned import tracks
+    from ..judging.planned import around
     from ..spec import scenario
 
     require_suffix(output, ".csv")
     require_suffix(figure, ".png")
     loaded = scenario.load(scenario_name)
     flown = loaded.cases[0] if case is None else loaded.case(case)
-    if flown.trajectory.file is not None:
-        raise click.UsageError("the track of a file cannot be moved: give [trajectory] segments")
-    offsets = [step * (k - 0.5 * (grid - 1)) for k in range(grid)]
-    places = [(east, north) for north in offsets for east in offsets]
-    found = tracks(flown, places, [360.0 * k / headings for k in range(headings)])
+    found = around(flown, headings, grid, step)
     _print(found, f"{loaded.name}, {flown.title}", target)
     if output is not None:
         write_csv(found, output)
     if figure is not None:
         from ..figures.planned import planned_tracks
         from ..figures.style import save
+        from ..simulation.field_source import make_field
+        from ..simulation.true_motion import trajectory_of
 
-        save(planned_tracks(found, flown.title), figure)
+        field = make_field(flown.side("truth").field)
+        present = trajectory_of(flown.trajectory, flown.imu.period_s).positions
+        save(planned_tracks(found, field, present, flown.title), figure)
         click.echo(f"Wrote {figure}")
     reached = target is None or bool((found["bound_m"] <= target).any())
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
@@ -116,6 +116,10 @@ def _print(found: pd.DataFrame, title: str, target: float | None) -> None:
     table.print(console)
     if len(able):
         console.out(f"The worst track has a bound of {able['bound_m'].iloc[-1]:.3g} m.")
+        present = able[able["present"]]
+        if len(present):
+            rank, bound = int(present.index[0]) + 1, present["bound_m"].iloc[0]
+            console.out(f"The present flight has a bound of {bound:.3g} m, number {rank} of them.")
     unable = found[found["reason"] != ""]
     if len(unable):
         console.out(

@@ -15,6 +15,7 @@ from ..campaign.registry import choose
 from ..campaign.runner import Task, run_task
 from ..display.responsive_table import ResponsiveTable
 from ..display.timing import COLD
+from ..errors import brief
 from ..figures.numbers import counted
 from ..judging.bounds import squared_bounds
 from ..results.store import kept_epochs
@@ -59,7 +60,9 @@ def overview(results: Results) -> None:
         console.out(f"{label} uses {names}, and may have seen the truth")
     failures = results.failures()
     for _, row in failures.head(_MOST_LISTED).iterrows():
-        console.out(f"failed: {_where(row)}: {row['reason']}\n  to repeat it: {row['command']}")
+        console.out(
+            f"failed: {_where(row)}: {brief(row['reason'])}\n  to repeat it: {row['command']}"
+        )
     if len(failures) > _MOST_LISTED:
         console.print(f"... and {len(failures) - _MOST_LISTED} more, in failures.csv")
 
@@ -176,7 +179,7 @@ def _print(
         console.print(COLD, markup=False)
     for view in views:
         if view.record["status"] != "ok":
-            console.out(f"{view.label} failed: {view.record['reason']}")
+            console.out(f"{view.label} failed: {brief(view.record['reason'])}")
             if view.record["traceback"]:
                 console.out(view.record["traceback"].rstrip())
             if view.record["output"]:

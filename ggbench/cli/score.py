@@ -39,31 +39,31 @@ _COLOURS = {"better": "green", "worse": "red"}
     "-s",
     "--seed",
     type=click.IntRange(0, MOST_SEED),
-    help="Seed of new tracks, maps and noises, for both sides [the public one].",
+    help="Seed of new tracks, maps and noises, for all estimators [the public one].",
 )
 @click.option(
-    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to fly; repeat for more."
+    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to fly; repeatable."
 )
 @click.option(
     "--judge",
     type=click.Choice(["all", "odd", "even"]),
     default="all",
     show_default=True,
-    help="Judge runs of this number only: tune on even ones, report odd ones.",
+    help="Runs to judge: tune on even ones, report odd ones.",
 )
 @click.option(
     "--check",
     "checked",
     type=click.Path(path_type=Path),
     metavar="CARD",
-    help="Fly a card again, which runs the ESTIMATOR's code; exit code 1 if not reproduced.",
+    help="Repeat a card; runs the ESTIMATOR's code; exit code 1 if not reproduced.",
 )
 @click.option(
     "--against",
     "before",
     type=click.Path(path_type=Path),
     metavar="CARD",
-    help="Compare with an older card; exit code 1 if a question is surely worse.",
+    help="Compare with an older card; exit code 1 if a case is significantly worse.",
 )
 @click.option(
     "-o",
@@ -84,14 +84,15 @@ def score(
     output: Path | None,
     jobs: int | None,
 ) -> None:
-    """Score an ESTIMATOR, a .py file or a name, in the standard suite.
+    """Score an ESTIMATOR in the standard suite.
 
-    The runs of the other estimators are stored. Writes card.json, card.md and card.html.
+    ESTIMATOR is a .py file or a name. The runs of the other estimators are stored. The command
+    writes card.json, card.md, card.html and card.png.
 
-    A score runs the code of the ESTIMATOR. --check runs no file that a card names: without an
-    ESTIMATOR it flies installed estimators only.
+    A score runs the code of the ESTIMATOR. A card alone never runs code: without an ESTIMATOR,
+    --check repeats cards of installed estimators only.
 
-    Exit code 1 if a card is not reproduced or is surely worse than an older one.
+    Exit code 1 if a card is not reproduced or is significantly worse than an older one.
     """
     if quick and runs:
         raise click.UsageError("--quick flies 20 runs of each case: give it or -n")
@@ -195,12 +196,14 @@ def _print_card(card: Card) -> None:
 
 
 def _print_failures(found: Score) -> None:
-    """Print the runs that failed or diverged, each with the command that repeats it."""
-    for row in found.failures.head(_MOST_LISTED).itertuples():
-        console.out(f"{row.case}, run {row.run}: {row.reason or 'diverged'}\n  {row.command}")
-    more = len(found.failures) - _MOST_LISTED
-    if more > 0:
-        console.out(f"... and {counted(more, 'more run')} that failed or diverged")
+    """Print each kind of failure, and the command that repeats one run of it."""
+    from ..score import page
+
+    kinds = page.kinds_of_failures(found.failures)
+    for reason, where, command in kinds[:_MOST_LISTED]:
+        console.out(f"{where}: {reason}\n  {command}")
+    if len(kinds) > _MOST_LISTED:
+        console.out(f"... and {counted(len(kinds) - _MOST_LISTED, 'more kind')} of failures")
 
 
 def _verdict(card: Card, old: Card | None, previous: Card | None) -> int:

@@ -22,58 +22,60 @@ _OPTIONS = (
         "--column",
         multiple=True,
         metavar="NAME=COLUMN",
-        help="What the file calls line, kind, time_s, latitude_deg, longitude_deg, height_m, or a "
-        "component; a unit may follow, as in 'height_m=Alt [ft]'; may be repeated.",
+        help="Column of line, kind, time_s, latitude_deg, longitude_deg, height_m or a component, "
+        "optionally with a unit: 'height_m=Alt [ft]'; repeatable.",
     ),
     click.option(
-        "--components", metavar="LIST", help="Components to use, as in xx,xy,xz,yy,yz [all]."
+        "--components", metavar="LIST", help="Components to use, for example xx,xy,xz,yy,yz [all]."
     ),
     click.option(
         "--axes",
         type=click.Choice(["east-north-up", "east-north-down", "north-east-down"]),
         default="east-north-up",
         show_default=True,
-        help="x, y, z of the file's components.",
+        help="Axes x, y, z of the file's components.",
     ),
     click.option(
         "--quantity",
         type=click.Choice(["gradient", "disturbance", "anomaly"]),
         default="gradient",
         show_default=True,
-        help="Gradients [E], the gravity disturbance, or the free-air anomaly [mGal].",
+        help="Gradient [E], gravity disturbance or free-air anomaly [mGal].",
     ),
     click.option(
         "--crs",
         metavar="EPSG:CODE",
-        help="Reference system of the file's coordinates [WGS 84 in degrees]; of a projection, "
-        "their columns are easting_m and northing_m.",
+        help="Coordinate reference system [WGS 84 in degrees]; columns of a "
+        "projection are easting_m and northing_m.",
     ),
     click.option(
         "--leave-out",
         multiple=True,
         metavar="LINES",
-        help="Lines that neither the map nor the noise may know: a name, a pattern such as '*.1', "
-        "or a kind such as repeat; may be repeated.",
+        help="Lines to exclude from map and noise: a name, a pattern such as '*.1', or a kind such "
+        "as repeat; repeatable.",
     ),
     click.option(
         "--depth",
         type=click.FloatRange(0, min_open=True),
-        help="Of the point masses below the flights [m]; by default depth, spacing and damping are "
-        "chosen on lines that are held back.",
+        help="Depth of the point masses below the flights [m]. By default held-back lines "
+        "determine depth, spacing and damping.",
     ),
     click.option(
-        "--source-spacing", type=click.FloatRange(0, min_open=True), help="Between masses [m]."
+        "--source-spacing",
+        type=click.FloatRange(0, min_open=True),
+        help="Spacing of the masses [m].",
     ),
     click.option(
         "--damping",
         type=click.FloatRange(0, min_open=True),
-        help="Of the masses, relative to the mean diagonal of the normal equations.",
+        help="Damping of the masses, relative to the mean diagonal of the normal equations.",
     ),
     click.option(
         "--noise",
         type=_FILE,
         metavar="JSON",
-        help="Write a model of the readings' coloured noise, too, from lines that are held back.",
+        help="Also write a model of the coloured noise, from held-back lines.",
     ),
 )
 _WITH_LINES = (
@@ -107,8 +109,8 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
     mixed = [key for key in others if options[key] is not None]
     if mixed:
         raise MapError(
-            f"--lines and --{mixed[0].replace('_', '-')} are two sources: a map of survey lines is "
-            "made of nothing else."
+            f"--lines and --{mixed[0].replace('_', '-')} are two sources: "
+            "a map of survey lines has no other source."
         )
 
 

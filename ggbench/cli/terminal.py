@@ -125,11 +125,19 @@ def print_comparison(compared: Comparison, console: Console) -> None:
     table.print(console)
     paired = compared.rows["paired"]
     how = "paired" if paired.all() else "independent" if not paired.any() else "partly paired"
-    console.print(
-        f"Runs are {how}. p is adjusted for {counted(compared.tests, 'test')}: where nothing "
-        "changed, 5 % "
-        "of comparisons at most say 'worse' anywhere, and 5 % 'better'."
-    )
+    console.print(f"Runs are {how}. {_adjustment(compared.tests)}")
     for which, names in (("before", compared.only_before), ("after", compared.only_after)):
         if names:
             console.out(f"Only {which}: {', '.join(names)}")
+
+
+def _adjustment(tests: int) -> str:
+    """Return the meaning of the p-values of a comparison with a number of tests."""
+    if not tests:
+        return "Nothing differs: there was nothing to test."
+    false_alarms = (
+        "where nothing changed, 5 % of comparisons at most say 'worse' anywhere, and 5 % 'better'."
+    )
+    if tests == 1:
+        return f"One quantity differs, so p needs no adjustment: {false_alarms}"
+    return f"p is adjusted for {tests} tests: {false_alarms}"

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     "--estimators",
     "with_estimators",
     is_flag=True,
-    help="Also load the estimator files that FILE names, which runs their code.",
+    help="Also load the estimator files that FILE names; runs their code.",
 )
 def validate(file: str, with_estimators: bool) -> None:
-    """Check a scenario, and print what its flights are: FILE is a path or a shipped one's name.
+    """Check the scenario FILE and describe its flights.
 
-    Warns of flights that no vehicle flies, and of those near the border of a map. Nothing is
-    simulated, no code of FILE's own estimators is run, and no map is built unless the scenario
-    degrades it.
+    FILE is a path or the name of a shipped scenario. The command warns of implausible flights and
+    of flights near the border of the map. It simulates nothing and runs no code of estimator files.
+    It builds a map only if the scenario adds errors to it.
     """
     tell_first_use("ins/strapdown.py", "in a minute")
     with Progress(console, file):

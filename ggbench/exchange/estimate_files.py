@@ -83,7 +83,7 @@ def read(path: Path) -> StoredRuns:
     held = containers.read(path)
     if unknown := sorted(set(held) - KNOWN):
         raise ExchangeError(
-            f"{path} holds {unknown[0]}, which is no part of estimates; known are "
+            f"{path} holds {unknown[0]}, which is not allowed in estimates; allowed are "
             f"{', '.join(sorted(KNOWN))}"
         )
     problem = _problem(path, _text(path, held, "problem"))

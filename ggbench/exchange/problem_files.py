@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -172,11 +172,3 @@ def write(path: Path, block: ProblemBlock, problem: str) -> None:
         As :func:`.containers.write`.
     """
     containers.write(path, content_of(block, problem), NOTES)
-
-
-def table() -> Sequence[str]:
-    """Return the lines of a markdown table of all variables, for the documentation."""
-    rows = [
-        f"| `{v.name}` | {v.axes.replace(' ', ' × ')} | {v.unit} | {v.meaning} |" for v in VARIABLES
-    ]
-    return ["| name | shape | unit | meaning |", "|---|---|---|---|", *rows]

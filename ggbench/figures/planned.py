@@ -6,12 +6,13 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import SubFigure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ..gravity.ellipsoid import SEMI_MAJOR_AXIS, metres_along
 from ..gravity.field import Field
 from .style import BOUND, Drawing, styled, subplots
 
@@ -23,6 +24,8 @@ _AROUND = 0.15
 _SQUARE = 0.7
 """Of the longer side of the plan: the shorter one at least."""
 _NODES = 150
+_ARROW = 0.45
+"""Length of an arrow, of the distance of neighbouring starts."""
 _MOST_POINTS = 2000
 _COLOURS = {"east": "tab:blue", "north": "tab:orange", "up": "tab:green"}
 
@@ -78,25 +81,10 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
     if field.has_map:
         edges = np.degrees(field.lower[[1, 0]]), np.degrees(field.upper[[1, 0]])
         low, high = np.maximum(low, edges[0]), np.minimum(high, edges[1])
-        longitude, latitude = np.linspace(low, high, _NODES).T
         flown = np.radians(bounds[["latitude_deg", "longitude_deg", "height_m"]].to_numpy())
         flown[:, 2] = bounds["height_m"]
-        height = float(field.coordinates(flown)[:, 2].mean())
-        vertical = field.vertical_disturbance(
-            *field.over_nodes(np.radians(latitude)[:, None], np.radians(longitude), height)
-        )
-        limit = float(np.abs(vertical).max()) or 1.0
-        mesh = axis.pcolormesh(
-            longitude,
-            latitude,
-            vertical,
-            cmap="RdBu_r",
-            vmin=-limit,
-            vmax=limit,
-            alpha=0.6,
-            rasterized=True,
-        )
-        figure.colorbar(mesh, ax=axis, location="bottom", shrink=0.8, label="disturbing Γ_UU [E]")
+        longitude, latitude = np.linspace(low, high, _NODES).T
+        _draw_field(figure, axis, field, flown, (longitude, latitude), (longitude, latitude))
     step = 1 + len(track) // _MOST_POINTS
     track, values = track[::step], values[::step]
     smallest, largest = values.min(), values.max()
@@ -126,38 +114,118 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
     axis.grid(visible=False)
 
 
+def _draw_field(
+    figure: Any,
+    axis: Axes,
+    field: Field,
+    flown: np.ndarray,
+    degrees: tuple[np.ndarray, np.ndarray],
+    shown: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """Draw Γ_UU at the mean height of a track on a grid of longitudes and latitudes.
+
+    Parameters
+    ----------
+    figure, axis : panel.
+    field : with a map.
+    flown : (K, 3) latitude, longitude [rad], height [m] of the track.
+    degrees : longitudes and latitudes of the nodes [deg].
+    shown : coordinates of the nodes on the axes.
+    """
+    height = float(field.coordinates(flown)[:, 2].mean())
+    longitude, latitude = (np.radians(each) for each in degrees)
+    vertical = field.vertical_disturbance(*field.over_nodes(latitude[:, None], longitude, height))
+    limit = float(np.abs(vertical).max()) or 1.0
+    mesh = axis.pcolormesh(
+        *shown, vertical, cmap="RdBu_r", vmin=-limit, vmax=limit, alpha=0.6, rasterized=True
+    )
+    figure.colorbar(mesh, ax=axis, location="bottom", shrink=0.8, label="disturbing Γ_UU [E]")
+
+
 @styled()
-def planned_tracks(tracks: pd.DataFrame, title: str) -> Drawing:
+def planned_tracks(tracks: pd.DataFrame, field: Field, flown: np.ndarray, title: str) -> Drawing:
     """Draw the bound of tracks: an arrow at each start for each heading, coloured by the bound.
 
-    ``tracks`` are of :func:`ggbench.judging.planned.tracks`.
+    The disturbing Γ_UU of the field is drawn below, the present flight in black.
+
+    Parameters
+    ----------
+    tracks : of :func:`ggbench.judging.planned.tracks`.
+    field : the true one.
+    flown : (K, 3) latitude, longitude [rad], height [m] of the present flight.
+    title : of the case.
     """
     able = tracks[tracks["reason"] == ""]
+    # The reverse: the smallest bound is drawn last, above the others.
+    able = able.iloc[::-1]
+    starts = able[["east_km", "north_km"]].to_numpy()
+    track = 1e-3 * (flown[:, [1, 0]] - flown[0, [1, 0]]) * metres_along(flown[:1])
+    length = _arrow_length(tracks[["east_km", "north_km"]].to_numpy(), track)
     heading = np.radians(able["heading_deg"].to_numpy())
-    figure, axis = subplots(figsize=(6.4, 5.6))
+    along = length * np.column_stack([np.sin(heading), np.cos(heading)])
+    corners = np.vstack([starts, starts + along, track])
+    middle = 0.5 * (corners.max(axis=0) + corners.min(axis=0))
+    half = 0.5 * float(np.ptp(corners, axis=0).max()) * (1.0 + _AROUND)
+    figure, axis = subplots(figsize=(6.8, 7.2))
+    axis.set_xlim(middle[0] - half, middle[0] + half)
+    axis.set_ylim(middle[1] - half, middle[1] + half)
+    axis.set_aspect("equal")
+    if field.has_map:
+        per_km = 1e3 / metres_along(flown[:1])[0]
+        sides = [
+            np.linspace(
+                max(middle[k] - half, (field.lower[1 - k] - flown[0, 1 - k]) / per_km[k]),
+                min(middle[k] + half, (field.upper[1 - k] - flown[0, 1 - k]) / per_km[k]),
+                _NODES,
+            )
+            for k in range(2)
+        ]
+        east, north = sides
+        degrees = [np.degrees(flown[0, 1 - k] + sides[k] * per_km[k]) for k in range(2)]
+        _draw_field(figure, axis, field, flown, (degrees[0], degrees[1]), (east, north))
+    axis.plot(*track.T, color="k", lw=1.0, label="present flight", zorder=4)
+    axis.plot(0.0, 0.0, "o", color="k", mfc="w", ms=6, zorder=6)
     bounds = able["bound_m"].to_numpy()
-    smallest, largest = (bounds.min(), bounds.max()) if len(bounds) else (1.0, 1.0)
-    arrows = axis.quiver(
-        able["east_km"],
-        able["north_km"],
-        np.sin(heading),
-        np.cos(heading),
-        bounds,
-        norm=LogNorm(smallest, max(largest, 1.001 * smallest)),
-        cmap="plasma",
-        angles="xy",
-        width=0.006,
-        scale=12.0,
-    )
-    figure.colorbar(
-        arrows,
-        ax=axis,
-        label="bound of the RMS position error [m]",
-        ticks=LogLocator(subs=(1.0, 2.0, 5.0)),
-        format=lambda value, _: f"{value:g}",
-    ).minorticks_off()
-    axis.margins(0.25)
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.set(xlabel="start, east [km]", ylabel="start, north [km]")
+    if len(bounds):
+        smallest, largest = bounds.min(), bounds.max()
+        arrows = axis.quiver(
+            *starts.T,
+            *along.T,
+            bounds,
+            norm=LogNorm(smallest, max(largest, 1.001 * smallest)),
+            cmap="plasma",
+            angles="uv",
+            scale_units="xy",
+            scale=1.0,
+            width=0.008,
+            edgecolor=["k" if present else "none" for present in able["present"]],
+            linewidth=1.2,
+            zorder=5,
+        )
+        figure.colorbar(
+            arrows,
+            ax=axis,
+            location="bottom",
+            shrink=0.8,
+            label="bound of the RMS position error [m]",
+            ticks=LogLocator(subs=(1.0, 2.0, 5.0)),
+            format=lambda value, _: f"{value:g}",
+        ).minorticks_off()
+    axis.legend(loc="upper right")
+    axis.grid(visible=False)
+    axis.set(xlabel="east of the present start [km]", ylabel="north of the present start [km]")
     axis.set_title(f"Where to fly: {title}", fontsize=9, wrap=True)
     return figure
+
+
+def _arrow_length(starts: np.ndarray, track: np.ndarray) -> float:
+    """Return the length of arrows [km]: of one start the track's, else less than starts' distance.
+
+    Parameters
+    ----------
+    starts : (n, 2) east and north [km].
+    track : (K, 2) of the present flight [km].
+    """
+    apart = [np.diff(np.unique(starts[:, k])).min(initial=np.inf) for k in range(2)]
+    reach = float(np.hypot(*track.T).max())
+    return min(_ARROW * float(min(apart)), reach)

@@ -68,7 +68,7 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
     if aided is None:
         raise ResultsError(
             f"{results.folder} holds no errors of {label} in run {DETAILED_RUN} of case {case}, "
-            "the one that is kept in detail: it failed or was not run"
+            "the one that is stored in detail: it failed or was not run"
         )
     ins = results.detail(case, "ins", DETAILED_RUN)
     first, unit = _COLUMNS[quantity]

@@ -121,7 +121,7 @@ def compare(
     common = [key for key in groups_before if key in groups_after]
     if not common:
         raise ComparisonError(
-            f"the two have nothing in common: one holds {_content(before)}, "
+            f"the two folders have no case and estimator in common: one holds {_content(before)}, "
             f"the other {_content(after)}"
         )
     rows = pd.DataFrame(

@@ -8,6 +8,9 @@ import numpy as np
 
 from ..gravity.ellipsoid import metres_along
 
+LINEAR, AMBIGUOUS = 0.2, 0.8
+"""Widths of a prior in correlation lengths, see reports/nonlinearity.md."""
+
 
 def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
     """Return the correlation length ℓ [m] of the field along a track.
@@ -27,6 +30,27 @@ def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
     step = float(np.hypot(*steps.T).mean())
     found = correlation_length((vertical - vertical.mean())[np.newaxis], step)
     return found if found > 0.0 else math.nan
+
+
+def on_the_prior(position_m: float, correlation_m: float) -> str:
+    """Return the prior's width in correlation lengths of the field, and the consequence.
+
+    Parameters
+    ----------
+    position_m : standard deviation of the initial position per axis [m].
+    correlation_m : the field's correlation length along the track [m].
+    """
+    width = position_m / correlation_m
+    if width < LINEAR:
+        consequence = "the field is nearly linear within it, and an EKF is efficient"
+    elif width < AMBIGUOUS:
+        consequence = "a filter that linearises once can converge to a wrong place"
+    else:
+        consequence = "several places fit the first measurements: use a bank, a search or particles"
+    return (
+        f"the initial uncertainty is {width:.2g} correlation lengths of the field "
+        f"({1e-3 * correlation_m:.3g} km): {consequence}"
+    )
 
 
 def correlation_length(g: np.ndarray, step_m: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import GGBenchError
 from ..simulation.error_free_flight import Flight, prepare
 from ..simulation.flight_bounds import flight_bound
+from ..simulation.true_motion import trajectory_of
 from ..spec import draws
 from ..spec.case import CaseSpec
 from .bounds import squared_bounds
@@ -19,6 +20,7 @@ from .run_errors import window_mask
 if TYPE_CHECKING:
     import pandas as pd
 
+_PRESENT = (0.0, 0.0, 0.0)
 AXES = ("east", "north", "up")
 
 
@@ -67,6 +69,20 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
     return math.sqrt(float(squares[window_mask(flight.times, case.windows, "settled")].mean()))
 
 
+def around(case: CaseSpec, headings: int, starts: int, step_km: float) -> pd.DataFrame:
+    """Return :func:`tracks` of evenly spread headings and a square of starts about a flight's.
+
+    Parameters
+    ----------
+    headings : number of headings.
+    starts : number of starts along each side of the square.
+    step_km : distance of neighbouring starts [km].
+    """
+    offsets = [step_km * (k - 0.5 * (starts - 1)) for k in range(starts)]
+    places = [(east, north) for north in offsets for east in offsets]
+    return tracks(case, places, [360.0 * k / headings for k in range(headings)])
+
+
 def tracks(
     case: CaseSpec, places_km: Iterable[tuple[float, float]], turns_deg: Iterable[float]
 ) -> pd.DataFrame:
@@ -74,29 +90,48 @@ def tracks(
 
     Parameters
     ----------
-    case : with a flight of segments.
+    case : with a flight of segments, or of a track from a file.
     places_km : to the east and north of its start [km].
     turns_deg : by which it is turned about each start [deg].
 
     Returns
     -------
-    ``east_km``, ``north_km``, ``heading_deg``, ``bound_m`` (:func:`bound_of`), and ``reason`` of
-    those that cannot be flown, which come last.
+    ``east_km``, ``north_km``, ``heading_deg`` at the start, ``bound_m`` (:func:`bound_of`),
+    ``present``, which is true of the flight as it is, in any case a row, and ``reason`` of those
+    that cannot be flown, which come last.
+
+    Raises
+    ------
+    GGBenchError
+        If the flight follows survey lines, or its track cannot be used.
     """
     import pandas as pd
 
-    rows = []
+    if case.trajectory.lines:
+        raise GGBenchError("survey lines are flown where they were measured: they cannot be moved")
     turns = list(turns_deg)
-    for east, north in places_km:
-        for turn in turns:
-            flown = draws.moved(case.trajectory, east, north, turn)
-            bound, reason = math.nan, ""
-            try:
-                bound = bound_of(case.model_copy(update={"trajectory": flown}))
-            except GGBenchError as error:
-                reason = str(error)
-            heading = math.degrees(flown.start().heading) % 360.0
-            rows.append((east, north, heading, bound, reason))
-    columns = ["east_km", "north_km", "heading_deg", "bound_m", "reason"]
+    moves = [(east, north, turn) for east, north in places_km for turn in turns]
+    if _PRESENT not in moves:
+        moves.append(_PRESENT)
+    first = _first_heading(case)
+    rows = []
+    for east, north, turn in moves:
+        flown = draws.moved(case.trajectory, east, north, turn)
+        bound, reason = math.nan, ""
+        try:
+            bound = bound_of(case.model_copy(update={"trajectory": flown}))
+        except GGBenchError as error:
+            reason = str(error)
+        present = (east, north, turn) == _PRESENT
+        rows.append((east, north, (first + turn) % 360.0, bound, present, reason))
+    columns = ["east_km", "north_km", "heading_deg", "bound_m", "present", "reason"]
     table = pd.DataFrame(rows, columns=columns)
     return table.sort_values("bound_m", kind="stable", ignore_index=True)
+
+
+def _first_heading(case: CaseSpec) -> float:
+    """Return the heading at the start of a flight [deg]."""
+    if case.trajectory.file is None:
+        return math.degrees(case.trajectory.start().heading)
+    attitude = trajectory_of(case.trajectory, case.imu.period_s).attitudes[0]
+    return math.degrees(math.atan2(attitude[0, 1], attitude[1, 1]))

@@ -133,7 +133,7 @@ def _from_text(
     degree = int(min(declared, highest if highest is not None and highest >= 2 else declared))
     if degree > MOST_DEGREE:
         raise MapError(
-            f"{path}: max_degree is {degree}; at most {MOST_DEGREE} can be used: ask for fewer."
+            f"{path}: max_degree is {degree}; at most {MOST_DEGREE} can be used: use fewer."
         )
     intervals = _first_word(header, "format", "") == "icgem2.0"
     content = content[:start] + static(path, content[start:], intervals, epoch)

@@ -138,7 +138,7 @@ def opened(path: Path) -> Any:
                 "'ggbench map build -o MAP.nc'."
             ) from None
         raise MapError(
-            f"{path} is not a gradient map: it is no whole netCDF file ({text_of(error)})"
+            f"{path} is not a gradient map: it is not a complete netCDF file ({text_of(error)})"
         ) from None
     file.set_auto_maskandscale(False)
     return file

@@ -101,13 +101,13 @@ def nodes_for(
     bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
     if None in asked and np.array_equal(good, EVERYWHERE):
         raise MapError(
-            "coefficients serve the whole Earth: give the bounds --south, --north, --west and "
+            "coefficients cover the whole Earth: give the bounds --south, --north, --west and "
             "--east [deg]."
         )
     for name, value, allow, sign in zip(names, bounds, allowed, inner, strict=True):
         if not sign * value >= sign * allow - _ROUNDING_DEG:  # NaN fails too
             raise MapError(
-                f"--{name} {value:.9g} lies outside what the inputs serve: {allowed[0]:.9g}° to "
+                f"--{name} {value:.9g} lies outside the area of the inputs: {allowed[0]:.9g}° to "
                 f"{allowed[1]:.9g}° N, {allowed[2]:.9g}° to {allowed[3]:.9g}° E."
             )
     bounds = inner * np.maximum(inner * bounds, inner * allowed)

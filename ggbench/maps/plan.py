@@ -149,7 +149,7 @@ class _Sources:
         self.parameters: dict[str, Any] = {}
         if not (inputs.terrain or inputs.coefficients or inputs.grid):
             raise MapError(
-                "a map is made of something: give --terrain, --coefficients, --geoid, --anomaly, "
+                "a map needs a source: give --terrain, --coefficients, --geoid, --anomaly, "
                 "--disturbance or --lines."
             )
         if inputs.land_correction and (inputs.grid is None or inputs.grid_kind != "geoid"):
@@ -253,8 +253,8 @@ class _Sources:
         word = f"{inputs.grid_kind} grid {path.name} less the harmonics"
         if grid.is_height_anomaly and inputs.land_correction:
             raise MapError(
-                f"{path} holds height anomalies: leave out --land-correction, which makes them of "
-                "a geoid."
+                f"{path} holds height anomalies: leave out --land-correction, "
+                "which converts a geoid to height anomalies."
             )
         if inputs.land_correction:
             sides = grid.latitude_deg[[0, -1]].tolist(), grid.longitude_deg[[0, -1]].tolist()

@@ -138,7 +138,7 @@ class SurveyLines:
         """
         out = self.chosen(patterns)
         if len(out) == len(self.names):
-            raise MapError("all lines are left out: there is nothing to make a map of.")
+            raise MapError("all lines are left out: no line remains for the map.")
         return self.only([index for index in range(len(self.names)) if index not in set(out)])
 
 

@@ -26,8 +26,8 @@ KEPT_VARIANCE = 0.85
 """Share of the variance that the components kept explain at least; the literature gives none."""
 FEWEST_CELLS = 6
 """With which the correlations of five statistics can be estimated at all."""
-GRADES = ("unsuitable", "fair", "good")
-"""The thirds of the cells by the index, from below; the literature gives no thresholds."""
+GRADES = ("lowest third", "middle third", "highest third")
+"""The cells by the index, from below; the literature gives no thresholds."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from .score import Scored
 
 GRADE_COLOURS = dict(zip(GRADES, ("#c0392b", "#f2d16b", "#2e8b57"), strict=True))
+_LEAST_SHARE = 1e-4
+"""Of wrong places: smaller bounds have its colour."""
 _TICK = 0.35  # half the length of a heading's line, in sides of a cell
 
 
@@ -43,14 +45,17 @@ def map_score(scored: Scored, source: str) -> Drawing:
     grades.add_collection(classes)
     few = scored.components is None
     grades.set_title("too few cells for an index" if few else "index by principal components")
-    bar = figure.colorbar(classes, ax=grades, location="bottom", shrink=0.9, label="class")
+    bar = figure.colorbar(
+        classes, ax=grades, location="bottom", shrink=0.9, label="rank among these cells"
+    )
     bar.set_ticks(range(3), labels=GRADES)
     bar.minorticks_off()
-    values = _coloured(figure, track, table, "best_track_m", "viridis_r", "√tr J⁻¹ [m]")
+    values = _coloured(figure, track, table, "best_track_m", "viridis_r", "RMS position error [m]")
     track.set_title("a track on its best heading")
     _headings(track, table, values)
-    _coloured(figure, doubt, table, "ambiguity", "magma", "A_min [nepers]")
-    doubt.set_title("least ambiguity")
+    percent = table.assign(percent=100.0 * np.maximum(table["false_fix"], _LEAST_SHARE))
+    _coloured(figure, doubt, percent, "percent", "magma_r", "probability, at most [%]")
+    doubt.set_title("a match at a wrong place")
     for axis in axes:
         axis.set_xlim(west, east)
         axis.set_ylim(south, north)

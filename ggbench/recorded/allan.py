@@ -222,8 +222,8 @@ def _noise(readings: np.ndarray, period: float) -> SensorNoise:
     taus, deviations = _allan(readings, period)
     if not (np.isfinite(deviations).all() and (deviations > 0.0).all()):
         raise FlightError(
-            "the readings of three axes do not change at all, or beyond all numbers: no noise "
-            "follows from them"
+            "the readings of three axes do not change at all, or beyond all numbers: "
+            "their noise cannot be estimated"
         )
     # Overlapping averages of three axes: about so many are independent.
     weights = np.sqrt(2.0 * 3.0 * (duration / taus - 1.0))

@@ -53,6 +53,40 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
     return track_columns(start + problem.times, motion) | sigmas
 
 
+def corrected_samples(
+    problem: Problem,
+    estimate: Estimate,
+    times: np.ndarray,
+    indicated: Motion,
+    start: float = 0.0,
+) -> dict[str, np.ndarray]:
+    """Return the corrected track at the samples of the INS, from the first to the last epoch.
+
+    Between epochs the estimated errors are linear in time.
+
+    Parameters
+    ----------
+    problem, estimate : as for :func:`corrected`.
+    times : (N,) of the samples [s].
+    indicated : motion of the INS at the samples.
+    start : is added to the times [s].
+
+    Returns
+    -------
+    Columns as :func:`corrected` has them, without standard deviations.
+
+    Raises
+    ------
+    EstimateError
+        As :func:`corrected`.
+    """
+    mean, _ = _arrays(problem, estimate)
+    inside = (times >= problem.times[0]) & (times <= problem.times[-1])
+    within = times[inside]
+    errors = np.stack([np.interp(within, problem.times, mean[:, j]) for j in range(9)], axis=-1)
+    return track_columns(start + within, corrected_motion(indicated.at(inside), errors))
+
+
 def _arrays(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray | None]:
     """Return mean and cov as they must be, or raise EstimateError."""
     shape = (problem.epochs, problem.dimension)

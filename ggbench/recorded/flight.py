@@ -76,6 +76,8 @@ class RecordedFlight:
     reference : errors of the INS against the reference track, if there is one: NaN where it says
         nothing, as of the biases. No estimator is given it.
     start : time of the first sample of the INS, on its own clock [s].
+    sample_times : (N + 1,) of all samples of the INS, since the first [s].
+    indicated : what the INS indicates at them.
     """
 
     path: Path
@@ -83,6 +85,8 @@ class RecordedFlight:
     problem: Problem
     reference: Truth | None
     start: float
+    sample_times: np.ndarray
+    indicated: Motion
 
     @property
     def reference_is_of(self) -> str:
@@ -131,7 +135,7 @@ def read_flight(path: Path | str) -> RecordedFlight:
     field = beside(field, ins.longitude)
     series = read_series(spec, folder, model, ins.base)
     try:
-        problem = _problem(spec, model, field, ins, series, path)
+        problem, indicated = _problem(spec, model, field, ins, series, path)
     except OutsideMapError as error:
         raise FlightError(f"{path}: field: the flight begins outside the map: {error}") from None
     if spec.windows is not None and spec.windows.settled_from_s > problem.times[-1]:
@@ -144,7 +148,7 @@ def read_flight(path: Path | str) -> RecordedFlight:
         same = sensors_of(spec).get(_sensor_of_reference(spec, folder))
         noise = max(same.position_noise_m or 0.0, same.height_noise_m or 0.0) if same else 0.0
         reference = _reference(spec.reference, folder, problem, ins.base, noise)
-    return RecordedFlight(path, spec, problem, reference, ins.base.start)
+    return RecordedFlight(path, spec, problem, reference, ins.base.start, ins.base.times, indicated)
 
 
 def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:
@@ -187,7 +191,8 @@ def _problem(
     ins: Inertial,
     series: dict[str, Series],
     path: Path,
-) -> Problem:
+) -> tuple[Problem, Motion]:
+    """Return what estimators are given, and what the INS indicates at all of its samples."""
     epochs = functools.reduce(np.union1d, [found.samples for found in series.values()])
     at = {name: np.searchsorted(epochs, found.samples) for name, found in series.items()}
     read_at = [at[sensor.name] for sensor in model.aiding]
@@ -203,7 +208,8 @@ def _problem(
     if "gradiometer" in series:
         output, missing = gradients(spec, ins.base, series["gradiometer"])
     gravity = added_gravity(model, field, epochs[gradient_at], ins.base.count + 1, output, missing)
-    propagate_errors(model, when, gravity, ins.navigated(gravity), ins.increments, indicated)
+    navigated = ins.navigated(gravity)
+    propagate_errors(model, when, gravity, navigated, ins.increments, indicated)
     motion = indicated.motion
     if spec.gradiometer is not None and spec.gradiometer.readings == "disturbing":
         assert model.gradiometer is not None  # there is a table of it
@@ -221,7 +227,7 @@ def _problem(
     if ins.recording is not None and not model.has_memory:
         replays = Replays(model, field, when, gravity, [ins.recording], 1)
         block = dataclasses.replace(block, replays=replays)
-    return block.problem(0)
+    return block.problem(0), Motion.of_states(navigated[:, :, 0])
 
 
 def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> None:

@@ -86,7 +86,7 @@ class TimeBase:
         if len(same):
             raise columns.error(
                 f"two readings, at {times[rows[same[0]]]:.17g} s and "
-                f"{times[rows[same[0] + 1]]:.17g} s, fall to the same sample of the INS",
+                f"{times[rows[same[0] + 1]]:.17g} s, belong to the same sample of the INS",
                 int(rows[same[0] + 1]),
             )
         return nearest, rows

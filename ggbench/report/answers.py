@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from ..errors import brief
 from ..judging.judgement import OUTSIDE
 from ..judging.standing import standing
 from ..judging.verdicts import FEWEST_RUNS
@@ -53,7 +54,7 @@ def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[st
         if lost:
             reason = flown.loc[flown["case"] == lost[0], "reason"].iloc[0]
             named = [] if failed.all() else [titles[case] for case in lost]
-            rows.append({"label": label, "cases": named, "reason": reason})
+            rows.append({"label": label, "cases": named, "reason": brief(reason)})
     return rows
 
 

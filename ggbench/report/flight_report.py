@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,13 +21,16 @@ from ..recorded.corrected import (
     Residuals,
     against,
     corrected,
+    corrected_samples,
     residual_columns,
     residuals,
 )
 from ..recorded.flight import RecordedFlight
+from ..recorded.track_files import gpx_text, kml_text
 from ..sensors.aiding import corrected_positions, position_error
 from ..spec.flight import FlightError
 from ..spec.named_sensors import sensors_of, table_of
+from . import libraries, page_templates
 from .tables import code, markdown, plain
 
 WINDOW_TITLES = {
@@ -38,6 +42,7 @@ WINDOW_TITLES = {
 
 
 REPORT = "report.md"
+PAGE = "report.html"
 
 
 def folder_of(label: str) -> str:
@@ -64,7 +69,9 @@ def write(
 ) -> Path:
     """Write what estimators make of a recorded flight: all files together, or none.
 
-    ``LABEL/corrected.csv``, ``LABEL/residuals.csv``, ``report.md`` and its figures.
+    ``LABEL/corrected.csv``, ``.gpx`` and ``.kml`` at the epochs, ``LABEL/full_rate.csv`` at the
+    samples of the INS, ``LABEL/residuals.csv``, ``report.md`` and its figures, and ``report.html``,
+    which needs no other file.
 
     Parameters
     ----------
@@ -108,16 +115,26 @@ def _write(
     for label, found in told.items():
         folder = output / folder_of(label)
         files.write(folder / "corrected.csv", tracks[label])
+        every = corrected_samples(
+            problem, estimates[label], flight.sample_times, flight.indicated, start
+        )
+        files.write(folder / "full_rate.csv", every)
+        files.write_text(folder / "corrected.gpx", gpx_text(tracks[label], label))
+        files.write_text(folder / "corrected.kml", kml_text(tracks[label], label))
         files.write(folder / "residuals.csv", residual_columns(problem, found, start))
+    title = plain(flight.spec.title or flight.path.stem)
     text = "\n\n".join(
         [
-            f"# {plain(flight.spec.title or flight.path.stem)}",
+            f"# {title}",
             *([flight.spec.description.strip()] if flight.spec.description.strip() else []),
             _what_there_is(flight),
             _estimators(problem, estimates, told),
             *_errors(flight, judged),
             _figures(flight, estimates, families, told, judged, output),
-            "Times in the files are on the clock of the INS; in the figures they are since its "
+            "`corrected` is the track at the epochs, as CSV, GPX and KML; heights of GPX and KML "
+            "are above sea level. `full_rate.csv` is the track at the samples of the INS, with "
+            "estimated errors that are linear between epochs. Times in the files are on the clock "
+            "of the INS; in the figures they are since its "
             "first sample. `residuals.csv` has, of each channel, the reading as the estimators "
             "take it (a receiver's position is relative to what the INS indicates, filtered "
             "gradients are whitened), its prediction, the whitened difference, and whether there "
@@ -126,6 +143,43 @@ def _write(
         ]
     )
     files.write_text(output / REPORT, text + "\n")
+    files.write_text(output / PAGE, _page(text, title, output))
+
+
+def _page(text: str, title: str, output: Path) -> str:
+    """Return a report as HTML, with its figures in the page."""
+    parser = libraries.package("markdown_it").MarkdownIt("commonmark", {"html": False})
+    # The parser refuses images of the scheme data: they are filled in afterwards.
+    body = parser.enable("table").render(text)
+
+    def embedded(found: re.Match[str]) -> str:
+        image = base64.b64encode((output / found[1]).read_bytes()).decode()
+        return f'src="data:image/png;base64,{image}"'
+
+    body = re.sub(r'src="(figures/[\w.-]+\.png)"', embedded, body)
+    page = page_templates.environment(html=True).get_template("flight.html.j2")
+    return page.render(title=title, body=body)
+
+
+def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[str]:
+    """Return a sentence on each estimator: uncertainty, residuals, errors against a reference."""
+    sentences = []
+    for label, estimate in estimates.items():
+        parts = []
+        if estimate.cov is not None:
+            last = float(np.sqrt(np.diag(estimate.cov[-1])[:3].sum()))
+            parts.append(f"position at the end to {short(last)} m (1σ)")
+        found = residuals(flight.problem, estimate)
+        rms = float(np.sqrt(np.nanmean(found.whitened**2)))
+        parts.append(f"RMS of whitened residuals {short(rms)}")
+        if flight.reference is not None:
+            judged = against(flight.problem, estimate, flight.reference, flight.spec.windows)
+            parts += [
+                f"{short(metrics['position_mrse_m'])} m from the reference ({WINDOW_TITLES[name]})"
+                for name, metrics in judged.windows.items()
+            ]
+        sentences.append(f"{label}: {', '.join(parts)}")
+    return sentences
 
 
 def _what_there_is(flight: RecordedFlight) -> str:

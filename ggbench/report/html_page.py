@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..errors import brief
 from ..figures import interactive
 from ..files import written_whole
 from . import columns, libraries, page_templates, pictures, sweeps, views
@@ -88,7 +89,7 @@ def text(
         "metrics": ordered.drop(columns=list(_DROPPED)),
         "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
-    } | results.further_tables()
+    } | _brief(results.further_tables())
     errors = tables["errors"].drop(columns="case")
     tables["errors"] = errors.rename(columns=lambda key: _error_key(key, results.labels))
     data = {
@@ -113,6 +114,14 @@ def text(
         manifest=results.manifest,
         data=data,
     )
+
+
+def _brief(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """Return tables with short reasons of failures; the CSV files keep the whole texts."""
+    return {
+        name: table.assign(reason=table["reason"].map(brief)) if "reason" in table else table
+        for name, table in tables.items()
+    }
 
 
 def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:

@@ -110,7 +110,9 @@ class Reported(Results):
         left_out = m.get("left_out", {})
         flags = ""
         if tuple(m["estimators"]) != tuple(
-            label for label in self.scenario.campaign.estimators if label not in left_out
+            label
+            for label in self.scenario.campaign.estimators
+            if label in m["estimators"] or label not in left_out
         ):
             flags += "".join(f" -e {shlex.quote(label)}" for label in m["estimators"])
         if m["cases"] != [case.name for case in self.whole_scenario.cases]:

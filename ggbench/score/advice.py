@@ -24,8 +24,6 @@ _FINEST, _COARSEST = 1e-6, 1e4
 """Noise of a gradiometer between which one is sought for a target, in its own unit."""
 _STEPS = 14
 """Halvings of that range on a logarithmic scale: to 0.2%."""
-_LINEAR, _AMBIGUOUS = 0.2, 0.8
-"""Widths of a prior in correlation lengths, see reports/nonlinearity.md."""
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 SIDES = ("", "truth", "model")
 """Tables of a case that may state a number: its own, and those of each side."""
@@ -223,15 +221,6 @@ def recommended(advice: Advice) -> tuple[str, bool]:
 def after_landing(advice: Advice) -> str:
     """Return the smoother of least error, "" where none was flown."""
     return str(advice.results.cases().iloc[0]["best_smoother"])
-
-
-def on_the_prior(width: float) -> str:
-    """Return the consequence of a prior of so many correlation lengths of the field."""
-    if width < _LINEAR:
-        return "the field is nearly linear within it, and an EKF is efficient"
-    if width < _AMBIGUOUS:
-        return "a filter that linearises once can converge to a wrong place"
-    return "several places fit the first measurements: use a bank, a search or particles"
 
 
 def table(advice: Advice) -> pd.DataFrame:

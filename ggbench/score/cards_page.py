@@ -77,7 +77,7 @@ def _row(card: Card, question: Question) -> dict[str, object]:
         "consistency": question.consistency,
         "against the EKF": by_role["ekf"].verdict,
         "recommended": rival.label if rival else "",
-        "against it": rival.verdict if rival else "",
+        "against the recommended": rival.verdict if rival else "",
         "runs": question.runs,
     }
 

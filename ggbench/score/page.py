@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
+import base64
+import math
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from ..errors import line_of
+from ..errors import brief, line_of
+from ..figures.card import scorecard
+from ..figures.numbers import some
+from ..figures.style import Drawing, save
 from ..files import written_whole
 from ..report import columns, tables
 from ..report.page_templates import environment, markdown
 from .card import VERDICTS, Card, Opponent, Question
 from .stored_runs import ScoreError
 
-HEAD = ("question", "bound [m]", "scored", "EKF", "against EKF", "recommended", "against it")
+HEAD = (
+    "question",
+    "bound [m]",
+    "scored",
+    "EKF",
+    "against EKF",
+    "recommended",
+    "against the recommended",
+)
+FAILURE_HEAD = ("failure", "runs", "one of them repeated")
+PICTURE = "card.png"
 _LONGEST_TEXT = 1000
 MOST_FAILURES = 10
-"""Failed runs that a page lists."""
+"""Kinds of failures that a page lists."""
+_DIVERGED = "diverged: the error ends beyond ten bounds and beyond the INS"
 
 
 def headline(card: Card) -> str:
@@ -60,33 +77,78 @@ def _named(rival: Opponent | None) -> str:
     return text if rival.role == "recommended" else f"({text})"
 
 
+def kinds_of_failures(failures: pd.DataFrame) -> list[tuple[str, str, str]]:
+    """Return a row for each kind of failure, the most frequent first.
+
+    Reasons are of one kind if they differ in numbers only.
+
+    Parameters
+    ----------
+    failures : failed and diverged runs: case, run, reason, command.
+
+    Returns
+    -------
+    The reason of the first, the number of runs by case, and the command that repeats the first.
+    """
+    if not len(failures):
+        return []
+    reasons = failures["reason"].fillna("").replace("", _DIVERGED)
+    kind = reasons.str.replace(r"\d+(\.\d+)?(e[+-]?\d+)?", "#", regex=True)
+    rows = []
+    for _, group in failures.assign(reason=reasons).groupby(kind, sort=False):
+        counts = group["case"].value_counts(sort=False)
+        where = some([f"{count} of {case}" for case, count in counts.items()])
+        command = line_of(str(group["command"].iloc[0]), _LONGEST_TEXT)
+        row = brief(str(group["reason"].iloc[0])), line_of(where, _LONGEST_TEXT), command
+        rows.append((len(group), row))
+    return [row for _, row in sorted(rows, key=lambda each: -each[0])]
+
+
+def _picture(card: Card) -> Drawing:
+    """Draw the errors of the questions that were flown."""
+
+    def number(value: float | None) -> float:
+        return math.nan if value is None else value
+
+    drawn: list[dict[str, float | str]] = []
+    for question in card.questions:
+        ekf = next((other.rms_m for other in question.against if other.role == "ekf"), None)
+        if not question.skipped:
+            values = {"scored": question.rms_m, "ekf": ekf, "bound": question.bound_m}
+            numbers = {key: number(value) for key, value in values.items()}
+            drawn.append({"title": question.title, **numbers})
+    return scorecard(drawn, card.estimator.label)
+
+
 def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
-    """Write ``card.md`` and ``card.html`` into a folder and return their paths.
+    """Write ``card.md``, ``card.html`` and ``card.png`` into a folder and return the pages' paths.
 
     ``failures`` is the table of failed and diverged runs: case, run, reason, command. Raise
     ScoreError if the pages cannot be written.
     """
-    values = {
+    kinds, shown = kinds_of_failures(failures), rows(card)
+    values: dict[str, Any] = {
         "card": card,
         "headline": headline(card),
         "head": HEAD,
-        "rows": rows(card),
-        "hidden": max(0, len(failures) - MOST_FAILURES),
-        "failures": failures[["case", "run", "reason", "command"]]
-        .iloc[:MOST_FAILURES]
-        .map(lambda cell: line_of(cell, _LONGEST_TEXT) if isinstance(cell, str) else cell),
+        "rows": shown,
+        "failure_head": FAILURE_HEAD,
+        "failures": kinds[:MOST_FAILURES],
+        "hidden": max(0, len(kinds) - MOST_FAILURES),
     }
-    table = tables.markdown(HEAD, [[*map(tables.plain, row)] for row in values["rows"]])
+    table = tables.markdown(HEAD, [[*map(tables.plain, row)] for row in shown])
     failed = [
-        (row.case, str(row.run), tables.plain(row.reason or "diverged"), tables.code(row.command))
-        for row in values["failures"].itertuples()
+        (tables.plain(reason), tables.plain(where), tables.code(command))
+        for reason, where, command in kinds[:MOST_FAILURES]
     ]
-    failures_table = tables.markdown(("case", "run", "reason", "command"), failed)
+    failures_table = tables.markdown(FAILURE_HEAD, failed)
+    save(_picture(card), folder / PICTURE)
+    image = base64.b64encode((folder / PICTURE).read_bytes()).decode()
     style = (columns.TEMPLATES / "page.css").read_text(encoding="utf-8")
     html = environment(html=True).get_template("card.html.j2")
     texts = {
         "card.md": markdown("card.md.j2", table=table, failures_table=failures_table, **values),
-        "card.html": html.render(style=style, **values),
+        "card.html": html.render(style=style, image=image, **values),
     }
     for name, text in texts.items():
         with written_whole(folder / name, ScoreError) as temporary:

@@ -203,8 +203,8 @@ class CaseSpec(WithSensors):
                 )
             if name in self.truth.sensor:
                 raise ValueError(
-                    f"truth.{table_of(name)}: measured readings have the errors that they have; "
-                    "remove its keys"
+                    f"truth.{table_of(name)}: measured readings already contain their "
+                    "errors: remove its keys"
                 )
         if self.draw.maps > 1 and not self.map_errors():
             raise ValueError(

@@ -53,7 +53,7 @@ def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpe
 
 
 def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float) -> TrajectorySpec:
-    """Return a flight of segments with another start, turned about it.
+    """Return a flight of segments or of a track with another start, turned about it.
 
     Parameters
     ----------
@@ -61,6 +61,14 @@ def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float
     east_km, north_km : from its start to the new one [km].
     turn_deg : by which all headings grow [deg].
     """
+    if spec.file is not None:
+        return spec.model_copy(
+            update={
+                "shift_east_km": spec.shift_east_km + east_km,
+                "shift_north_km": spec.shift_north_km + north_km,
+                "turn_deg": spec.turn_deg + turn_deg,
+            }
+        )
     start = spec.start()
     metres = metres_per_radian(start.position)
     place = start.position[:2] + 1e3 * np.array([north_km, east_km]) / metres

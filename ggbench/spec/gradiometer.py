@@ -275,7 +275,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         """Raise ValueError if an instrument, as it is in truth, cannot have these errors."""
         if spec.readings == "measured" and self.model_dump(exclude_defaults=True).keys() - {_ADDED}:
             raise ValueError(
-                "truth.gradiometer: measured readings have the errors that they have; remove its "
+                "truth.gradiometer: measured readings already contain their errors: remove its "
                 f"keys but {_ADDED}, a constant that is added to them"
             )
         of_white_noise = ("noise_freedom", "noise_doubles_at_deg_per_s", "noise_doubles_at_mps2")

@@ -27,9 +27,10 @@ _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is k
 
 
 _START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
+_MOVES = ("shift_east_km", "shift_north_km", "turn_deg")
 _TRACK = (
     "max_gap_s", "max_acceleration_mps2", "smoothing_s", "columns", "lines", "middle_s",
-    "made_up_turns",
+    "made_up_turns", *_MOVES,
 )  # fmt: skip
 
 
@@ -80,6 +81,12 @@ class TrajectorySpec(Section):
     """Track: largest acceleration that its positions may need."""
     smoothing_s: q.Smoothing = 0.0
     """Track: period at which a smoothing spline halves the amplitude; 0: no smoothing."""
+    shift_east_km: q.Shift = 0.0
+    """Track: distance to the east by which its start is moved."""
+    shift_north_km: q.Shift = 0.0
+    """Track: distance to the north by which its start is moved."""
+    turn_deg: q.Angle = 0.0
+    """Track: angle, clockwise, by which it is turned about its start."""
 
     @model_validator(mode="after")
     def _check(self) -> TrajectorySpec:
@@ -92,6 +99,12 @@ class TrajectorySpec(Section):
                         "remove one of them"
                     )
             if self.lines:
+                for key in _MOVES:
+                    if key in given:
+                        raise ValueError(
+                            f"'{key}' is of a track, not of survey lines, which are flown where "
+                            "they were measured; remove it"
+                        )
                 if self.columns is not None:
                     raise ValueError("'columns' is of a track, not of survey lines; remove it")
                 if len(self.drawn_lines) > 1 and self.middle_s is None:
@@ -178,12 +191,25 @@ class TrajectorySpec(Section):
 
         assert self.file is not None
         if not self.lines:
-            return read_track(self.file, self.track_limits(), self.columns)
+            track = read_track(self.file, self.track_limits(), self.columns)
+            return self._moved(track)
         line = self.survey_line()
         try:
             return line.track(self.track_limits(), self.middle_s)
         except TrajectoryError as error:
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
+
+    def _moved(self, track: Track) -> Track:
+        """Return a track at the place and on the heading that the keys of a move ask for."""
+        if not any(getattr(self, key) for key in _MOVES):
+            return track
+        from ..trajectory.moved_track import moved_track  # not at the top: it loads slowly
+
+        east, north = 1e3 * self.shift_east_km, 1e3 * self.shift_north_km
+        try:
+            return moved_track(track, east, north, math.radians(self.turn_deg))
+        except TrajectoryError as error:
+            raise TrajectoryError(f"track {self.file}: {error}") from None
 
     def survey_line(self) -> SurveyLine:
         """Return the survey line that is flown: the first, or all of them as one.

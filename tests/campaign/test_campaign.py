@@ -268,8 +268,56 @@ def test_an_estimator_that_cannot_take_the_problem_is_left_out(tmp_path):
     assert reason.startswith(f"{bad} is left out: n + kappa must be positive")
     assert {label for task in work.tasks(store) for label, _ in task.estimators} == {"ins"}
     work = plan(tmp_path, "none", (bad,))
-    with pytest.raises(CampaignError, match=r"no estimator can take this scenario: .*n \+ kappa"):
+    with pytest.raises(CampaignError, match=r"all estimators refuse this scenario: .*n \+ kappa"):
         work.open()
+
+
+CHOOSY = """
+from dataclasses import dataclass
+
+import numpy as np
+
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Choosy(Estimator):
+    name = "choosy"
+    causality = "filter"
+
+    def skip(self, problem):
+        return "its noise is too large" if problem.noise_cov.max() > 1e-3 else None
+
+    def estimate(self, problem, rng):
+        cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
+        return Estimate(np.zeros((problem.epochs, problem.dimension)), cov, "filter")
+"""
+
+
+def test_an_estimator_is_left_out_of_the_case_that_it_cannot_take(tmp_path):
+    """It runs in the others; the folder states the reason, and a page can be written."""
+    (tmp_path / "choosy.py").write_text(CHOOSY)
+    label = str(tmp_path / "choosy.py")
+    work = plan(tmp_path, "out", ("ins", label))
+    store, (reason,) = work.open()
+    assert reason == f"{label} is left out of noisy: its noise is too large"
+    runs = {(t.case.name, k) for t in work.tasks(store) for k, _ in t.estimators}
+    assert runs == {("base", "ins"), ("noisy", "ins"), ("base", label)}
+    store.close()
+    results = running.fly(work, jobs=0)
+    assert results.manifest["left_out"] == {label: {"noisy": "its noise is too large"}}
+    held = results.runs()
+    assert set(held[held["estimator"] == label]["case"]) == {"base"}
+    assert set(held[held["estimator"] == "ins"]["case"]) == {"base", "noisy"}
+    assert not len(results.failures())
+    page = render.write(results.folder, tmp_path / "reports")[0].read_text()
+    assert "choosy" in page
+    results.store.close()
+    # A further campaign of the other case keeps the reason.
+    again = plan(tmp_path, "out", ("ins", label), cases=("base",))
+    results = running.fly(again, jobs=0)
+    assert results.manifest["left_out"] == {label: {"noisy": "its noise is too large"}}
+    results.store.close()
 
 
 def missing(work, store) -> set[tuple[str, str, int]]:
@@ -442,7 +490,7 @@ def test_a_worker_runs_nothing_but_what_was_planned(tmp_path):
     store, _ = work.open()
     tasks = work.tasks(store)
     naughty(tmp_path, median=1.0)
-    with pytest.raises(runner.OtherSourceError, match="is not what the campaign was started with"):
+    with pytest.raises(runner.OtherSourceError, match="differs from that of the campaign"):
         running.execute(execution.in_processes(tasks, 1, 60.0), store, lambda batch: None)
     assert store.finished() == {}
 

@@ -158,6 +158,6 @@ def test_a_scheduler_that_is_killed_has_its_sentence_alone(scheduler, tmp_path):
     assert process.returncode == 2
     (line,) = errors.splitlines()
     assert line == (
-        f"ggbench: the connection to the Dask scheduler at {address} broke; the same command "
-        "goes on from what is stored"
+        f"ggbench: the connection to the Dask scheduler at {address} broke; "
+        "the same command resumes the campaign"
     )

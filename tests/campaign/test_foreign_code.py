@@ -122,7 +122,7 @@ def test_a_process_that_changes_its_messages_has_died(files):
     runs = mixed.runs()
     assert (runs.loc[runs["estimator"] == "ekf", "status"] == "ok").all()
     (reason,) = set(mixed.failures()["reason"])
-    assert "connection that results come by" in reason
+    assert "wrote to the connection for results" in reason
 
 
 def test_a_message_that_cannot_be_unpickled_is_none():

@@ -140,7 +140,7 @@ def test_processes_end_with_a_worker_that_is_killed(wild, started):
 def test_what_is_written_into_the_connection_is_a_failure(wild):
     """Bytes that are no results cost their own runs alone; the campaign goes on to its end."""
     (record, _) = tried(wild, "way=scribble").records()
-    assert record["reason"] == "it wrote into the connection that results come by, twice"
+    assert record["reason"] == "it wrote to the connection for results, twice"
 
 
 @pytest.mark.long
@@ -182,7 +182,7 @@ def test_workers_that_cannot_start_say_why(wild):
     (wild / "broken" / "sitecustomize.py").write_text("raise SystemExit('no licence for this')")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(wild / "broken"))
-        with pytest.raises(ExecutionError, match=r"before they are ready: .*no licence for this$"):
+        with pytest.raises(ExecutionError, match=r"during their start: .*no licence for this$"):
             ran(wild, labels=("ins",), runs=1, jobs=1)
 
 

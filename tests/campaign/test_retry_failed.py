@@ -71,4 +71,4 @@ def test_the_command_retries(labels, tmp_path):
     done = invoke([*run, "--retry-failed"], tmp_path)
     assert done.returncode == 0, done.stderr
     said = invoke([*run, "--retry-failed", "--fresh"], tmp_path)
-    assert said.returncode == 2 and "has none to run again" in " ".join(said.stderr.split())
+    assert said.returncode == 2 and "remove --retry-failed" in " ".join(said.stderr.split())

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
+import gpxpy
+import numpy as np
+import pandas as pd
 import pytest
 from command import invoke
 from problems import SMALL
 from recorded_flights import GNSS_ONLY, recorded
+
+from ggbench.maps.geoid import geoid_heights
 
 BROKEN = '''
 from dataclasses import dataclass
@@ -98,7 +105,7 @@ def test_an_estimator_that_fails_does_not_take_the_others_along(tmp_path, log):
     assert (tmp_path / "out" / "ekf" / "corrected.csv").exists()
     alone = invoke(["estimate", "log/flight.toml", "-e", "./broken.py", "-o", "two"], tmp_path)
     assert alone.returncode == 2
-    assert "nothing is written" in alone.stderr
+    assert "no file is written" in alone.stderr
 
 
 @pytest.mark.parametrize(
@@ -127,6 +134,32 @@ def test_the_report_says_what_there_is(tmp_path, log):
     done = invoke(["estimate", "log/flight.toml", "-e", "ins", "-e", "ekf", "-o", "out"], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "<table>" in page and page.count("data:image/png;base64,") == report.count("](figures/")
+    assert "ekf: position at the end to" in done.stdout and "m (1σ)" in done.stdout
+    assert "from the reference" not in done.stdout
+    tracks = {
+        name: pd.read_csv(tmp_path / "out" / "ekf" / f"{name}.csv")
+        for name in ("corrected", "full_rate")
+    }
+    samples, epochs = tracks["full_rate"], tracks["corrected"]
+    assert len(samples) > 5 * len(epochs)
+    shared = samples.iloc[np.searchsorted(samples["time_s"], epochs["time_s"] - 1e-6)]
+    for key in ("latitude_deg", "longitude_deg", "height_m", "velocity_east_mps", "roll_deg"):
+        np.testing.assert_allclose(shared[key], epochs[key], rtol=1e-12, atol=1e-9)
+    parsed = gpxpy.parse((tmp_path / "out" / "ekf" / "corrected.gpx").read_text())
+    points = parsed.tracks[0].segments[0].points
+    line = (tmp_path / "out" / "ekf" / "corrected.kml").read_text()
+    places = re.search("<coordinates>(.*)</coordinates>", line)[1].split()
+    assert len(points) == len(places) == len(epochs)
+    geoid = geoid_heights(epochs["latitude_deg"].to_numpy(), epochs["longitude_deg"].to_numpy())
+    for k in (0, len(epochs) - 1):
+        row, point = epochs.iloc[k], points[k]
+        longitude, latitude, height = map(float, places[k].split(","))
+        assert [point.latitude, point.longitude] == [latitude, longitude]
+        assert latitude == pytest.approx(row["latitude_deg"], abs=1e-8)
+        assert longitude == pytest.approx(row["longitude_deg"], abs=1e-8)
+        assert point.elevation == height == pytest.approx(row["height_m"] - geoid[k], abs=2e-3)
     assert "|gnss|" in report and "|`ekf`|filter|" in report
     assert "reference" not in report
     assert not (tmp_path / "out" / "figures" / "errors.png").exists()

@@ -25,6 +25,7 @@ from small_cases import blank_map
 from thinning import thinned
 
 from ggbench.cli.main import main
+from ggbench.figures.numbers import short
 from ggbench.gravity import ellipsoid
 from ggbench.gravity.degraded_map import MapDegradation, degrade
 from ggbench.gravity.field import Field
@@ -213,7 +214,7 @@ def test_a_sum_is_finer_than_its_coefficients():
 
 
 BAD = {
-    "nothing": ([], "a map is made of something: give --terrain, --coefficients"),
+    "nothing": ([], "a map needs a source: give --terrain, --coefficients"),
     "two grids": (["--geoid", GEOID, "--anomaly", "x.nc"], "give one of them"),
     "two spacings": (
         ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1], "give one of them"
@@ -224,11 +225,11 @@ BAD = {
     "missing grid": (["--geoid", "gone.nc"], "cannot read gone.nc: No such file"),
     "no model": (["--coefficients", "text.txt", *BOX], "no line 'end_of_head'"),
     "no grid": (["--geoid", "text.nc"], "text.nc is no grid that can be read"),
-    "no bounds": (["--coefficients", "model.gfc"], "serve the whole Earth: give the bounds"),
+    "no bounds": (["--coefficients", "model.gfc"], "cover the whole Earth: give the bounds"),
     "degree too high": (["--coefficients", "model.gfc", "--max-degree", 99, *BOX], "up to 8"),
     "shipped degree": (["--geoid", GEOID, "--max-degree", 121], "to degree 120 only"),
     "lowest degree": (["--coefficients", "model.gfc", "--min-degree", 9, *BOX], "between 2 and"),
-    "outside": (["--geoid", GEOID, "--south", 20], "--south 20 lies outside what the inputs"),
+    "outside": (["--geoid", GEOID, "--south", 20], "20 lies outside the area of the inputs"),
     "not a number": (["--geoid", GEOID, "--south", "nan"], "--south nan must be a finite number"),
     "upside down": (["--geoid", GEOID, "--south", 34, "--north", 33], "must be less than --north"),
     "below ground": (["--terrain", DEM, "--lowest", 900], "900 lies 176 m below the highest"),
@@ -284,7 +285,7 @@ def test_what_cannot_be_is_refused_with_one_sentence(name, folder, monkeypatch):
 def test_files_that_cannot_be_shown_or_written_are_refused(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert "gone.nc: No such file" in run("show", "gone.nc", code=2)
-    assert "is no whole netCDF file" in run("show", "text.nc", code=2)
+    assert "is not a complete netCDF file" in run("show", "text.nc", code=2)
     assert "lacks height" in run("show", "gravity.nc", code=2)
     assert "must be named *.nc" in run("build", "-o", "x.tif", "--terrain", DEM, code=2)
     words = ["--geoid", GEOID, *BOX, *HEIGHTS, "--spacing-arcmin", 5]
@@ -320,7 +321,14 @@ def test_cells_of_a_map_are_scored():
     assert "Wrote out/score.csv" in output
     table = pd.read_csv("out/score.csv")
     assert len(table) == 9
-    assert sorted(table["grade"]) == ["fair"] * 3 + ["good"] * 3 + ["unsuitable"] * 3
+    thirds = ("highest third", "lowest third", "middle third")
+    assert sorted(table["grade"]) == [third for third in thirds for _ in range(3)]
+    best = table.sort_values("track_m").iloc[0]
+    sentence = " ".join(output.split())
+    assert f"allows an RMS position error of {short(best['track_m'])} m" in sentence
+    assert "A match at a wrong place, more than 750 m off, has a probability of" in sentence
+    for unfit in ("nepers", "√tr", "e-", "unsuitable"):
+        assert unfit not in output.replace("score.csv", "")
     assert np.isfinite(table.drop(columns="grade").to_numpy()).all()
     assert imread("out/score.png").shape[1] > 800
     few = run("score", "own.nc", "--cell-deg", 0.1, "--sigma-km", 1.5, "--readings", 11)

@@ -21,6 +21,7 @@ from ggbench import maps
 from ggbench.campaign import registry
 from ggbench.contract.catalogue import CHECKS, flight
 from ggbench.contract.demands import generator
+from ggbench.maps.geoid import geoid_heights
 from ggbench.spec import scenario
 
 ROOT = Path(__file__).parents[2]
@@ -143,6 +144,67 @@ def test_a_flight_goes_through_ones_own_waypoints(tmp_path):
     assert done.returncode == 2 and "bad.csv line 1 names no column latitude_deg" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("vehicle", "speed", "grade", "noise"),
+    [("helicopter", 50.0, "tactical", 1.0), ("drone", 20.0, "tactical", 5.0),
+     ("ship", 8.0, "navigation", 1.0)],
+)  # fmt: skip
+def test_a_vehicle_brings_its_speed_and_its_sensors(vehicle, speed, grade, noise, tmp_path):
+    """At most its own speed through waypoints; a ship turns without bank; the file is valid."""
+    rough_map(tmp_path / "own.nc")
+    (tmp_path / "way.csv").write_text("latitude,longitude\n33.4,107.9\n33.45,107.95\n33.45,108\n")
+    words = ["new", "scenario", "mine", "--map", "own.nc", "--waypoints", "way.csv"]
+    done = invoke([*words, "--vehicle", vehicle], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    written = tomllib.loads((tmp_path / "mine.toml").read_text())
+    assert written["trajectory"]["speed_mps"] == speed
+    assert written["trajectory"].get("vehicle") == ("ship" if vehicle == "ship" else None)
+    assert written["imu"] == {"period_s": 0.05, "grade": grade}
+    assert written["gradiometer"]["noise_eotvos"] == noise
+    assert written["case"][0]["title"] == f"{noise:g} E at 1 Hz"
+    assert written["case"][1]["gradiometer"]["noise_eotvos"] == pytest.approx(0.1 * noise)
+    assert scenario.load(tmp_path / "mine.toml").cases[0].trajectory.duration_s > 0.0
+
+
+def test_a_speed_is_flown_or_refused(tmp_path):
+    rough_map(tmp_path / "own.nc")
+    words = ["new", "scenario", "mine", "--map", "own.nc"]
+    done = invoke([*words, "--speed", "31"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert tomllib.loads((tmp_path / "mine.toml").read_text())["trajectory"]["speed_mps"] == 31.0
+    for more, said in (
+        (["--speed", "900"], "900 m/s is too fast"),
+        (["--speed", "30", "--track", "own.nc"], "--speed goes with --map, and without --track"),
+    ):
+        done = invoke([*words[:2], "other", *words[3:], *more], tmp_path)
+        assert done.returncode == 2 and said in done.stderr
+    for option in (["--vehicle", "drone"], ["--speed", "30"]):
+        done = invoke(["new", "scenario", "other", *option], tmp_path)
+        assert done.returncode == 2 and f"{option[0]} goes with --map" in done.stderr
+
+
+def test_a_track_of_ones_own_has_a_height_above_the_ground(tmp_path):
+    """Ellipsoidal heights of the track over a plain 300 m above sea level."""
+    head = "ncols 60\nnrows 60\nxllcorner 107.7\nyllcorner 33.2\ncellsize 0.01\n"
+    np.savetxt(tmp_path / "dem.asc", np.full((60, 60), 300.0), "%g", header=head, comments="")
+    rows = [f"{t},{33.4 + 1e-4 * t},107.9,{1000 + t}" for t in range(100)]
+    track = "time_s,latitude_deg,longitude_deg,height_m\n" + "\n".join(rows)
+    (tmp_path / "way.csv").write_text(track)
+    words = ["new", "scenario", "mine", "--track", "way.csv", "--terrain", "dem.asc"]
+    geoid = float(geoid_heights(np.array([33.4]), np.array([107.9]))[0])
+    assert abs(geoid) > 10.0
+    done = invoke([*words, "--clearance", "100"], tmp_path, columns=300)
+    assert (done.returncode, done.stderr) == (0, "")
+    low, high = round(700.0 - geoid), round(799.0 - geoid)
+    assert f"The track is {low} to {high} m above the ground of dem.asc" in done.stdout
+    assert "least 0 s after the start" in done.stdout
+    written = tomllib.loads((tmp_path / "mine.toml").read_text())["trajectory"]
+    assert written["file"] == "way.csv"
+    done = invoke([*words[:2], "low", *words[3:], "--clearance", "900"], tmp_path)
+    assert done.returncode == 2 and "--clearance asks for 900 m" in done.stderr
+    assert not (tmp_path / "low.toml").exists()
+
+
 def test_a_flight_that_follows_ones_own_terrain_stays_in_ones_own_map(tmp_path):
     """Without any height of the user's; a part that lies below the map is lifted into it."""
     rough_map(tmp_path / "own.nc")
@@ -254,7 +316,7 @@ def test_a_scenario_that_is_begun_runs(tmp_path):
         (["estimator", "a" * 61], "60 at most"),
         (["estimator", "none"], "would be a class None: choose another name"),
         (["estimator", "estimator"], "would be a class Estimator: choose another name"),
-        (["estimator", "there"], "there.py is there already, and is left as it is"),
+        (["estimator", "there"], "there.py exists already and is not overwritten"),
         (["scenario", "x", "-o", "there.py/in"], "cannot write "),
     ],
 )

@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 from command import invoke
 from problems import SMALL
+from small_cases import rough_map
 from thinning import thinned
 
 from ggbench.campaign.campaign import CampaignError, check
 from ggbench.cli.flight_limits import examined, flown_of
-from ggbench.cli.flight_summary import absurdities
+from ggbench.cli.flight_summary import absurdities, remarks_on_the_prior
 from ggbench.display import compiling
 from ggbench.display.compiling import Compiled
 from ggbench.maps import recipe
@@ -354,3 +355,34 @@ def test_a_wrong_name_of_an_estimator_is_still_found(tmp_path):
     done = invoke(["validate", "own.toml"], tmp_path)
     assert done.returncode == 2
     assert "there is no estimator 'ekv'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("initial", "said"),
+    [
+        ("position_m = 5000.0", True),
+        ("position_m = 5000.0\nheight_m = 20.0", False),
+        ("position_m = 50.0", False),
+    ],
+)
+def test_a_height_as_uncertain_as_the_position_is_said(initial, said, tmp_path):
+    text = re.sub(r"(?m)^position_m = .*$", initial, SMALL, count=1)
+    found = examined(of(tmp_path, text))
+    remarks = list(remarks_on_the_prior(found))
+    assert len(remarks) == said
+    if said:
+        assert "position_m = 5000 is also" in remarks[0] and "give height_m = 20" in remarks[0]
+        assert "in base, noisy" in remarks[0]
+
+
+def test_the_prior_is_compared_with_the_field_of_a_built_map(tmp_path):
+    """Over a map from a file; over one that is not built nothing is evaluated."""
+    own_map = rough_map(tmp_path / "map.nc")
+    text = SMALL.replace('source = "normal"', f'source = "{own_map}"')
+    (base, *_) = examined(of(tmp_path, text))
+    assert 100.0 < base.correlation_m < 100_000.0
+    done = invoke(["validate", "own.toml"], tmp_path, columns=400)
+    width = base.case.initial_error.position_m / base.correlation_m
+    assert f"Prior: the initial uncertainty is {width:.2g} correlation lengths" in done.stdout
+    (plain, *_) = examined(of(tmp_path, SMALL))
+    assert math.isnan(plain.correlation_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 
 import pytest
@@ -97,6 +98,23 @@ def test_the_final_table_of_a_campaign(results, console):
     assert COLD in text.replace("\n", " ") or console.width < len(COLD)
     for label in LABELS:
         assert names_of(text).count(label) >= 2  # in either case
+
+
+@pytest.mark.parametrize(
+    ("tests", "words"),
+    [
+        (0, "Nothing differs: there was nothing to test"),
+        (1, "p needs no adjustment"),
+        (7, "p is adjusted for 7 tests"),
+    ],
+)
+def test_p_values_are_explained_by_the_number_of_tests(tests, words, results):
+    compared = compare(results.runs(), results.runs(), 0.0, "settled")
+    assert compared.tests == 0
+    recorded = Console(record=True, width=400, file=io.StringIO())
+    print_comparison(dataclasses.replace(compared, tests=tests), recorded)
+    text = text_of(recorded)
+    assert words in text and ("5 % of comparisons" in text) == (tests > 0)
 
 
 def test_a_comparison(results, console):

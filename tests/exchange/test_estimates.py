@@ -133,7 +133,7 @@ def test_every_declared_variable_is_there_with_its_axes(folder):
         ({"lag": np.array(3.0)}, "lag is of estimates whose causality is fixed-lag"),
         ({"seconds": -np.ones(3)}, "seconds must not be below zero"),
         ({"estimator": "x" * 70}, "must be a printable name"),
-        ({"sigma": np.zeros(3)}, "holds sigma, which is no part of estimates"),
+        ({"sigma": np.zeros(3)}, "holds sigma, which is not allowed in estimates"),
         ({"problem": "{}"}, "problem must be copied from the problem's file as it is"),
     ],
 )
@@ -219,7 +219,7 @@ def test_estimates_of_a_changed_scenario_are_refused(folder, tmp_path):
     changed = SMALL.replace("position_m = ", "position_m = 1")
     assert changed != SMALL
     (tmp_path / "small.toml").write_text(changed)
-    with pytest.raises(GGBenchError, match="is another problem now"):
+    with pytest.raises(GGBenchError, match="differs from the problem of"):
         gg.judge_estimates(folder / "ekf.mat", scenario=tmp_path / "small.toml")
 
 

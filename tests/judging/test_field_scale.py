@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ggbench.gravity.ellipsoid import metres_along
-from ggbench.judging.field_scale import correlation_m
+from ggbench.judging.field_scale import correlation_m, on_the_prior
 
 STEP_M = 250.0
 
@@ -58,3 +58,12 @@ def test_too_few_readings_and_standing_still_have_no_length():
     assert math.isnan(correlation_m(track(2, 1.0), values[:2]))
     assert math.isnan(correlation_m(track(50, 1.0, step_m=0.0), values))
     assert correlation_m(track(50, 1.0), values) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("position", "words"), [(100.0, "EKF"), (650.0, "wrong place"), (1500.0, "bank")]
+)
+def test_the_width_of_the_prior_has_a_consequence(position, words):
+    said = on_the_prior(position, 1000.0)
+    assert words in said and f"{position / 1000.0:.2g} correlation lengths" in said
+    assert "(1 km)" in said

@@ -62,7 +62,7 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(one, other, atol=1e-9)
 
 
-def test_flat_cells_are_left_out_and_unsuitable():
+def test_flat_cells_are_left_out_and_in_the_lowest_third():
     statistics, _ = cells(2)
     statistics["deviation"][3] = 0.0
     statistics["correlation_m"][5] = np.nan

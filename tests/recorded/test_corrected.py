@@ -144,5 +144,5 @@ def test_a_problem_without_a_track_has_none_to_correct(flown):
     for wrong in ((estimate, estimate), (problem, problem), (problem, "ekf")):
         with pytest.raises(gg.GGBenchError, match="an object of type"):
             gg.corrected(*wrong)
-    with pytest.raises(gg.GGBenchError, match="by the path of its file"):
+    with pytest.raises(gg.GGBenchError, match="must be the path of a file"):
         gg.read_flight(3)

@@ -100,7 +100,7 @@ ROWS = {
                         "0.04 s away from the nearest sample", "time_tolerance_s", "0.05 s"),
     "two at a sample": ("solution", "gnss",
                         lambda t: pd.concat([t, t.iloc[5:6].assign(time_s=6.005)]).sort_values(
-                            "time_s"), "fall to the same sample"),
+                            "time_s"), "belong to the same sample"),
     "period": ("solution", "gnss", lambda t: t.iloc[::2], "2 s apart", "gnss.period_s is 1 s"),
     "all empty": ("solution", "gnss", lambda t: t.assign(**dict.fromkeys(list(t)[1:], np.nan)),
                   "holds no reading"),

@@ -105,12 +105,6 @@ def test_times_of_a_first_run_decide_nothing(found):
     assert advice.recommended(slow) == ("ekf", True)
 
 
-def test_the_width_of_the_prior_has_a_consequence():
-    words = [advice.on_the_prior(width) for width in (0.1, 0.5, 2.0)]
-    for word, text in zip(("EKF", "wrong place", "bank"), words, strict=True):
-        assert word in text
-
-
 def test_the_command_says_what_to_use_and_what_limits(tmp_path):
     (tmp_path / "own.toml").write_text(SMALL, encoding="utf-8")
     command = ["advise", "own.toml", "-n", "4", "-j", "0", "--target", "1e-9"]

@@ -251,6 +251,31 @@ def test_texts_of_an_estimator_stay_texts_on_a_page(tmp_path):
         assert "\x1b" not in text
         parser = MarkdownIt("commonmark", {"html": True}).enable("table")
         html = text if path.suffix == ".html" else parser.render(text)
-        assert "<img" not in html and "<b>" not in html
+        # The only image is the card's own picture.
+        assert html.count("<img") == 1 and "http://e" not in "".join(re.findall("<img[^>]*>", html))
+        assert "<b>" not in html
         assert len(re.findall("<h[1-6]", html)) == 3
-        assert html.split("<tr>")[-1].count("<td>") == 4
+        assert html.split("<tr>")[-1].count("<td>") == 3
+    assert (tmp_path / "card.png").stat().st_size > 5000
+
+
+def test_failures_of_a_kind_are_one_line(tmp_path):
+    """Kinds differ in more than numbers; diverged runs have a reason; long ones are cut."""
+    rows = [
+        ("air-narrow", k, f"ValueError: epoch {k} has 1e-{k} m", f"again {k}") for k in range(9)
+    ]
+    rows += [("ship-narrow", 3, "ValueError: epoch 3 has 1.5 m", "again s")]
+    rows += [("air-narrow", 11, "", "again d"), ("air-narrow", 12, "x" * 9000, "again x")]
+    failures = pd.DataFrame(rows, columns=["case", "run", "reason", "command"])
+    first, *others = page.kinds_of_failures(failures)
+    assert first == (
+        "ValueError: epoch 0 has 1e-0 m",
+        "9 of air-narrow, 1 of ship-narrow",
+        "again 0",
+    )
+    diverged, cut = (reason for reason, _, _ in others)
+    assert diverged.startswith("diverged: the error ends beyond")
+    assert len(cut) == 300 and cut.endswith("…")
+    assert page.kinds_of_failures(failures.iloc[:0]) == []
+    text = page.write(card(), failures, tmp_path)[0].read_text()
+    assert text.count("`again ") == 3

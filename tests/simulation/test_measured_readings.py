@@ -246,7 +246,7 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
     ("changes", "said"),
     [
         ({"gravimeter.components": ["east"]}, 'of components = ["scalar"]'),
-        ({"truth.gravimeter.noise_mgal": 1.0}, "have the errors that they have"),
+        ({"truth.gravimeter.noise_mgal": 1.0}, "already contain their errors"),
         ({"gravimeter.period_s": 1.5}, "and gravimeter.period_s is 1.5"),
     ],
 )
@@ -268,7 +268,7 @@ def test_gravity_that_cannot_be_read_is_refused_in_a_sentence(gravity, changes, 
         ({"gradiometer.period_s": 1.5}, "has a sample every 1 s, and gradiometer.period_s is 1.5"),
         ({"gradiometer.instrument": "platform"}, 'instrument = "local-level", found "platform"'),
         ({"gradiometer.latency_s": 0.5}, "exclude each other"),
-        ({"truth.gradiometer.noise_eotvos": 1.0}, "have the errors that they have"),
+        ({"truth.gradiometer.noise_eotvos": 1.0}, "already contain their errors"),
         ({"trajectory.file": "gone.csv"}, "cannot read"),
         ({"draw.maps": 2, "model.field.error.white_noise_eotvos": 1.0}, "exclude each other"),
     ],

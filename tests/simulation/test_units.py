@@ -48,6 +48,7 @@ from ggbench.spec.case import CaseSpec, WindowsSpec
 from ggbench.spec.named_sensors import NamedSensors
 from ggbench.spec.segments import SegmentSpec
 from ggbench.spec.trajectory import TrajectorySpec
+from ggbench.trajectory import moved_track
 
 EOTVOS = 1e-9 / u.s**2
 SUFFIXES = {
@@ -488,6 +489,7 @@ TRAJECTORY: dict[str, tuple[float, Callable[[Any], float]]] = {
         -6.0, lambda t: math.atan2(-t.attitudes[0, 2, 0], t.attitudes[0, 2, 2]),
     ),
 }  # fmt: skip
+MOVES = ["trajectory.shift_east_km", "trajectory.shift_north_km", "trajectory.turn_deg"]
 TRACK = {"trajectory.max_gap_s": "gap", "trajectory.max_acceleration_mps2": "acceleration",
          "trajectory.smoothing_s": "smoothing"}  # fmt: skip
 TURN = {"kind": "turn", "by_heading_deg": 90.0}
@@ -539,6 +541,21 @@ def test_start(key):
 def test_tracks(key):
     limits = TrajectorySpec(file="track.csv", **{key.partition(".")[2]: 3.5}).track_limits()
     assert getattr(limits, TRACK[key]) == pytest.approx(si(key, 3.5))
+
+
+@pytest.mark.parametrize("key", MOVES)
+def test_moves_of_a_track(key, tmp_path, monkeypatch):
+    """The move, in metres and radians, that a track is given."""
+    times = range(0, 40, 2)
+    rows = (f"{t},{46.0 + 1e-3 * t:.4f},8.0,1000" for t in times)
+    path = tmp_path / "track.csv"
+    path.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows]))
+    moves: list[tuple[float, ...]] = []
+    monkeypatch.setattr(moved_track, "moved_track", lambda track, *move: moves.append(move))
+    TrajectorySpec(file=str(path), **{key.partition(".")[2]: 3.5}).track()
+    (move,) = moves
+    assert move[MOVES.index(key)] == pytest.approx(si(key, 3.5))
+    assert np.count_nonzero(move) == 1
 
 
 def test_the_middle_of_survey_lines(tmp_path):
@@ -689,7 +706,7 @@ WITHOUT_UNIT = {
 def test_every_number_has_a_row():
     """A key that is new names its unit, and has a row above, or is said to have none."""
     rows = {
-        *SENSORS, *TRAJECTORY, *TRACK, "trajectory.middle_s",
+        *SENSORS, *TRAJECTORY, *TRACK, *MOVES, "trajectory.middle_s",
         *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *KINDS)),
         "truth.field.constant_disturbance_mgal",
         *(f"trajectory.segment.{key}" for key in SEGMENT),

@@ -1,0 +1,85 @@
+"""Vehicles of ``ggbench new``: speed and sensors; clearance of a track above the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from .draped_flight import NewFileError, geoid_height_of
+
+
+class Vehicle(NamedTuple):
+    """Usual numbers of a vehicle.
+
+    Attributes
+    ----------
+    speed_mps : cruise.
+    grade : of the inertial sensors.
+    noise_eotvos : of a reading of its gradiometer, once a second.
+    """
+
+    speed_mps: float
+    grade: str
+    noise_eotvos: float
+
+
+VEHICLES: Mapping[str, Vehicle] = {
+    "aircraft": Vehicle(60.0, "navigation", 1.0),
+    "helicopter": Vehicle(50.0, "tactical", 1.0),
+    "drone": Vehicle(20.0, "tactical", 5.0),
+    "ship": Vehicle(8.0, "navigation", 1.0),
+}
+"""As in the shipped scenarios jacksboro_helicopter, jacksboro_drone and gnss_outage."""
+
+
+def imu_table(vehicle: str) -> str:
+    """Return the content of the table of a vehicle's inertial sensors."""
+    return f'period_s = 0.05\ngrade = "{VEHICLES[vehicle].grade}"    # usual for a {vehicle}\n'
+
+
+def clearance_of(
+    track: Path, terrain: Path, attributes: Mapping[str, str], clearance: float | None
+) -> str:
+    """Return a sentence on the height of a track above the ground.
+
+    Parameters
+    ----------
+    track, terrain : files; the heights of the terrain are above sea level.
+    attributes : of the map that is flown over; a geoid height that they state counts, else that of
+        EGM2008 at the start of the track.
+    clearance : least height above the ground that is asked for [m].
+
+    Raises
+    ------
+    NewFileError
+        If the track comes closer to the ground.
+    TrajectoryError
+        If a file cannot be used, or the track leaves the terrain.
+    """
+    import numpy as np  # not at the top: --help loads no numbers
+
+    from ..maps.geoid import geoid_heights
+    from ..trajectory.terrain_following import heights
+    from ..trajectory.track import TrackLimits, read_track
+
+    flown = read_track(str(track), TrackLimits())
+    latitude, longitude, height = (np.asarray(spline(flown.times)) for spline in flown.position)
+    stated = geoid_height_of(attributes)
+    geoid = (
+        float(geoid_heights(np.degrees(latitude[:1]), np.degrees(longitude[:1]))[0])
+        if stated is None
+        else stated
+    )
+    above = height - heights(str(terrain), latitude, longitude) - geoid
+    least = int(np.argmin(above))
+    place = f"least {flown.times[least]:.0f} s after the start"
+    if clearance is not None and above[least] < clearance:
+        raise NewFileError(
+            f"{track} is {above[least]:.0f} m above the ground of {terrain}, {place}, and "
+            f"--clearance asks for {clearance:g} m: raise the track"
+        )
+    return (
+        f"The track is {above.min():.0f} to {above.max():.0f} m above the ground of {terrain}, "
+        f"{place}; the geoid counts with {geoid:.0f} m"
+    )
