@@ -12,7 +12,7 @@ from ..figures.numbers import counted, span
 from . import columns, tables
 from .columns import TEMPLATES
 
-PAGE_VERSION = 2
+PAGE_VERSION = 3
 """Number in the first line of a page; pages of other numbers are of another layout."""
 
 
