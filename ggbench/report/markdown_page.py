@@ -8,7 +8,6 @@ from urllib.parse import quote
 
 import pandas as pd
 
-from ..figures.numbers import counted
 from ..figures.style import save
 from . import pictures, published, sweeps, tables, views
 from .answers import answer
@@ -55,7 +54,6 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
         folder=quote(loaded.name),
         table=tables.text(views.answer_table(metrics, results.pairs(), shown, results.own)),
         seeking=results.seeking,
-        failing=_failing(results),
         failed=int(metrics.groupby(["case", "estimator"])["failed"].first().sum()),
         left_out=views.left_out(metrics, shown),
         below_bound=views.below_bound(metrics, shown),
@@ -70,24 +68,6 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
         with_cost=with_cost,
         **_published(results, stated["allowed"], folder),
     )
-
-
-def _failing(results: Reported) -> list[str]:
-    """Return a sentence for each estimator that failed in every run of a case, with the reason."""
-    metrics, failures = results.metrics(), results.failures()
-    cells = metrics[metrics["window"] == "settled"]
-    titles = {case.name: case.title for case in results.scenario.cases}
-    found = []
-    for label, own in cells.groupby("estimator", sort=False):
-        none = own.loc[own["failed"] == own["runs"], "case"].tolist()
-        if not none:
-            continue
-        reasons = failures[(failures["estimator"] == label) & (failures["case"] == none[0])]
-        more = counted(len(none) - 1, "more case")
-        where = f" of “{titles[none[0]]}”" + (f" and {more}" if len(none) > 1 else "")
-        where = "" if len(none) == len(own) else where
-        found.append(f"`{label}` failed in every run{where}: {reasons['reason'].iloc[0]}")
-    return found
 
 
 def _published(results: Reported, allowed: pd.DataFrame, folder: Path) -> dict[str, Any]:

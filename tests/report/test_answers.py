@@ -63,7 +63,8 @@ def test_the_answer_is_of_a_case_that_the_table_shows():
     table, named = metrics(12), cases(12, recommended="ekf")
     last = table["case"].isin([f"c{n}" for n in range(7, 12)])
     table.loc[last & (table["estimator"] == "gaussian-sum"), "rms_m"] /= 10.0
-    runs = pd.DataFrame({"assumption": [""], "estimator": ["ekf"], "remark": [""]})
+    run = {"assumption": "", "estimator": "ekf", "case": "c7", "status": "ok", "remark": ""}
+    runs = pd.DataFrame([run])
     found = answer(
         scenario(
             scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,
