@@ -78,7 +78,7 @@ def pairs(*rows: tuple[str, str, str, float, int, str]) -> pd.DataFrame:
 
 
 def digest(name: str, title: str = "A title", **tables: Any) -> Digest:
-    manifest = {"scenario": name, "title": title}
+    manifest = {"scenario": name, "title": title, "results_version": 1}
     settled = metrics()[lambda table: table["window"] == "settled"]
     held = {"metrics": settled, "cases": cases(), "pairs": pairs()} | tables
     return Digest(manifest, **held)

@@ -66,8 +66,14 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
 def text(digests: Sequence[Digest], has_league: bool = True) -> str:
     """Return the page as markdown; ``has_league``: the figure of the suite is next to it."""
     suite = [found for found in digests if found.manifest["scenario"] == SUITE]
+    newest = max(found.manifest["results_version"] for found in digests)
     scenarios = [
-        {"name": found.manifest["scenario"], "title": found.manifest["title"]} for found in digests
+        {
+            "name": found.manifest["scenario"],
+            "title": found.manifest["title"],
+            "earlier": found.manifest["results_version"] < newest,
+        }
+        for found in digests
     ]
     return markdown(
         "library.md.j2",
@@ -77,6 +83,7 @@ def text(digests: Sequence[Digest], has_league: bool = True) -> str:
         caption=CAPTION,
         explanation=EXPLANATION,
         scenarios=scenarios,
+        newest=newest,
     )
 
 

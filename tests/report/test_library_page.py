@@ -22,6 +22,15 @@ def test_the_front_page_lists_every_scenario_and_the_suite():
     assert "## Suite" not in library.text([digest("ship")])
 
 
+def test_pages_of_an_earlier_version_are_marked():
+    ship, suite = digest("ship", "A ship?"), digest("suite", "A suite")
+    assert "before results version" not in library.text([ship, suite])
+    suite.manifest["results_version"] = ship.manifest["results_version"] + 1
+    text = library.text([ship, suite])
+    assert "A ship? \\*\n- [suite](suite.md): A suite\n" in text
+    assert "\\* Flown before results version" in text
+
+
 def test_the_front_page_has_one_table_of_ten_rows():
     """Whatever the roster; filters recommended most often come first, then the nearest ones."""
     errors = {"ekf": 1.0} | {f"filter-{k}": 2.0 + k for k in range(12)}
