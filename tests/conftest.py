@@ -151,8 +151,9 @@ def mechanization_jacobian(
         points.attitude_rate(here, moving, attitude, rate + error[9:12], out[2])
         # C_nb C̃_nbᵀ = exp([φ×]) = E, so E' = [ω×] E − E [ω̃×], whose skew part is [φ'×].
         skew = cross_matrix(true_rate) @ turn.T - turn.T @ cross_matrix(out[2])
-        out[2] = 0.5 * np.array([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0],
-                                 skew[1, 0] - skew[0, 1]])  # fmt: skip
+        out[2] = 0.5 * np.array(
+            [skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]]
+        )
         return out.ravel()
 
     true_rate = np.zeros(3)

@@ -72,12 +72,15 @@ def blocks(document: Path) -> list[Block]:
     long_from = text.find(_LONG) if _LONG in text else len(text)
     return [
         Block(
-            found["language"], found["text"], _said(found["said"]), found.start() >= long_from,
+            found["language"],
+            found["text"],
+            _said(found["said"]),
+            found.start() >= long_from,
             text.count("\n", 0, found.start("language")) + 1,
         )
         for found in _BLOCK.finditer(text)
         if not found["language"].startswith("{")
-    ]  # fmt: skip
+    ]
 
 
 def _said(comment: str | None) -> str:

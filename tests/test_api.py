@@ -368,7 +368,7 @@ BAD_CALLS = {
     "map by another name": (lambda s: gg.maps.write("m.map", blank_map()), "must be named .*nc"),
     "no map": (lambda s: gg.maps.read("gone.nc"), "cannot read the map gone.nc"),
     "map below a file": (lambda s: gg.maps.write(f"{__file__}/m.nc", blank_map()), "cannot write"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD_CALLS)

@@ -204,10 +204,11 @@ def test_cells_lie_apart_and_within_their_map():
             assert region.map.west < cell.west < cell.east < region.map.east
         for one in cells:
             near = [
-                other for other in cells
+                other
+                for other in cells
                 if abs(other.south - one.south) < 0.999 * design.CELL_DEG
                 and abs(other.west - one.west) < 0.999 * design.CELL_DEG
-            ]  # fmt: skip
+            ]
             assert near == [one]
 
 

@@ -80,8 +80,11 @@ def unfit_notes(notes: str) -> list[str]:
     reasons = [] if list(found) in HEADINGS else [f"headings: {list(found)}"]
     reasons += [f"long: {sentence}" for sentence in long_sentences(notes, 30)]
     sizes = {"Set-up": 80, "Why": 80}
-    reasons += [f"{name}: over {most} words" for name, most in sizes.items()
-                if len(found.get(name, "").split()) > most]  # fmt: skip
+    reasons += [
+        f"{name}: over {most} words"
+        for name, most in sizes.items()
+        if len(found.get(name, "").split()) > most
+    ]
     if len(notes.split()) > 200:
         reasons.append("over 200 words")
     if len(re.findall(r"^- ", found.get("Limits", ""), re.MULTILINE)) > 3:
@@ -141,7 +144,9 @@ def test_the_checks_find_what_they_look_for() -> None:
     assert avoided(text) == ["Nobody", "honest", "told"]
     assert avoided("Untold, losing, 5E-told-50E, besides, partly.") == []
     assert long_sentences("One two three. Four five.\n\n- Six\n- Seven eight nine.", 2) == [
-        "One two three.", "- Seven eight nine."]  # fmt: skip
+        "One two three.",
+        "- Seven eight nine.",
+    ]
     page = "**Answer.** Yes.\n\n![a](b.png)\n"
     assert unfit_page(page) == []
     assert unfit_page(page.replace("Yes", 61 * "yes ")) != []

@@ -161,18 +161,22 @@ class StoneSoupEstimator(Estimator):
             predictor, updater = self.filter(
                 Transition(
                     transition_matrix=problem.transition[k],
-                    covariance_matrix=CovarianceMatrix(problem.process_cov[k]), **of_epoch,
+                    covariance_matrix=CovarianceMatrix(problem.process_cov[k]),
+                    **of_epoch,
                 ),
                 Measurement(
-                    ndim_state=len(mapping), mapping=mapping,
-                    noise_covar=CovarianceMatrix(problem.noise_of(k)), **of_epoch,
+                    ndim_state=len(mapping),
+                    mapping=mapping,
+                    noise_covar=CovarianceMatrix(problem.noise_of(k)),
+                    **of_epoch,
                 ),
-            )  # fmt: skip
+            )
             prediction = predictor.predict(state, timestamp=_time(float(time)))
             detection = Detection(
-                StateVector(problem.measurements[k]), timestamp=_time(float(time)),
+                StateVector(problem.measurements[k]),
+                timestamp=_time(float(time)),
                 measurement_model=updater.measurement_model,
-            )  # fmt: skip
+            )
             state = updater.update(SingleHypothesis(prediction, detection))
             yield state
 

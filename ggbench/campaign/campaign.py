@@ -236,8 +236,9 @@ class Campaign:
 
     def __post_init__(self) -> None:
         for name, value, least, most in (
-            ("runs", self.runs, 1, MOST_RUNS), ("seed", self.seed, 0, MOST_SEED)
-        ):  # fmt: skip
+            ("runs", self.runs, 1, MOST_RUNS),
+            ("seed", self.seed, 0, MOST_SEED),
+        ):
             if not least <= value <= most:
                 raise CampaignError(f"{name} is {value} and must be from {least} to {most}")
         # Once: a file that is edited later changes nothing of what is run and how it is stored.

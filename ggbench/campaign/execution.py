@@ -212,8 +212,11 @@ class WorkerSlot:
 
     def _is_of(self, message: list[object], started: Started) -> bool:
         """Return whether a message is the results of just what was started."""
-        found = [r.record["run"] for r in message if isinstance(r, Result) and
-                 r.key == self._keys[started.label]]  # fmt: skip
+        found = [
+            r.record["run"]
+            for r in message
+            if isinstance(r, Result) and r.key == self._keys[started.label]
+        ]
         return len(found) == len(message) and found == list(started.runs)
 
     def _taken_out(self, part: Started) -> dict[str, set[int]]:

@@ -133,9 +133,7 @@ def evaluate_runs(
     windows = np.concatenate([means, compared], axis=2).reshape(len(blanks), -1).tolist()
     peak = peak_memory_mb()
     kept = kept_epochs(len(times))
-    curves = (
-        evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis
-    )  # fmt: skip
+    curves = (evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis)
     outside = np.zeros(len(blanks), dtype=bool)
     if estimated.causality != "none":  # else no map was asked
         outside = outside_map(flight, evaluation.components)

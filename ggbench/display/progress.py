@@ -45,10 +45,13 @@ class Progress(progress.Progress):
         self._last = 0.0
         self._ended = threading.Event()
         super().__init__(
-            progress.BarColumn(20), progress.TextColumn("{task.description}", markup=False),
-            console=console, refresh_per_second=4.0, transient=True,
+            progress.BarColumn(20),
+            progress.TextColumn("{task.description}", markup=False),
+            console=console,
+            refresh_per_second=4.0,
+            transient=True,
             disable=not (console.is_terminal if live is None else live),
-        )  # fmt: skip
+        )
 
     def start(self) -> None:
         """Begin to show it."""

@@ -92,9 +92,11 @@ class ResponsiveTable:
         for heading, kind in (self._columns[column] for column in block):
             number = kind == "number"
             table.add_column(
-                escape(heading), justify="right" if number else "left", no_wrap=number,
+                escape(heading),
+                justify="right" if number else "left",
+                no_wrap=number,
                 overflow="fold",
-            )  # fmt: skip
+            )
         for n, (row, style) in enumerate(zip(self._rows, self._styles, strict=True)):
             cells = (row[column] for column in block)
             table.add_row(*cells, style=style, end_section=n in self._section_ends)

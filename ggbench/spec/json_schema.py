@@ -80,9 +80,11 @@ def scenario_schema() -> Schema:
     tables["Changes"] = case | {"properties": changes, "required": []}
     texts = {key: _written(item) for key, item in TOP_TEXTS["properties"].items()}
     listed = {
-        "case": "CaseSpec", "assumption": "CaseSpec", "claim": "ClaimSpec",
+        "case": "CaseSpec",
+        "assumption": "CaseSpec",
+        "claim": "ClaimSpec",
         "comparison": "ComparisonSpec",
-    }  # fmt: skip
+    }
     return {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "Scenario of ggbench",

@@ -12,9 +12,7 @@ from typing import Any, Literal, NamedTuple
 NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz", "coloured_noise")
 """The ways to state the gradiometer's noise; one replaces the others."""
 Grade = Literal["consumer", "tactical", "navigation", "strategic"]
-PublishedGradiometer = Literal[
-    "ftg-2008", "falcon-2019", "atom-2002", "superconducting-2002"
-]  # fmt: skip
+PublishedGradiometer = Literal["ftg-2008", "falcon-2019", "atom-2002", "superconducting-2002"]
 
 
 class Preset(NamedTuple):

@@ -52,11 +52,14 @@ def fosterville(path: Path) -> pd.DataFrame:
             easting, northing, height, time, ne, uv = (
                 np.asarray(line[key][every], dtype=float)
                 for key in (
-                    "GNSS_Easting_WGS84UTM55", "GNSS_Northing_WGS84UTM55",
-                    "Elevation_GNSS_GRS80", "Time_SSM_UTC1980",
-                    "Falc_A_NE_0p00_0p18Hz_MeanLev", "Falc_A_UV_0p00_0p18Hz_MeanLev",
+                    "GNSS_Easting_WGS84UTM55",
+                    "GNSS_Northing_WGS84UTM55",
+                    "Elevation_GNSS_GRS80",
+                    "Time_SSM_UTC1980",
+                    "Falc_A_NE_0p00_0p18Hz_MeanLev",
+                    "Falc_A_UV_0p00_0p18Hz_MeanLev",
                 )
-            )  # fmt: skip
+            )
             longitude, latitude = transform("EPSG:32755", "EPSG:4326", easting, northing)
             tables.append(
                 pd.DataFrame(

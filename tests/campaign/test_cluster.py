@@ -77,8 +77,10 @@ def test_deaths_and_time_limits_are_records_there_too(cluster, tmp_path):
     assert process.returncode == 1, errors  # every run of two estimators failed
     table = Results(tmp_path / "out").runs()
     assert table["reason"].tolist() == [
-        "its process ended with exit code 7, twice", "over its time limit of 20 s", "",
-    ]  # fmt: skip
+        "its process ended with exit code 7, twice",
+        "over its time limit of 20 s",
+        "",
+    ]
 
 
 @pytest.mark.long

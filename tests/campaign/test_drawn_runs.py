@@ -22,8 +22,7 @@ from ggbench.simulation.runs import simulate_block
 from ggbench.spec.case import CaseSpec
 
 LABELS = ("ins", "ekf", "filterpy-ekf", "factor-graph[mode=fixed-lag,lag=3]")
-ERROR = {"truth.field.error.correlated_noise_eotvos": 5.0,
-         "truth.field.error.correlation_km": 2.0}  # fmt: skip
+ERROR = {"truth.field.error.correlated_noise_eotvos": 5.0, "truth.field.error.correlation_km": 2.0}
 DRAWN = ERROR | {"draw.tracks": 3, "draw.start_km": 0.5, "draw.heading_deg": 20.0, "draw.maps": 2}
 
 

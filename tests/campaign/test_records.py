@@ -371,7 +371,7 @@ def test_a_lost_run_is_there_and_may_be_tried_again(tmp_path):
     work = plan(tmp_path, "out", ("ins",), runs=2, cases=("base",), limit=60.0)
     store, _ = work.open()
     assert (work.missing(store), work.tasks(store).results) == (2, 2)
-    (_, _, ((_, key),)), = work.plan.cells()  # fmt: skip
+    ((_, _, ((_, key),)),) = work.plan.cells()
     store.add(
         [Result(key, failed(run), retry_above=limit) for run, limit in enumerate((60.0, 5.0))]
     )

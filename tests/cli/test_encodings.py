@@ -36,8 +36,10 @@ def test_what_an_encoding_lacks_is_replaced(words, encoding, tmp_path, monkeypat
 def test_a_process_prints_without_a_traceback(encoding):
     """The square root in the unit of a noise is none of their characters."""
     done = subprocess.run(
-        [COMMAND, "keys", "gradiometer"], capture_output=True, check=False,
+        [COMMAND, "keys", "gradiometer"],
+        capture_output=True,
+        check=False,
         env=os.environ | {"PYTHONIOENCODING": encoding},
-    )  # fmt: skip
+    )
     assert done.returncode == 0 and not done.stderr
     assert b"E/?Hz" in done.stdout

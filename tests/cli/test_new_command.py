@@ -146,9 +146,12 @@ def test_a_flight_goes_through_ones_own_waypoints(tmp_path):
 
 @pytest.mark.parametrize(
     ("vehicle", "speed", "grade", "noise"),
-    [("helicopter", 50.0, "tactical", 1.0), ("drone", 20.0, "tactical", 5.0),
-     ("ship", 8.0, "navigation", 1.0)],
-)  # fmt: skip
+    [
+        ("helicopter", 50.0, "tactical", 1.0),
+        ("drone", 20.0, "tactical", 5.0),
+        ("ship", 8.0, "navigation", 1.0),
+    ],
+)
 def test_a_vehicle_brings_its_speed_and_its_sensors(vehicle, speed, grade, noise, tmp_path):
     """At most its own speed through waypoints; a ship turns without bank; the file is valid."""
     rough_map(tmp_path / "own.nc")

@@ -28,8 +28,11 @@ def folder(tmp_path_factory):
 def test_a_filter_from_the_template_gets_its_card(folder):
     """The screen has a row for each question and the verdicts; three files are written."""
     said = (folder / "said.txt").read_text(encoding="utf-8")
-    for words in ("Aircraft over the Alps, narrow prior", "Against the EKF: as good in 2 of 2",
-                  "my_filter.py, 20 runs of each case, seed 3700"):  # fmt: skip
+    for words in (
+        "Aircraft over the Alps, narrow prior",
+        "Against the EKF: as good in 2 of 2",
+        "my_filter.py, 20 runs of each case, seed 3700",
+    ):
         assert words in said
     written = folder / "results" / "score" / "my_filter-py"
     card = json.loads((written / "card.json").read_text(encoding="utf-8"))

@@ -65,8 +65,9 @@ def test_errors_by_case_have_intervals_bound_and_ins():
     )
     (axis,) = figure.axes
     assert [label.get_text() for label in axis.get_yticklabels()] == [
-        "a case", "a case with a name that is\nlong enough to wrap"
-    ]  # fmt: skip
+        "a case",
+        "a case with a name that is\nlong enough to wrap",
+    ]
     drawn = [line.get_xdata() for line in axis.get_lines() if len(line.get_xdata()) == 2]
     assert [list(curve.rms) for curve in curves.values()] == [list(found) for found in drawn[:2]]
     segments = [found.get_segments() for found in axis.collections]

@@ -17,9 +17,7 @@ FAMILIES = {"ins": "inertial", "ekf": "kalman", "mine": "own", "batch": "smoothe
 RATIOS = np.array([[3.0, 1.0, np.inf, 1.0], [30.0, 1.1, 2.0, np.nan]])
 TEXTS = np.array([["3.00", "1.00", "lost\n94%‡", "1.00"], ["30", "1.10", "2.00", "–"]])
 FRAMED = np.array([[False, True, False, False], [False, False, False, False]])
-TO_BEST = {
-    "ins": np.array([3.0, 40.0]), "ekf": np.ones(2), "mine": np.array([np.nan, 2.0]),
-}  # fmt: skip
+TO_BEST = {"ins": np.array([3.0, 40.0]), "ekf": np.ones(2), "mine": np.array([np.nan, 2.0])}
 
 
 def drawn(**changes):
@@ -85,9 +83,12 @@ def test_texts_fit_their_cells_at_800_pixels(count):
     """Fifteen estimators, one in a hundred pixels or in thirty-six."""
     longest = np.full((2, count), "lost\n>99%‡")
     figure = drawn(
-        estimators=[f"ekf-{n}" for n in range(count)], ratios=np.full((2, count), np.inf),
-        texts=longest, framed=np.zeros((2, count), dtype=bool), to_best={},
-    )  # fmt: skip
+        estimators=[f"ekf-{n}" for n in range(count)],
+        ratios=np.full((2, count), np.inf),
+        texts=longest,
+        framed=np.zeros((2, count), dtype=bool),
+        to_best={},
+    )
     figure.canvas.draw()
     grid, _ = figure.axes
     assert figure.get_figwidth() * 110.0 <= 804.0

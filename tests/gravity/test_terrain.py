@@ -237,9 +237,12 @@ def test_voids_of_a_projected_raster_count_where_they_are_needed(tmp_path):
     heights = np.full((60, 60), 500.0)
     heights[:20, :20] = -9999.0
     path = write_raster(
-        tmp_path / "utm.tif", heights, crs="EPSG:32632", nodata=-9999.0,
+        tmp_path / "utm.tif",
+        heights,
+        crs="EPSG:32632",
+        nodata=-9999.0,
         transform=from_origin(500000.0, 5000000.0, 100.0, 100.0),
-    )  # fmt: skip
+    )
     with pytest.raises(TerrainError, match="has 400 voids"):
         read_terrain(path)
     terrain = read_terrain(path, Area(45.11, 45.13, 9.03, 9.06))

@@ -171,9 +171,12 @@ def test_a_missing_database_of_proj_is_named(tmp_path):
     for variable, value in (("PROJ_LIB", str(tmp_path)), ("PROJ_DATA", "/elsewhere")):
         environment = {k: v for k, v in os.environ.items() if k not in ("PROJ_LIB", "PROJ_DATA")}
         ended = subprocess.run(
-            [sys.executable, "-c", code], env=environment | {variable: value},
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+            [sys.executable, "-c", code],
+            env=environment | {variable: value},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert "PROJ's database proj.db, which is not found" in ended.stderr
         assert f"{variable} = {value!r} leads to another installation: unset it" in ended.stderr
 

@@ -36,8 +36,9 @@ def test_the_vertical_channel_has_two_poles_at_the_time_constant(time_constant):
 
     To 1e-3.
     """
-    flight = small_flight({"altimeter.noise_m_per_sqrt_hz": 1.0,
-                           "altimeter.time_constant_s": time_constant})  # fmt: skip
+    flight = small_flight(
+        {"altimeter.noise_m_per_sqrt_hz": 1.0, "altimeter.time_constant_s": time_constant}
+    )
     truth, dt = flight.trajectory, flight.trajectory.dt
     gains = strapdown.altimeter_gains(time_constant)
     duration = float(truth.times[-1])
@@ -51,8 +52,9 @@ def test_the_vertical_channel_has_two_poles_at_the_time_constant(time_constant):
         )  # fmt: skip
         return np.array([track[0][-1, 2], track[1][-1, 2]])
 
-    flown = np.stack([(end(5.0, 0.0) - end(-5.0, 0.0)) / 10.0,
-                      (end(0.0, 0.5) - end(0.0, -0.5)) / 1.0], axis=-1)  # fmt: skip
+    flown = np.stack(
+        [(end(5.0, 0.0) - end(-5.0, 0.0)) / 10.0, (end(0.0, 0.5) - end(0.0, -0.5)) / 1.0], axis=-1
+    )
     plain = dense_model.system_matrices(
         truth.positions, truth.velocities, truth.attitudes, flight.delta_velocities, dt
     )

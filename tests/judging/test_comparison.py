@@ -138,8 +138,10 @@ def test_an_estimator_that_fails_always_is_worse():
     after = campaign({"a": squares(1, 20)}, lost=range(20))
     result = compare(before, after, 0.5)
     assert verdicts(result) == {
-        "position": "undecided", "velocity": "undecided", UNFINISHED: "worse",
-    }  # fmt: skip
+        "position": "undecided",
+        "velocity": "undecided",
+        UNFINISHED: "worse",
+    }
     assert result.worse
     rows = result.rows.set_index("quantity")
     assert tuple(rows.loc[UNFINISHED, ["before", "after"]]) == (0, 20)

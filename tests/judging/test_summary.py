@@ -212,12 +212,15 @@ def record(run: int, position: float, diverged: bool = False, status: str = "ok"
     }  # fmt: skip
     if status == "ok":
         row |= {
-            "seconds": 0.1 * (run + 1), "map_evaluations": 10, "required_m": 2.5,
-            "final_position_error_m": math.sqrt(position), "final_ins_error_m": 9.0,
+            "seconds": 0.1 * (run + 1),
+            "map_evaluations": 10,
+            "required_m": 2.5,
+            "final_position_error_m": math.sqrt(position),
+            "final_ins_error_m": 9.0,
             "converged_s": 3.0 + run if position <= 6.25 else math.nan,
             "false_fix": position > 6.25,
             **{f"{window}_{name}": v for window in WINDOWS for name, v in metrics_of.items()},
-        }  # fmt: skip
+        }
     return row
 
 
@@ -274,8 +277,10 @@ def test_a_wrong_model_has_no_efficiency():
 
 def test_errors_over_the_ins_are_of_common_runs():
     """The INS flew runs 0 to 3, of which the estimator has two."""
-    ins = [record(run, 16.0 * (run + 1)) | {"estimator": "ins", "causality": "none"}
-           for run in range(4)]  # fmt: skip
+    ins = [
+        record(run, 16.0 * (run + 1)) | {"estimator": "ins", "causality": "none"}
+        for run in range(4)
+    ]
     table = table_of([*ins, record(2, 12.0), record(3, 16.0), record(9, 1e9)])
     found = table.set_index(["estimator", "window"])["times_ins"]
     assert found["e[a=1]", "settled"] == pytest.approx(0.5)
@@ -307,8 +312,11 @@ def test_the_time_of_a_run_is_that_of_warm_processes():
 def test_an_interval_does_not_depend_on_the_company():
     """Cells that share their draws have the intervals that each has alone."""
     generator = np.random.default_rng(8)
-    squares = {"one": generator.chisquare(3, 30), "two": generator.chisquare(9, 30),
-               "few": generator.chisquare(3, 35)}  # fmt: skip
+    squares = {
+        "one": generator.chisquare(3, 30),
+        "two": generator.chisquare(9, 30),
+        "few": generator.chisquare(3, 35),
+    }
     cells = [
         record(run, float(value)) | {"case": case}
         for case, values in squares.items()
@@ -390,9 +398,7 @@ def test_noise_that_does_not_fit_is_said():
     sizes = {"c": {"whole": (20, 5), "settled": (10, 1), "last20": (5, 1)}}
     records = [record(run, 4.0) | {"settled_nis": 1.0 + 0.1 * (run % 3 - 1)} for run in range(20)]
     table = table_of(records, {}, sizes).set_index("window")
-    assert table["noise_fit"].to_dict() == {
-        "whole": "R does not fit", "settled": "", "last20": ""
-    }  # fmt: skip
+    assert table["noise_fit"].to_dict() == {"whole": "R does not fit", "settled": "", "last20": ""}
     assert table.loc["whole", "nis"] == 1.0
 
 

@@ -83,8 +83,11 @@ def test_of_several_intervals_that_of_the_epoch_counts(tmp_path):
 BAD = {
     "no epoch": (text(), None, "vary with time .lines acos, asin, gfct, trnd.: give .* --epoch"),
     "an epoch of a static model": (
-        "\n".join(line for line in text().splitlines() if line[:4] not in ("trnd", "acos", "asin"))
-        .replace("gfct", "gfc "), EPOCH, "does not vary with time",
+        "\n".join(
+            line for line in text().splitlines() if line[:4] not in ("trnd", "acos", "asin")
+        ).replace("gfct", "gfc "),
+        EPOCH,
+        "does not vary with time",
     ),
     "outside": (text(intervals=True), datetime.date(1999, 1, 1), "in no interval of gfct of deg"),
     "no gfct": (text(extra="trnd 4 1 1e-10 1e-10 0 0\n"), EPOCH, "trnd of degree 4, .* no gfct"),
@@ -93,7 +96,7 @@ BAD = {
     "a word": (text(extra="trnd 4 one 1e-10 1e-10\n"), EPOCH, "trnd 4 one .* cannot be read"),
     "no period": (text(extra="acos 3 1 1e-10 1e-10 0 0 0\n"), EPOCH, "acos 3 1 .* cannot be re"),
     "gfc besides": (text(extra="gfc 3 1 1e-10 1e-10 0 0\n"), EPOCH, "degree 3 and order 1 more th"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)

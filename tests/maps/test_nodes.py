@@ -134,8 +134,11 @@ def test_bounds_that_are_none_are_refused_with_a_sentence(bounds, message):
 def test_near_the_ground_nodes_are_wider_apart_than_a_quarter():
     """Up to 100 m across and 50 m upwards; from 400 m and 200 m on a quarter, as elsewhere."""
     for distance, across, upwards in (
-        (50.0, 50.0, 25.0), (100.0, 100.0, 50.0), (300.0, 100.0, 75.0), (800.0, 200.0, 200.0),
-    ):  # fmt: skip
+        (50.0, 50.0, 25.0),
+        (100.0, 100.0, 50.0),
+        (300.0, 100.0, 75.0),
+        (800.0, 200.0, 200.0),
+    ):
         held = [reach((46, 46.1, 8, 8.1), lowest_m=800.0 + distance, sources_m=800.0, ground="it")]
         nodes, _ = nodes_for(held, GridRequest())
         assert np.diff(nodes.height_m) == pytest.approx(upwards)

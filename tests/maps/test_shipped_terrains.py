@@ -117,9 +117,8 @@ def test_a_spline_of_the_maps_spacing_stands_for_the_field(small_terrain):
     latitude, longitude = inside(small_terrain, 9)
     bounds = np.degrees([latitude[[0, -1]], longitude[[0, -1]]]) + np.array([-0.008, 0.008])
     recipe = MapRecipe(
-        "jacksboro", *bounds.ravel(), 1150.0, 1350.0,
-        spacing_arcmin=0.05, height_spacing_m=50.0,
-    )  # fmt: skip
+        "jacksboro", *bounds.ravel(), 1150.0, 1350.0, spacing_arcmin=0.05, height_spacing_m=50.0
+    )
     field = Field.from_map(build(recipe))
     height = np.array([1200.0, 1225.0])
     where = np.meshgrid(latitude, longitude, height, indexing="ij")
@@ -141,9 +140,11 @@ def test_a_smoothed_hill_is_a_wider_hill(monkeypatch):
     smoothing_deg = math.degrees(smoothing_m / 6356800.0)
     where = np.radians([-0.01, 0.0, 0.012]), np.radians([-0.02, 0.001]), np.array([1200.0])
     geometry = {
-        "south_deg": -60 * STEP, "west_deg": -60 * STEP,
-        "latitude_step_deg": STEP, "longitude_step_deg": STEP,
-    }  # fmt: skip
+        "south_deg": -60 * STEP,
+        "west_deg": -60 * STEP,
+        "latitude_step_deg": STEP,
+        "longitude_step_deg": STEP,
+    }
     shipped(monkeypatch, **geometry, height_m=hill(width, top))
     smoothed = disturbing_field("hill", *where, relief_smoothing_deg=smoothing_deg)[0]
     rough = disturbing_field("hill", *where)[0]

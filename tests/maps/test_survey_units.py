@@ -32,7 +32,7 @@ def fields(unit="", name="GRAV", values=VALUES, null="", height_unit="m", height
         ("LONG", "F14.8", 14, "UNIT=degrees", [f"{v:.8f}" for v in LONGITUDES]),
         ("HGT", "F9.2", 9, f"UNIT={height_unit}", [f"{v:.2f}" for v in heights]),
         (name, "F14.3", 14, value_attributes, [f"{v:.3f}" for v in values]),
-    ]  # fmt: skip
+    ]
 
 
 def defined(style, name, form, attributes):
@@ -41,12 +41,12 @@ def defined(style, name, form, attributes):
         "standard": f"ST=RECD,RT=DATA; {name}: {form}: {attributes}",
         "record": f"ST=RECORD,RT=DATA;{name}:{form}:{attributes}",
         "identifier": f"ST=RECD,RT=;RT:A4;{name}:{form}:{attributes}",
-        "colons": f"ST=RECORD,RT=;{name}:{form}:" + attributes.replace(",", ":").replace(
-            "UNIT=", "UNIT:"),
+        "colons": f"ST=RECORD,RT=;{name}:{form}:"
+        + attributes.replace(",", ":").replace("UNIT=", "UNIT:"),
         "comma": f"ST=RECD,RT=DATA;{name}:{form.lower()},{attributes}",
         "units": f"ST=RECD,RT=; {name} : {form} : " + attributes.replace("UNIT=", "UNITS = "),
         "described": f"ST=RECD,RT=;{name}:{form}:{name} ,{attributes},a description",
-    }[style]  # fmt: skip
+    }[style]
 
 
 STYLES = ("standard", "record", "identifier", "colons", "comma", "units", "described")
@@ -163,10 +163,11 @@ def test_units_of_places_and_times_are_obeyed(tmp_path):
     [
         ("disturbance", "nT", "disturbance", "FIELD"),
         ("disturbance", "Eotvos", "disturbance", "FIELD"),
-        ("gradient", "mGal", "zz", "FIELD"), ("gradient", "nT", "zz", "FIELD"),
+        ("gradient", "mGal", "zz", "FIELD"),
+        ("gradient", "nT", "zz", "FIELD"),
         ("gradient", "furlong", "zz", "FIELD"),
     ],
-)  # fmt: skip
+)
 def test_a_unit_of_another_quantity_is_refused(kind, unit, key, name, tmp_path):
     path = gdf2(tmp_path, fields(unit, name))
     with pytest.raises(MapError, match=f"the column {name} is in '{unit}', and {key} may be in"):
@@ -190,8 +191,9 @@ def test_values_too_small_for_any_instrument_need_their_unit(quantity, factor, t
     table[-1] = (*table[-1][:-1], [f"{factor * v:.14f}" for v in VALUES])
     path = gdf2(tmp_path, table, separator=" ")
     key, unit, si = {
-        "gradient": ("zz", "E", "s^-2"), "disturbance": ("disturbance", "mGal", "m/s2"),
-    }[quantity]  # fmt: skip
+        "gradient": ("zz", "E", "s^-2"),
+        "disturbance": ("disturbance", "mGal", "m/s2"),
+    }[quantity]
     with pytest.raises(MapError, match=r"too small for any instrument: is it in"):
         read_lines(path, PLACES | {key: "FIELD"}, quantity=quantity)
     found = read_lines(path, PLACES | {key: f"FIELD [{si}]"}, quantity=quantity)
@@ -212,12 +214,15 @@ def test_a_unit_at_the_end_of_a_name_is_obeyed(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("BA_TC", "", "Bouguer or isostatic"), ("GRAV", "NAME=Complete Bouguer", "Bouguer"),
-        ("GBA267", "", "Bouguer or isostatic"), ("FREE_AIR", "", "--quantity anomaly --column"),
+        ("BA_TC", "", "Bouguer or isostatic"),
+        ("GRAV", "NAME=Complete Bouguer", "Bouguer"),
+        ("GBA267", "", "Bouguer or isostatic"),
+        ("FREE_AIR", "", "--quantity anomaly --column"),
         ("GRAV", "NAME=Free air anomaly", "--quantity anomaly --column anomaly=GRAV"),
-        ("OBS_GRAV", "", "observed gravity"), ("TMI", "", "magnetic"),
+        ("OBS_GRAV", "", "observed gravity"),
+        ("TMI", "", "magnetic"),
     ],
-)  # fmt: skip
+)
 def test_a_column_of_another_quantity_is_no_disturbance(name, text, said, tmp_path):
     path = gdf2(tmp_path, fields("mGal", name, null=text))
     with pytest.raises(MapError, match=said):
@@ -254,8 +259,9 @@ def test_marks_of_missing_values_that_are_not_declared(mark, tmp_path):
             gdf2(tmp_path, table, separator=" "), DISTURBANCE, quantity="disturbance"
         )
         assert found.dropped == 2 and len(found.values) == COUNT - 2
-        assert any(f"undeclared {mark} taken for missing values, 2 times" in r
-                   for r in found.remarks)  # fmt: skip
+        assert any(
+            f"undeclared {mark} taken for missing values, 2 times" in r for r in found.remarks
+        )
 
 
 def test_marks_that_are_declared_and_values_of_nines(tmp_path):

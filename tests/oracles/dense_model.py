@@ -27,7 +27,7 @@ from ggbench.ins.system_matrix import (
     TURN,
     VELOCITY,
     entries_between,
-)  # fmt: skip
+)
 from ggbench.ins.transitions import as_row, compose, unit_columns
 from ggbench.numerics.kernels import compiled
 from ggbench.numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled

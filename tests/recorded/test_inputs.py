@@ -17,9 +17,7 @@ from ggbench.maps.recipe import write
 from ggbench.recorded.flight import read_flight
 from ggbench.spec.flight import FlightError
 
-LEVEL = {
-    "file": "gnss.csv", "period_s": 1.0, "noise_eotvos": 1.0, "instrument": "local-level",
-}  # fmt: skip
+LEVEL = {"file": "gnss.csv", "period_s": 1.0, "noise_eotvos": 1.0, "instrument": "local-level"}
 INTEGRATED = {"horizontal_mgal": 20.0, "integrate_gradients": True}
 
 

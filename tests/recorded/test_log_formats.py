@@ -213,8 +213,10 @@ def test_records_of_a_flight_may_have_other_names_and_units(tmp_path):
         table["height_m"] /= 0.3048
         speeds = [name for name in table if name.startswith("velocity")]
         table[speeds] *= 3600.0 / 1852.0
-        return table.rename(columns={"time_s": "Stamp", "height_m": "Alt[0]"} | {
-            name: name.upper() for name in speeds})  # fmt: skip
+        return table.rename(
+            columns={"time_s": "Stamp", "height_m": "Alt[0]"}
+            | {name: name.upper() for name in speeds}
+        )
 
     edit_rows(path.parent / "gnss.csv", renamed)
     names = {"time_s": "stamp [ms]", "height_m": "Alt[0] [ft]"}

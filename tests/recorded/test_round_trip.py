@@ -21,9 +21,7 @@ from ggbench.recorded.flight import read_flight
 from ggbench.recorded.inertial import RATES
 from ggbench.simulation.runs import simulate
 
-LABELS = (
-    "ekf", "ekf", "factor-graph[mode=batch]", "closed-loop[interval_s=5]",
-)  # fmt: skip
+LABELS = ("ekf", "ekf", "factor-graph[mode=batch]", "closed-loop[interval_s=5]")
 SAME = 1e-9
 """In units of the prior's deviations: a receiver's degrees say where it is to 1e-9 m.
 

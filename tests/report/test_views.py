@@ -276,6 +276,4 @@ def test_claims_on_pairs_follow_the_verdict(relation, verdict, needed, row):
     )
     (found,) = claimed(results).to_dict("records")
     assert asked == [("c0", "ukf", "ekf")]
-    assert found == {
-        "claim": "A", "first": "`ukf`", "second": "`ekf`", "error_ratio": 0.5
-    } | row  # fmt: skip
+    assert found == {"claim": "A", "first": "`ukf`", "second": "`ekf`", "error_ratio": 0.5} | row

@@ -128,8 +128,10 @@ def test_a_study_is_read_without_the_run_of_its_case(tmp_path):
     )
     runs = found.runs()
     assert set(zip(runs["assumption"], runs["case"], strict=True)) == {
-        ("", "noisy"), ("louder", "base"), ("without-effect", "base"),
-    }  # fmt: skip
+        ("", "noisy"),
+        ("louder", "base"),
+        ("without-effect", "base"),
+    }
 
 
 def test_records_are_of_the_cases_or_of_one_study(results):
@@ -138,8 +140,9 @@ def test_records_are_of_the_cases_or_of_one_study(results):
     for name in ("louder", "without-effect"):
         studied = list(results.records(name))
         assert [(r["case"], r["estimator"], r["run"]) for r in studied] == [
-            ("base", "ekf", 0), ("base", "ekf", 1),
-        ]  # fmt: skip
+            ("base", "ekf", 0),
+            ("base", "ekf", 1),
+        ]
     assert list(results.records("other")) == []
 
 

@@ -31,10 +31,13 @@ UNDEFINED = dict.fromkeys(
      "settled_oracle_velocity_ms", "converged_s"), math.nan,
 )  # fmt: skip
 RECORDS = [
-    failed(0, info={"rounds": 7}), failed(1, seconds=0.5, traceback="a\nb"), finished(2),
+    failed(0, info={"rounds": 7}),
+    failed(1, seconds=0.5, traceback="a\nb"),
+    finished(2),
     finished(3, cold=True, remark="far \N{EURO SIGN} \0", false_fix=True, seed=2**63 - 1),
-    finished(4, **UNDEFINED), finished(5, whole_position_ms=math.inf, whole_nees=1.0 / 3.0),
-]  # fmt: skip
+    finished(4, **UNDEFINED),
+    finished(5, whole_position_ms=math.inf, whole_nees=1.0 / 3.0),
+]
 """An estimate without a covariance has no NEES, a flight without measurements no NIS; a run whose
 model is wrong has no oracle; one that does not converge has no time; one that diverges ends
 anywhere."""

@@ -52,8 +52,11 @@ def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
         for limit in (1.0, 60.0, 60.5, np.inf)
     }
     assert kept == {
-        1.0: {"k": [0, 1, 2]}, 60.0: {"k": [0, 1, 2]}, 60.5: {"k": [0]}, np.inf: {"k": [0]}
-    }  # fmt: skip
+        1.0: {"k": [0, 1, 2]},
+        60.0: {"k": [0, 1, 2]},
+        60.5: {"k": [0]},
+        np.inf: {"k": [0]},
+    }
     store.add([Result("k", failed(1), series=np.ones((3, 4)))])  # it takes the lost one's place
     assert store.finished()["k"].tolist() == [0, 1]
     np.testing.assert_array_equal(store.series_of("k", 1), 1.0)

@@ -82,8 +82,9 @@ def test_a_reading_is_the_tensor_seen_from_the_mount(instrument, rough):
 def test_the_mount_changes_no_invariant(rough):
     """One tensor has one trace and one set of eigenvalues, whatever the axes it is read in."""
     tensors = [mounted(name, field__source=rough).noise_free for name in INSTRUMENTS]
-    eigenvalues = [np.linalg.eigvalsh(tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])
-                   for tensor in tensors]  # fmt: skip
+    eigenvalues = [
+        np.linalg.eigvalsh(tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]) for tensor in tensors
+    ]
     for other in eigenvalues[1:]:
         np.testing.assert_allclose(other, eigenvalues[0], rtol=0.0, atol=1e-9)
     for one, other in ((0, 1), (1, 2), (0, 2)):
@@ -221,8 +222,9 @@ def test_a_filtered_strapdown_reading_is_set_beside_the_attitude_of_then(treatme
     assert np.square(left).mean() < 0.06**2 * np.square(whole).mean()
 
 
-@pytest.mark.parametrize(("instrument", "turns"), [("local-level", False), ("platform", False),
-                                                   ("strapdown", True)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("instrument", "turns"), [("local-level", False), ("platform", False), ("strapdown", True)]
+)
 def test_only_a_strapdown_gradiometer_depends_on_the_attitude(instrument, turns):
     """A stabilised one neither reads nor predicts another tensor in another attitude."""
     straight, rolled = (

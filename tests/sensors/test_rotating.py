@@ -122,9 +122,11 @@ def test_the_signal_is_that_of_masses_moved_through_inertial_space():
     tilt -= tilt.mean()
     errors = RotatingErrors(baseline=0.1, rotation_rate=0.05, demodulation_phase=0.3)
     for name, four in (
-        ("scale_factor", scale), ("radial_misalignment", lean),
-        ("axial_misalignment", tilt), ("quadratic", square),
-    ):  # fmt: skip
+        ("scale_factor", scale),
+        ("radial_misalignment", lean),
+        ("axial_misalignment", tilt),
+        ("quadratic", square),
+    ):
         values = {
             name: four.mean(),
             f"{name}_pair12": four[0] - four[1],
@@ -316,10 +318,12 @@ def test_noise_of_a_channel(instrument, samples, readings):
     times = reading_times(instrument, samples)
     still = (np.zeros(6), np.zeros(3), np.zeros(3), np.zeros(3))
     silent = demodulate(instrument, signal(instrument, errors, *still, times), times)
-    noise = np.array([
-        demodulate(instrument, signal(instrument, errors, *still, times, rng), times) - silent
-        for _ in range(readings)
-    ])  # fmt: skip
+    noise = np.array(
+        [
+            demodulate(instrument, signal(instrument, errors, *still, times, rng), times) - silent
+            for _ in range(readings)
+        ]
+    )
     sigma = channel_noise_eotvos(instrument, errors.accelerometer_root_psd)
     low, high = chi2.ppf([5e-7, 1.0 - 5e-7], readings)
     for channel in noise.T:

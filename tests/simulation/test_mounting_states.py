@@ -191,8 +191,10 @@ def test_engines_carry_the_states_as_the_frameworks_do(rough, label, mount):
     block, _ = simulate_block(flown(rough, mount, EVERYTHING | NOISY | field), 5, range(2))
     names = [b.name for b in block.layout]
     assert names[5:8] == [
-        "gravity disturbance ENU", "gradiometer mounting error", "gradiometer bias",
-    ]  # fmt: skip
+        "gravity disturbance ENU",
+        "gradiometer mounting error",
+        "gradiometer bias",
+    ]
     assert_as_the_oracle(label, block)
 
 

@@ -118,8 +118,10 @@ def noise(f: Flight, e: SensorSuite) -> float:
 
 def walk(f: Flight, e: SensorSuite) -> float:
     """The root of what Q adds to a bias of the gradiometer in a second."""
-    still = Motion(*(a[:11] for a in (f.trajectory.positions, f.trajectory.velocities)),
-                   f.trajectory.attitudes[:11])  # fmt: skip
+    still = Motion(
+        *(a[:11] for a in (f.trajectory.positions, f.trajectory.velocities)),
+        f.trajectory.attitudes[:11],
+    )
     _, q = e.system(still, np.zeros((10, 3)), np.array([10]), 0.1)
     return E * math.sqrt(q[0, 15, 15])
 
@@ -361,9 +363,7 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
             yield prefix + name
 
 
-KEYS = {
-    *keys_of(CaseSpec), *keys_of(CampaignSpec, "campaign."), *keys_of(SweepSpec, "sweep."),
-}  # fmt: skip
+KEYS = {*keys_of(CaseSpec), *keys_of(CampaignSpec, "campaign."), *keys_of(SweepSpec, "sweep.")}
 NAMED = {
     f"{side}sensor.{OWN}{key}": (f"{side}{key}", row, sides)
     for rows, ways in (
@@ -486,12 +486,16 @@ TRAJECTORY: dict[str, tuple[float, Callable[[Any], float]]] = {
     "trajectory.heading_deg": (50.0, lambda t: math.atan2(*t.velocities[0, :2])),
     "trajectory.pitch_deg": (4.0, lambda t: math.asin(t.attitudes[0, 2, 1])),
     "trajectory.roll_deg": (
-        -6.0, lambda t: math.atan2(-t.attitudes[0, 2, 0], t.attitudes[0, 2, 2]),
+        -6.0,
+        lambda t: math.atan2(-t.attitudes[0, 2, 0], t.attitudes[0, 2, 2]),
     ),
-}  # fmt: skip
+}
 MOVES = ["trajectory.shift_east_km", "trajectory.shift_north_km", "trajectory.turn_deg"]
-TRACK = {"trajectory.max_gap_s": "gap", "trajectory.max_acceleration_mps2": "acceleration",
-         "trajectory.smoothing_s": "smoothing"}  # fmt: skip
+TRACK = {
+    "trajectory.max_gap_s": "gap",
+    "trajectory.max_acceleration_mps2": "acceleration",
+    "trajectory.smoothing_s": "smoothing",
+}
 TURN = {"kind": "turn", "by_heading_deg": 90.0}
 CLIMB = {"kind": "climb", "by_height_m": 100.0, "climb_angle_deg": 3.0}
 TERRAIN = {"kind": "terrain-following", "terrain": "t", "clearance_m": 90.0, "duration_s": 60.0}

@@ -42,8 +42,10 @@ def noises(gradiometer) -> tuple[float | None, float | None, float | None]:
 def test_one_way_to_state_the_noise_replaces_the_others():
     """A case that states its noise in another way than the base has that one alone."""
     assert noises(with_case(f"gradiometer.{DENSITY} = 0.2").case("third").gradiometer) == (
-        None, 0.2, None,
-    )  # fmt: skip
+        None,
+        0.2,
+        None,
+    )
     disks = "gradiometer.rotating = { baseline_m = 0.5, rotation_hz = 0.5"
     third = with_case(f"{disks}, accelerometer_noise_ng_per_sqrt_hz = 2.0 }}").case("third")
     assert noises(third.gradiometer) == (None, None, 2.0)

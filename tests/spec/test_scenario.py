@@ -59,8 +59,10 @@ def test_the_shipped_scenario_is_the_papers():
     assert {key: values[key] for key in PAPER_TABLE} == PAPER_TABLE
     published = [case.reference for case in loaded.cases[:3]]
     assert [(r.position_mrse_m, r.velocity_mrse_mps) for r in published] == [
-        (3.5136, 0.2147), (0.8877, 0.1211), (6.0755, 0.2848),
-    ]  # fmt: skip
+        (3.5136, 0.2147),
+        (0.8877, 0.1211),
+        (6.0755, 0.2848),
+    ]
     assert not any(case.reference for case in loaded.cases[3:])
 
 

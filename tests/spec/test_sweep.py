@@ -62,8 +62,11 @@ def test_a_grid_becomes_ordinary_cases(tmp_path):
     """Every point is the base with the changes of its coordinates, and says where it lies."""
     loaded = load(tmp_path, BASE + SWEEP)
     assert [case.name for case in loaded.cases] == [
-        "noise-0.0001_rate-0.5", "noise-0.0001_rate-1", "noise-0.01_rate-0.5", "noise-0.01_rate-1",
-    ]  # fmt: skip
+        "noise-0.0001_rate-0.5",
+        "noise-0.0001_rate-1",
+        "noise-0.01_rate-0.5",
+        "noise-0.01_rate-1",
+    ]
     assert loaded.cases[2].title == "noise 0.01 E, rate 0.5 Hz"
     for case in loaded.cases:
         noise, rate = loaded.sweep.points[case.name].indices

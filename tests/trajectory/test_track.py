@@ -345,11 +345,13 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     ),
     "feet": (text(names="t,lat,lon,altitude_ft"), r"no column height_m \(found: .*altitude_ft\)"),
     "unit in brackets": (
-        text(names="t,lat,lon,alt [fl]"), r"line 1 .* 'alt' in 'fl'; units of height_m .*: m, ",
+        text(names="t,lat,lon,alt [fl]"),
+        r"line 1 .* 'alt' in 'fl'; units of height_m .*: m, ",
     ),
     "two units": (text(names="t,lat,lon,alt_m [ft]"), r"'alt_m' in 'ft': which is right\?"),
     "heading in radians": (
-        text([r + ",1.0" for r in ROWS], NAMES + ",heading_rad"), "'heading_rad'; .* in degrees",
+        text([r + ",1.0" for r in ROWS], NAMES + ",heading_rad"),
+        "'heading_rad'; .* in degrees",
     ),
     "column twice": (text(names="time,lat,latitude,h"), "latitude_deg twice, 'lat' and 'latitude'"),
     "field missing": (with_row("3,33.003,108.003"), "line 5 has 3 fields and line 1 names 4"),
@@ -376,7 +378,8 @@ BAD: dict[str, tuple[str | bytes, str]] = {
         "line 12: .* seconds of the day begin at 0 there: add 86400 from there on",
     ),
     "names behind a # of a bad row": (
-        "#" + with_row("3,33.003,E108,3000"), "line 5: longitude_deg is 'E108'",
+        "#" + with_row("3,33.003,E108,3000"),
+        "line 5: longitude_deg is 'E108'",
     ),
     "open quote": (with_row('3,33.003,"108.003,3000'), "line 5: its quotes .*ends on"),
     "quoted decimal comma": (with_row('3,"33,003",108.003,3000'), "line 5: .* a decimal comma"),
@@ -392,7 +395,7 @@ BAD: dict[str, tuple[str | bytes, str]] = {
         text([f"{r},{200 * (n > 7)}" for n, r in enumerate(ROWS)], NAMES + ",heading"),
         "line 10: heading_deg turns by 160° from the row before",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", BAD)

@@ -116,9 +116,12 @@ def test_a_turn_ends_at_its_heading_level_and_coordinated(turn, angle, bank):
     if bank:
         assert np.abs(leaning).max() == pytest.approx(bank, abs=0.1)
     _, increments = strapdown.error_free_increments(
-        flight.positions, flight.velocities, flight.attitudes,
-        np.zeros((len(flight.times) - 1, 3)), flight.dt,
-    )  # fmt: skip
+        flight.positions,
+        flight.velocities,
+        flight.attitudes,
+        np.zeros((len(flight.times) - 1, 3)),
+        flight.dt,
+    )
     # But for the Coriolis acceleration, and the difference between 9.81 and gravity.
     assert np.abs(increments[:, 0] / flight.dt).max() < 0.06
 
