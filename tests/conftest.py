@@ -198,10 +198,14 @@ def started() -> Iterator[Callable[..., subprocess.Popen]]:
     def start(cwd: Path, arguments: list[str]) -> subprocess.Popen:
         processes.append(
             subprocess.Popen(
-                arguments, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                arguments,
+                cwd=cwd,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
                 start_new_session=True,
             )
-        )  # fmt: skip
+        )
         return processes[-1]
 
     yield start

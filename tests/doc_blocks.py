@@ -123,9 +123,13 @@ class Session:
     def _run(self, commands: str) -> None:
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", commands], cwd=self.folder, capture_output=True,
-            text=True, env=os.environ | {"PATH": path, "COLUMNS": "80"}, check=False,
-        )  # fmt: skip
+            ["bash", "-euo", "pipefail", "-c", commands],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PATH": path, "COLUMNS": "80"},
+            check=False,
+        )
         assert done.returncode == 0, f"{commands}\nended with\n{done.stdout}{done.stderr}"
         assert "Traceback" not in done.stderr
         self.output = done.stdout

@@ -71,9 +71,13 @@ def as_solution(path: Path, flight: Flight, frame: str = "ENU") -> Path:
 
     start = found.initial
     positions, velocities, attitudes = navigate(
-        start[:3], start[3:6], start[6:].reshape(3, 3), found.increments[:, :3],
-        found.increments[:, 3:], flight.trajectory.dt,
-    )  # fmt: skip
+        start[:3],
+        start[3:6],
+        start[6:].reshape(3, 3),
+        found.increments[:, :3],
+        found.increments[:, 3:],
+        flight.trajectory.dt,
+    )
     write_solution(
         path.parent / "ins.csv", flight.trajectory.times, positions, velocities, attitudes, frame
     )

@@ -207,8 +207,14 @@ def test_an_interrupt_keeps_what_has_finished(scenario, tmp_path):
     assert told == [(0, 6), (1, 6), (2, 6)]
     held = gg.Results(str(tmp_path / "out"))
     assert len(held.runs()) == 2
-    gg.run(scenario, "filterpy-ekf", runs=3, jobs=0, output=str(tmp_path / "out"),
-           progress=lambda done, total: told.append((done, total)))  # fmt: skip
+    gg.run(
+        scenario,
+        "filterpy-ekf",
+        runs=3,
+        jobs=0,
+        output=str(tmp_path / "out"),
+        progress=lambda done, total: told.append((done, total)),
+    )
     assert told[3:] == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
 
 

@@ -17,8 +17,14 @@ import numpy as np
 _MODULES = ("gc", "inspect", "ggbench.simulation", "ggbench.campaign.runner")
 """What an estimator has no use for: it looks through a process, or simulates runs."""
 _NAMES = {
-    "_getframe", "_current_frames", "f_back", "f_locals", "tb_frame", "gi_frame", "get_referrers",
-}  # fmt: skip
+    "_getframe",
+    "_current_frames",
+    "f_back",
+    "f_locals",
+    "tb_frame",
+    "gi_frame",
+    "get_referrers",
+}
 
 
 class HiddenArray:

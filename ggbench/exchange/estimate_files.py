@@ -27,8 +27,17 @@ _ROUNDING = 1e-9
 _SAME = 1e-9
 """Relative difference of fingerprints of the same measurements, simulated on two machines."""
 KNOWN = {
-    "mean", "cov", "times", "problem", "causality", "lag", "estimator", "seconds", "frame", "units"
-}  # fmt: skip
+    "mean",
+    "cov",
+    "times",
+    "problem",
+    "causality",
+    "lag",
+    "estimator",
+    "seconds",
+    "frame",
+    "units",
+}
 
 
 @dataclass(frozen=True)
@@ -118,7 +127,16 @@ def read(path: Path) -> StoredRuns:
     seconds = _array(path, held, "seconds", (runs,)) if "seconds" in held else None
     if seconds is not None and not (seconds >= 0.0).all():
         raise ExchangeError(f"{path}: seconds must not be below zero")
-    return StoredRuns(mean, cov, times, problem, causality, lag, name, seconds)
+    return StoredRuns(
+        mean=mean,
+        cov=cov,
+        times=times,
+        problem=problem,
+        causality=causality,
+        lag=lag,
+        estimator=name,
+        seconds=seconds,
+    )
 
 
 def _flaw_of(cov: np.ndarray) -> str:
@@ -194,9 +212,15 @@ def _causality(path: Path, held: dict[str, Any]) -> tuple[Causality, float | Non
 def _problem(path: Path, text: str) -> dict[str, Any]:
     """Return what the problem's file said of itself."""
     kinds = {
-        "scenario": str, "case": str, "seed": int, "states": int, "key": str, "runs": list,
-        "times": list, "fingerprints": list,
-    }  # fmt: skip
+        "scenario": str,
+        "case": str,
+        "seed": int,
+        "states": int,
+        "key": str,
+        "runs": list,
+        "times": list,
+        "fingerprints": list,
+    }
     try:
         found = json.loads(text)
         flaw = [name for name, kind in kinds.items() if type(found[name]) is not kind]

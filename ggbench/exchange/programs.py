@@ -64,10 +64,14 @@ class ExternalProgram(BlockEstimator):
             of estimates of this problem.
         """
         facts = {
-            "scenario": "-", "case": "-", "seed": 0, "key": "-",
+            "scenario": "-",
+            "case": "-",
+            "seed": 0,
+            "key": "-",
             "runs": list(range(block.runs)),
-            "states": block.dimension, "times": block.times.tolist(),
-        }  # fmt: skip
+            "states": block.dimension,
+            "times": block.times.tolist(),
+        }
         with tempfile.TemporaryDirectory(prefix="ggbench-") as folder:
             problem, estimates = (
                 Path(folder) / f"{name}.{self.format}" for name in ("problem", "estimates")

@@ -32,8 +32,13 @@ from ..numerics.frozen import freeze_arrays, frozen
 FORMAT = "ggbench coloured noise 1"
 """What the file of a noise model says of itself."""
 _KEYS = (
-    "format", "components", "interval_s", "coefficients", "innovation_cov_eotvos2", "provenance",
-)  # fmt: skip
+    "format",
+    "components",
+    "interval_s",
+    "coefficients",
+    "innovation_cov_eotvos2",
+    "provenance",
+)
 _MOST_ORDER = 64
 _TIMING = 1e-3
 """By how much readings may be off the model's interval [intervals]."""

@@ -30,9 +30,14 @@ from .voids import marks_removed, without_voids
 Array = NDArray[np.floating]
 
 _DRIVERS = {
-    ".tif": "GTiff", ".tiff": "GTiff", ".asc": "AAIGrid", ".gtx": "GTX", ".isg": "ISG",
-    ".byn": "BYN", ".gxf": "GXF",
-}  # fmt: skip
+    ".tif": "GTiff",
+    ".tiff": "GTiff",
+    ".asc": "AAIGrid",
+    ".gtx": "GTX",
+    ".isg": "ISG",
+    ".byn": "BYN",
+    ".gxf": "GXF",
+}
 """Drivers of GDAL by suffix. GDAL would choose by content, and a virtual raster of any name may
 lead to any file and into the network."""
 _SURFER = {b"DSAA": "GSAG", b"DSBB": "GSBG", b"DSRB": "GS7BG"}
@@ -198,9 +203,11 @@ def _from_projected(
     n_rows, n_columns = values.shape
     rows, columns = np.arange(n_rows), np.arange(n_columns)
     sides = [
-        to_degrees(rows, 0), to_degrees(rows, n_columns - 1),
-        to_degrees(0, columns), to_degrees(n_rows - 1, columns),
-    ]  # fmt: skip
+        to_degrees(rows, 0),
+        to_degrees(rows, n_columns - 1),
+        to_degrees(0, columns),
+        to_degrees(n_rows - 1, columns),
+    ]
     (southern, *_, northern), (western, *_, eastern) = (
         sorted((side[axis] for side in sides), key=np.mean) for axis in (0, 1)
     )

@@ -72,11 +72,16 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*[*×·]?\s*(?=
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _ZERO_LEVEL = re.compile(r"[\s,(]+((above|over|rel\w*)\b.*|a\.?\s?s\.?\s?l\.?|a?msl)\)?$")
 _BASE = {
-    "_s": Unit("time", 1.0), "_m": Unit("length", 1.0), "_deg": Unit("angle", _DEGREE),
-    "_rad": Unit("angle", 1.0), "_mps": Unit("speed", 1.0), "_mps2": Unit("gravity", 1.0),
-    "_radps": Unit("angular rate", 1.0), "_eotvos": Unit("gradient", 1e-9),
+    "_s": Unit("time", 1.0),
+    "_m": Unit("length", 1.0),
+    "_deg": Unit("angle", _DEGREE),
+    "_rad": Unit("angle", 1.0),
+    "_mps": Unit("speed", 1.0),
+    "_mps2": Unit("gravity", 1.0),
+    "_radps": Unit("angular rate", 1.0),
+    "_eotvos": Unit("gradient", 1e-9),
     "_mgal": Unit("gravity", 1e-5),
-}  # fmt: skip
+}
 """Quantity and SI factor of the unit in which a key is, by its end."""
 
 

@@ -21,10 +21,20 @@ from .survey_lines import PRIMARY, TIE
 LINE, KIND = "line", "kind"
 _NUMBER = re.compile(r"(^|[,;\t])\s*[-+]?\d*\.\d*\s*([,;\t]|$)")  # of a row, not of names
 _KINDS = {
-    "line": PRIMARY, "l": PRIMARY, "tie": TIE, "t": TIE, "base": "base", "b": "base",
-    "trend": "trend", "p": "trend", "test": "test", "s": "test", "special": "test",
-    "random": "random", "r": "random",
-}  # fmt: skip
+    "line": PRIMARY,
+    "l": PRIMARY,
+    "tie": TIE,
+    "t": TIE,
+    "base": "base",
+    "b": "base",
+    "trend": "trend",
+    "p": "trend",
+    "test": "test",
+    "s": "test",
+    "special": "test",
+    "random": "random",
+    "r": "random",
+}
 """Kinds of lines by the words and letters that begin Geosoft's headings of lines."""
 _HEADING = re.compile(
     rf"\s*({'|'.join(sorted(_KINDS, key=len, reverse=True))})(?:\s*:\s*|\s+|(?=\d))(\S+)(\s.*)?",

@@ -148,7 +148,15 @@ def read_flight(path: Path | str) -> RecordedFlight:
         same = sensors_of(spec).get(_sensor_of_reference(spec, folder))
         noise = max(same.position_noise_m or 0.0, same.height_noise_m or 0.0) if same else 0.0
         reference = _reference(spec.reference, folder, problem, ins.base, noise)
-    return RecordedFlight(path, spec, problem, reference, ins.base.start, ins.base.times, indicated)
+    return RecordedFlight(
+        path=path,
+        spec=spec,
+        problem=problem,
+        reference=reference,
+        start=ins.base.start,
+        sample_times=ins.base.times,
+        indicated=indicated,
+    )
 
 
 def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:

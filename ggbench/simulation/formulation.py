@@ -182,7 +182,15 @@ def propagate_errors(
         turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
         out.delayed_attitudes[:] = turned.reshape(shape)
     model.along(
-        track, increments, samples, delays, dt, gravity, out.transition, out.process_cov, out.rows
+        track=track,
+        increments=increments,
+        epochs=samples,
+        delays=delays,
+        dt=dt,
+        gravity=gravity,
+        transition=out.transition,
+        process_cov=out.process_cov,
+        rows=out.rows,
     )
     out.integrated[:] = 0.0
     if model.integrates:

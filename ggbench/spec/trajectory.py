@@ -29,9 +29,15 @@ _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is k
 _START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
 _MOVES = ("shift_east_km", "shift_north_km", "turn_deg")
 _TRACK = (
-    "max_gap_s", "max_acceleration_mps2", "smoothing_s", "columns", "lines", "middle_s",
-    "made_up_turns", *_MOVES,
-)  # fmt: skip
+    "max_gap_s",
+    "max_acceleration_mps2",
+    "smoothing_s",
+    "columns",
+    "lines",
+    "middle_s",
+    "made_up_turns",
+    *_MOVES,
+)
 
 
 class TrajectorySpec(Section):

@@ -46,9 +46,12 @@ def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
 
     first, last = ordered[0], ordered[-1]
     return SurveyLine(
-        f"{first.name} to {last.name}", first.kind, first.row,
-        joined([part.places for part in parts]), joined([part.readings for part in parts]),
-    )  # fmt: skip
+        f"{first.name} to {last.name}",
+        first.kind,
+        first.row,
+        joined([part.places for part in parts]),
+        joined([part.readings for part in parts]),
+    )
 
 
 def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
@@ -109,12 +112,14 @@ class _Curve:
         ways = []
         for side in (1.0, -1.0):
             centres = [
-                point + sign * self.straight * _unit(heading)
+                point
+                + sign * self.straight * _unit(heading)
                 + self.radius * _unit(heading + 0.5 * side * math.pi)
                 for point, heading, sign in (
-                    (self.start, self.leaving, 1.0), (self.end, self.coming, -1.0)
+                    (self.start, self.leaving, 1.0),
+                    (self.end, self.coming, -1.0),
                 )
-            ]  # fmt: skip
+            ]
             across = centres[1] - centres[0]
             over = math.atan2(across[1], across[0])
             first = side * (over - self.leaving) % math.tau

@@ -25,8 +25,17 @@ _NO_FIX = {"0": "without a fix", "6": "estimated", "7": "manual", "8": "simulate
 """Qualities of GGA sentences that no receiver measured."""
 _MOST_DAMAGED = 0.1
 """Share of the sentences that may be damaged, and are left out."""
-_CSRS_NAMES = ("YEAR-MM-DD", "HR:MN:SS.SS", "LATDD", "LATMN", "LATSS", "LONDD", "LONMN", "LONSS",
-               "HGT(m)")  # fmt: skip
+_CSRS_NAMES = (
+    "YEAR-MM-DD",
+    "HR:MN:SS.SS",
+    "LATDD",
+    "LATMN",
+    "LATSS",
+    "LONDD",
+    "LONMN",
+    "LONSS",
+    "HGT(m)",
+)
 _NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSSPOSA": 1}
 """Logs of NovAtel that hold positions, the preferred first."""
 

@@ -28,9 +28,16 @@ _PROFILE = 5  # passes of East Victoria that are called primary, the others repe
 def vinton(path: Path) -> pd.DataFrame:
     """Return the tensor of Vinton Dome, z up, with the day of flight."""
     columns = {
-        "time_s": "Time", "latitude_deg": "Lat", "longitude_deg": "Lon", "height_m": "Altitude",
-        "xx": "Txx_slv", "xy": "Tyx_slv", "xz": "Txz_slv", "yy": "Tyy_slv", "yz": "Tyz_slv",
-    }  # fmt: skip
+        "time_s": "Time",
+        "latitude_deg": "Lat",
+        "longitude_deg": "Lon",
+        "height_m": "Altitude",
+        "xx": "Txx_slv",
+        "xy": "Tyx_slv",
+        "xz": "Txz_slv",
+        "yy": "Tyy_slv",
+        "yz": "Tyz_slv",
+    }
     lines = read_lines(path, columns, axes="east-north-down")
     repeats = ["." in name for name in lines.names]
     kinds = np.where(repeats, "repeat", lines.kinds)
@@ -83,9 +90,13 @@ def fosterville(path: Path) -> pd.DataFrame:
 def east_victoria(path: Path) -> pd.DataFrame:
     """Return free-air gravity of the ten passes, a sample every two seconds."""
     columns = {
-        "line": "LINE", "time_s": "FTIME", "latitude_deg": "LAT", "longitude_deg": "LONG",
-        "height_m": "MGA-Z", "disturbance": "FA56s_GRS80",
-    }  # fmt: skip
+        "line": "LINE",
+        "time_s": "FTIME",
+        "latitude_deg": "LAT",
+        "longitude_deg": "LONG",
+        "height_m": "MGA-Z",
+        "disturbance": "FA56s_GRS80",
+    }
     lines = read_lines(path, columns, quantity="disturbance")
     kinds = np.where(np.arange(len(lines.names)) < _PROFILE, "primary", "repeat")
     table = _located(lines, kinds[lines.line]).assign(disturbance=lines.values[:, 0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import socket
 import subprocess
 import sys
@@ -70,9 +71,13 @@ def test_deaths_and_time_limits_are_records_there_too(cluster, tmp_path):
     (tmp_path / "deadly.py").write_text(DEADLY.replace("THRESHOLD", "-1e9"))
     path = tmp_path / "deadly.py"
     process = start(
-        tmp_path, cluster.scheduler_address, "-n", "1", "-c", "base", "--time-limit", "20",
-        "-e", f"{path}[way=exit]", "-e", f"{path}[way=sleep,seconds=1000]", "-e", "ekf",
-    )  # fmt: skip
+        tmp_path,
+        cluster.scheduler_address,
+        *shlex.split("-n 1 -c base --time-limit 20"),
+        *("-e", f"{path}[way=exit]"),
+        *("-e", f"{path}[way=sleep,seconds=1000]"),
+        *("-e", "ekf"),
+    )
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1, errors  # every run of two estimators failed
     table = Results(tmp_path / "out").runs()

@@ -67,8 +67,16 @@ def test_a_run_of_a_block_is_the_run_alone(rough):
     states = np.random.default_rng(1).normal(size=(block.epochs, block.dimension))
     for r, run in enumerate(runs):
         one, alone = block.problem(r), simulated(case, (run,)).problem(0)
-        for name in ("times", "measurements", "noise_cov", "transition", "process_cov",
-                     "prior_mean", "prior_cov", "present"):  # fmt: skip
+        for name in (
+            "times",
+            "measurements",
+            "noise_cov",
+            "transition",
+            "process_cov",
+            "prior_mean",
+            "prior_cov",
+            "present",
+        ):
             assert np.array_equal(getattr(one, name), getattr(alone, name)), name
         at = np.arange(block.epochs)
         assert np.array_equal(

@@ -125,7 +125,14 @@ def judged(
     mean[..., 1] -= left[:, None]
     cov = np.tile(np.eye(n), (runs, epochs, 1, 1))
     made = recording.TimedEstimates(
-        mean, cov, np.zeros((runs, epochs)), causality, lag, [{}] * runs, [0] * runs, 0.5
+        mean=mean,
+        cov=cov,
+        nis=np.zeros((runs, epochs)),
+        causality=causality,
+        lag=lag,
+        info=[{}] * runs,
+        evaluations=[0] * runs,
+        seconds=0.5,
     )
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in range(runs)]
     return evaluated(flight, blanks, states, made)
@@ -171,10 +178,15 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
     mean = states - generator.uniform(0.1, 0.9, states.shape)
     cov = np.einsum("rki,ij->rkij", generator.uniform(1.0, 9.0, states.shape), np.eye(n))
     given = {
-        "mean": mean, "cov": cov, "nis": generator.uniform(4.0, 9.0, (count, epochs)),
-        "causality": "filter", "lag": None, "info": [{"of": run} for run in runs],
-        "evaluations": [10 + run for run in runs], "seconds": 0.5,
-    }  # fmt: skip
+        "mean": mean,
+        "cov": cov,
+        "nis": generator.uniform(4.0, 9.0, (count, epochs)),
+        "causality": "filter",
+        "lag": None,
+        "info": [{"of": run} for run in runs],
+        "evaluations": [10 + run for run in runs],
+        "seconds": 0.5,
+    }
     made = recording.TimedEstimates(**(given | changes))
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in runs]
     return evaluated(flight, blanks, states, made)

@@ -13,9 +13,15 @@ from thinning import thinned
 from ggbench.cli.main import main
 
 WORDS = [
-    ["keys", "gradiometer"], ["keys", "imu"], ["list"], ["new", "estimator", "µ∞"],
-    ["validate", "gone_∞.toml"], ["map", "show", "∞.nc"], ["map", "build", "--help"], ["∞"],
-]  # fmt: skip
+    ["keys", "gradiometer"],
+    ["keys", "imu"],
+    ["list"],
+    ["new", "estimator", "µ∞"],
+    ["validate", "gone_∞.toml"],
+    ["map", "show", "∞.nc"],
+    ["map", "build", "--help"],
+    ["∞"],
+]
 
 
 @pytest.mark.long

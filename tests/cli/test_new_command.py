@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -244,10 +245,14 @@ def draped_map(folder, *words, name="low.nc"):
     names = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m")
     np.savez(folder / "dem.npz", **{name: getattr(terrain, name) for name in names})
     built = invoke(
-        ["map", "build", "-o", name, "--terrain", "dem.npz", "--drape", "--spacing-arcsec",
-         "8", "--height-spacing", "100", "--geoid-height", "-17", *words],
+        [
+            *("map", "build", "-o", name),
+            *shlex.split("--terrain dem.npz --drape --geoid-height -17"),
+            *shlex.split("--spacing-arcsec 8 --height-spacing 100"),
+            *words,
+        ],
         folder,
-    )  # fmt: skip
+    )
     assert built.returncode == 0, built.stderr
 
 

@@ -50,10 +50,14 @@ def straight(
     )
     prior = np.diag([sigma**2, sigma**2, 1e-4, 9.0, 9.0, 1e-6, 1e-10, 1e-10, 1e-10])
     return changed(
-        problem, model=model, prior_cov=prior, process_cov=np.zeros((40, 9, 9)), track=track,
+        problem,
+        model=model,
+        prior_cov=prior,
+        process_cov=np.zeros((40, 9, 9)),
+        track=track,
         measurements=np.array([model.predict(k, x) for k, x in enumerate(truth)]),
         channels=tuple(Channel(name, "E", "gradiometer") for name in NAMES),
-    ), truth  # fmt: skip
+    ), truth
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,15 @@ TO_BEST = {"ins": np.array([3.0, 40.0]), "ekf": np.ones(2), "mine": np.array([np
 
 def drawn(**changes):
     """The figure of two cases and four estimators, the last one a smoother."""
-    held = League(["narrow (5 m)", "wide (9 m)"], [*FAMILIES], 1, RATIOS, TEXTS, FRAMED, TO_BEST)
+    held = League(
+        cases=["narrow (5 m)", "wide (9 m)"],
+        estimators=[*FAMILIES],
+        smoothers=1,
+        ratios=RATIOS,
+        texts=TEXTS,
+        framed=FRAMED,
+        to_best=TO_BEST,
+    )
     return league.league(held._replace(**changes), FAMILIES)
 
 

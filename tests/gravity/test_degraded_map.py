@@ -197,8 +197,13 @@ def test_noise_is_added_after_the_smoothing(noisy):
 def test_a_scenarios_error_is_that_of_its_map(tmp_path):
     """[field.error] in kilometres and E is the degraded map; the truth keeps the right one."""
     path = rough_map(tmp_path / "rough.nc")
-    error = {"resolution_km": 2.0, "density_factor": 1.2, "correlated_noise_eotvos": 1.0,
-             "correlation_km": 4.0, "seed": 9}  # fmt: skip
+    error = {
+        "resolution_km": 2.0,
+        "density_factor": 1.2,
+        "correlated_noise_eotvos": 1.0,
+        "correlation_km": 4.0,
+        "seed": 9,
+    }
     case = small_case({"field.source": path, "model.field.error": error})
     right, wrong = (make_field(case.side(name).field) for name in ("truth", "model"))
     expected = degrade(

@@ -33,9 +33,15 @@ CORNERS = from_origin(WEST - STEP / 2, LATITUDES[-1] + STEP / 2, STEP, STEP)
 
 def write_raster(path, heights=HEIGHTS[::-1], tags=None, scales=None, units=None, **profile):
     profile = {
-        "driver": "GTiff", "count": 1, "dtype": "float64", "crs": "EPSG:4326",
-        "transform": CORNERS, "height": heights.shape[0], "width": heights.shape[1], **profile,
-    }  # fmt: skip
+        "driver": "GTiff",
+        "count": 1,
+        "dtype": "float64",
+        "crs": "EPSG:4326",
+        "transform": CORNERS,
+        "height": heights.shape[0],
+        "width": heights.shape[1],
+        **profile,
+    }
     with rasterio.open(path, "w", **profile) as dataset:
         for band in range(1, profile["count"] + 1):
             dataset.write(heights.astype(profile["dtype"]), band)
@@ -521,10 +527,20 @@ def test_a_huge_file_is_refused_before_it_is_read(tmp_path):
     # A sparse raster of 40 gigabytes takes no room on the disk.
     path = tmp_path / "globe.tif"
     with rasterio.open(
-        path, "w", driver="GTiff", width=100_000, height=50_000, count=1, dtype="float64",
-        crs="EPSG:4326", transform=from_origin(-180, 90, 0.0036, 0.0036), sparse_ok=True,
-        compress="deflate", tiled=True, bigtiff="yes",
-    ):  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        width=100_000,
+        height=50_000,
+        count=1,
+        dtype="float64",
+        crs="EPSG:4326",
+        transform=from_origin(-180, 90, 0.0036, 0.0036),
+        sparse_ok=True,
+        compress="deflate",
+        tiled=True,
+        bigtiff="yes",
+    ):
         pass
     with pytest.raises(TerrainError, match=r"50000 x 100000 cells; at most 1e\+08 are allowed"):
         read_terrain(path)

@@ -42,9 +42,16 @@ def write_raster(
 ) -> Path:
     corner = (6.95, 46.15) if step < 1.0 else (5e5, 5e6)
     with rasterio.open(
-        path, "w", driver="GTiff", count=1, dtype="float32", crs=crs,
-        height=12, width=16, transform=from_origin(*corner, step, step),
-    ) as dataset:  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        count=1,
+        dtype="float32",
+        crs=crs,
+        height=12,
+        width=16,
+        transform=from_origin(*corner, step, step),
+    ) as dataset:
         dataset.write(heights[::-1].astype(np.float32), 1)
         dataset.update_tags(1, **tags)
         if unit:

@@ -77,9 +77,14 @@ def integral(made: Flight, gradients: np.ndarray, missing: np.ndarray) -> np.nda
     gravity = made.added_gravity(made.model_field, (gradients, missing))
     truth = made.trajectory
     navigate(
-        truth.positions[0], truth.velocities[0], truth.attitudes[0], made.delta_angles,
-        made.delta_velocities, truth.dt, gravity=gravity,
-    )  # fmt: skip
+        truth.positions[0],
+        truth.velocities[0],
+        truth.attitudes[0],
+        made.delta_angles,
+        made.delta_velocities,
+        truth.dt,
+        gravity=gravity,
+    )
     return np.asarray(gravity.readings.total[made.epochs, :, 0])
 
 

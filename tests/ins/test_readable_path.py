@@ -87,9 +87,13 @@ def test_an_ins_track_is_that_of_the_readable_mechanization(wang):
     north, east = ellipsoid.metres_per_radian(truth.positions[0])
     start = truth.positions[0] + [error[1] / north, error[0] / east, error[2]]
     track = navigate(
-        start, truth.velocities[0] + error[3:6], turn(-error[6:9]) @ truth.attitudes[0],
-        angles, velocities, dt,
-    )  # fmt: skip
+        start,
+        truth.velocities[0] + error[3:6],
+        turn(-error[6:9]) @ truth.attitudes[0],
+        angles,
+        velocities,
+        dt,
+    )
     _, found = simulate_block(wang, SEED, range(RUN - 2, RUN + 6))
     expected = []
     for indicated, true in zip(track[wang.epochs], truth.positions[wang.epochs], strict=True):

@@ -36,11 +36,16 @@ def campaign(
         run = np.arange(len(squares))
         failed = np.isin(run, lost)
         columns = {
-            "assumption": assumption, "case": case, "problem": problem, "estimator": label,
+            "assumption": assumption,
+            "case": case,
+            "problem": problem,
+            "estimator": label,
             "name": label,
-            "seed": 1, "run": run, "status": np.where(failed, "failed", "ok"),
+            "seed": 1,
+            "run": run,
+            "status": np.where(failed, "failed", "ok"),
             "diverged": np.isin(run, diverged),
-        }  # fmt: skip
+        }
         squares = np.where(failed, np.nan, squares)
         for window in WINDOWS:
             columns |= {f"{window}_position_ms": squares, f"{window}_velocity_ms": squares / 100.0}

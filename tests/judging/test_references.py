@@ -104,9 +104,13 @@ def test_the_oracle_of_a_flight_is_linearised_at_its_truth(kind, ahead):
     rows = jacobian_along(problem.model, at, x)
     bound = CaseBound(made, flight_bound(made))
     bound.bound = posterior_bound(
-        problem.transition, problem.process_cov, problem.prior_cov, rows, problem.noise_cov,
+        problem.transition,
+        problem.process_cov,
+        problem.prior_cov,
+        rows,
+        problem.noise_cov,
         made.ticks,
-    )  # fmt: skip
+    )
     (found,) = compared_with(kind, made, bound, block, truth.error_state)
     noise = problem.measurements - predict_along(problem.model, at, x)
     read = noise + np.einsum("kmn,kn->km", rows, x)

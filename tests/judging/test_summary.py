@@ -36,9 +36,16 @@ def judged(errors: np.ndarray, cov: np.ndarray | None) -> Evaluation:
     epochs, n = errors.shape
     zero = np.zeros((epochs, n, n))
     problem = Problem(
-        np.arange(1.0, epochs + 1.0), np.zeros((epochs, 1)), np.eye(1), zero + np.eye(n), zero,
-        np.zeros(n), np.eye(n), LinearModel(np.zeros((epochs, 1, n))), (),
-    )  # fmt: skip
+        times=np.arange(1.0, epochs + 1.0),
+        measurements=np.zeros((epochs, 1)),
+        noise_cov=np.eye(1),
+        transition=zero + np.eye(n),
+        process_cov=zero,
+        prior_mean=np.zeros(n),
+        prior_cov=np.eye(n),
+        model=LinearModel(np.zeros((epochs, 1, n))),
+        layout=(),
+    )
     truth = Truth(problem.times, np.full((epochs, n), 7.0))
     return evaluate(problem, Estimate(7.0 - errors, cov, "batch"), truth)
 
@@ -201,15 +208,28 @@ def test_the_bound_goes_with_the_causality(causality, lag):
 def record(run: int, position: float, diverged: bool = False, status: str = "ok") -> dict:
     """A row of a table of runs."""
     metrics_of = {
-        "position_ms": position, "velocity_ms": 0.01 * position, "nees": 6.0, "nis": 1.0,
-        "coverage": 0.95, "bound_position_ms": 4.0, "bound_velocity_ms": 0.04,
-        "oracle_position_ms": position / 1.21, "oracle_velocity_ms": 1.0,
-    }  # fmt: skip
+        "position_ms": position,
+        "velocity_ms": 0.01 * position,
+        "nees": 6.0,
+        "nis": 1.0,
+        "coverage": 0.95,
+        "bound_position_ms": 4.0,
+        "bound_velocity_ms": 0.04,
+        "oracle_position_ms": position / 1.21,
+        "oracle_velocity_ms": 1.0,
+    }
     row = BLANK | {
-        "case": "c", "estimator": "e[a=1]", "name": "e", "parameters": "a=1",
-        "causality": "filter", "run": run, "status": status, "diverged": diverged,
-        "false_fix": False, "map_evaluations": math.nan,
-    }  # fmt: skip
+        "case": "c",
+        "estimator": "e[a=1]",
+        "name": "e",
+        "parameters": "a=1",
+        "causality": "filter",
+        "run": run,
+        "status": status,
+        "diverged": diverged,
+        "false_fix": False,
+        "map_evaluations": math.nan,
+    }
     if status == "ok":
         row |= {
             "seconds": 0.1 * (run + 1),

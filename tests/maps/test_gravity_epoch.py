@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import shlex
 
 import numpy as np
 import pyshtools
@@ -113,8 +114,11 @@ def test_the_command_takes_an_epoch(tmp_path):
     file, out = tmp_path / "model.gfc", tmp_path / "map.nc"
     file.write_text(text())
     bounds = "--south 40 --north 41 --west 10 --east 11 --lowest 900000 --highest 1000000"
-    command = ["map", "build", "--coefficients", str(file), "-o", str(out), *bounds.split(),
-               "--spacing-arcmin", "20", "--height-spacing", "25000"]  # fmt: skip
+    command = [
+        *("map", "build", "--coefficients", str(file), "-o", str(out)),
+        *bounds.split(),
+        *shlex.split("--spacing-arcmin 20 --height-spacing 25000"),
+    ]
     failed = CliRunner().invoke(main, command)
     assert failed.exit_code == 2 and "--epoch" in failed.output
     built = CliRunner().invoke(main, [*command, "--epoch", "2024-05-01"])

@@ -179,9 +179,16 @@ def test_parkers_series_serves_the_lowest_height_of_a_terrain(name):
 
 
 JACKSBORO = MapRecipe(
-    "jacksboro", 36.2, 36.3, -84.3, -84.2, 1150.0, 1300.0,
-    spacing_arcmin=0.05, height_spacing_m=50.0,
-)  # fmt: skip
+    source="jacksboro",
+    south_deg=36.2,
+    north_deg=36.3,
+    west_deg=-84.3,
+    east_deg=-84.2,
+    min_height_m=1150.0,
+    max_height_m=1300.0,
+    spacing_arcmin=0.05,
+    height_spacing_m=50.0,
+)
 
 
 @pytest.mark.parametrize(
@@ -224,13 +231,23 @@ def test_positions_that_the_series_cannot_serve_are_refused(small_terrain):
     "arrays",
     [
         {"height_m": np.zeros((9, 9))},
-        {"south_deg": 0.0, "west_deg": 0.0, "latitude_step_deg": STEP, "longitude_step_deg": STEP,
-         "height_m": np.full((9, 9), np.nan)},
-        {"south_deg": 0.0, "west_deg": "x", "latitude_step_deg": STEP, "longitude_step_deg": STEP,
-         "height_m": np.zeros((9, 9))},
+        {
+            "south_deg": 0.0,
+            "west_deg": 0.0,
+            "latitude_step_deg": STEP,
+            "longitude_step_deg": STEP,
+            "height_m": np.full((9, 9), np.nan),
+        },
+        {
+            "south_deg": 0.0,
+            "west_deg": "x",
+            "latitude_step_deg": STEP,
+            "longitude_step_deg": STEP,
+            "height_m": np.zeros((9, 9)),
+        },
     ],
     ids=["incomplete", "no numbers", "text"],
-)  # fmt: skip
+)
 def test_a_damaged_data_file_is_named(arrays, monkeypatch):
     """An installation that lost data says which file, and what to do."""
     shipped(monkeypatch, **arrays)

@@ -17,8 +17,13 @@ LATITUDES = -33.0 + 0.001 * np.tile(np.arange(6), 3)
 LONGITUDES = 142.5 + 0.01 * np.repeat(np.arange(3), 6)
 HEIGHTS = 400.0 + np.arange(COUNT)
 VALUES = np.round(20.0 * np.sin(np.arange(COUNT)), 2)
-PLACES = {"line": "LINE", "time_s": "FID", "latitude_deg": "LAT", "longitude_deg": "LONG",
-          "height_m": "HGT"}  # fmt: skip
+PLACES = {
+    "line": "LINE",
+    "time_s": "FID",
+    "latitude_deg": "LAT",
+    "longitude_deg": "LONG",
+    "height_m": "HGT",
+}
 DISTURBANCE = {"disturbance": "GRAV"} | PLACES
 
 
@@ -125,10 +130,16 @@ def test_rows_that_fit_neither_widths_nor_words_get_a_sentence(tmp_path):
 @pytest.mark.parametrize(
     ("unit", "factor"),
     [
-        ("mGal", 1.0), ("micrometres_per_second_squared", 0.1), ("um/s^2", 0.1), ("µm/s²", 0.1),
-        ("gu", 0.1), ("uGal", 1e-3), ("m/s2", 1e5), ("", 1.0),
+        ("mGal", 1.0),
+        ("micrometres_per_second_squared", 0.1),
+        ("um/s^2", 0.1),
+        ("µm/s²", 0.1),
+        ("gu", 0.1),
+        ("uGal", 1e-3),
+        ("m/s2", 1e5),
+        ("", 1.0),
     ],
-)  # fmt: skip
+)
 def test_the_unit_of_gravity_is_obeyed(unit, factor, tmp_path):
     """In a definition, and in brackets of CSV and XYZ; without one an assumption is remarked."""
     written = VALUES / factor
@@ -293,8 +304,14 @@ def csv(folder, change=lambda rows: rows, head="Line,Fid,Lat,Lon,Height,Tzz,kind
     return path
 
 
-OF_CSV = {"line": "Line", "time_s": "Fid", "latitude_deg": "Lat", "longitude_deg": "Lon",
-          "height_m": "Height", "zz": "Tzz"}  # fmt: skip
+OF_CSV = {
+    "line": "Line",
+    "time_s": "Fid",
+    "latitude_deg": "Lat",
+    "longitude_deg": "Lon",
+    "height_m": "Height",
+    "zz": "Tzz",
+}
 
 
 @pytest.mark.parametrize(("column", "name"), [(0, "Line"), (6, "kind")])
@@ -349,8 +366,14 @@ def test_coordinates_of_a_projection_need_its_name(tmp_path):
     table = fields("mGal")
     table[2] = ("LAT", "F14.3", 14, "UNIT=m", [f"{v:.3f}" for v in north])
     table[3] = ("LONG", "F14.3", 14, "UNIT=m", [f"{v:.3f}" for v in east])
-    names = {"easting_m": "LONG", "northing_m": "LAT", "line": "LINE", "height_m": "HGT",
-             "time_s": "FID", "disturbance": "GRAV"}  # fmt: skip
+    names = {
+        "easting_m": "LONG",
+        "northing_m": "LAT",
+        "line": "LINE",
+        "height_m": "HGT",
+        "time_s": "FID",
+        "disturbance": "GRAV",
+    }
     path = gdf2(tmp_path, table)
     found = read_lines(path, names, quantity="disturbance", crs="EPSG:32754")
     np.testing.assert_allclose(found.latitude_deg, LATITUDES, atol=1e-7)

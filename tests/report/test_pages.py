@@ -215,9 +215,17 @@ def data_of(page: Path) -> dict:
 @pytest.mark.long
 def test_a_page_has_its_parts_in_order(page):
     """Answer, figure, table, conditions, command; the notes' place is before the command."""
-    marks = ["<!-- ggbench page", "# A short flight", "**Answer.**", "](small/answer.png)",
-             "|case|bound [m]|", "## Published numbers", "## Conditions", "## Again",
-             "`ggbench run small.toml -n 6"]  # fmt: skip
+    marks = [
+        "<!-- ggbench page",
+        "# A short flight",
+        "**Answer.**",
+        "](small/answer.png)",
+        "|case|bound [m]|",
+        "## Published numbers",
+        "## Conditions",
+        "## Again",
+        "`ggbench run small.toml -n 6",
+    ]
     places = [page.index(mark) for mark in marks]
     assert places == sorted(places)
 

@@ -96,9 +96,16 @@ def test_channels_are_components_and_half_differences():
     tensor = np.array([3.0, 5.0, 7.0, 11.0, 13.0, 17.0])
     values = {name: float(channel(name) @ tensor) for name in (*COMPONENTS, *DIFFERENCES)}
     assert values == {
-        "xx": 3.0, "xy": 5.0, "xz": 7.0, "yy": 11.0, "yz": 13.0, "zz": 17.0,
-        "xx-yy": -4.0, "yy-zz": -3.0, "zz-xx": 7.0,
-    }  # fmt: skip
+        "xx": 3.0,
+        "xy": 5.0,
+        "xz": 7.0,
+        "yy": 11.0,
+        "yz": 13.0,
+        "zz": 17.0,
+        "xx-yy": -4.0,
+        "yy-zz": -3.0,
+        "zz-xx": 7.0,
+    }
 
 
 def test_a_channel_has_the_noise_it_has_beside_any_others():

@@ -238,9 +238,13 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
     assert other_conditions([measured]) == "gravimeter measured every 2 s"
     assert "with its real errors" in map_conditions(measured)
     exact = small_case(
-        gravity | {"gravimeter.readings": "simulated", "gravimeter.noise_mgal": 1e-6,
-                   "truth.gravimeter.bias_mgal": 0.0}
-    )  # fmt: skip
+        gravity
+        | {
+            "gravimeter.readings": "simulated",
+            "gravimeter.noise_mgal": 1e-6,
+            "truth.gravimeter.bias_mgal": 0.0,
+        }
+    )
     flight, plain = (prepare(case.of_run(0)) for case in (measured, exact))
     rows = read_lines(gravity["trajectory.file"])["10"]
     read = rows.readings["disturbance"][rows.middle(MIDDLE)][2::2]

@@ -315,8 +315,14 @@ def leaks(problem: Problem, flight: Flight, truth: Truth) -> list[str]:
         "gyro increments": flight.delta_angles,
     }
     fingerprints = {name: set(np.ravel(a).tolist()) - {0.0} for name, a in fingerprints.items()}
-    forbidden = (Truth, Flight, Trajectory, np.random.Generator, np.random.BitGenerator,
-                 np.random.SeedSequence)  # fmt: skip
+    forbidden = (
+        Truth,
+        Flight,
+        Trajectory,
+        np.random.Generator,
+        np.random.BitGenerator,
+        np.random.SeedSequence,
+    )
     found = []
     for item in reachable(problem):
         if isinstance(item, forbidden):

@@ -438,8 +438,13 @@ def test_a_problem_is_its_maps_content_wherever_they_lie(tmp_path):
 def test_every_error_of_a_model_map_is_another_problem():
     """Two maps from one file that are degraded differently are not confused."""
     base = {"field.source": "egm2008_qinling"}
-    errors = ({}, {"density_factor": 1.1}, {"white_noise_eotvos": 1.0},
-              {"white_noise_eotvos": 1.0, "seed": 2}, {"resolution_km": 1.0})  # fmt: skip
+    errors = (
+        {},
+        {"density_factor": 1.1},
+        {"white_noise_eotvos": 1.0},
+        {"white_noise_eotvos": 1.0, "seed": 2},
+        {"resolution_km": 1.0},
+    )
     cases = [
         small_case(base | ({f"{side}.field.error": error} if error else {}))
         for side in ("truth", "model")

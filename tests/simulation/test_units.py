@@ -215,7 +215,9 @@ SHARED: dict[str, Row] = {
     "gradiometer.noise_eotvos": (0.7, noise),
     # N² = D² f / 2, f = 1 Hz.
     "gradiometer.noise_density_eotvos_per_sqrt_hz": (
-        0.3, lambda f, e: noise(f, e) * math.sqrt(2.0), DENSITY,
+        0.3,
+        lambda f, e: noise(f, e) * math.sqrt(2.0),
+        DENSITY,
     ),
     "gradiometer.bias_eotvos": (0.9, lambda f, e: E * math.sqrt(e.prior_cov[15, 15])),
     "gradiometer.drift_eotvos_per_sqrt_h": (6.0, walk),
@@ -223,11 +225,14 @@ SHARED: dict[str, Row] = {
     "gradiometer.noise_behind_filter_eotvos": (0.004, behind, FILTERED),
     "gradiometer.latency_s": (0.3, lambda f, e: e.gradiometer.latency),
     "gradiometer.filter_cutoff_hz": (
-        0.3, lambda f, e: e.gradiometer.lowpass.cutoff_hz, FILTERED,
+        0.3,
+        lambda f, e: e.gradiometer.lowpass.cutoff_hz,
+        FILTERED,
     ),
     "gradiometer.rotating.baseline_m": (0.3, lambda f, e: f.disks.instrument.baseline),
     "gradiometer.rotating.rotation_hz": (
-        1.5, lambda f, e: f.disks.instrument.rotation_rate_hz,
+        1.5,
+        lambda f, e: f.disks.instrument.rotation_rate_hz,
     ),
     "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz": (0.2, accelerometer, ROTATING),
     "gnss.period_s": (2.0, sensor("gnss", lambda s: s.period), ON_BOARD),
@@ -236,7 +241,9 @@ SHARED: dict[str, Row] = {
     "gnss.velocity_noise_mps": (0.07, channel("velocity U"), ON_BOARD),
     "gnss.position_bias_m": (2.5, bias("gnss bias"), ON_BOARD),
     "gnss.position_bias_time_s": (
-        45.0, sensor("gnss", lambda s: s.bias_time), ON_BOARD | {"gnss.position_bias_m": 2.5},
+        45.0,
+        sensor("gnss", lambda s: s.bias_time),
+        ON_BOARD | {"gnss.position_bias_m": 2.5},
     ),
     "gnss.lever_arm_m": ([1.0, 2.0, 3.0], sensor("gnss", lambda s: s.lever), ON_BOARD),
     "gnss.lever_arm_sigma_m": (1.5, bias("gnss lever arm error"), ON_BOARD),
@@ -252,7 +259,7 @@ SHARED: dict[str, Row] = {
     "gravimeter.noise_mgal": (0.8, channel("gravity scalar"), WEIGHING),
     "gravimeter.bias_mgal": (0.6, bias("gravimeter bias"), WEIGHING),
     "gravimeter.bias_time_s": (80.0, sensor("gravimeter", lambda s: s.bias_time), WEIGHING),
-}  # fmt: skip
+}
 """Value, where it is in use, and what must be said besides."""
 
 DISKS = ROTATING | {"truth.gradiometer.rotating.scale_factor_mismatch_ppm": 1.0}
@@ -581,11 +588,18 @@ def test_segments(key, row):
 # Maps.
 
 MAP = {
-    "field.source": "jacksboro", "field.south_deg": 36.20, "field.north_deg": 36.30,
-    "field.west_deg": -84.30, "field.east_deg": -84.20, "field.lowest_m": 1200.0,
-    "field.highest_m": 1500.0, "field.spacing_arcmin": 0.05, "field.height_spacing_m": 50.0,
-    "field.relief_smoothing_deg": 0.001, "field.density_kg_m3": 2500.0,
-}  # fmt: skip
+    "field.source": "jacksboro",
+    "field.south_deg": 36.20,
+    "field.north_deg": 36.30,
+    "field.west_deg": -84.30,
+    "field.east_deg": -84.20,
+    "field.lowest_m": 1200.0,
+    "field.highest_m": 1500.0,
+    "field.spacing_arcmin": 0.05,
+    "field.height_spacing_m": 50.0,
+    "field.relief_smoothing_deg": 0.001,
+    "field.density_kg_m3": 2500.0,
+}
 FIELD: dict[str, Callable[[Any], float]] = {
     "south_deg": lambda made: made.latitude[0],
     "north_deg": lambda made: made.latitude[-1],
@@ -710,17 +724,24 @@ WITHOUT_UNIT = {
 def test_every_number_has_a_row():
     """A key that is new names its unit, and has a row above, or is said to have none."""
     rows = {
-        *SENSORS, *TRAJECTORY, *TRACK, *MOVES, "trajectory.middle_s",
+        *SENSORS,
+        *TRAJECTORY,
+        *TRACK,
+        *MOVES,
+        "trajectory.middle_s",
         *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *KINDS)),
         "truth.field.constant_disturbance_mgal",
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
-        "draw.start_km", "draw.heading_deg",
+        "draw.start_km",
+        "draw.heading_deg",
         *(f"windows.{key}" for key in ("settled_from_s", "last_s", "required_m")),
-        *ONLY_SHOWN, *IN_SECONDS, *NAMED,
+        *ONLY_SHOWN,
+        *IN_SECONDS,
+        *NAMED,
         *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in KINDS),
-    }  # fmt: skip
+    }
     assert rows | WITHOUT_UNIT == KEYS
     assert [key for key in rows if unit_of(key) is None] == []
     assert [key for key in WITHOUT_UNIT if unit_of(key) is not None] == []

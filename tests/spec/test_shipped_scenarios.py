@@ -106,8 +106,13 @@ def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
     """
     flight = flown(name, case)
     problem, truth = simulate(flight, seed=1, run=0)
-    for array in (problem.measurements, problem.transition, problem.process_cov, problem.prior_cov,
-                  truth.error_state):  # fmt: skip
+    for array in (
+        problem.measurements,
+        problem.transition,
+        problem.process_cov,
+        problem.prior_cov,
+        truth.error_state,
+    ):
         assert np.isfinite(array).all()
     assert np.isfinite(CaseBound(flight, flight_bound(flight)).final_m)
     spec = flight.case

@@ -144,10 +144,14 @@ def multitrack(mode="<altitudeMode>absolute</altitudeMode>", own=""):
     """Two tracks of one flight, as My Tracks and OpenTracks write them."""
 
     def part(points):
-        return f"<gx:Track>{own}" + "".join(
-            f"<when>{iso(t)}</when><gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>"
-            for t, a, o, h in points
-        ) + "</gx:Track>"  # fmt: skip
+        return (
+            f"<gx:Track>{own}"
+            + "".join(
+                f"<when>{iso(t)}</when><gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>"
+                for t, a, o, h in points
+            )
+            + "</gx:Track>"
+        )
 
     return (
         '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'

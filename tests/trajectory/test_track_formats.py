@@ -121,9 +121,15 @@ def test_a_mistake_has_its_sentence(name, tmp_path):
 def test_dates_are_those_of_iso_8601():
     """With a zone, without, with fractions of any length; what is none is no number."""
     texts = [
-        "1970-01-01T00:00:10Z", "1970-01-01 01:00:10.25+01:00", "1970-01-01T00:00:10.1234567",
-        "19700101T000010Z", "2100-01-01T00:00:00Z", "24-01-01T00:00:00", "today", "",
-    ]  # fmt: skip
+        "1970-01-01T00:00:10Z",
+        "1970-01-01 01:00:10.25+01:00",
+        "1970-01-01T00:00:10.1234567",
+        "19700101T000010Z",
+        "2100-01-01T00:00:00Z",
+        "24-01-01T00:00:00",
+        "today",
+        "",
+    ]
     expected = [10.0, 10.25, 10.123456, 10.0, 4102444800.0, np.nan, np.nan, np.nan]
     np.testing.assert_allclose(iso_seconds(texts), expected, atol=1e-9)
 
