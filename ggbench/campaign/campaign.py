@@ -118,29 +118,31 @@ class Plan:
         if any(old[name] != value for name, value in now.items()):
             return self
         # By the contents that the manifest states: what it names is not to be loaded.
-        held: dict[str, Mapping[str, Any]] = {}
+        earlier_estimators: dict[str, Mapping[str, Any]] = {}
         names = {case.name for case in self.scenario.cases}
         for label, content in old["estimators"].items():
-            found = {
+            earlier_cases = {
                 case.name
                 for case in whole.cases
                 if result_keys.run_key(case, content, self.seed) in finished
             }
-            names |= found
-            if found and content not in self.estimators.values():
-                held[label] = content
-        shown = whole.select([case.name for case in whole.cases if case.name in names])
+            names |= earlier_cases
+            if earlier_cases and content not in self.estimators.values():
+                earlier_estimators[label] = content
+        joined_scenario = whole.select([case.name for case in whole.cases if case.name in names])
         if not (old["assumptions"] or self.scenario.assumptions):
-            shown = replace(shown, assumptions=())
+            joined_scenario = replace(joined_scenario, assumptions=())
         # What an earlier campaign found of further cases holds as long as the source is the same.
         same = {k for k, content in self.estimators.items() if old["estimators"].get(k) == content}
-        left_out = {k: v for k, v in old.get("left_out", {}).items() if k in held or k in same}
+        left_out = {
+            k: v for k, v in old.get("left_out", {}).items() if k in earlier_estimators or k in same
+        }
         for label, reasons in self.left_out.items():
             left_out[label] = left_out.get(label, {}) | dict(reasons)
         joined = replace(
             self,
-            scenario=shown,
-            estimators=held | dict(self.estimators),
+            scenario=joined_scenario,
+            estimators=earlier_estimators | dict(self.estimators),
             left_out=left_out,
         )
         stored = {key for _, _, pairs in joined.cells() for _, key in pairs} & finished
@@ -278,14 +280,14 @@ class Campaign:
         self._require_folder()
         plan = self.plan
         if (self.folder / "manifest.json").exists():
-            finished, held = store.finished().keys(), read_manifest(self.folder)
-            self.families = held["families"] | self.families
-            plan = plan.joined(held, self.scenario, finished)
+            finished, manifest_before = store.finished().keys(), read_manifest(self.folder)
+            self.families = manifest_before["families"] | self.families
+            plan = plan.joined(manifest_before, self.scenario, finished)
         self._share(store, plan)
         manifest = self._manifest(plan)
         store.write_manifest(manifest)
-        used = {cell["key"] for cell in manifest["cells"]}
-        unused = sum(len(runs) for key, runs in store.finished().items() if key not in used)
+        used_keys = {cell["key"] for cell in manifest["cells"]}
+        unused = sum(len(runs) for key, runs in store.finished().items() if key not in used_keys)
         if not unused:
             return []
         return [
@@ -304,16 +306,16 @@ class Campaign:
 
     def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
         cells = []
-        seen: set[str] = set()
+        distinct_keys: set[str] = set()
         for study, case, estimators in self.plan.cells():
             # Two names of one content are run once.
-            pairs = tuple(pair for pair in estimators if pair[1] not in seen)
-            seen.update(key for _, key in pairs)
+            pairs = tuple(pair for pair in estimators if pair[1] not in distinct_keys)
+            distinct_keys.update(key for _, key in pairs)
             runs = self.scenario.campaign.runs_of(study, self.runs)
             missing = np.ones((len(pairs), runs), dtype=bool)
             for row, (_, key) in zip(missing, pairs, strict=True):
-                held = finished.get(key, np.empty(0, dtype=np.int64))
-                row[held[held < runs]] = False
+                finished_runs = finished.get(key, np.empty(0, dtype=np.int64))
+                row[finished_runs[finished_runs < runs]] = False
             cells.append(PendingCell(study, case, pairs, missing))
         return Tasks(cells, self.seed)
 
@@ -326,10 +328,10 @@ class Campaign:
                 "overwritten; choose another output folder"
             )
         if (self.folder / "manifest.json").exists() and not self.fresh:
-            held = read_manifest(self.folder)["scenario"]
-            if held != self.scenario.name:
+            stored_name = read_manifest(self.folder)["scenario"]
+            if stored_name != self.scenario.name:
                 raise StoreError(
-                    f"{self.folder} holds results of the scenario {held}, not of "
+                    f"{self.folder} holds results of the scenario {stored_name}, not of "
                     f"{self.scenario.name}; choose another output folder, or discard them (--fresh)"
                 )
 
@@ -350,13 +352,13 @@ class Campaign:
                     left_out.setdefault(label, {})[case.name] = reason
         cases = [case.name for case in self.plan.scenario.cases]
         remarks = left_out_remarks(left_out, cases)
-        kept = {
+        remaining = {
             label: content
             for label, content in self.plan.estimators.items()
             if len(left_out.get(label, ())) < len(cases)
         }
-        self.plan = replace(self.plan, estimators=kept, left_out=left_out)
-        if not kept:
+        self.plan = replace(self.plan, estimators=remaining, left_out=left_out)
+        if not remaining:
             raise CampaignError("all estimators refuse this scenario: " + "; ".join(remarks))
         return remarks
 
@@ -379,10 +381,10 @@ class Campaign:
             if store.has_arrays(key):
                 prefix = "bound-fixed-lag-"
                 names = [n for n in store.arrays(key, case.name) if n.startswith(prefix)]
-                held = {int(name.removeprefix(prefix)) for name in names}
-                if lags <= held:
+                stored_lags = {int(name.removeprefix(prefix)) for name in names}
+                if lags <= stored_lags:
                     continue
-                lags |= held
+                lags |= stored_lags
             store.write_arrays(key, shared_arrays(flight_of(case), self.seed, sorted(lags)))
 
     def _manifest(self, plan: Plan) -> dict[str, Any]:

@@ -66,18 +66,18 @@ class ResponsiveTable:
         narrowest = {"name": width // _NAME_SHARE, "number": width, "text": _NARROWEST_TEXT}
         names: list[int] = []
         blocks: list[list[int]] = []
-        left = 0
+        room = 0
         for column, (_, kind) in enumerate(self._columns):
             needed = gap + min(self._widest(column), narrowest[kind])
             if kind == "name":
                 names.append(column)
                 width -= needed
                 continue
-            if not blocks or needed > left:
+            if not blocks or needed > room:
                 blocks.append([*names])
-                left = width - _EDGES + gap
+                room = width - _EDGES + gap
             blocks[-1].append(column)
-            left -= needed
+            room -= needed
         return blocks
 
     def _widest(self, column: int) -> int:

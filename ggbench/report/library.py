@@ -65,9 +65,10 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
 
 def text(digests: Sequence[Digest], has_league: bool = True) -> str:
     """Return the page as markdown; ``has_league``: the figure of the suite is next to it."""
-    suite = [found for found in digests if found.manifest["scenario"] == SUITE]
+    suite = [digest for digest in digests if digest.manifest["scenario"] == SUITE]
     scenarios = [
-        {"name": found.manifest["scenario"], "title": found.manifest["title"]} for found in digests
+        {"name": digest.manifest["scenario"], "title": digest.manifest["title"]}
+        for digest in digests
     ]
     return markdown(
         "library.md.j2",

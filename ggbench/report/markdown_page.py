@@ -37,7 +37,7 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
     with_cost : whether the page of the suite, which has the column of costs, is next to it.
     """
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
-    shown = sweeps.shown_cases(results)
+    page_cases = sweeps.shown_cases(results)
     save(picture.figure, folder / ANSWER)
     claims, claims_caption = published.gravity_claims(results), _ON_GRAVITY
     if claims.empty:
@@ -53,12 +53,12 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
         explanation=picture.explanation,
         picture=ANSWER,
         folder=quote(loaded.name),
-        table=tables.text(views.answer_table(metrics, results.pairs(), shown, results.own)),
+        table=tables.text(views.answer_table(metrics, results.pairs(), page_cases, results.own)),
         seeking=results.seeking,
         failing=_failing(results),
         failed=int(metrics.groupby(["case", "estimator"])["failed"].first().sum()),
-        left_out=views.left_out(metrics, shown),
-        below_bound=views.below_bound(metrics, shown),
+        left_out=views.left_out(metrics, page_cases),
+        below_bound=views.below_bound(metrics, page_cases),
         claims_caption=claims_caption,
         claims=claims.iloc[: tables.MOST_ROWS],
         hidden_claims=max(0, len(claims) - tables.MOST_ROWS),
@@ -77,7 +77,7 @@ def _failing(results: Reported) -> list[str]:
     metrics, failures = results.metrics(), results.failures()
     cells = metrics[metrics["window"] == "settled"]
     titles = {case.name: case.title for case in results.scenario.cases}
-    found = []
+    sentences = []
     for label, own in cells.groupby("estimator", sort=False):
         none = own.loc[own["failed"] == own["runs"], "case"].tolist()
         if not none:
@@ -86,8 +86,8 @@ def _failing(results: Reported) -> list[str]:
         more = counted(len(none) - 1, "more case")
         where = f" of “{titles[none[0]]}”" + (f" and {more}" if len(none) > 1 else "")
         where = "" if len(none) == len(own) else where
-        found.append(f"`{label}` failed in every run{where}: {reasons['reason'].iloc[0]}")
-    return found
+        sentences.append(f"`{label}` failed in every run{where}: {reasons['reason'].iloc[0]}")
+    return sentences
 
 
 def _published(results: Reported, allowed: pd.DataFrame, folder: Path) -> dict[str, Any]:

@@ -48,7 +48,7 @@ class MeasurementTimes:
 
     def between(self, first: int, last: int) -> MeasurementTimes:
         """Return the epochs from ``first`` to ``last``, of a flight that begins before them."""
-        begun = 0 if first == 0 else int(self.samples[first - 1])
+        start = 0 if first == 0 else int(self.samples[first - 1])
         epochs = slice(first, last + 1)
 
         def among(read: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ class MeasurementTimes:
 
         return MeasurementTimes(
             self.times[epochs],
-            self.samples[epochs] - begun,
+            self.samples[epochs] - start,
             self.dt,
             among(self.gradients),
             [among(read) for read in self.aiding],
@@ -314,10 +314,10 @@ def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Wh
     GGBenchError
         If the noise is coloured and they do not.
     """
-    found = model.whitening(times, missing[0])
-    if found is not None and (missing != missing[0]).any():
+    whitening = model.whitening(times, missing[0])
+    if whitening is not None and (missing != missing[0]).any():
         raise GGBenchError("coloured noise is whitened only where all runs miss the same readings")
-    return found
+    return whitening
 
 
 def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:

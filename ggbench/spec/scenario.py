@@ -127,19 +127,19 @@ class Scenario:
 
         Raise ScenarioError if there is none of that name; the message says which there are.
         """
-        known = {
+        cases = {
             f"{study}/{case.name}" if study else case.name: (study, case)
             for study, case in self.every_case()
         }
-        if name not in known:
-            raise self._no_case(name, list(known))
-        return known[name]
+        if name not in cases:
+            raise self._no_case(name, list(cases))
+        return cases[name]
 
-    def _no_case(self, name: str, known: list[str]) -> ScenarioError:
-        more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+    def _no_case(self, name: str, names: list[str]) -> ScenarioError:
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
         return ScenarioError(
-            f"{self.name} has no case '{name}'{suggest(str(name), known)}; its cases: "
-            f"{', '.join(known[:_MOST_NAMED])}{more}"
+            f"{self.name} has no case '{name}'{suggest(str(name), names)}; its cases: "
+            f"{', '.join(names[:_MOST_NAMED])}{more}"
         )
 
     def select(self, names: Sequence[str]) -> Scenario:
@@ -226,8 +226,8 @@ def checked(case: CaseSpec) -> CaseSpec:
     ScenarioError
         As :func:`load`.
     """
-    found = validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
-    return found.with_seed(case.seed)
+    valid = validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
+    return valid.with_seed(case.seed)
 
 
 def values(source: str) -> dict[str, Any]:
@@ -276,11 +276,11 @@ def read_text(file: Traversable, origin: str) -> str:
 def read_toml(source: str, origin: str) -> dict[str, Any]:
     """Return the content of a TOML text, or raise ScenarioError with a sentence."""
     try:
-        found = tomllib.loads(source)
+        document = tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # ValueError: also of a number of any length
         raise ScenarioError(f"{origin}: is not valid TOML: {text_of(error)}") from None
-    _require_shallow(found, origin)
-    return found
+    _require_shallow(document, origin)
+    return document
 
 
 def _require_shallow(document: dict[str, Any], origin: str) -> None:
@@ -359,14 +359,14 @@ def parse(
 
 
 def _claims(
-    kind: type[C], key: str, found: Any, cases: Sequence[CaseSpec], origin: str
+    kind: type[C], key: str, tables: Any, cases: Sequence[CaseSpec], origin: str
 ) -> tuple[C, ...]:
     """Return the claims of a file, each of a case that it has."""
-    if not isinstance(found, list):
+    if not isinstance(tables, list):
         raise ScenarioError(f"{origin}: {key} must be written as [[{key}]] tables")
     claims = []
     names = [case.name for case in cases]
-    for number, table in enumerate(found):
+    for number, table in enumerate(tables):
         claim = validate(kind, table, f"{origin}: {key}[{number}]")
         if claim.case not in names:
             raise ScenarioError(
@@ -378,10 +378,10 @@ def _claims(
 
 
 def _comparisons(
-    found: Any, cases: Sequence[CaseSpec], campaign: CampaignSpec, origin: str
+    tables: Any, cases: Sequence[CaseSpec], campaign: CampaignSpec, origin: str
 ) -> tuple[ComparisonSpec, ...]:
     """Return the comparisons of a file, each of estimators that its campaign runs."""
-    comparisons = _claims(ComparisonSpec, "comparison", found, cases, origin)
+    comparisons = _claims(ComparisonSpec, "comparison", tables, cases, origin)
     run = list(campaign.estimators)
     for number, comparison in enumerate(comparisons):
         for value in comparison.values:

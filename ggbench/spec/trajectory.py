@@ -96,17 +96,17 @@ class TrajectorySpec(Section):
 
     @model_validator(mode="after")
     def _check(self) -> TrajectorySpec:
-        given = keys_given(self)
+        keys = keys_given(self)
         if self.file is not None:
             for key in (*_START, "segment", "repeat"):
-                if key in given:
+                if key in keys:
                     raise ValueError(
                         f"'{key}' cannot be given with 'file', which says where and how to fly; "
                         "remove one of them"
                     )
             if self.lines:
                 for key in _MOVES:
-                    if key in given:
+                    if key in keys:
                         raise ValueError(
                             f"'{key}' is of a track, not of survey lines, which are flown where "
                             "they were measured; remove it"
@@ -125,7 +125,7 @@ class TrajectorySpec(Section):
                 raise ValueError(f"'{key}' belongs to survey lines; it needs 'lines'")
             return self
         for key in _TRACK:
-            if key in given:
+            if key in keys:
                 raise ValueError(f"'{key}' belongs to a track; it needs 'file'")
         if not self.segment:
             raise ValueError(

@@ -88,14 +88,14 @@ class CsvText:
         rows = [_unquoted(lines[n], separator, n + 1) for n in range(first, len(lines))]
         for n, row in enumerate(rows, first + 1):
             if row.count(separator) != len(names) - 1:
-                found = row.count(separator) + 1 if row.strip() else 0
+                count = row.count(separator) + 1 if row.strip() else 0
                 hint = (
                     "; a decimal comma is not understood, write 33.5"
-                    if separator == "," and found >= 2 * len(names) - 1
+                    if separator == "," and count >= 2 * len(names) - 1
                     else ""
                 )
                 raise TrajectoryError(
-                    f"line {n} has {found} fields and line {named + 1} names {len(names)} columns"
+                    f"line {n} has {count} fields and line {named + 1} names {len(names)} columns"
                     f"{hint}"
                 )
         return cls(names, separator, rows, named + 1, first + 1)
@@ -179,13 +179,13 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
     if bad.any():
         n = int(np.argmax(bad))
         cell = column.iloc[n]
-        found = "empty" if cell is None or cell != cell else f"'{str(cell)[:40]}'"
+        stated = "empty" if cell is None or cell != cell else f"'{str(cell)[:40]}'"
         hint = ""
         if re.fullmatch(r"\s*[-+]?\d+[, ]\d+\s*", str(cell)):
             hint = "; a decimal comma is not understood, write 33.5"
         elif key == "time_s" and re.match(r"\s*\d+[-:/]", str(cell)):
             hint = "; give seconds, or dates as 2024-05-01T10:00:00Z (ISO 8601)"
-        raise TrajectoryError(f"line {first + n}: {key} is {found} and must be a number{hint}")
+        raise TrajectoryError(f"line {first + n}: {key} is {stated} and must be a number{hint}")
     return values
 
 

@@ -137,9 +137,9 @@ class _Curve:
         """Return its points (N, 2) at distances (N,) from the start."""
         side, first, between, last = self._turns
         fine = np.linspace(0.0, self.length, _FINE)
-        begun = self.straight + self.radius * first + between
+        start = self.straight + self.radius * first + between
         turned = np.clip(fine - self.straight, 0.0, self.radius * first)
-        turned += np.clip(fine - begun, 0.0, self.radius * last)
+        turned += np.clip(fine - start, 0.0, self.radius * last)
         heading = self.leaving + side * turned / self.radius
         middle = 0.5 * (heading[1:] + heading[:-1])
         steps = fine[1] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
