@@ -170,18 +170,18 @@ def _runs_of(stored: Sequence[StoredRuns], case: str) -> int:
     return missing
 
 
-def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
+def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
     """Raise ExchangeError if estimates change when later readings are left out.
 
     Parameters
     ----------
-    held : estimates of whole problems.
+    stored : estimates of whole problems.
     cut : of the same runs, exported with ``until_s``.
     """
-    if any(whole.causality == "batch" for whole in held):
+    if any(whole.causality == "batch" for whole in stored):
         raise ExchangeError("'batch' estimates may use all measurements: remove the cut")
     compared = False
-    for whole, part, number in _common_runs(held, cut):
+    for whole, part, number in _common_runs(stored, cut):
         last = part.times[-1] - (whole.lag or 0.0)
         common = np.flatnonzero(whole.times[: len(part.times)] <= last)
         if not len(common):
@@ -203,10 +203,10 @@ def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> Non
 
 
 def _common_runs(
-    held: Sequence[StoredRuns], cut: Sequence[StoredRuns]
+    stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]
 ) -> Iterator[tuple[StoredRuns, StoredRuns, int]]:
     """Yield the whole and the cut estimates of each run that both have, and its number."""
-    for whole, part in itertools.product(held, cut):
+    for whole, part in itertools.product(stored, cut):
         if all(whole.problem[name] == part.problem[name] for name in ("key", "seed")):
             for number in part.problem["runs"]:
                 if number in whole.problem["runs"]:

@@ -130,7 +130,7 @@ def _draw_field(
     field : with a map.
     flown : (K, 3) latitude, longitude [rad], height [m] of the track.
     degrees : longitudes and latitudes of the nodes [deg].
-    shown : coordinates of the nodes on the axes.
+    coordinates : of the nodes on the axes.
     """
     height = float(field.coordinates(flown)[:, 2].mean())
     longitude, latitude = (np.radians(each) for each in degrees)

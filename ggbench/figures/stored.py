@@ -24,7 +24,7 @@ def error_over_time(
 ) -> Drawing:
     """Draw the RMS errors over all runs against time, and the bounds: a column for each case.
 
-    ``shown`` are the estimators by the name of a case; ``most`` limits the epochs.
+    ``labels_of`` names the estimators of each case; ``most`` limits the epochs.
     """
     flights = [flight(results, case, labels, most) for case, labels in labels_of.items()]
     return errors.error_over_time(flights, results.families)

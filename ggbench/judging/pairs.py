@@ -102,7 +102,7 @@ def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.
     Parameters
     ----------
     runs : table of runs with a column ``draw``, the number of the cluster.
-    wanted : case, first and second estimator of each pair; all must have flown.
+    requested : case, first and second estimator of each pair; all must have flown.
     """
     import pandas as pd
 

@@ -211,7 +211,7 @@ def _ratios(
 def _window_row(
     good: pd.DataFrame, retained: np.ndarray, window: str, measurements: tuple[int, float]
 ) -> dict[str, Any]:
-    """Return metrics of one window over the runs that finished, of which some are kept."""
+    """Return metrics of one window over the runs that finished, of which some are retained."""
 
     def column(key: str) -> np.ndarray:
         return good[f"{window}_{key}"].to_numpy()

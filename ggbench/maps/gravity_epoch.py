@@ -49,7 +49,7 @@ def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None
     Raises MapError if coefficients vary and there is no epoch, or none does and there is one; if a
     line cannot be read, or the epoch lies outside all intervals.
     """
-    lines = [found[0].decode("latin-1") for found in _VARYING.finditer(body)]
+    lines = [match[0].decode("latin-1") for match in _VARYING.finditer(body)]
     if not lines:
         if epoch is not None:
             raise MapError(f"{path} does not vary with time: --epoch must not be given.")
@@ -61,10 +61,10 @@ def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None
             "for which the map holds, --epoch 2024-05-01."
         )
     time = _year(datetime.datetime.combine(epoch, datetime.time()))
-    found = _coefficients(path, lines, intervals, time)
+    by_place = _coefficients(path, lines, intervals, time)
     rows = [
         f"gfc {n} {m} {c:.17e} {s:.17e}"
-        for (n, m), coefficient in found.items()
+        for (n, m), coefficient in by_place.items()
         for c, s in [coefficient.at(time)]
     ]
     return _VARYING.sub(b"", body) + "\n".join(["", *rows, ""]).encode()

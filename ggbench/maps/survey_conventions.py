@@ -27,7 +27,7 @@ def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
 
     Parameters
     ----------
-    found : a map that hardly predicts lines held back.
+    survey_fit : a map that hardly predicts lines held back.
     axes : of the file, as the user said, a key of :data:`.survey_lines.AXES`.
     """
     lines = survey_fit.lines

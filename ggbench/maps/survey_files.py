@@ -181,22 +181,22 @@ def _components(
     path: Path,
     table: SurveyTable,
     names: Mapping[str, str],
-    asked: Sequence[str],
+    requested: Sequence[str],
     quantity: Quantity,
 ) -> list[str]:
     """The components to read, each of which the file has."""
     if quantity != "gradient":
-        if asked and tuple(asked) != (quantity,):
+        if requested and tuple(requested) != (quantity,):
             raise MapError(f"--components are of a gradient: --quantity {quantity} has one.")
-        asked = [quantity]
-    unknown = [name for name in asked if name not in (*COMPONENTS, DISTURBANCE, ANOMALY)]
-    if unknown or len(set(asked)) < len(asked):
+        requested = [quantity]
+    unknown = [name for name in requested if name not in (*COMPONENTS, DISTURBANCE, ANOMALY)]
+    if unknown or len(set(requested)) < len(requested):
         raise MapError(
-            f"--components {','.join(asked)}: allowed are {', '.join(COMPONENTS)}, each once."
+            f"--components {','.join(requested)}: allowed are {', '.join(COMPONENTS)}, each once."
         )
-    for name in asked:
+    for name in requested:
         _required(table, names, name)
-    present = list(asked) or [name for name in COMPONENTS if _found(table, names[name])]
+    present = list(requested) or [name for name in COMPONENTS if _found(table, names[name])]
     if not present:
         raise MapError(
             f"{path} has no column of a component ({', '.join(COMPONENTS)}); name them, as in "

@@ -150,7 +150,7 @@ def least(ambiguities: Array, grid: Array, right_m: float, reach_m: float) -> fl
 
     Parameters
     ----------
-    found, grid : of :func:`ambiguity`.
+    ambiguities, grid : of :func:`ambiguity`.
     right_m : r₀, within which a fix is the right one [m].
     """
     beyond = ambiguities[_ring(grid, right_m, reach_m) & ~np.isnan(ambiguities)]
@@ -167,7 +167,7 @@ def false_fix_bound(
 
     Parameters
     ----------
-    found, grid, right_m, reach_m : as in :func:`least`.
+    ambiguities, grid, right_m, reach_m : as in :func:`least`.
     sigma_m : of the prior of the position, per axis; it is a reading of the position like others,
         and adds |d|²/2σ² to A. ∞ for none.
     """

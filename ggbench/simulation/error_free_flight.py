@@ -130,7 +130,7 @@ class Flight:
     ) -> KnownGravity:
         """Return what the mechanizations of R runs, if they have this field, add to normal gravity.
 
-        ``seen`` are the gradients (R, G, g) [E] that they integrate, if they do, and which (R, G)
+        ``gradients`` are those (R, G, g) [E] that they integrate, if they do, and which (R, G)
         are missing; those of a single run without any error if not given.
         """
         samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)

@@ -104,7 +104,7 @@ def _bound(
             field=flight.field,
             when=when,
             ins=motion,
-            taken=DelayedInsSolution(delays, positions, attitudes, rows),
+            delayed=DelayedInsSolution(delays, positions, attitudes, rows),
             missing=np.zeros(len(when.gradients), dtype=bool),
             others=true.aiding_model(flight.field, when.aiding, motion, flight.turning),
             whitening=true.whitening(when.times[when.gradients], flight.absent),

@@ -50,7 +50,7 @@ class CsvText:
     first: int
 
     @classmethod
-    def of(cls, content: bytes, wanted: str, known: Collection[str]) -> CsvText:
+    def of(cls, content: bytes, needed: str, known_names: Collection[str]) -> CsvText:
         """Return the rows of a file, separated by commas, semicolons or tabs, quoted or not.
 
         Lines before the names that begin with # or // are passed over, unless such a line names
@@ -59,8 +59,8 @@ class CsvText:
         Parameters
         ----------
         content : of the file.
-        wanted : which columns it is to have, as a message says it.
-        known : names of columns, in lower case.
+        needed : which columns it is to have, as a message says it.
+        known_names : of columns, in lower case.
 
         Raises
         ------
@@ -80,8 +80,8 @@ class CsvText:
             (n for n, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), None
         )
         if top is None:
-            raise TrajectoryError(f"is empty; its first line must name the columns, {wanted}")
-        named, first = _line_of_names(lines, top, known)
+            raise TrajectoryError(f"is empty; its first line must name the columns, {needed}")
+        named, first = _line_of_names(lines, top, known_names)
         separator = excel[1] if excel else _separator(lines[named])
         header = _unquoted(lines[named].lstrip("# "), separator, named + 1)
         names = [name.strip().lower() for name in header.split(separator)]
@@ -133,13 +133,13 @@ class CsvText:
         }
 
 
-def _line_of_names(lines: list[str], top: int, known: Collection[str]) -> tuple[int, int]:
+def _line_of_names(lines: list[str], top: int, known_names: Collection[str]) -> tuple[int, int]:
     """Which line names the columns, and which is the first row; ``top`` is no comment."""
 
     def count(line: str) -> int:
         plain = _IN_BRACKETS.sub("", line.strip("# ").replace('"', "").lower())
         words = plain.split(_separator(line))
-        return sum(word.strip() in known for word in words)
+        return sum(word.strip() in known_names for word in words)
 
     comments = [n for n in range(top) if count(lines[n]) >= _FEWEST_KNOWN]
     return (comments[-1], top) if comments and not count(lines[top]) else (top, top + 1)
