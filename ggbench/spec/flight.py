@@ -21,7 +21,6 @@ from .columns import ColumnNames
 from .gradiometer import GradiometerSpec
 from .named_sensors import NO_SENSORS, NamedSensors, WithSensors
 from .recordings import FileName, Frame, ReadingsRecording, Recording
-from .scenario import read_text, read_toml, strip_provenance
 from .sensors import (
     AltimeterSpec,
     DisturbanceSpec,
@@ -31,6 +30,7 @@ from .sensors import (
     Side,
 )
 from .tables import Listed, Section
+from .toml_files import read_text, read_toml, strip_provenance
 from .validation_messages import ScenarioError, validate
 
 BodyAxes = Literal["right-forward-up", "forward-right-down", "forward-left-up"]

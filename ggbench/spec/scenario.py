@@ -15,7 +15,6 @@ import itertools
 import json
 import math
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +24,6 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import text_of
 from ..trajectory.terrain_following import terrain_path as shipped_or_own
 from . import rosters
 from . import sweep as sweep
@@ -36,12 +34,12 @@ from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
 from .merging import laid_over
 from .sweep import Sweep
+from .toml_files import read_text, read_toml, strip_provenance
 from .validation_messages import ScenarioError as ScenarioError
 from .validation_messages import suggest, validate
 
 C = TypeVar("C", ClaimSpec, ComparisonSpec)
 _MOST_NAMED = 20
-_MOST_NESTED = 16
 """Most cases that a message lists."""
 
 
@@ -230,24 +228,6 @@ def checked(case: CaseSpec) -> CaseSpec:
     return valid.with_seed(case.seed)
 
 
-def values(source: str) -> dict[str, Any]:
-    """Return the value of every dotted key of a scenario's text, without provenance."""
-    flat: dict[str, Any] = {}
-
-    def walk(node: Any, path: str) -> None:
-        if isinstance(node, dict):
-            for key, item in node.items():
-                walk(item, f"{path}.{key}" if path else key)
-        elif isinstance(node, list) and any(isinstance(item, dict) for item in node):
-            for i, item in enumerate(node):
-                walk(item, f"{path}[{i}]")
-        else:
-            flat[path] = node
-
-    walk(strip_provenance(tomllib.loads(source), "", {}, ""), "")
-    return flat
-
-
 def _read(file: Traversable, name: str, origin: str) -> Scenario:
     """Read and validate a scenario file; ``origin`` names it in messages."""
     source = read_text(file, origin)
@@ -261,42 +241,6 @@ def _read(file: Traversable, name: str, origin: str) -> Scenario:
         beside = file.parent if isinstance(file, Path) else folder
         notes = read_text(beside / notes_name, f"{origin}: notes {notes_name}")
     return parse(document, name, origin, source, notes)
-
-
-def read_text(file: Traversable, origin: str) -> str:
-    """Return the content of a text file, or raise ScenarioError with a sentence."""
-    try:
-        return file.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{origin}: is not UTF-8 text") from None
-    except OSError as error:
-        raise ScenarioError(f"{origin}: cannot be read: {error.strerror}") from None
-
-
-def read_toml(source: str, origin: str) -> dict[str, Any]:
-    """Return the content of a TOML text, or raise ScenarioError with a sentence."""
-    try:
-        document = tomllib.loads(source)
-    except (ValueError, RecursionError) as error:  # ValueError: also of a number of any length
-        raise ScenarioError(f"{origin}: is not valid TOML: {text_of(error)}") from None
-    _require_shallow(document, origin)
-    return document
-
-
-def _require_shallow(document: dict[str, Any], origin: str) -> None:
-    """Raise ScenarioError if tables and lists are nested deeper than any key of a scenario."""
-    level: list[Any] = [document]
-    for _ in range(_MOST_NESTED):
-        level = [
-            inner
-            for node in level
-            for inner in (node.values() if isinstance(node, dict) else node)
-            if isinstance(inner, dict | list)
-        ]
-    if level:
-        raise ScenarioError(
-            f"{origin}: has tables nested more than {_MOST_NESTED} deep, which no key of a file is"
-        )
 
 
 def parse(
@@ -466,29 +410,3 @@ def _resolve(
         # Tracks are found as terrains are: among the shipped data, or where their path says.
         case["trajectory"] = {**flight, "file": str(shipped_or_own(track))}
     return validate(CaseSpec, case, f"{label} '{change.get('name', '?')}'")
-
-
-def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
-    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key.
-
-    Raise ScenarioError if a value with provenance has another form.
-    """
-    if isinstance(node, list):
-        return [
-            strip_provenance(item, f"{path}[{i}]", provenance, origin)
-            for i, item in enumerate(node)
-        ]
-    if not isinstance(node, dict):
-        return node
-    if "value" in node:
-        if set(node) != {"value", "provenance"} or not isinstance(node["provenance"], str):
-            raise ScenarioError(
-                f"{origin}: {path}: a value with provenance is written "
-                '{ value = ..., provenance = "..." }'
-            )
-        provenance[path] = node["provenance"]
-        return node["value"]
-    return {
-        key: strip_provenance(item, f"{path}.{key}" if path else key, provenance, origin)
-        for key, item in node.items()
-    }

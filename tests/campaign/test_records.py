@@ -363,7 +363,7 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
 
 def test_tasks_hold_every_run_once(tmp_path, monkeypatch):
     """However many runs a task may have, of estimators that take them at once or one by one."""
-    monkeypatch.setattr("ggbench.campaign.campaign.TASK_RUNS", 4)
+    monkeypatch.setattr("ggbench.campaign.plan.TASK_RUNS", 4)
     work = plan(tmp_path, "out", ("ins", "ekf"), runs=11)
     store, _ = work.open()
     tasks = work.tasks(store)
