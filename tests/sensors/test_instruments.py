@@ -10,7 +10,7 @@ from conftest import local_axes, square
 from problems import estimator, propagated
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from small_cases import rough_map, small_flight
+from small_cases import small_flight
 
 from ggbench.gravity import ellipsoid
 from ggbench.judging.references import CaseBound
@@ -39,12 +39,6 @@ FILTERS: dict[str, dict[str, Any]] = {
         "gradiometer.filter_order": 2,
     },
 }
-
-
-@pytest.fixture(scope="module")
-def rough(tmp_path_factory) -> str:
-    """A map of 10 E over 3 km."""
-    return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
 
 
 def mounted(instrument: str, **changes: Any) -> Flight:

@@ -20,7 +20,6 @@ from small_cases import (
     GRAVIMETER,
     ON_BOARD,
     ROTATING,
-    rough_map,
     small_flight,
 )
 from test_units_of_flights import ERROR, FIELD, MOVES, SEGMENT, SIDES, TRACK, TRAJECTORY
@@ -335,11 +334,6 @@ SENSORS = {
     **{f"truth.{key}": (row, ("true",)) for key, row in OF_THE_TRUTH.items()},
     **{f"model.{key}": (row, ("model",)) for key, row in OF_THE_MODEL.items()},
 }
-
-
-@pytest.fixture(scope="module")
-def rough(tmp_path_factory) -> str:
-    return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
 
 
 @thinned("key", SENSORS)
