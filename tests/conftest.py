@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles import points
-from small_cases import rough_map
 
 from ggbench.gravity import ellipsoid
 from ggbench.numerics import rotations
@@ -51,12 +50,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def rough(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The path of a map of 10 E over 3 km."""
+    from small_cases import rough_map
+
     return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
 
 
 @pytest.fixture(scope="session")
 def rough_gravity(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     """A field of 300 E whose gravity, tens of mGal, is felt along a flight."""
+    from small_cases import rough_map
+
     path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc", rms=300.0)
     return {"field": {"source": path, "gravity_disturbance": True}}
 
