@@ -73,7 +73,13 @@ _NAMES = {
     "api.exchange": ("export", "judge_estimates"),
     "api.planning": ("advise", "bound", "check", "plan", "scorecard"),
     "api.problems": (
-        "Judgement", "corrected", "estimate", "estimator", "judge", "load", "read_flight",
+        "Judgement",
+        "corrected",
+        "estimate",
+        "estimator",
+        "judge",
+        "load",
+        "read_flight",
         "simulate",
     ),
     "api.results": ("Results",),
@@ -82,7 +88,7 @@ _NAMES = {
     "problem": ("Estimate", "Estimator", "Problem"),
     "simulation.runs": ("Truth",),
     "spec.scenario": ("Scenario",),
-}  # fmt: skip
+}
 """The public names by their module, which is loaded when one of them is first used."""
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -24,15 +24,15 @@ Given = TypeVar("Given", Problem, ProblemBlock)
 def estimate(estimator: Estimator, problem: Problem, rng: np.random.Generator) -> Estimate:
     """Return an estimator's answer to one run, with the noise that it assumes."""
     assumed = with_scaled_noise(problem, estimator.noise_scale)
-    found = estimator.estimate(assumed, rng)
+    estimated = estimator.estimate(assumed, rng)
     # What is returned may be anything: a campaign and the contract check it.
-    if assumed is problem or not isinstance(found, Estimate) or found.causality != "filter":
-        return found
-    if found.nis is not None or found.cov is None:
-        return found
+    if assumed is problem or not isinstance(estimated, Estimate) or estimated.causality != "filter":
+        return estimated
+    if estimated.nis is not None or estimated.cov is None:
+        return estimated
     # Another copy of the model: it counts evaluations, and these are not the estimator's.
-    asked = replace(assumed, model=copy.copy(assumed.model))
-    return replace(found, nis=innovations_squared(asked, found.mean, found.cov))
+    separate = replace(assumed, model=copy.copy(assumed.model))
+    return replace(estimated, nis=innovations_squared(separate, estimated.mean, estimated.cov))
 
 
 def estimate_block(
@@ -40,26 +40,30 @@ def estimate_block(
 ) -> EstimateBlock:
     """Return an estimator's answer to many runs, with the noise that it assumes."""
     assumed = with_scaled_noise(block, estimator.noise_scale)
-    found = estimator.estimate_block(assumed, rngs)
-    if assumed is block or not isinstance(found, EstimateBlock) or found.causality != "filter":
-        return found
-    if found.nis is not None:
-        return found
+    estimated = estimator.estimate_block(assumed, rngs)
+    if (
+        assumed is block
+        or not isinstance(estimated, EstimateBlock)
+        or estimated.causality != "filter"
+    ):
+        return estimated
+    if estimated.nis is not None:
+        return estimated
     nis = [
-        innovations_squared(assumed.problem(run), found.mean[run], found.cov[run])
+        innovations_squared(assumed.problem(run), estimated.mean[run], estimated.cov[run])
         for run in range(assumed.runs)
     ]
-    return replace(found, nis=np.stack(nis))
+    return replace(estimated, nis=np.stack(nis))
 
 
-def with_scaled_noise(given: Given, noise_scale: float) -> Given:
+def with_scaled_noise(problem: Given, noise_scale: float) -> Given:
     """Return a problem, or a block of them, with R → D R D; itself with a scale of one.
 
     D is diagonal: ``noise_scale`` for channels of gravity or its gradients (of all channels, if
     the problem does not name them), and one for all others.
     """
     if noise_scale == 1.0:
-        return given
-    count = given.noise_cov.shape[-1]
-    scales = np.where(matched_with_map(given.channels, count), noise_scale, 1.0)
-    return replace(given, noise_cov=given.noise_cov * np.outer(scales, scales))
+        return problem
+    count = problem.noise_cov.shape[-1]
+    scales = np.where(matched_with_map(problem.channels, count), noise_scale, 1.0)
+    return replace(problem, noise_cov=problem.noise_cov * np.outer(scales, scales))

@@ -66,8 +66,8 @@ class EstimatorSpec:
 
     def without(self, *keys: str) -> EstimatorSpec:
         """Return the spec without some of its parameters."""
-        kept = {key: text for key, text in self.parameters.items() if key not in keys}
-        return EstimatorSpec(self.name, MappingProxyType(kept))
+        remaining = {key: text for key, text in self.parameters.items() if key not in keys}
+        return EstimatorSpec(self.name, MappingProxyType(remaining))
 
     def __str__(self) -> str:
         return f"{self.name}[{self.listed}]" if self.parameters else self.name
@@ -90,9 +90,9 @@ def shown_names(names: Mapping[str, str]) -> dict[str, str]:
     ----------
     names : the name that each label's class has, ``{"my/file.py[gain=2]": "mine"}``.
     """
-    shown = {
+    own_names = {
         label: str(EstimatorSpec(name, EstimatorSpec.parse(label).parameters))
         for label, name in names.items()
     }
-    held = Counter(shown.values())
-    return {label: own if held[own] == 1 else label for label, own in shown.items()}
+    counts = Counter(own_names.values())
+    return {label: own if counts[own] == 1 else label for label, own in own_names.items()}

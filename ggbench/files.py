@@ -157,8 +157,8 @@ def _remove_left_behind(path: Path) -> None:
 
     name = re.compile(rf"\.{re.escape(path.name)}\.(\d+)-\w+\.tmp")
     for file in path.parent.iterdir():
-        found = name.fullmatch(file.name)
-        if found and not psutil.pid_exists(int(found[1])):
+        match = name.fullmatch(file.name)
+        if match and not psutil.pid_exists(int(match[1])):
             with contextlib.suppress(OSError):
                 file.unlink()
 

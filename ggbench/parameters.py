@@ -81,12 +81,12 @@ def _described(annotation: Any) -> str:
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is Annotated:
         kind, *extras = arguments
-        given = [item for extra in extras for item in getattr(extra, "metadata", ())]
-        finite = any(getattr(item, "allow_inf_nan", None) is False for item in given)
+        constraints = [item for extra in extras for item in getattr(extra, "metadata", ())]
+        finite = any(getattr(item, "allow_inf_nan", None) is False for item in constraints)
         limits = [
             words.format(getattr(item, name))
             for name, words in _LIMITS.items()
-            for item in given
+            for item in constraints
             if hasattr(item, name)
         ]
         return ", ".join(["a finite number" if finite else _described(kind), *limits])

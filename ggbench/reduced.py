@@ -56,8 +56,8 @@ class Reduction:
         nis = np.full(len(mean), np.nan) if estimate.causality == "filter" else None
         fixes = estimate.fixes
         if fixes is not None:
-            known = self.mean[fixes.epoch][:, chosen[: fixes.mean.shape[1]]]
-            fixes = replace(fixes, mean=fixes.mean + known)
+            nominal = self.mean[fixes.epoch][:, chosen[: fixes.mean.shape[1]]]
+            fixes = replace(fixes, mean=fixes.mean + nominal)
         return Estimate(
             mean=mean,
             cov=cov,
@@ -166,14 +166,14 @@ def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
     The first two of the first block in metres, and of the first one in metres per second; ``()``
     where the layout has none.
     """
-    found: list[int] = []
+    states: list[int] = []
     for unit in ("m", "m/s") if velocity else ("m",):
         blocks = [block for block in problem.layout if block.unit == unit]
         inside = range(*blocks[0].slice.indices(problem.dimension)) if blocks else range(0)
         if len(inside) < 2:
             return ()
-        found += inside[:2]
-    return tuple(found)
+        states += inside[:2]
+    return tuple(states)
 
 
 def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:

@@ -62,10 +62,18 @@ def failed(run: int = 0, **known: Any) -> dict[str, Any]:
 def finished(run: int = 0, **known: Any) -> dict[str, Any]:
     """The record of a run that has finished, with a metric of each window after the other."""
     numbers = {
-        "seconds": 0.1, "bound": "filter", "map_evaluations": 20, "peak_memory_mb": 100.0,
-        "diverged": False, "final_position_error_m": 2.0, "final_ins_error_m": 9.0,
-        "required_m": 3.0, "converged_s": 4.0, "false_fix": False, "info": {"rounds": 3},
-    }  # fmt: skip
+        "seconds": 0.1,
+        "bound": "filter",
+        "map_evaluations": 20,
+        "peak_memory_mb": 100.0,
+        "diverged": False,
+        "final_position_error_m": 2.0,
+        "final_ins_error_m": 9.0,
+        "required_m": 3.0,
+        "converged_s": 4.0,
+        "false_fix": False,
+        "info": {"rounds": 3},
+    }
     windows = {name: 1.0 + number / 7.0 for number, name in enumerate(WINDOW_COLUMNS)}
     return failed(run, status="ok", reason="") | numbers | windows | known
 

@@ -47,6 +47,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=place)
 
 
+@pytest.fixture(scope="session")
+def rough(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The path of a map of 10 E over 3 km."""
+    from small_cases import rough_map
+
+    return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
+
+
+@pytest.fixture(scope="session")
+def rough_gravity(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    """A field of 300 E whose gravity, tens of mGal, is felt along a flight."""
+    from small_cases import rough_map
+
+    path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc", rms=300.0)
+    return {"field": {"source": path, "gravity_disturbance": True}}
+
+
 # Central difference of sixth order: offsets in steps, and weights per step.
 OFFSETS = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
@@ -151,8 +168,9 @@ def mechanization_jacobian(
         points.attitude_rate(here, moving, attitude, rate + error[9:12], out[2])
         # C_nb C̃_nbᵀ = exp([φ×]) = E, so E' = [ω×] E − E [ω̃×], whose skew part is [φ'×].
         skew = cross_matrix(true_rate) @ turn.T - turn.T @ cross_matrix(out[2])
-        out[2] = 0.5 * np.array([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0],
-                                 skew[1, 0] - skew[0, 1]])  # fmt: skip
+        out[2] = 0.5 * np.array(
+            [skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]]
+        )
         return out.ravel()
 
     true_rate = np.zeros(3)
@@ -197,10 +215,14 @@ def started() -> Iterator[Callable[..., subprocess.Popen]]:
     def start(cwd: Path, arguments: list[str]) -> subprocess.Popen:
         processes.append(
             subprocess.Popen(
-                arguments, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                arguments,
+                cwd=cwd,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
                 start_new_session=True,
             )
-        )  # fmt: skip
+        )
         return processes[-1]
 
     yield start

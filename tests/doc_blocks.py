@@ -72,12 +72,15 @@ def blocks(document: Path) -> list[Block]:
     long_from = text.find(_LONG) if _LONG in text else len(text)
     return [
         Block(
-            found["language"], found["text"], _said(found["said"]), found.start() >= long_from,
+            found["language"],
+            found["text"],
+            _said(found["said"]),
+            found.start() >= long_from,
             text.count("\n", 0, found.start("language")) + 1,
         )
         for found in _BLOCK.finditer(text)
         if not found["language"].startswith("{")
-    ]  # fmt: skip
+    ]
 
 
 def _said(comment: str | None) -> str:
@@ -120,9 +123,13 @@ class Session:
     def _run(self, commands: str) -> None:
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", commands], cwd=self.folder, capture_output=True,
-            text=True, env=os.environ | {"PATH": path, "COLUMNS": "80"}, check=False,
-        )  # fmt: skip
+            ["bash", "-euo", "pipefail", "-c", commands],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PATH": path, "COLUMNS": "80"},
+            check=False,
+        )
         assert done.returncode == 0, f"{commands}\nended with\n{done.stdout}{done.stderr}"
         assert "Traceback" not in done.stderr
         self.output = done.stdout

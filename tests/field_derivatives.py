@@ -21,8 +21,11 @@ def metres(latitude: float, height: float) -> tuple[float, float]:
 def ecef_axes(latitude: float, longitude: float) -> np.ndarray:
     """Return C_en: columns are east, north and up in the Earth-fixed frame."""
     sl, cl, so, co = (
-        math.sin(latitude), math.cos(latitude), math.sin(longitude), math.cos(longitude)
-    )  # fmt: skip
+        math.sin(latitude),
+        math.cos(latitude),
+        math.sin(longitude),
+        math.cos(longitude),
+    )
     return np.array([[-so, -sl * co, cl * co], [co, -sl * so, cl * so], [0.0, cl, sl]])
 
 

@@ -10,16 +10,25 @@ import numpy as np
 _NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]{2,}")
 _NUMBERS = (
-    b"nan", b"NaN", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-0.0", b"-1", b"",
-    b"abc", b"1,5", b"--5", b"1e400", b"9" * 400, b"1.5.2", b"0x10", b"1_000", "٣".encode(),
-    b"true", b"[1]", b"1e999999999", b"2147483648", b"-9223372036854775809", b"99999",
-    b"1.09-101", b'"7"', b"360", b"180",
-)  # fmt: skip
+    *b"nan NaN inf -inf 1e308 -1e308 1e-320 0 -0.0 -1".split(),
+    b"",
+    *b"abc 1,5 --5 1e400".split(),
+    b"9" * 400,
+    *b"1.5.2 0x10 1_000".split(),
+    "٣".encode(),
+    *b"true [1] 1e999999999 2147483648 -9223372036854775809 99999 1.09-101".split(),
+    b'"7"',
+    b"360",
+    b"180",
+)
 _WORDS = (
-    b"m", b"ft", b"km", b"deg", b"rad", b"mGal", b"E", b"down", b"up", b"time_s", b"latitude_deg",
-    b"height_m", b"heading_deg", b"x", b"", b"time_ms", "höhe".encode("latin-1"), b"NaN",
-    b"end_of_head",    b"free-air", b"bouguer", b"zero_tide", b"gfct", b"WGS84", b"source", b"kind",
-)  # fmt: skip
+    *b"m ft km deg rad mGal E down up time_s latitude_deg height_m".split(),
+    *b"heading_deg x".split(),
+    b"",
+    b"time_ms",
+    "höhe".encode("latin-1"),
+    *b"NaN end_of_head free-air bouguer zero_tide gfct WGS84 source kind".split(),
+)
 _SEPARATORS = (b", ", b";", b"\t", b" ", b"|", b"=", b":")
 
 
@@ -101,43 +110,83 @@ def _scaled(content: bytes, rng: np.random.Generator) -> bytes:
 def _encoded(content: bytes, rng: np.random.Generator) -> bytes:
     text = content.decode("latin-1")
     ways = (
-        lambda: text.encode("utf-16"), lambda: text.encode("utf-8"),
+        lambda: text.encode("utf-16"),
+        lambda: text.encode("utf-8"),
         lambda: b"\xef\xbb\xbf" + content,
-        lambda: content.replace(b"\n", b"\r"), lambda: content.replace(b"\n", b"\r\n"),
-        lambda: content.replace(b".", b", "), lambda: b"\x00" + content, lambda: b"",
-        lambda: content.upper(), lambda: content.replace(b"\n", b""),
-    )  # fmt: skip
+        lambda: content.replace(b"\n", b"\r"),
+        lambda: content.replace(b"\n", b"\r\n"),
+        lambda: content.replace(b".", b", "),
+        lambda: b"\x00" + content,
+        lambda: b"",
+        lambda: content.upper(),
+        lambda: content.replace(b"\n", b""),
+    )
     return ways[int(rng.integers(len(ways)))]()
 
 
 _DAMAGES = (
-    _flipped, _cut, _without_slice, _doubled_slice, _lines, _separators, _scaled, _encoded,
-    _replaced(_NUMBER, _NUMBERS), _replaced(_NUMBER, _NUMBERS), _replaced(_WORD, _WORDS),
-)  # fmt: skip
+    _flipped,
+    _cut,
+    _without_slice,
+    _doubled_slice,
+    _lines,
+    _separators,
+    _scaled,
+    _encoded,
+    _replaced(_NUMBER, _NUMBERS),
+    _replaced(_NUMBER, _NUMBERS),
+    _replaced(_WORD, _WORDS),
+)
 
 
 _ODD = (
-    "", "m", "ft", "km", "furlong", "mGal", "m/s2", "E", "degrees", "radians", "NaN", "é",
-    "metres above sea level", "down", "up", "sideways", "depth", "latitude", "longitude",
-    "projection_x_coordinate", 5, -1.0, 0, np.nan, np.inf, np.array([1.0, 2.0]), np.int8(3),
-)  # fmt: skip
+    "",
+    *["m", "ft", "km", "furlong", "mGal", "m/s2", "E", "degrees", "radians", "NaN", "é"],
+    "metres above sea level",
+    *["down", "up", "sideways", "depth", "latitude", "longitude", "projection_x_coordinate"],
+    5,
+    -1.0,
+    0,
+    np.nan,
+    np.inf,
+    np.array([1.0, 2.0]),
+    np.int8(3),
+)
 _ATTRIBUTES = (
-    "units", "positive", "standard_name", "long_name", "scale_factor", "add_offset", "valid_min",
-    "grid_mapping", "format", "calendar", "coordinates",
-)  # fmt: skip
+    "units",
+    "positive",
+    "standard_name",
+    "long_name",
+    "scale_factor",
+    "add_offset",
+    "valid_min",
+    "grid_mapping",
+    "format",
+    "calendar",
+    "coordinates",
+)
 _OF_ARRAYS = (
-    lambda a, rng: a.T, lambda a, rng: a.ravel(), lambda a, rng: a[..., :-1], lambda a, rng: a[:1],
-    lambda a, rng: a[..., np.newaxis], lambda a, rng: a[..., ::-1], lambda a, rng: a[:0],
-    lambda a, rng: a.ravel()[0] if a.size else a, lambda a, rng: np.full_like(a, np.nan),
+    lambda a, rng: a.T,
+    lambda a, rng: a.ravel(),
+    lambda a, rng: a[..., :-1],
+    lambda a, rng: a[:1],
+    lambda a, rng: a[..., np.newaxis],
+    lambda a, rng: a[..., ::-1],
+    lambda a, rng: a[:0],
+    lambda a, rng: a.ravel()[0] if a.size else a,
+    lambda a, rng: np.full_like(a, np.nan),
     lambda a, rng: np.where(rng.random(a.shape) < 0.02, np.nan, a),
     lambda a, rng: np.where(rng.random(a.shape) < 0.02, np.inf, a),
     lambda a, rng: np.where(rng.random(a.shape) < 0.02, 9999.0, a),
     lambda a, rng: a * float(rng.choice([0.0, -1.0, 1e3, 1e-3, 1e300, 0.3048, 57.3])),
     lambda a, rng: a + float(rng.choice([360.0, 90.0, -180.0, 1e9])),
-    lambda a, rng: a + 0j, lambda a, rng: a > 0.0, lambda a, rng: a.astype("U8"),
-    lambda a, rng: a.astype(np.float16), lambda a, rng: np.round(a).astype(np.int64),
+    lambda a, rng: a + 0j,
+    lambda a, rng: a > 0.0,
+    lambda a, rng: a.astype("U8"),
+    lambda a, rng: a.astype(np.float16),
+    lambda a, rng: np.round(a).astype(np.int64),
     lambda a, rng: rng.permutation(a) if a.ndim else a,
-)  # fmt: skip
+)
 
 
 def mutated_arrays(

@@ -113,6 +113,14 @@ def estimator(label: str) -> Estimator:
     return registry.choose(label).estimator
 
 
+def final_nees(block: ProblemBlock, truth: Truth, states: list[int]) -> np.ndarray:
+    """NEES of some states at the end of each run (R,), by the EKF."""
+    estimate = estimator("ekf").estimate_block(block)
+    off = (estimate.mean - truth.error_state[..., : block.dimension])[:, -1][:, states]
+    cov = estimate.cov[:, -1][:, states][:, :, states]
+    return np.einsum("ri,ri->r", off, np.linalg.solve(cov, off[..., np.newaxis])[..., 0])
+
+
 def refusal(label: str, problem: Problem) -> str:
     """Why an estimator is refused: its parameters when it is made, else the problem."""
     try:

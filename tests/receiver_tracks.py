@@ -64,9 +64,9 @@ def nmea() -> str:
     lines = ["$GPTXT,01,01,02,a receiver*4B"]
     for t, lat, lon, h in POINTS:
         place = f"{48:02}{60 * (lat - 48):09.6f},N,{11:03}{60 * (lon - 11):09.6f},E"
-        lines.append(nmea_line(
-            f"GPGGA,{t:%H%M%S}.00,{place},1,08,0.9,{h - GEOID:.3f},M,{GEOID},M,,"
-        ))  # fmt: skip
+        lines.append(
+            nmea_line(f"GPGGA,{t:%H%M%S}.00,{place},1,08,0.9,{h - GEOID:.3f},M,{GEOID},M,,")
+        )
     return "\r\n".join([*lines, nmea_line("GPGGA,,,,,,0,,,,,,,,"), "$GPGGA,0000"])
 
 
@@ -115,9 +115,12 @@ def novatel(kind):
 
 
 EXACT = {
-    "GPX": gpx(), "NMEA": nmea(), "RTKLIB": pos(), "RTKLIB, weeks": pos(weeks=True),
+    "GPX": gpx(),
+    "NMEA": nmea(),
+    "RTKLIB": pos(),
+    "RTKLIB, weeks": pos(weeks=True),
     "RTKLIB, commas": pos(separator=","),
-}  # fmt: skip
+}
 """Files that say how high the geoid is, or have heights above the ellipsoid."""
 
 

@@ -71,11 +71,16 @@ def as_solution(path: Path, flight: Flight, frame: str = "ENU") -> Path:
 
     start = found.initial
     positions, velocities, attitudes = navigate(
-        start[:3], start[3:6], start[6:].reshape(3, 3), found.increments[:, :3],
-        found.increments[:, 3:], flight.trajectory.dt,
-    )  # fmt: skip
-    write_solution(path.parent / "ins.csv", flight.trajectory.times, positions, velocities,
-                   attitudes, frame)  # fmt: skip
+        start[:3],
+        start[3:6],
+        start[6:].reshape(3, 3),
+        found.increments[:, :3],
+        found.increments[:, 3:],
+        flight.trajectory.dt,
+    )
+    write_solution(
+        path.parent / "ins.csv", flight.trajectory.times, positions, velocities, attitudes, frame
+    )
     return edit(path, {"imu_record": None, "ins": {"file": "ins.csv", "frame": frame}})
 
 
@@ -91,9 +96,11 @@ def write_solution(
     moved = velocities if frame == "ENU" else velocities[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
     values = np.hstack(
         [
-            np.degrees(positions[:, :2]), positions[:, 2:], moved,
+            np.degrees(positions[:, :2]),
+            positions[:, 2:],
+            moved,
             np.degrees(angles_of(attitudes)),
         ]
-    )  # fmt: skip
+    )
     names = (*POSITION, *velocity_columns(frame), *ATTITUDE)
     files.write(path, {"time_s": times} | dict(zip(names, values.T, strict=True)))

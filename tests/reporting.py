@@ -16,8 +16,12 @@ from ggbench.results.digest import Digest
 
 CAUSALITY = {"ins": "none", "factor-graph[mode=batch]": "batch"}
 ERRORS = {
-    "ins": 100.0, "ekf": 5.0, "ukf": 5.04, "gaussian-sum": 4.0, "factor-graph[mode=batch]": 2.0,
-}  # fmt: skip
+    "ins": 100.0,
+    "ekf": 5.0,
+    "ukf": 5.04,
+    "gaussian-sum": 4.0,
+    "factor-graph[mode=batch]": 2.0,
+}
 """RMS errors in the first case; each further case has twice those of the one before."""
 
 
@@ -41,14 +45,29 @@ def metric(case: str, label: str, window: str, rms: float, runs: int = 40) -> di
     bound = (2.0 if causality == "batch" else 4.0) * 2.0 ** int(case[1:])
     bound *= 2.0 if window == "whole" else 1.0
     return dict.fromkeys(METRICS, math.nan) | {
-        "case": case, "estimator": label, "name": label.partition("[")[0], "parameters": "",
-        "causality": causality, "window": window, "runs": runs, "failed": 0, "diverged": 0,
-        "draws": runs, "rms_m": rms, "rms_lo": 0.9 * rms, "rms_hi": 1.1 * rms, "bound_m": bound,
-        "efficiency": rms / bound, "success": 0.0 if causality == "none" else 1.0,
+        "case": case,
+        "estimator": label,
+        "name": label.partition("[")[0],
+        "parameters": "",
+        "causality": causality,
+        "window": window,
+        "runs": runs,
+        "failed": 0,
+        "diverged": 0,
+        "draws": runs,
+        "rms_m": rms,
+        "rms_lo": 0.9 * rms,
+        "rms_hi": 1.1 * rms,
+        "bound_m": bound,
+        "efficiency": rms / bound,
+        "success": 0.0 if causality == "none" else 1.0,
         "consistency": "" if causality == "none" else "consistent",
-        "recommended": label == "ekf" and window == "settled", "seconds_per_run": 0.0123,
-        "lost": 0, "as_ins": False, "noise_fit": "",
-    }  # fmt: skip
+        "recommended": label == "ekf" and window == "settled",
+        "seconds_per_run": 0.0123,
+        "lost": 0,
+        "as_ins": False,
+        "noise_fit": "",
+    }
 
 
 def cases(count: int = 2, **changes: Any) -> pd.DataFrame:

@@ -207,8 +207,14 @@ def test_an_interrupt_keeps_what_has_finished(scenario, tmp_path):
     assert told == [(0, 6), (1, 6), (2, 6)]
     held = gg.Results(str(tmp_path / "out"))
     assert len(held.runs()) == 2
-    gg.run(scenario, "filterpy-ekf", runs=3, jobs=0, output=str(tmp_path / "out"),
-           progress=lambda done, total: told.append((done, total)))  # fmt: skip
+    gg.run(
+        scenario,
+        "filterpy-ekf",
+        runs=3,
+        jobs=0,
+        output=str(tmp_path / "out"),
+        progress=lambda done, total: told.append((done, total)),
+    )
     assert told[3:] == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
 
 
@@ -368,7 +374,7 @@ BAD_CALLS = {
     "map by another name": (lambda s: gg.maps.write("m.map", blank_map()), "must be named .*nc"),
     "no map": (lambda s: gg.maps.read("gone.nc"), "cannot read the map gone.nc"),
     "map below a file": (lambda s: gg.maps.write(f"{__file__}/m.nc", blank_map()), "cannot write"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD_CALLS)

@@ -75,9 +75,12 @@ def test_first_steps_lead_to_a_figure(tmp_path):
     assert len(code) <= 15
     assert "runs=5" in script
     done = subprocess.run(
-        [sys.executable, "-c", script.replace("runs=5", "runs=2")], cwd=tmp_path,
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        [sys.executable, "-c", script.replace("runs=5", "runs=2")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.startswith("Problem(200 epochs of 6 channels from 1.0 to 200.0 s, 15 states")
     assert done.stderr == ""
     assert imread(tmp_path / "error_over_time.png").shape[0] > 400

@@ -24,6 +24,7 @@ from ggbench.results.database import Result
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
+from ggbench.spec.toml_files import strip_provenance
 
 FOLDER = tempfile.TemporaryDirectory()
 GOLDEN = Path(__file__).with_name("golden.json")
@@ -70,7 +71,7 @@ RENEW = (
 def case_of(name: str) -> CaseSpec:
     """A case of a shipped scenario, cut to its beginning and taken to another place."""
     of, case = name.split("/")
-    document = scenario.strip_provenance(tomllib.loads(scenario.load(of).source), "", {}, of)
+    document = strip_provenance(tomllib.loads(scenario.load(of).source), "", {}, of)
     for key in ("notes", "assumption", "claim", "comparison", "campaign"):
         document.pop(key, None)
     document["case"] = [change for change in document["case"] if change["name"] == case]

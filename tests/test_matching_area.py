@@ -55,12 +55,19 @@ def synthetic(seed=SEED, skill=1.0):
                         "wide_union": 0.0,
                         "wide_spill": 0.0,
                         "wide_wrong": 0,
-                        "wide_runs": 4, "wide_locked": 4, "wide_false": 0,
-                        "weak_ambiguity": np.exp(known), "weak_bound_m": np.exp(7.0 - known),
-                        "weak_union": 0.3 * wrong, "weak_spill": 0.7 * wrong, "weak_runs": FIXES,
-                        "weak_locked": FIXES - missed, "weak_false": 0, "weak_wrong": missed,
+                        "wide_runs": 4,
+                        "wide_locked": 4,
+                        "wide_false": 0,
+                        "weak_ambiguity": np.exp(known),
+                        "weak_bound_m": np.exp(7.0 - known),
+                        "weak_union": 0.3 * wrong,
+                        "weak_spill": 0.7 * wrong,
+                        "weak_runs": FIXES,
+                        "weak_locked": FIXES - missed,
+                        "weak_false": 0,
+                        "weak_wrong": missed,
                     }
-                )  # fmt: skip
+                )
     return pd.DataFrame(rows)
 
 
@@ -204,10 +211,11 @@ def test_cells_lie_apart_and_within_their_map():
             assert region.map.west < cell.west < cell.east < region.map.east
         for one in cells:
             near = [
-                other for other in cells
+                other
+                for other in cells
                 if abs(other.south - one.south) < 0.999 * design.CELL_DEG
                 and abs(other.west - one.west) < 0.999 * design.CELL_DEG
-            ]  # fmt: skip
+            ]
             assert near == [one]
 
 

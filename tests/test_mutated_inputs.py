@@ -300,7 +300,9 @@ KINDS = {
     ),
     "terrain, Surfer": Kind("dem.grd", surfer_grid, read_terrain),
     "terrain, netCDF": Kind(
-        "dem.nc", lambda path: write_grid(path, "z", "m", _HEIGHTS, 45.0, 7.0, 0.1), read_terrain
+        "dem.nc",
+        lambda path: write_grid(path, "z", "m", _HEIGHTS, south=45.0, west=7.0, step=0.1),
+        read_terrain,
     ),
     "terrain, NumPy": Kind(
         "dem.npz",
@@ -313,7 +315,7 @@ KINDS = {
     ),
     "gravity, netCDF": Kind(
         "grid.nc",
-        lambda path: write_grid(path, "dg", "mGal", _FIELD, 45.0, 7.0, 0.1),
+        lambda path: write_grid(path, "dg", "mGal", _FIELD, south=45.0, west=7.0, step=0.1),
         gravity_grid("disturbance"),
     ),
     "geoid, NumPy": Kind(

@@ -33,9 +33,7 @@ FLOORS = (
 """A room imports what stands above it in this list, and nothing beside it or below."""
 APART = {("api", "report")}
 """Nor these: a notebook draws the figures that a report draws, and writes no report."""
-ESTIMATORS_MAY = {
-    "problem", "block", "parameters", "engines", "numerics", "reduced", "estimators"
-}  # fmt: skip
+ESTIMATORS_MAY = {"problem", "block", "parameters", "engines", "numerics", "reduced", "estimators"}
 
 
 def room_of(name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
 from pathlib import Path
@@ -87,18 +88,38 @@ def test_docstrings_keep_their_words(scripts):
     """What stands behind a parameter's colon is text, not a type; errors are links."""
     import docstrings
 
-    given = [
-        "Say so.", "", "Parameters", "----------", "case : of (K, 3) numbers,", "    in E.",
-        "seed, run : as ever.", "jobs : how many.", "", "Raises", "------", "OneError, TwoError",
-        "    If so.", "", "Returns", "-------", "A row for each.",
-    ]  # fmt: skip
-    found = [line for line in docstrings.in_sphinx_words(given) if line.strip()]
+    numpydoc = """Say so.
+
+    Parameters
+    ----------
+    case : of (K, 3) numbers,
+        in E.
+    seed, run : as ever.
+    jobs : how many.
+
+    Raises
+    ------
+    OneError, TwoError
+        If so.
+
+    Returns
+    -------
+    A row for each."""
+    lines = inspect.cleandoc(numpydoc).splitlines()
+    found = [line for line in docstrings.in_sphinx_words(lines) if line.strip()]
     assert found == [
-        "Say so.", ":Parameters:", "    * **case** – of (K, 3) numbers,", "      in E.",
-        "    * **seed**, **run** – as ever.", "    * **jobs** – how many.", ":Raises:",
-        "    * :exc:`OneError`, :exc:`TwoError` – ", "      If so.", ":Returns:",
+        "Say so.",
+        ":Parameters:",
+        "    * **case** – of (K, 3) numbers,",
+        "      in E.",
+        "    * **seed**, **run** – as ever.",
+        "    * **jobs** – how many.",
+        ":Raises:",
+        "    * :exc:`OneError`, :exc:`TwoError` – ",
+        "      If so.",
+        ":Returns:",
         "      A row for each.",
-    ]  # fmt: skip
+    ]
 
 
 def test_every_picture_is_shown_and_every_picture_shown_is_drawn(scripts):

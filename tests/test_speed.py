@@ -97,9 +97,14 @@ def test_what_gives_another_answer_is_not_timed(both, tmp_path):
         rounds.Entry("ggbench:no_such_filter", "one that cannot start", "ekf"),
     ]
     found = rounds.measure(
-        entries, tmp_path / "unused.npz", tmp_path, arrays.scale, {"ekf": 1e-9},
-        rounds=1, seconds=0.0,
-    )  # fmt: skip
+        entries,
+        tmp_path / "unused.npz",
+        tmp_path,
+        arrays.scale,
+        {"ekf": 1e-9},
+        rounds=1,
+        seconds=0.0,
+    )
     assert [len(item.turns) for item in found] == [1, 0, 0]
     assert "its means differ by" in found[1].refusal
     assert "no_such_filter" in found[2].refusal

@@ -88,8 +88,14 @@ def test_amplitudes_are_those_of_the_spectral_density(tmp_path: Path) -> None:
     heave = (size * np.cos(2.0 * np.pi * frequency * times[:, np.newaxis] + phase)).sum(axis=1)
     columns = [times, 36.3 + 0.0 * times, -84.3 + 5e-4 * times, 1280.0 + heave]
     path = tmp_path / "heaving.csv"
-    np.savetxt(path, np.stack(columns, axis=-1), fmt="%.12f", delimiter=",", comments="",
-               header="time_s,latitude_deg,longitude_deg,height_m")  # fmt: skip
+    np.savetxt(
+        path,
+        np.stack(columns, axis=-1),
+        fmt="%.12f",
+        delimiter=",",
+        comments="",
+        header="time_s,latitude_deg,longitude_deg,height_m",
+    )
     found = amplitudes(str(path))[:, 2]
     # Three means of some 60 squares of noise: beyond 35 % once in 10⁴.
     assert found == pytest.approx(np.full(3, np.sqrt(2.0 * density)), rel=0.35)
@@ -106,6 +112,11 @@ def test_the_data_are_described_as_they_are() -> None:
     for intensity, numbers in rows.items():
         acceleration = flown(str(committed(intensity)))
         track = np.loadtxt(committed(intensity), delimiter=",", skiprows=1)
-        found = [*np.sqrt((acceleration**2).mean(axis=0)), np.abs(acceleration[:, 2]).max(),
-                 np.abs(track[:, 6]).max(), track[:, 3].min(), track[:, 3].max()]  # fmt: skip
+        found = [
+            *np.sqrt((acceleration**2).mean(axis=0)),
+            np.abs(acceleration[:, 2]).max(),
+            np.abs(track[:, 6]).max(),
+            track[:, 3].min(),
+            track[:, 3].max(),
+        ]
         assert numbers == pytest.approx(found, abs=0.051, rel=0.0005)

@@ -80,8 +80,11 @@ def unfit_notes(notes: str) -> list[str]:
     reasons = [] if list(found) in HEADINGS else [f"headings: {list(found)}"]
     reasons += [f"long: {sentence}" for sentence in long_sentences(notes, 30)]
     sizes = {"Set-up": 80, "Why": 80}
-    reasons += [f"{name}: over {most} words" for name, most in sizes.items()
-                if len(found.get(name, "").split()) > most]  # fmt: skip
+    reasons += [
+        f"{name}: over {most} words"
+        for name, most in sizes.items()
+        if len(found.get(name, "").split()) > most
+    ]
     if len(notes.split()) > 200:
         reasons.append("over 200 words")
     if len(re.findall(r"^- ", found.get("Limits", ""), re.MULTILINE)) > 3:
@@ -141,7 +144,9 @@ def test_the_checks_find_what_they_look_for() -> None:
     assert avoided(text) == ["Nobody", "honest", "told"]
     assert avoided("Untold, losing, 5E-told-50E, besides, partly.") == []
     assert long_sentences("One two three. Four five.\n\n- Six\n- Seven eight nine.", 2) == [
-        "One two three.", "- Seven eight nine."]  # fmt: skip
+        "One two three.",
+        "- Seven eight nine.",
+    ]
     page = "**Answer.** Yes.\n\n![a](b.png)\n"
     assert unfit_page(page) == []
     assert unfit_page(page.replace("Yes", 61 * "yes ")) != []
@@ -182,6 +187,77 @@ def test_a_docstring_with_such_a_word_is_found():
     """A negative control: of a module, a function and an attribute; names in code are not."""
     source = '"""Made anew."""\n\nlost = 1\n"""Nobody."""\n\ndef f(told):\n    """Told `lost`."""\n'
     assert avoided(docstrings(source)) == ["anew", "Nobody", "Told"]
+
+
+EVERYDAY = {
+    "found",
+    "told",
+    "said",
+    "taken",
+    "here",
+    "begun",
+    "given",
+    "made",
+    "kept",
+    "held",
+    "asked",
+    "wanted",
+    "seen",
+    "gone",
+}
+"""Local names that say nothing of a variable's content."""
+COMPILED = {"compiled", "copied", "inlined"}
+"""Decorators of compiled functions, whose names are not checked: each edit compiles anew."""
+KERNELS = ("engines", "ins", "numerics", "sensors")
+"""Rooms whose modules are compiled, neither."""
+PAGES = {"findings.py"}
+"""Texts of a page about one study, neither."""
+
+
+def everyday_names(source: str) -> list[str]:
+    """Return the local variables and arguments of a file with names of the list."""
+    return [
+        f"{name}, line {node.lineno}"
+        for function in ast.walk(ast.parse(source))
+        if isinstance(function, ast.FunctionDef)
+        and COMPILED.isdisjoint(ast.unparse(decorator) for decorator in function.decorator_list)
+        for node in ast.walk(function)
+        for name in [node.arg if isinstance(node, ast.arg) else getattr(node, "id", "")]
+        if name in EVERYDAY
+        and (isinstance(node, ast.arg) or isinstance(getattr(node, "ctx", None), ast.Store))
+    ]
+
+
+def test_local_names_are_nouns_of_the_field():
+    """A variable is an innovation, a residual or candidates, and not what was found."""
+    package = ROOT / "ggbench"
+    files = [
+        path
+        for path in sorted(package.rglob("*.py"))
+        if path.relative_to(package).parts[0] not in KERNELS and path.name not in PAGES
+    ]
+    assert len(files) > 200
+    names = {
+        str(path.relative_to(ROOT)): names
+        for path in files
+        if (names := everyday_names(path.read_text(encoding="utf-8")))
+    }
+    assert names == {}
+
+
+def test_an_everyday_name_is_found():
+    """A negative control: arguments and variables count; attributes, uses, kernels do not."""
+    source = (
+        "class A:\n    kept: int\n\n\ndef f(told, mean):\n    for found in mean:\n"
+        "        mean.found = found\n    return [said for said in told], lambda here: mean\n"
+        "\n\n@compiled\ndef k(kept):\n    return kept\n"
+    )
+    assert everyday_names(source) == [
+        "told, line 5",
+        "found, line 6",
+        "said, line 8",
+        "here, line 8",
+    ]
 
 
 MODULES = [

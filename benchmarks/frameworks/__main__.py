@@ -85,13 +85,25 @@ def row(framework: Framework) -> dict[str, str]:
 
 
 MEASURED = (
-    "package", "estimator", "difference [prior σ]", "contract", "ms/run", "first run [ms]",
-    "installation [MB]", "adapter [lines]",
-)  # fmt: skip
+    "package",
+    "estimator",
+    "difference [prior σ]",
+    "contract",
+    "ms/run",
+    "first run [ms]",
+    "installation [MB]",
+    "adapter [lines]",
+)
 BEHAVIOUR = (
-    "package", "singular Q", "missing channels", "R of each epoch", "robust loss per channel",
-    "indefinite prior", "NaN measured", "licence",
-)  # fmt: skip
+    "package",
+    "singular Q",
+    "missing channels",
+    "R of each epoch",
+    "robust loss per channel",
+    "indefinite prior",
+    "NaN measured",
+    "licence",
+)
 
 
 def table(rows: list[dict[str, str]], head: tuple[str, ...]) -> str:

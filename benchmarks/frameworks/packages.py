@@ -33,34 +33,102 @@ class Framework:
 
 BY = "by the adapter"
 ADAPTERS = "ggbench/adapters/"
+
+
+def _rows(
+    name: str,
+    references: dict[str, str],
+    adapter: str,
+    packages: tuple[str, ...] = (),
+    **properties: str,
+) -> tuple[Framework, ...]:
+    """Return a row for each estimator of a package, by its label and its reference."""
+    return tuple(
+        Framework(name, label, reference, packages or (name,), adapter, **properties)
+        for label, reference in references.items()
+    )
+
+
 FRAMEWORKS = (
-    Framework("filterpy", "filterpy-ekf", "ekf", ("filterpy",), "estimators/filterpy_ekf.py",
-              "yes", BY, BY, BY),
-    Framework("filterpy", "filterpy-ukf", "ukf", ("filterpy",), "estimators/filterpy_ukf.py",
-              "yes", BY, BY, BY),
-    Framework("gtsam", "gtsam[mode=batch]", "factor-graph[mode=batch]", ("gtsam",),
-              "estimators/gtsam_smoothers.py", BY, BY, "yes", "yes"),
-    Framework("pyceres", "pyceres-batch", "factor-graph[mode=batch]", ("pyceres",),
-              ADAPTERS + "pyceres.py", BY, BY, "yes"),
-    Framework("Stone Soup", "stonesoup-ekf", "ekf", ("stonesoup",), ADAPTERS + "stonesoup.py",
-              "yes", BY, "yes"),
-    Framework("Stone Soup", "stonesoup-ukf", "ukf", ("stonesoup",), ADAPTERS + "stonesoup.py",
-              "yes", BY, "yes"),
-    Framework("dynamax", "dynamax-ekf", "ekf", ("dynamax", "jax", "jaxlib"),
-              ADAPTERS + "dynamax.py", "yes", BY, "yes"),
-    Framework("dynamax", "dynamax-ukf", "ukf", ("dynamax", "jax", "jaxlib"),
-              ADAPTERS + "dynamax.py", "yes", BY, "yes"),
-    Framework("cuthbert", "cuthbert-ekf", "ekf", ("cuthbert", "cuthbertlib", "jax", "jaxlib"),
-              ADAPTERS + "cuthbert.py", "yes", BY, "yes"),
-    Framework("bayesfilter", "bayesfilter-ekf", "ekf", ("bayesfilter",),
-              ADAPTERS + "bayesfilter.py", "yes", BY, "yes"),
-    Framework("bayesfilter", "bayesfilter-ukf", "ukf", ("bayesfilter",),
-              ADAPTERS + "bayesfilter.py", "yes", BY, "yes"),
-    Framework("kalbee", "kalbee-ekf", "ekf", ("kalbee",), ADAPTERS + "kalbee.py",
-              "yes", BY, BY),
-    Framework("kalbee", "kalbee-ckf", "ukf", ("kalbee",), ADAPTERS + "kalbee.py",
-              "yes", BY, BY),
-)  # fmt: skip
+    *_rows(
+        "filterpy",
+        {"filterpy-ekf": "ekf"},
+        "estimators/filterpy_ekf.py",
+        singular="yes",
+        missing=BY,
+        noise=BY,
+        loss=BY,
+    ),
+    *_rows(
+        "filterpy",
+        {"filterpy-ukf": "ukf"},
+        "estimators/filterpy_ukf.py",
+        singular="yes",
+        missing=BY,
+        noise=BY,
+        loss=BY,
+    ),
+    *_rows(
+        "gtsam",
+        {"gtsam[mode=batch]": "factor-graph[mode=batch]"},
+        "estimators/gtsam_smoothers.py",
+        singular=BY,
+        missing=BY,
+        noise="yes",
+        loss="yes",
+    ),
+    *_rows(
+        "pyceres",
+        {"pyceres-batch": "factor-graph[mode=batch]"},
+        ADAPTERS + "pyceres.py",
+        singular=BY,
+        missing=BY,
+        noise="yes",
+    ),
+    *_rows(
+        "Stone Soup",
+        {"stonesoup-ekf": "ekf", "stonesoup-ukf": "ukf"},
+        ADAPTERS + "stonesoup.py",
+        packages=("stonesoup",),
+        singular="yes",
+        missing=BY,
+        noise="yes",
+    ),
+    *_rows(
+        "dynamax",
+        {"dynamax-ekf": "ekf", "dynamax-ukf": "ukf"},
+        ADAPTERS + "dynamax.py",
+        packages=("dynamax", "jax", "jaxlib"),
+        singular="yes",
+        missing=BY,
+        noise="yes",
+    ),
+    *_rows(
+        "cuthbert",
+        {"cuthbert-ekf": "ekf"},
+        ADAPTERS + "cuthbert.py",
+        packages=("cuthbert", "cuthbertlib", "jax", "jaxlib"),
+        singular="yes",
+        missing=BY,
+        noise="yes",
+    ),
+    *_rows(
+        "bayesfilter",
+        {"bayesfilter-ekf": "ekf", "bayesfilter-ukf": "ukf"},
+        ADAPTERS + "bayesfilter.py",
+        singular="yes",
+        missing=BY,
+        noise="yes",
+    ),
+    *_rows(
+        "kalbee",
+        {"kalbee-ekf": "ekf", "kalbee-ckf": "ukf"},
+        ADAPTERS + "kalbee.py",
+        singular="yes",
+        missing=BY,
+        noise=BY,
+    ),
+)
 
 OTHERS = (
     ("pykalman, simdkalman, statsmodels", "linear, or one Q and R"),

@@ -50,9 +50,14 @@ def bench(options: argparse.Namespace) -> None:
     arrays = export.arrays(range(RUNS))
     problem_file.save(build / "problem.npz", arrays)
     found = rounds.measure(
-        entries(), build / "problem.npz", build, arrays.scale, TOLERANCES,
-        options.rounds, options.seconds,
-    )  # fmt: skip
+        entries=entries(),
+        problem=build / "problem.npz",
+        folder=build,
+        scale=arrays.scale,
+        tolerances=TOLERANCES,
+        rounds=options.rounds,
+        seconds=options.seconds,
+    )
     tables = {
         "implementations": pd.DataFrame([item.row() for item in found]),
         "rounds": pd.DataFrame([row for item in found for row in item.rows()]),

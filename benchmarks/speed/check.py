@@ -114,28 +114,55 @@ class _Campaign:
 def guards() -> list[Guard]:
     """Return what is guarded."""
     engines = [
-        ("ekf", 20.0), ("ekf[iterations=5]", 20.0), ("ekf[noise_memory=20]", 35.0), ("ukf", 20.0),
-        ("ukf[loss=cauchy]", 25.0), ("gaussian-sum", 10.0), ("factor-graph", 9.0),
-        ("factor-graph[mode=fixed-lag]", 14.0), ("factor-graph[mode=batch]", 40.0),
+        ("ekf", 20.0),
+        ("ekf[iterations=5]", 20.0),
+        ("ekf[noise_memory=20]", 35.0),
+        ("ukf", 20.0),
+        ("ukf[loss=cauchy]", 25.0),
+        ("gaussian-sum", 10.0),
+        ("factor-graph", 9.0),
+        ("factor-graph[mode=fixed-lag]", 14.0),
+        ("factor-graph[mode=batch]", 40.0),
         ("gauss-newton", 2.0),
-    ]  # fmt: skip
+    ]
     return [
-        Guard("h of one state, compiled against NumPy", 1.5,
-              lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
-        Guard("h of 31 states, compiled against NumPy", 6.0,
-              lambda: Calls("numpy-h31"), lambda: Calls("compiled-h31")),
-        Guard("H, compiled against NumPy", 5.0,
-              lambda: Calls("numpy-H"), lambda: Calls("compiled-H")),
+        Guard(
+            "h of one state, compiled against NumPy",
+            1.5,
+            lambda: Calls("numpy-h"),
+            lambda: Calls("compiled-h"),
+        ),
+        Guard(
+            "h of 31 states, compiled against NumPy",
+            6.0,
+            lambda: Calls("numpy-h31"),
+            lambda: Calls("compiled-h31"),
+        ),
+        Guard(
+            "H, compiled against NumPy", 5.0, lambda: Calls("numpy-H"), lambda: Calls("compiled-H")
+        ),
         *(
-            Guard(f"{label}, compiled against its framework or NumPy", floor,
-                  lambda label=label: _Framework(label), lambda label=label: _compiled(label))
+            Guard(
+                f"{label}, compiled against its framework or NumPy",
+                floor,
+                lambda label=label: _Framework(label),
+                lambda label=label: _compiled(label),
+            )
             for label, floor in engines
         ),
-        Guard("simulation of a run, against a product of matrices of 768 x 768", 4.0,
-              _Product, _Simulation),
-        Guard("a whole campaign of three engines, against these engines alone", 0.2,
-              _Engines, _Campaign),
-    ]  # fmt: skip
+        Guard(
+            "simulation of a run, against a product of matrices of 768 x 768",
+            4.0,
+            _Product,
+            _Simulation,
+        ),
+        Guard(
+            "a whole campaign of three engines, against these engines alone",
+            0.2,
+            _Engines,
+            _Campaign,
+        ),
+    ]
 
 
 def ratio(slow: Any, fast: Any, rounds: int, seconds: float) -> float:

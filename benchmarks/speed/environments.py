@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -77,9 +78,12 @@ def python_of(name: str, folder: Path) -> str:
     bare = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     for command in (
         [sys.executable, "-m", "venv", str(home)],
-        [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-         "-r", str(_requirements(name))],
-    ):  # fmt: skip
+        [
+            str(python),
+            *shlex.split("-m pip install --quiet --disable-pip-version-check -r"),
+            str(_requirements(name)),
+        ],
+    ):
         try:
             done = subprocess.run(command, env=bare, capture_output=True, text=True, check=False)
         except OSError as error:

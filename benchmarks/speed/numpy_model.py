@@ -215,9 +215,15 @@ class NumpyModel:
             d_psi = d_latitude - d_phi
             d_ee, d_nn, d_nu, d_uu = normal_slopes(v, *place, d_r, d_phi)
             slope[axis] += PER_EOTVOS * np.array(
-                [d_ee, 0.0, 0.0, d_nn - 2.0 * nu * d_psi, d_nu + (nn - uu) * d_psi,
-                 d_uu + 2.0 * nu * d_psi]
-            )  # fmt: skip
+                [
+                    d_ee,
+                    0.0,
+                    0.0,
+                    d_nn - 2.0 * nu * d_psi,
+                    d_nu + (nn - uu) * d_psi,
+                    d_uu + 2.0 * nu * d_psi,
+                ]
+            )
 
         square = tensor[SQUARE]
         change = slope[:, SQUARE]

@@ -23,9 +23,17 @@ COMPILED = {1: "ggbench, one thread", 2: "ggbench, two threads"}
 REFERENCE = "ggbench on frameworks"
 TITLES = {"ekf": "EKF", "ukf": "UKF", "batch": "batch smoother"}
 SHOWN = (
-    "ekf", "ukf", "gaussian-sum", "factor-graph", "factor-graph[mode=fixed-lag]",
-    "factor-graph[mode=batch]", "gauss-newton", "particle", "tercom", "correlation",
-)  # fmt: skip
+    "ekf",
+    "ukf",
+    "gaussian-sum",
+    "factor-graph",
+    "factor-graph[mode=fixed-lag]",
+    "factor-graph[mode=batch]",
+    "gauss-newton",
+    "particle",
+    "tercom",
+    "correlation",
+)
 """Estimators on the page; estimators.csv has all."""
 DIFFERENCE = "largest_difference_prior_sd"
 

@@ -81,9 +81,13 @@ class Ekf:
         gains, times = jnp.asarray(arrays.gains), jnp.asarray(arrays.reading_times)
 
         def one(
-            measurements: Any, transition: Any, process_cov: Any, references: Any, rows: Any,
+            measurements: Any,
+            transition: Any,
+            process_cov: Any,
+            references: Any,
+            rows: Any,
             offsets: Any,
-        ) -> Any:  # fmt: skip
+        ) -> Any:
             def h(x: Any, k: Any) -> Any:
                 east, north, up = rows[k] @ x
                 latitude, longitude, height = references[k]
@@ -113,10 +117,14 @@ class Ekf:
         self.inputs = [
             jnp.asarray(part)
             for part in (
-                arrays.measurements, arrays.transition, arrays.process_cov, arrays.references,
-                arrays.rows, arrays.offsets,
+                arrays.measurements,
+                arrays.transition,
+                arrays.process_cov,
+                arrays.references,
+                arrays.rows,
+                arrays.offsets,
             )
-        ]  # fmt: skip
+        ]
         if self.together:
             self.runs_per_call = arrays.runs
 

@@ -74,9 +74,12 @@ class Ekf:
                 transition_matrix=a.transition[run, k], covariance_matrix=a.process_cov[run, k]
             )
             model = Gradiometer(
-                ndim_state=len(mapping), mapping=mapping, noise_covar=a.noise_cov,
-                model=self.models[run], epoch=k,
-            )  # fmt: skip
+                ndim_state=len(mapping),
+                mapping=mapping,
+                noise_covar=a.noise_cov,
+                model=self.models[run],
+                epoch=k,
+            )
             prediction = self.predictor(transition).predict(state, timestamp=timestamp)
             detection = Detection(StateVector(a.measurements[run, k]), timestamp=timestamp)
             state = self.updater(model).update(SingleHypothesis(prediction, detection))

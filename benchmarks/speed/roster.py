@@ -24,14 +24,32 @@ from ggbench.spec import scenario
 
 FLIGHTS = {"wang2013": "0.01E-1Hz", "wide_prior": "1km"}
 WITH_ENGINE = (
-    "ekf", "ekf[iterations=5]", "ekf[loss=cauchy]", "ekf[noise_memory=20]", "ukf",
-    "ukf[loss=cauchy]", "gaussian-sum", "factor-graph", "factor-graph[mode=fixed-lag]",
-    "factor-graph[mode=batch]", "factor-graph[mode=batch,loss=cauchy]", "gauss-newton",
-)  # fmt: skip
+    "ekf",
+    "ekf[iterations=5]",
+    "ekf[loss=cauchy]",
+    "ekf[noise_memory=20]",
+    "ukf",
+    "ukf[loss=cauchy]",
+    "gaussian-sum",
+    "factor-graph",
+    "factor-graph[mode=fixed-lag]",
+    "factor-graph[mode=batch]",
+    "factor-graph[mode=batch,loss=cauchy]",
+    "gauss-newton",
+)
 OTHERS = (
-    "closed-loop", "rao-blackwellised", "unscented-particle", "gaussian-particle", "particle",
-    "tercom", "correlation", "sitan", "sitan[bank=auto,most=1000]", "iccp", "viterbi",
-)  # fmt: skip
+    "closed-loop",
+    "rao-blackwellised",
+    "unscented-particle",
+    "gaussian-particle",
+    "particle",
+    "tercom",
+    "correlation",
+    "sitan",
+    "sitan[bank=auto,most=1000]",
+    "iccp",
+    "viterbi",
+)
 RUNS = 16
 """Runs of a block: two groups of lanes."""
 

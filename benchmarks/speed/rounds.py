@@ -86,9 +86,12 @@ class _Process:
         with self.log.open("w") as log:
             self._process = subprocess.Popen(
                 [python, "-m", "speed.worker", entry.key, str(problem), str(self.means)],
-                env=environments.variables(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=log, text=True,
-            )  # fmt: skip
+                env=environments.variables(),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+            )
 
     def answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None

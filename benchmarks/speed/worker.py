@@ -24,9 +24,7 @@ from . import problem_file
 
 CHECKED_RUNS = 4
 """Runs whose means are compared."""
-PACKAGES = (
-    "ggbench", "filterpy", "gtsam", "stonesoup", "dynamax", "jax", "numba", "numpy",
-)  # fmt: skip
+PACKAGES = ("ggbench", "filterpy", "gtsam", "stonesoup", "dynamax", "jax", "numba", "numpy")
 
 
 def implementation(name: str, problem: Path) -> Any:

@@ -81,7 +81,15 @@ def _known(
     names = [name for name in domain.objects if name.rpartition(".")[2] == last]
     names = [name for name in names if name in (target, f"ggbench.{last}")] or names
     if len(names) == 1:
-        return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", names[0], node, content)
+        return domain.resolve_xref(
+            env,
+            fromdocname=node["refdoc"],
+            builder=app.builder,
+            type="obj",
+            target=names[0],
+            node=node,
+            contnode=content,
+        )
     return content if any(_has(module, target) for module in _modules()) else None
 
 

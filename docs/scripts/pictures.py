@@ -51,16 +51,22 @@ def frames() -> Drawing:
     )
     _arrow(body, (0, 0), (0.0, 1.25), NORTH, "north")
     _arrow(body, (0, 0), (1.25, 0.0), EAST, "east")
-    hull = np.array([[0.0, 0.55], [0.1, 0.2], [0.5, 0.0], [0.1, 0.0], [0.08, -0.3], [0.2, -0.42],
-                     [0.0, -0.38]])  # fmt: skip
+    hull = np.array(
+        [[0.0, 0.55], [0.1, 0.2], [0.5, 0.0], [0.1, 0.0], [0.08, -0.3], [0.2, -0.42], [0.0, -0.38]]
+    )
     outline = np.concatenate([hull, hull[::-1] * (-1, 1)])
     body.fill(*(outline @ np.array([right, forward])).T, color="0.85", zorder=0)
     _arrow(body, (0, 0), 1.2 * forward, "black", "forward (y)")
     _arrow(body, (0, 0), 0.95 * right, "black", "right (x)")
     arc = np.linspace(0.0, heading, 50)
     body.plot(0.75 * np.sin(arc), 0.75 * np.cos(arc), color=UP)
-    body.annotate("heading,\nclockwise\nfrom north", 0.75 * np.array([np.sin(0.3), np.cos(0.3)]),
-                  (-0.85, 0.55), color=UP, arrowprops={"arrowstyle": "-", "color": UP})  # fmt: skip
+    body.annotate(
+        "heading,\nclockwise\nfrom north",
+        0.75 * np.array([np.sin(0.3), np.cos(0.3)]),
+        (-0.85, 0.55),
+        color=UP,
+        arrowprops={"arrowstyle": "-", "color": UP},
+    )
     body.set(xlim=(-1.0, 1.6), ylim=(-1.0, 1.5), title="body frame b, from above: up (z) to you")
     return figure
 
@@ -77,17 +83,33 @@ def error_state() -> Drawing:
     plan.plot(*(truth + drift), color=INS, lw=1.8)
     at = 160
     _arrow(plan, truth[:, at], (truth + drift)[:, at], WRONG, "")
-    plan.annotate("error state δr\nindicated − true", (truth + 0.55 * drift)[:, at], (8.8, 1.6),
-                  color=WRONG)  # fmt: skip
+    plan.annotate(
+        "error state δr\nindicated − true", (truth + 0.55 * drift)[:, at], (8.8, 1.6), color=WRONG
+    )
     plan.annotate("true", truth[:, 60], (2.3, 0.15))
-    plan.annotate("indicated by the INS", (truth + drift)[:, 90], (0.6, 2.6), color="0.4",
-                  arrowprops={"arrowstyle": "-", "color": INS})  # fmt: skip
+    plan.annotate(
+        "indicated by the INS",
+        (truth + drift)[:, 90],
+        (0.6, 2.6),
+        color="0.4",
+        arrowprops={"arrowstyle": "-", "color": INS},
+    )
     estimated = truth + drift - drift * (1.0 - 0.12 * np.cos(25.0 * s))
     plan.plot(*estimated, color=ESTIMATED, lw=1.2, ls="--")
-    plan.annotate("corrected: indicated − estimate of δr", estimated[:, 120], (3.2, -0.75),
-                  color=ESTIMATED, arrowprops={"arrowstyle": "-", "color": ESTIMATED})  # fmt: skip
-    plan.set(title="from above, the drift exaggerated", xticks=[], yticks=[], ylim=(-1.1, 4.2),
-             xlim=(-0.3, 12.6))  # fmt: skip
+    plan.annotate(
+        "corrected: indicated − estimate of δr",
+        estimated[:, 120],
+        (3.2, -0.75),
+        color=ESTIMATED,
+        arrowprops={"arrowstyle": "-", "color": ESTIMATED},
+    )
+    plan.set(
+        title="from above, the drift exaggerated",
+        xticks=[],
+        yticks=[],
+        ylim=(-1.1, 4.2),
+        xlim=(-0.3, 12.6),
+    )
     plan.grid(False)
     case = gg.load("wang2013").case("0.01E-1Hz-unfiltered")
     problem, truly = gg.simulate(case, seed=1, run=0)
@@ -97,8 +119,11 @@ def error_state() -> Drawing:
         if name == "ekf":
             sigma = np.sqrt((judged.sigmas[:, :3] ** 2).sum(axis=1))
             errors.semilogy(judged.times, sigma, color=ESTIMATED, ls=":", label="claimed, 1 σ")
-    errors.set(xlabel="time [s]", ylabel="position error [m]",
-               title="a run over the Qinling mountains, 0.01 E")  # fmt: skip
+    errors.set(
+        xlabel="time [s]",
+        ylabel="position error [m]",
+        title="a run over the Qinling mountains, 0.01 E",
+    )
     plain_numbers(errors)
     errors.legend(loc="upper left", bbox_to_anchor=(0.0, 0.85))
     return figure

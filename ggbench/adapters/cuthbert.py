@@ -106,12 +106,12 @@ class _Compiled:
         """Return means and roots of covariances of K + 1 epochs, of arrays that JAX traces."""
         h = self.measurement.function(inputs[4].shape[1], len(mean))
 
-        def dynamics(state: Any, given: Any) -> Any:
-            _, transition, process_root, *_ = given
+        def dynamics(state: Any, arguments: Any) -> Any:
+            _, transition, process_root, *_ = arguments
             return (lambda x: (transition @ x, process_root)), state.mean
 
-        def observation(state: Any, given: Any) -> Any:
-            k, _, _, noise_root, measured = given
+        def observation(state: Any, arguments: Any) -> Any:
+            k, _, _, noise_root, measured = arguments
             return (lambda x: (h(x, k), noise_root)), state.mean, measured
 
         kalman = moments.build_filter(mean, root, dynamics, observation)

@@ -87,8 +87,8 @@ class DynamaxEstimator(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Have dynamax find the posterior; nothing is drawn."""
-        found = _Compiled.of(self)
-        mean, cov = found(problem)
+        compiled = _Compiled.of(self)
+        mean, cov = compiled(problem)
         return Estimate(mean, 0.5 * (cov + cov.transpose(0, 2, 1)), self.causality)
 
 
@@ -145,10 +145,10 @@ class _Compiled:
             emission_function=self.measurement.function(m, len(mean)),
             emission_covariance=noise_cov,
         )
-        found = self.estimator.posterior(parameters, measurements, jnp.arange(epochs))
+        posterior = self.estimator.posterior(parameters, measurements, jnp.arange(epochs))
         if self.estimator.causality == "batch":
-            return found.smoothed_means, found.smoothed_covariances
-        return found.filtered_means, found.filtered_covariances
+            return posterior.smoothed_means, posterior.smoothed_covariances
+        return posterior.filtered_means, posterior.filtered_covariances
 
 
 @dataclass(frozen=True)

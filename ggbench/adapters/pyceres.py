@@ -60,8 +60,8 @@ class _Trajectory:
     def residuals(self, unknowns: np.ndarray) -> np.ndarray:
         """Return the residuals: the unknowns, and whitened measurements."""
         predicted = predict_along(self.problem.model, self._epochs, self.states(unknowns))
-        left = (self.problem.measurements - predicted)[..., np.newaxis]
-        return np.concatenate([unknowns, np.linalg.solve(self._noise_root, left).ravel()])
+        innovation = (self.problem.measurements - predicted)[..., np.newaxis]
+        return np.concatenate([unknowns, np.linalg.solve(self._noise_root, innovation).ravel()])
 
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
         """Return the derivative of the residuals by the unknowns."""

@@ -101,10 +101,10 @@ class Measurement(NonLinearGaussianMeasurement):
         vectors = state.state_vector
         points = np.asarray(vectors, dtype=float)
         kind = StateVectors if isinstance(vectors, StateVectors) else StateVector
-        found = self.problem.model.predict(self.epoch, points.T).T.view(kind)
+        predicted = self.problem.model.predict(self.epoch, points.T).T.view(kind)
         if noise is None or noise is False:
-            return found
-        return found + (self.rvs(points.shape[1]) if noise is True else noise)
+            return predicted
+        return predicted + (self.rvs(points.shape[1]) if noise is True else noise)
 
     def jacobian(self, state: Any, **kwargs: Any) -> np.ndarray:
         """Return H (m, n) at a state."""
@@ -150,9 +150,9 @@ class StoneSoupEstimator(Estimator):
         """Yield the updated state of every epoch."""
         first = float(problem.times[0])
         # The start is the zero of time; where the first epoch is not behind it, a second before.
-        begun = _time(0.0 if first > 0.0 else first - 1.0)
+        start = _time(0.0 if first > 0.0 else first - 1.0)
         prior = GaussianState(
-            StateVector(problem.prior_mean), CovarianceMatrix(problem.prior_cov), timestamp=begun
+            StateVector(problem.prior_mean), CovarianceMatrix(problem.prior_cov), timestamp=start
         )
         state = self.start(prior, rng)
         mapping = tuple(range(problem.dimension))
@@ -161,18 +161,22 @@ class StoneSoupEstimator(Estimator):
             predictor, updater = self.filter(
                 Transition(
                     transition_matrix=problem.transition[k],
-                    covariance_matrix=CovarianceMatrix(problem.process_cov[k]), **of_epoch,
+                    covariance_matrix=CovarianceMatrix(problem.process_cov[k]),
+                    **of_epoch,
                 ),
                 Measurement(
-                    ndim_state=len(mapping), mapping=mapping,
-                    noise_covar=CovarianceMatrix(problem.noise_of(k)), **of_epoch,
+                    ndim_state=len(mapping),
+                    mapping=mapping,
+                    noise_covar=CovarianceMatrix(problem.noise_of(k)),
+                    **of_epoch,
                 ),
-            )  # fmt: skip
+            )
             prediction = predictor.predict(state, timestamp=_time(float(time)))
             detection = Detection(
-                StateVector(problem.measurements[k]), timestamp=_time(float(time)),
+                StateVector(problem.measurements[k]),
+                timestamp=_time(float(time)),
                 measurement_model=updater.measurement_model,
-            )  # fmt: skip
+            )
             state = updater.update(SingleHypothesis(prediction, detection))
             yield state
 

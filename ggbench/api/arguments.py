@@ -25,8 +25,8 @@ def listed(items: Any, kind: Any, name: str) -> list[Any]:
     if isinstance(items, kind):
         return [items]
     if not isinstance(items, Sequence) or not all(isinstance(item, kind) for item in items):
-        wanted = {str: "texts", CaseSpec: "cases"}.get(kind, "texts or estimators")
-        raise ArgumentError(f"{name} must be a list of {wanted}, and is {items!r}")
+        allowed = {str: "texts", CaseSpec: "cases"}.get(kind, "texts or estimators")
+        raise ArgumentError(f"{name} must be a list of {allowed}, and is {items!r}")
     return list(items)
 
 

@@ -57,8 +57,8 @@ def export(
     """
     loaded = scenario if isinstance(scenario, Scenario) else load(scenario)
     if f".{file_format}" not in containers.SUFFIXES:
-        known = ", ".join(suffix[1:] for suffix in containers.SUFFIXES)
-        raise ExchangeError(f"the format is '{file_format}' and must be one of {known}")
+        formats = ", ".join(suffix[1:] for suffix in containers.SUFFIXES)
+        raise ExchangeError(f"the format is '{file_format}' and must be one of {formats}")
     chosen = seed if seed is not None else loaded.campaign.seed
     written = []
     for case in (loaded.select(list(cases)) if cases else loaded).cases:
@@ -130,25 +130,25 @@ def judge_estimates(
     GGBenchError
         If a file cannot be used, its scenario is another one now, or a filter uses later readings.
     """
-    held = estimate_files.stored_runs(Path(estimates))
-    first = held[0].problem
-    for one in held:
+    stored = estimate_files.stored_runs(Path(estimates))
+    first = stored[0].problem
+    for one in stored:
         if (one.problem["scenario"], one.problem["seed"]) != (first["scenario"], first["seed"]):
-            raise ExchangeError(f"{estimates} holds estimates of {held[0]}, and of {one}")
+            raise ExchangeError(f"{estimates} holds estimates of {stored[0]}, and of {one}")
     loaded = load(first["scenario"]) if scenario is None else scenario
     loaded = loaded if isinstance(loaded, Scenario) else load(loaded)
-    names = list(dict.fromkeys(one.problem["case"] for one in held))
+    names = list(dict.fromkeys(one.problem["case"] for one in stored))
     selected = loaded.select(names)
     for case in selected.cases:
         key = result_keys.problem_key(case, first["seed"])
-        if any(one.problem["key"] != key for one in held if one.problem["case"] == case.name):
+        if any(one.problem["key"] != key for one in stored if one.problem["case"] == case.name):
             raise ExchangeError(
                 f"case {case.name} of {loaded.name} differs from the problem of "
                 f"{estimates}: the case or the version has changed; export it again"
             )
     if cut is not None:
-        require_causal(held, estimate_files.stored_runs(Path(cut)))
-    counts = {name: _runs_of(held, name) for name in names}
+        require_causal(stored, estimate_files.stored_runs(Path(cut)))
+    counts = {name: _runs_of(stored, name) for name in names}
     shortest = min(counts.values())
     return run(
         loaded,
@@ -161,35 +161,35 @@ def judge_estimates(
     )
 
 
-def _runs_of(held: Sequence[StoredRuns], case: str) -> int:
+def _runs_of(stored: Sequence[StoredRuns], case: str) -> int:
     """Return up to which run there are estimates of a case."""
-    numbers = {n for one in held if one.problem["case"] == case for n in one.problem["runs"]}
+    numbers = {n for one in stored if one.problem["case"] == case for n in one.problem["runs"]}
     missing = next(n for n in range(len(numbers) + 1) if n not in numbers)
     if missing == 0:
         raise ExchangeError(f"the estimates of case {case} lack run 0")
     return missing
 
 
-def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
+def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
     """Raise ExchangeError if estimates change when later readings are left out.
 
     Parameters
     ----------
-    held : estimates of whole problems.
+    stored : estimates of whole problems.
     cut : of the same runs, exported with ``until_s``.
     """
-    if any(whole.causality == "batch" for whole in held):
+    if any(whole.causality == "batch" for whole in stored):
         raise ExchangeError("'batch' estimates may use all measurements: remove the cut")
     compared = False
-    for whole, part, number in _common_runs(held, cut):
+    for whole, part, number in _common_runs(stored, cut):
         last = part.times[-1] - (whole.lag or 0.0)
-        known = np.flatnonzero(whole.times[: len(part.times)] <= last)
-        if not len(known):
+        common = np.flatnonzero(whole.times[: len(part.times)] <= last)
+        if not len(common):
             continue
         compared = True
         own, row = (one.problem["runs"].index(number) for one in (whole, part))
-        sigma = np.sqrt(np.diagonal(whole.cov[own][known], axis1=1, axis2=2))
-        off = (np.abs(part.mean[row][known] - whole.mean[own][known]) / sigma).max(axis=1)
+        sigma = np.sqrt(np.diagonal(whole.cov[own][common], axis1=1, axis2=2))
+        off = (np.abs(part.mean[row][common] - whole.mean[own][common]) / sigma).max(axis=1)
         if off.max() > _SAME:
             first = whole.times[int((off > _SAME).argmax())]
             raise ExchangeError(
@@ -203,10 +203,10 @@ def require_causal(held: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> Non
 
 
 def _common_runs(
-    held: Sequence[StoredRuns], cut: Sequence[StoredRuns]
+    stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]
 ) -> Iterator[tuple[StoredRuns, StoredRuns, int]]:
     """Yield the whole and the cut estimates of each run that both have, and its number."""
-    for whole, part in itertools.product(held, cut):
+    for whole, part in itertools.product(stored, cut):
         if all(whole.problem[name] == part.problem[name] for name in ("key", "seed")):
             for number in part.problem["runs"]:
                 if number in whole.problem["runs"]:
@@ -221,7 +221,7 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
     estimates : the file or the folder, as judged.
     results : of :func:`judge_estimates`.
     """
-    said = []
+    sentences = []
     for one in estimate_files.stored_runs(Path(estimates)):
         case = results.scenario.case(one.problem["case"])
         numbers = one.problem["runs"][: flights.BLOCK_RUNS]
@@ -240,12 +240,12 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
             errors = {name: _rms(true - other) for name, other in readings.items()}
             best = min(errors, key=lambda name: errors[name])
             if errors[best] < _BETTER * _rms(true - mean):
-                said.append(
+                sentences.append(
                     f"the estimates of {one.problem['case']} err by {_rms(true - mean):.3g} m, and "
                     f"by {errors[best]:.3g} m if read {best}"
                 )
             break
-    return said
+    return sentences
 
 
 def _rms(errors: np.ndarray) -> float:

@@ -183,7 +183,7 @@ def check(estimator: str | Estimator, time_limit: float = examination.LIMIT_S) -
 
     limit, text = number("time_limit", time_limit), text_of_estimator(estimator)
     rows = [
-        (asked.name, verdict, asked.demand, said)
-        for asked, verdict, said in examination.examined(text, CHECKS, limit)
+        (demand.name, verdict, demand.demand, remark)
+        for demand, verdict, remark in examination.examined(text, CHECKS, limit)
     ]
     return pd.DataFrame(rows, columns=["check", "verdict", "demand", "text"])

@@ -42,11 +42,11 @@ class Judgement(judgement.Judgement):
         """Return a row for each epoch: errors ENU [m, m/s] and their σ, NEES and NIS."""
         import pandas as pd
 
-        found = {"time_s": self.times}
+        columns = {"time_s": self.times}
         for column, name in enumerate(_COMPONENTS):
-            found[name] = self.components[:, column]
-            found[f"sigma_{name}"] = self.sigmas[:, column]
-        return pd.DataFrame(found | {"nees": self.nees, "nis": self.nis})
+            columns[name] = self.components[:, column]
+            columns[f"sigma_{name}"] = self.sigmas[:, column]
+        return pd.DataFrame(columns | {"nees": self.nees, "nis": self.nis})
 
 
 def judge(
@@ -83,7 +83,7 @@ def load(name_or_path: str | Path) -> Scenario:
     return scenarios.load(name_or_path)
 
 
-def case_of(given: CaseSpec | Scenario | str | Path) -> CaseSpec:
+def case_of(source: CaseSpec | Scenario | str | Path) -> CaseSpec:
     """Return a case, or the first one of a scenario, its name or its path.
 
     Raises
@@ -91,13 +91,13 @@ def case_of(given: CaseSpec | Scenario | str | Path) -> CaseSpec:
     ArgumentError, ScenarioError
         If it is none of these, or the scenario cannot be read.
     """
-    if isinstance(given, CaseSpec):
-        return given
-    if isinstance(given, Scenario):
-        return given.cases[0]
-    if isinstance(given, str | Path):
-        return load(given).cases[0]
-    raise ArgumentError(f"the case must be scenario.case(name) or a scenario, not {kind(given)}")
+    if isinstance(source, CaseSpec):
+        return source
+    if isinstance(source, Scenario):
+        return source.cases[0]
+    if isinstance(source, str | Path):
+        return load(source).cases[0]
+    raise ArgumentError(f"the case must be scenario.case(name) or a scenario, not {kind(source)}")
 
 
 def simulate(
@@ -121,9 +121,9 @@ def simulate(
         If the case cannot be flown.
     """
     case = case_of(case)
-    used = whole("seed", case.seed if seed is None else seed, 0, MOST_SEED)
+    used_seed = whole("seed", case.seed if seed is None else seed, 0, MOST_SEED)
     run = whole("run", run, 0, MOST_RUNS)
-    return simulation.simulate(flight_of(scenarios.checked(case).of_run(run)), used, run)
+    return simulation.simulate(flight_of(scenarios.checked(case).of_run(run)), used_seed, run)
 
 
 def estimator(text: str) -> Estimator:
@@ -168,20 +168,20 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
     if reason:
         raise registry.EstimatorError(f"{chosen.name} refuses this problem: {reason}")
     rng = np.random.default_rng(whole("seed", seed, 0, MOST_SEED))
-    found = estimation.estimate(chosen, problem, rng)
-    if not isinstance(found, Estimate):
+    estimated = estimation.estimate(chosen, problem, rng)
+    if not isinstance(estimated, Estimate):
         raise registry.EstimatorError(
-            f"{chosen.name}: estimate() returned {kind(found)} and must return an Estimate"
+            f"{chosen.name}: estimate() returned {kind(estimated)} and must return an Estimate"
         )
-    outside = epochs_outside(problem, found.mean)
-    if found.causality != "none" and outside.any():
+    outside = epochs_outside(problem, estimated.mean)
+    if estimated.causality != "none" and outside.any():
         warnings.warn(
             f"{chosen.name} believes to be outside the map at {np.count_nonzero(outside)} of "
             f"{problem.epochs} epochs, first {problem.times[outside.argmax()]:g} s after the "
             "start: the border's values go on there",
             stacklevel=2,
         )
-    return found
+    return estimated
 
 
 def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
@@ -205,8 +205,8 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
         raise ArgumentError(f"the flight must be the path of a file, not {kind(path)}")
     from ..recorded.flight import read_flight as read  # not at the top: it loads slowly
 
-    found = read(path)
-    return found.problem, found.reference
+    flight = read(path)
+    return flight.problem, flight.reference
 
 
 def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.DataFrame:

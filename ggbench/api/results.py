@@ -71,8 +71,8 @@ class Results(folder.Results):
         from ..figures import stored  # not at the top: tables need no Matplotlib
 
         name = self._case(case)
-        shown = [row["estimator"] for row in ordered(self.metrics(), name)]
-        return stored.error_over_time(self, {name: shown})
+        labels = [row["estimator"] for row in ordered(self.metrics(), name)]
+        return stored.error_over_time(self, {name: labels})
 
     def plot_errors(
         self,

@@ -84,24 +84,24 @@ def run(
         raise ArgumentError(f"time_limit is {time_limit} s and must lie above 0, to {_LONGEST_S:g}")
     loaded, chosen_cases = scenario_of(scenario)
     texts = [text_of_estimator(item) for item in listed(estimators, str | Estimator, "estimators")]
-    kept = None if output is not None else tempfile.mkdtemp(prefix="ggbench-")
-    shown = shown_progress(progress, loaded.name)
+    temporary = None if output is not None else tempfile.mkdtemp(prefix="ggbench-")
+    display = shown_progress(progress, loaded.name)
     try:
 
         def reported(step: running.CampaignProgress) -> None:
-            said = step.remarks if step.done == 0 and step.workers is None else ()
-            for remark in (*said, *filter(None, [step.waiting])):
+            first_remarks = step.remarks if step.done == 0 and step.workers is None else ()
+            for remark in (*first_remarks, *filter(None, [step.waiting])):
                 warnings.warn(remark, stacklevel=5)
-            shown.tell(step)
+            display.tell(step)
 
         compiled = first_use("ins/strapdown.py", "in a minute or two")
         with (
-            shown.display or contextlib.nullcontext(),
+            display.display or contextlib.nullcontext(),
             compiling_ahead(bool(compiled), processes) as compile_them,
         ):
             work = campaign.planned(
                 loaded,
-                Path(kept or str(output)),
+                Path(temporary or str(output)),
                 texts,
                 runs=count,
                 seed=start,
@@ -112,15 +112,15 @@ def run(
                 retry_failed=retry_failed,
             )
             compile_them(work.labels)
-            shown.tell_first_use(compiled, work.plan.scenario)
+            display.tell_first_use(compiled, work.plan.scenario)
             running.fly(work, processes, cluster, reported)
         results = Results(work.folder)
-        if kept is not None:
+        if temporary is not None:
             # At the latest when the process ends.
-            weakref.finalize(results, shutil.rmtree, kept, ignore_errors=True)
+            weakref.finalize(results, shutil.rmtree, temporary, ignore_errors=True)
     except BaseException:
-        if kept is not None:
-            shutil.rmtree(kept, ignore_errors=True)
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
         raise
     return results
 
@@ -161,30 +161,30 @@ def sweep(
         point = case
         for key, value in zip(keys, combination, strict=True):
             point = point.changed(key, value)
-        said = ", ".join(f"{k.split('.')[-1]} {v}" for k, v in zip(keys, combination, strict=True))
-        points.append(point.changed("name", f"point-{number_of}").changed("title", said))
+        title = ", ".join(f"{k.split('.')[-1]} {v}" for k, v in zip(keys, combination, strict=True))
+        points.append(point.changed("name", f"point-{number_of}").changed("title", title))
     return run(points, estimators, runs, **options)
 
 
 def scenario_of(
-    given: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
+    source: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
 ) -> tuple[Scenario, tuple[str, ...]]:
     """Return a whole scenario and, if only some of its cases are given, their names.
 
     Raise ArgumentError if there is no case, ScenarioError if a file cannot be read.
     """
-    if isinstance(given, CaseSpec):
-        return written.of_cases([given]), ()
-    if isinstance(given, Scenario):
-        complete = scenarios.as_written(given)
-        names = tuple(case.name for case in given.cases)
+    if isinstance(source, CaseSpec):
+        return written.of_cases([source]), ()
+    if isinstance(source, Scenario):
+        complete = scenarios.as_written(source)
+        names = tuple(case.name for case in source.cases)
         return complete, () if len(names) == len(complete.cases) else names
-    if isinstance(given, Sequence) and not isinstance(given, str):
-        cases = listed(given, CaseSpec, "cases")
+    if isinstance(source, Sequence) and not isinstance(source, str):
+        cases = listed(source, CaseSpec, "cases")
         if not cases:
             raise ArgumentError("a campaign needs at least one case")
         return written.of_cases(cases), ()
-    return load(given), ()
+    return load(source), ()
 
 
 def text_of_estimator(item: str | Estimator) -> str:

@@ -37,15 +37,15 @@ class Shown:
             self.display.tell(replace(step, remarks=()))
 
 
-def shown_progress(wanted: bool | Callable[[int, int], object] | None, title: str) -> Shown:
+def shown_progress(choice: bool | Callable[[int, int], object] | None, title: str) -> Shown:
     """Return what is to be shown; without a wish it is shown where somebody looks.
 
     In a notebook it can be changed with ipywidgets alone; else lines are printed now and then.
     """
-    if callable(wanted):
-        return Shown(called=wanted)
+    if callable(choice):
+        return Shown(called=choice)
     console = Console(stderr=True, highlight=False)
-    if wanted is False or (wanted is None and not console.is_terminal):
+    if choice is False or (choice is None and not console.is_terminal):
         return Shown()
     live = console.is_terminal
     if console.is_jupyter:

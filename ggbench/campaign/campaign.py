@@ -1,8 +1,6 @@
 """Campaigns: the runs of a scenario, and the stored results that they can reuse.
 
-A task is runs of one case, simulated once and given to every estimator, so that differences
-between estimators are paired. Estimators that take many runs at once have tasks of their own; what
-they are given is the same. Results are stored as they arrive, under keys of their content
+Results are stored as they arrive, under keys of their content
 (:mod:`ggbench.campaign.result_keys`); what a folder already holds is not run again.
 """
 
@@ -10,14 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import itertools
 import math
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -32,14 +29,12 @@ from ..spec.scenario import Scenario
 from ..spec.unusual_values import unusual_values
 from . import result_keys
 from .flights import first_problem, flight_of
+from .plan import PendingCell, Plan, Tasks
 from .records import lag_epochs, shared_arrays
-from .registry import choose, choose_all, own_file
-from .runner import EstimatorKeys, Task, by_block_size
+from .registry import choose, choose_all
 from .texts import exception_text
 
 _NAMED_CASES = 3
-TASK_RUNS = 128
-"""Most runs of a task."""
 
 
 class CampaignError(GGBenchError):
@@ -65,144 +60,6 @@ def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]
     except GGBenchError as error:
         prefix = f"assumption {study}, " if study else ""
         raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The runs that belong together, and their keys.
-
-    Attributes
-    ----------
-    scenario : with the cases that are run, and with assumptions only if they are studied.
-    estimators : label to content (:attr:`.Choice.content`) of the cases' runs.
-    studied : the same of the assumptions' runs.
-    runs, seed : number of runs per case, and the seed.
-    left_out : reasons by label and case, of the cases that an estimator cannot take.
-    """
-
-    scenario: Scenario
-    estimators: Mapping[str, Mapping[str, Any]]
-    studied: Mapping[str, Mapping[str, Any]]
-    runs: int
-    seed: int
-    left_out: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-
-    def cells(self) -> list[tuple[str, CaseSpec, EstimatorKeys]]:
-        """Return every study ("" for none) and case with its estimators and their keys."""
-        return [
-            (study, case, self._pairs(case, self.studied if study else self._taking(case.name)))
-            for study, case in self.scenario.every_case()
-        ]
-
-    def _taking(self, case: str) -> dict[str, Mapping[str, Any]]:
-        """Return the estimators that take a case."""
-        refused = {label for label, reasons in self.left_out.items() if case in reasons}
-        return {k: content for k, content in self.estimators.items() if k not in refused}
-
-    def _pairs(self, case: CaseSpec, contents: Mapping[str, Mapping[str, Any]]) -> EstimatorKeys:
-        return tuple(
-            (label, result_keys.run_key(case, content, self.seed))
-            for label, content in contents.items()
-        )
-
-    def joined(self, old: Mapping[str, Any], whole: Scenario, finished: Set[str]) -> Plan:
-        """Return this plan together with what a folder holds of the same content.
-
-        Parameters
-        ----------
-        old : the folder's manifest.
-        whole : the scenario with all of its cases.
-        finished : keys under which there are results.
-        """
-        now = result_keys.environment() | {"seed": self.seed}
-        if any(old[name] != value for name, value in now.items()):
-            return self
-        # By the contents that the manifest states: what it names is not to be loaded.
-        held: dict[str, Mapping[str, Any]] = {}
-        names = {case.name for case in self.scenario.cases}
-        for label, content in old["estimators"].items():
-            found = {
-                case.name
-                for case in whole.cases
-                if result_keys.run_key(case, content, self.seed) in finished
-            }
-            names |= found
-            if found and content not in self.estimators.values():
-                held[label] = content
-        shown = whole.select([case.name for case in whole.cases if case.name in names])
-        if not (old["assumptions"] or self.scenario.assumptions):
-            shown = replace(shown, assumptions=())
-        # What an earlier campaign found of further cases holds as long as the source is the same.
-        same = {k for k, content in self.estimators.items() if old["estimators"].get(k) == content}
-        left_out = {k: v for k, v in old.get("left_out", {}).items() if k in held or k in same}
-        for label, reasons in self.left_out.items():
-            left_out[label] = left_out.get(label, {}) | dict(reasons)
-        joined = replace(
-            self,
-            scenario=shown,
-            estimators=held | dict(self.estimators),
-            left_out=left_out,
-        )
-        stored = {key for _, _, pairs in joined.cells() for _, key in pairs} & finished
-        return replace(joined, runs=max(old["runs"], self.runs)) if stored else joined
-
-
-class PendingCell(NamedTuple):
-    """A case with its estimators, and which runs (estimators, runs) each of them misses."""
-
-    assumption: str
-    case: CaseSpec
-    pairs: EstimatorKeys
-    missing: np.ndarray
-
-
-class Tasks:
-    """What a campaign has still to run: its tasks, made when they are asked for.
-
-    A range of runs of all cases comes before the next one, and estimators that do not take many
-    runs at once go through it run by run: an interrupted campaign has runs of all cases. Where each
-    run has a flight of its own, all estimators go through a range at once: it is made only once.
-    Users' own files have tasks of their own, after those of the installed estimators, so that what
-    their code changes in a process reaches no other estimator.
-    """
-
-    def __init__(self, cells: Sequence[PendingCell], seed: int) -> None:
-        self._seed = seed
-        self.results = sum(int(cell.missing.sum()) for cell in cells)
-        """Number of results to come."""
-        self._groups: dict[str, tuple[list[PendingCell], list[PendingCell]]] = {"": ([], [])}
-        """By own file, "" for the installed ones: cells at once, and cells run by run."""
-        for cell in cells:
-            for file in dict.fromkeys(own_file(label) for label, _ in cell.pairs):
-                own = tuple(pair for pair in cell.pairs if own_file(pair[0]) == file)
-                sides = (own, ()) if cell.case.drawn else by_block_size(own)
-                group = self._groups.setdefault(file, ([], []))
-                for cells_of, pairs in zip(group, sides, strict=True):
-                    where = [cell.pairs.index(pair) for pair in pairs]
-                    cells_of.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
-
-    def __iter__(self) -> Iterator[Task]:
-        sides = itertools.chain.from_iterable(self._groups.values())
-        most = max((cell.missing.shape[1] for cells in sides for cell in cells), default=0)
-        for start in range(0, most, TASK_RUNS):
-            stop = min(start + TASK_RUNS, most)
-            for at_once, one_by_one in self._groups.values():
-                for cell in at_once:
-                    yield from self._blocks(cell, start, stop)
-                for run in range(start, stop):
-                    for cell in one_by_one:
-                        yield from self._blocks(cell, run, run + 1)
-
-    def _blocks(self, cell: PendingCell, start: int, stop: int) -> Iterator[Task]:
-        """Yield tasks of a range of runs: one of each set of estimators that miss the same runs."""
-        patterns: dict[bytes, list[int]] = {}
-        for run in range(start, min(stop, cell.missing.shape[1])):
-            if cell.missing[:, run].any():
-                patterns.setdefault(cell.missing[:, run].tobytes(), []).append(run)
-        for runs in patterns.values():
-            lacking = cell.missing[:, runs[0]]
-            pairs = tuple(pair for pair, lacks in zip(cell.pairs, lacking, strict=True) if lacks)
-            yield Task(cell.case, cell.assumption, runs, self._seed, pairs)
 
 
 @dataclass
@@ -236,8 +93,9 @@ class Campaign:
 
     def __post_init__(self) -> None:
         for name, value, least, most in (
-            ("runs", self.runs, 1, MOST_RUNS), ("seed", self.seed, 0, MOST_SEED)
-        ):  # fmt: skip
+            ("runs", self.runs, 1, MOST_RUNS),
+            ("seed", self.seed, 0, MOST_SEED),
+        ):
             if not least <= value <= most:
                 raise CampaignError(f"{name} is {value} and must be from {least} to {most}")
         # Once: a file that is edited later changes nothing of what is run and how it is stored.
@@ -277,14 +135,14 @@ class Campaign:
         self._require_folder()
         plan = self.plan
         if (self.folder / "manifest.json").exists():
-            finished, held = store.finished().keys(), read_manifest(self.folder)
-            self.families = held["families"] | self.families
-            plan = plan.joined(held, self.scenario, finished)
+            finished, manifest_before = store.finished().keys(), read_manifest(self.folder)
+            self.families = manifest_before["families"] | self.families
+            plan = plan.joined(manifest_before, self.scenario, finished)
         self._share(store, plan)
         manifest = self._manifest(plan)
         store.write_manifest(manifest)
-        used = {cell["key"] for cell in manifest["cells"]}
-        unused = sum(len(runs) for key, runs in store.finished().items() if key not in used)
+        used_keys = {cell["key"] for cell in manifest["cells"]}
+        unused = sum(len(runs) for key, runs in store.finished().items() if key not in used_keys)
         if not unused:
             return []
         return [
@@ -303,16 +161,16 @@ class Campaign:
 
     def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
         cells = []
-        seen: set[str] = set()
+        distinct_keys: set[str] = set()
         for study, case, estimators in self.plan.cells():
             # Two names of one content are run once.
-            pairs = tuple(pair for pair in estimators if pair[1] not in seen)
-            seen.update(key for _, key in pairs)
+            pairs = tuple(pair for pair in estimators if pair[1] not in distinct_keys)
+            distinct_keys.update(key for _, key in pairs)
             runs = self.scenario.campaign.runs_of(study, self.runs)
             missing = np.ones((len(pairs), runs), dtype=bool)
             for row, (_, key) in zip(missing, pairs, strict=True):
-                held = finished.get(key, np.empty(0, dtype=np.int64))
-                row[held[held < runs]] = False
+                finished_runs = finished.get(key, np.empty(0, dtype=np.int64))
+                row[finished_runs[finished_runs < runs]] = False
             cells.append(PendingCell(study, case, pairs, missing))
         return Tasks(cells, self.seed)
 
@@ -325,10 +183,10 @@ class Campaign:
                 "overwritten; choose another output folder"
             )
         if (self.folder / "manifest.json").exists() and not self.fresh:
-            held = read_manifest(self.folder)["scenario"]
-            if held != self.scenario.name:
+            stored_name = read_manifest(self.folder)["scenario"]
+            if stored_name != self.scenario.name:
                 raise StoreError(
-                    f"{self.folder} holds results of the scenario {held}, not of "
+                    f"{self.folder} holds results of the scenario {stored_name}, not of "
                     f"{self.scenario.name}; choose another output folder, or discard them (--fresh)"
                 )
 
@@ -349,13 +207,13 @@ class Campaign:
                     left_out.setdefault(label, {})[case.name] = reason
         cases = [case.name for case in self.plan.scenario.cases]
         remarks = left_out_remarks(left_out, cases)
-        kept = {
+        remaining = {
             label: content
             for label, content in self.plan.estimators.items()
             if len(left_out.get(label, ())) < len(cases)
         }
-        self.plan = replace(self.plan, estimators=kept, left_out=left_out)
-        if not kept:
+        self.plan = replace(self.plan, estimators=remaining, left_out=left_out)
+        if not remaining:
             raise CampaignError("all estimators refuse this scenario: " + "; ".join(remarks))
         return remarks
 
@@ -378,10 +236,10 @@ class Campaign:
             if store.has_arrays(key):
                 prefix = "bound-fixed-lag-"
                 names = [n for n in store.arrays(key, case.name) if n.startswith(prefix)]
-                held = {int(name.removeprefix(prefix)) for name in names}
-                if lags <= held:
+                stored_lags = {int(name.removeprefix(prefix)) for name in names}
+                if lags <= stored_lags:
                     continue
-                lags |= held
+                lags |= stored_lags
             store.write_arrays(key, shared_arrays(flight_of(case), self.seed, sorted(lags)))
 
     def _manifest(self, plan: Plan) -> dict[str, Any]:

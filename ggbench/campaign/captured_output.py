@@ -62,10 +62,10 @@ class CapturedOutput:
 
     def _add(self, piece: bytes) -> None:
         # A seam may be cut in two by the pieces.
-        held = min(len(self._end), len(self._seam))
-        first, *others = (self._end[len(self._end) - held :] + piece).split(self._seam)
-        self._end = self._end[: len(self._end) - held]
-        self._count -= held
+        overlap = min(len(self._end), len(self._seam))
+        first, *others = (self._end[len(self._end) - overlap :] + piece).split(self._seam)
+        self._end = self._end[: len(self._end) - overlap]
+        self._count -= overlap
         self._extend(first)
         for other in others:
             self._over.append(self._taken())
@@ -77,10 +77,10 @@ class CapturedOutput:
 
     def _taken(self) -> str:
         """Return the end of the output since the last seam, and forget it."""
-        found, count = self._end, self._count
+        tail, count = self._end, self._count
         self._end, self._count = b"", 0
-        text = found.decode(errors="replace").strip()
-        shown = printable(text[-LONGEST_TEXT:])[-LONGEST_TEXT:]
-        if count > len(found) or len(text) > LONGEST_TEXT:
-            return f"({count} bytes; their end:) {shown}"
-        return shown
+        text = tail.decode(errors="replace").strip()
+        excerpt = printable(text[-LONGEST_TEXT:])[-LONGEST_TEXT:]
+        if count > len(tail) or len(text) > LONGEST_TEXT:
+            return f"({count} bytes; their end:) {excerpt}"
+        return excerpt

@@ -71,14 +71,14 @@ def on_cluster(
 
 def _require_listener(address: str) -> None:
     """Raise ClusterError unless somebody listens; Dask's own client would complain at length."""
-    found = re.fullmatch(r"(?:(?:tcp|tls)://)?([^/:]+|\[[^/]+\]):(\d{1,5})", address)
-    if not found or int(found[2]) > 65535:
+    parts = re.fullmatch(r"(?:(?:tcp|tls)://)?([^/:]+|\[[^/]+\]):(\d{1,5})", address)
+    if not parts or int(parts[2]) > 65535:
         raise ClusterError(
             f"'{address}' is no address of a Dask scheduler; write tcp://HOST:PORT, or "
             "tls://HOST:PORT"
         )
     try:
-        socket.create_connection((found[1].strip("[]"), int(found[2])), _CONNECT_S).close()
+        socket.create_connection((parts[1].strip("[]"), int(parts[2])), _CONNECT_S).close()
     except OSError as error:
         raise ClusterError(
             f"no Dask scheduler answers at {address}: {error.strerror or error}"
@@ -107,11 +107,11 @@ def _on(
         while handed:
             try:
                 with client.as_current():
-                    done, _ = wait([*handed], _LOOK_EVERY_S, return_when="FIRST_COMPLETED")
+                    finished, _ = wait([*handed], _LOOK_EVERY_S, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 hand_over()
                 continue
-            for future in done:
+            for future in finished:
                 task = handed.pop(future)
                 try:
                     results = future.result()

@@ -94,16 +94,16 @@ def compile_estimators(names: Iterable[str]) -> None:
     evaluate_block(states[np.newaxis], states[np.newaxis], cov)
 
 
-def _listen(asked: queue.SimpleQueue[str]) -> None:
+def _listen(requests: queue.SimpleQueue[str]) -> None:
     """Take what the parent asks for; end this process when the parent ends."""
-    asked.put(sys.stdin.readline())
+    requests.put(sys.stdin.readline())
     sys.stdin.read()
     os._exit(0)
 
 
-def _names(asked: queue.SimpleQueue[str]) -> Iterator[str]:
+def _names(requests: queue.SimpleQueue[str]) -> Iterator[str]:
     """Yield the names that the parent asks for, once it has."""
-    yield from (name for name in json.loads(asked.get()) if ".py" not in name)
+    yield from (name for name in json.loads(requests.get()) if ".py" not in name)
 
 
 if __name__ == "__main__":

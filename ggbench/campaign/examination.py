@@ -53,10 +53,10 @@ def examined(
                 answer = _answer(process, answers, limit_s)
                 if "begun" in answer:
                     continue
-                asked = waiting.pop(0)
+                check = waiting.pop(0)
                 verdict, text = answer.get("verdict", "failed"), answer.get("text", "")
-                yield asked, verdict, answer.get("lost", text)
-                if verdict == "failed" and asked is checks[0]:
+                yield check, verdict, answer.get("lost", text)
+                if verdict == "failed" and check is checks[0]:
                     return
                 if "lost" in answer:
                     break
@@ -66,17 +66,17 @@ def _answer(
     process: subprocess.Popen[bytes], answers: Connection, limit_s: float
 ) -> dict[str, str]:
     """Return the next answer of the separate process; or how it ended, if there is none."""
-    begun = time.monotonic()
+    start = time.monotonic()
     while not answers.poll(_LOOK_EVERY_S):
         if process.poll() is not None and not answers.poll():
             return {"lost": _ended(process.returncode)}
-        if time.monotonic() - begun > limit_s:
+        if time.monotonic() - start > limit_s:
             return {"lost": f"it did not return within {limit_s:g} s"}
     try:
-        found: dict[str, str] = json.loads(answers.recv_bytes())
+        answer: dict[str, str] = json.loads(answers.recv_bytes())
     except EOFError:
         return {"lost": _ended(process.wait())}
-    return found
+    return answer
 
 
 def _ended(code: int) -> str:

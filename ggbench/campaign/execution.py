@@ -79,7 +79,7 @@ def drive(
     """
     queue = _Queue(tasks)
     results: list[Result] = []
-    asked = stored = time.monotonic()
+    last_check = stored = time.monotonic()
     while True:
         for member in pool:
             if member.idle and queue:
@@ -95,8 +95,8 @@ def drive(
             stored = start = time.monotonic()
         if finished:
             return
-        if start - asked > _WAKE_S:
-            asked = start
+        if start - last_check > _WAKE_S:
+            last_check = start
             if stop():
                 return
         patience = max(0.0, min([_WAKE_S, *(m.deadline - start for m in pool)]))
@@ -212,9 +212,12 @@ class WorkerSlot:
 
     def _is_of(self, message: list[object], started: Started) -> bool:
         """Return whether a message is the results of just what was started."""
-        found = [r.record["run"] for r in message if isinstance(r, Result) and
-                 r.key == self._keys[started.label]]  # fmt: skip
-        return len(found) == len(message) and found == list(started.runs)
+        runs = [
+            r.record["run"]
+            for r in message
+            if isinstance(r, Result) and r.key == self._keys[started.label]
+        ]
+        return len(runs) == len(message) and runs == list(started.runs)
 
     def _taken_out(self, part: Started) -> dict[str, set[int]]:
         """Take a part out of what is left of the task; return its runs by label."""
@@ -258,12 +261,12 @@ class WorkerSlot:
         self.renew()
 
     def _retry(
-        self, left: Mapping[str, set[int]], one_by_one: bool = False, second: bool = False
+        self, missing: Mapping[str, set[int]], one_by_one: bool = False, second: bool = False
     ) -> list[Attempt]:
         """Return the attempts at what is left of the task."""
         assert self.attempt is not None
         attempts = []
-        for labels, runs in _group_by_missing(left).items():
+        for labels, runs in _group_by_missing(missing).items():
             pairs = tuple((label, self._keys[label]) for label in labels)
             for some in ([run] for run in runs) if one_by_one else [runs]:
                 task = replace(self.attempt.task, runs=some, estimators=pairs)

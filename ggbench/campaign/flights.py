@@ -55,12 +55,12 @@ def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
     unknown = [case for case in dict.fromkeys(cases) if case not in _bounds]
     if unknown:
         flights = [flight_of(case) for case in unknown]
-        found = zip(flights, bounds(flights), strict=True)
-        _bounds.update(zip(unknown, itertools.starmap(CaseBound, found), strict=True))
-    wanted = [_bounds[case] for case in cases]
+        new_bounds = zip(flights, bounds(flights), strict=True)
+        _bounds.update(zip(unknown, itertools.starmap(CaseBound, new_bounds), strict=True))
+    requested = [_bounds[case] for case in cases]
     for case in [*_bounds][: max(len(_bounds) - BLOCK_RUNS, 0)]:
         del _bounds[case]
-    return wanted
+    return requested
 
 
 _flown: set[CaseSpec] = set()

@@ -78,10 +78,10 @@ def _line_of(error: BaseException, file: str) -> str:
         return f"{Path(file).name}, line {error.lineno}"
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         if Path(frame.filename) == Path(file):
-            shown = (frame.line or "").strip()
-            if len(shown) > _LONGEST_LINE:
-                shown = f"{shown[:_LONGEST_LINE]}..."
-            return f"{Path(file).name}, line {frame.lineno}{f': {shown}' if shown else ''}"
+            line = (frame.line or "").strip()
+            if len(line) > _LONGEST_LINE:
+                line = f"{line[:_LONGEST_LINE]}..."
+            return f"{Path(file).name}, line {frame.lineno}{f': {line}' if line else ''}"
     return ""
 
 

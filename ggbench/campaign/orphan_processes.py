@@ -64,14 +64,14 @@ def _kill(
     """Kill the chosen processes until there are none; return their numbers."""
     ended: set[int] = set()
     for _ in range(_ROUNDS):  # a process that is just being started is found in the next round
-        found = False
+        any_killed = False
         for process in processes():
             with contextlib.suppress(psutil.Error):  # it has ended, or is another user's
                 if process.pid != os.getpid() and chosen(process):
-                    found = True
+                    any_killed = True
                     ended.add(process.pid)
                     process.kill()
-        if not found:
+        if not any_killed:
             break
         time.sleep(_ROUND_S)
     return ended

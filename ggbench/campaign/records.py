@@ -67,8 +67,10 @@ class TimedEstimates:
 
     def of_runs(self, some: slice) -> TimedEstimates:
         """Return the estimates of some of the runs."""
-        held = {name: getattr(self, name) for name in ("mean", "cov", "nis", "info", "evaluations")}
-        cut = {name: values[some] for name, values in held.items() if values is not None}
+        columns = {
+            name: getattr(self, name) for name in ("mean", "cov", "nis", "info", "evaluations")
+        }
+        cut = {name: values[some] for name, values in columns.items() if values is not None}
         return replace(self, **cut)
 
 
@@ -132,16 +134,14 @@ def evaluate_runs(
     compared = references.metrics(name, bound, oracle(name))
     windows = np.concatenate([means, compared], axis=2).reshape(len(blanks), -1).tolist()
     peak = peak_memory_mb()
-    kept = kept_epochs(len(times))
-    curves = (
-        evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis
-    )  # fmt: skip
+    stored = kept_epochs(len(times))
+    curves = (evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis)
     outside = np.zeros(len(blanks), dtype=bool)
     if estimated.causality != "none":  # else no map was asked
         outside = outside_map(flight, evaluation.components)
     results = []
-    for r, begun in enumerate(blanks):
-        record = begun | {"seconds": estimated.seconds}
+    for r, blank in enumerate(blanks):
+        record = blank | {"seconds": estimated.seconds}
         if flaw := flaws[r] or _flaw_of_count(estimated.evaluations[r]):
             results.append(Result(key, record | {"reason": f"ValueError: {flaw}"}))
             continue
@@ -167,7 +167,7 @@ def evaluate_runs(
             record["remark"] = OUTSIDE
         series = detail = None
         if record["run"] < SERIES_RUNS:
-            series = _narrowed(np.stack([values[r, kept] for values in curves], axis=-1))
+            series = _narrowed(np.stack([values[r, stored] for values in curves], axis=-1))
         if record["run"] == DETAILED_RUN:
             detail = _narrowed(_detail(flight, error_state[r], estimated, evaluation, r))
         results.append(Result(key, record, series, detail, fixes))
@@ -233,10 +233,10 @@ def remarks(info: Any) -> dict[str, Any]:
     if len(text) > _LONGEST_INFO:
         raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
     try:
-        found: dict[str, Any] = from_json(text)  # as it will be read
+        decoded: dict[str, Any] = from_json(text)  # as it will be read
     except ValueError as error:
         raise ValueError(f"the estimate's info cannot be stored: {error}") from None
-    return found
+    return decoded
 
 
 def lag_epochs(case: CaseSpec, lag: float) -> int:

@@ -132,8 +132,8 @@ def choose(text: str) -> Choice:
         ) from None
     if "\0" in text:
         raise EstimatorError(f"{text!a} names an estimator with a null character")
-    given = _parsed(text)
-    name = given.name
+    spec = _parsed(text)
+    name = spec.name
     if name.endswith(".py"):
         cls = _from_file(Path(name))
     elif name.startswith(PROGRAM):
@@ -156,23 +156,23 @@ def choose(text: str) -> Choice:
             )
         cls = _load(points[name])
     _require_interface(cls, name)
-    return Choice(*_made(cls, given))
+    return Choice(*_made(cls, spec))
 
 
-def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Estimator]:
+def _made(cls: type[Estimator], requested: EstimatorSpec) -> tuple[EstimatorSpec, Estimator]:
     """Return the spec and the instance of an estimator with the parameters that a text states."""
-    name, known = given.name, parameters_of(cls)
-    defaults = {key: parameter.default for key, parameter in known.items()}
+    name, declared = requested.name, parameters_of(cls)
+    defaults = {key: parameter.default for key, parameter in declared.items()}
     values = dict(defaults)
-    for key, text in given.parameters.items():
-        if key not in known:
-            allowed = ", ".join(known) or "it has none"
+    for key, text in requested.parameters.items():
+        if key not in declared:
+            allowed = ", ".join(declared) or "it has none"
             raise EstimatorError(f"{name} has no parameter '{key}'; its parameters: {allowed}")
         try:
-            values[key] = known[key].validate(text)
+            values[key] = declared[key].validate(text)
         except ValueError:
             raise EstimatorError(
-                f"{name}: parameter '{key}' is '{text}' and must be {known[key].allowed()}"
+                f"{name}: parameter '{key}' is '{text}' and must be {declared[key].allowed()}"
             ) from None
     spec = EstimatorSpec.changed(name, values, defaults)
     try:
@@ -186,7 +186,7 @@ def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Es
             f"{name}: causality is {causality!r} and must be one of "
             f"{', '.join(typing.get_args(Causality))}"
         )
-    if causality == "fixed-lag" and "lag" not in known:
+    if causality == "fixed-lag" and "lag" not in declared:
         raise EstimatorError(f"{name}: a fixed-lag estimator needs a parameter 'lag' [s]")
     return spec, estimator
 
@@ -327,8 +327,8 @@ def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
 
 def _used_by(cls: type[Estimator]) -> set[str]:
     """Return the names of the modules of what a class's file holds, and of what it derives from."""
-    held = [*vars(sys.modules[cls.__module__]).values(), *cls.__mro__]
-    named = (x.__name__ if inspect.ismodule(x) else getattr(x, "__module__", None) for x in held)
+    objects = [*vars(sys.modules[cls.__module__]).values(), *cls.__mro__]
+    named = (x.__name__ if inspect.ismodule(x) else getattr(x, "__module__", None) for x in objects)
     return {str(name) for name in named}
 
 

@@ -95,18 +95,18 @@ def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
     Names are without folders: what counts is the content. Raise MapError, TrajectoryError or
     ColouredNoiseError if one cannot be read.
     """
-    found: dict[tuple[str, str, str], None] = {}
+    files: dict[tuple[str, str, str], None] = {}
     for case in cases:
         for side in ("truth", "model"):
-            found |= dict.fromkeys(map_files(case.side(side).field))
+            files |= dict.fromkeys(map_files(case.side(side).field))
         flown = zip(case.trajectory.files(), case.trajectory.file_hashes(), strict=True)
         for path, key in flown:
             role = "track" if not case.trajectory.lines else "survey lines"
             role = role if str(path) == case.trajectory.file else "terrain of the flight"
-            found[role, path.name, key] = None
+            files[role, path.name, key] = None
         for path, key in noise_files(case):
-            found["model of coloured noise", path.name, key] = None
-    return [{"role": role, "name": name, "sha256": key} for role, name, key in found]
+            files["model of coloured noise", path.name, key] = None
+    return [{"role": role, "name": name, "sha256": key} for role, name, key in files]
 
 
 _map_content = cache(map_content)

@@ -247,24 +247,24 @@ def timed_estimates(
     estimator = dataclasses.replace(choice.estimator)
     leading: tuple[int, ...] = ()
     if isinstance(estimator, BlockEstimator):
-        found, seconds = _timed(partial(estimation.estimate_block, estimator, block, rngs))
-        _require_declared(estimator, found, EstimateBlock, "estimate_block")
+        estimated, seconds = _timed(partial(estimation.estimate_block, estimator, block, rngs))
+        _require_declared(estimator, estimated, EstimateBlock, "estimate_block")
         leading = (block.runs,)
-        info, evaluations = _columns(found.info, block.runs)
+        info, evaluations = _columns(estimated.info, block.runs)
         fixes = None
     else:
         problem = block.problem(run)
-        found, seconds = _timed(partial(estimation.estimate, estimator, problem, rngs[0]))
-        _require_declared(estimator, found, Estimate, "estimate")
-        info = [remarks(found.info)]
+        estimated, seconds = _timed(partial(estimation.estimate, estimator, problem, rngs[0]))
+        _require_declared(estimator, estimated, Estimate, "estimate")
+        info = [remarks(estimated.info)]
         # An estimator that evaluates other models than the problem's counts for itself.
         counted = problem.model.evaluations if isinstance(problem.model, CountingModel) else 0
         own = info[0].get("map_evaluations", counted)
         evaluations = [own if isinstance(own, int) else counted]
-        fixes = found.fixes
+        fixes = estimated.fixes
     count, epochs, n = len(rngs), block.epochs, block.dimension
-    mean = run_errors.real_array("mean", found.mean, (*leading, epochs, n))
-    cov, nis = found.cov, found.nis
+    mean = run_errors.real_array("mean", estimated.mean, (*leading, epochs, n))
+    cov, nis = estimated.cov, estimated.nis
     if cov is not None:
         cov = run_errors.real_array("cov", cov, (*leading, epochs, n, n))
         cov = cov.reshape(count, epochs, n, n)
@@ -274,8 +274,8 @@ def timed_estimates(
         mean=mean.reshape(count, epochs, n),
         cov=cov,
         nis=nis,
-        causality=found.causality,
-        lag=found.lag,
+        causality=estimated.causality,
+        lag=estimated.lag,
         info=info,
         evaluations=evaluations,
         seconds=seconds / count,
@@ -285,8 +285,8 @@ def timed_estimates(
 
 def _duration(seconds: Any) -> float:
     """Return a duration as a record can hold it: NaN where it is none."""
-    found = isinstance(seconds, float) and 0.0 <= seconds < math.inf
-    return seconds if found else math.nan
+    is_valid = isinstance(seconds, float) and 0.0 <= seconds < math.inf
+    return seconds if is_valid else math.nan
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
@@ -299,8 +299,8 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
     try:
         with np.errstate(), warnings.catch_warnings():
             start = clock()
-            found = work()
-            return found, _duration(clock() - start)
+            result = work()
+            return result, _duration(clock() - start)
     finally:
         os.chdir(folder)
 
@@ -322,8 +322,8 @@ def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], 
         raise ValueError("the estimate's info has no map_evaluations")
     evaluations = columns.pop("map_evaluations").astype(int).tolist()
     lists = [values.tolist() for values in columns.values()]
-    found = [dict(zip(columns, values, strict=True)) for values in zip(*lists, strict=True)]
-    return found or [{}] * runs, evaluations
+    rows = [dict(zip(columns, values, strict=True)) for values in zip(*lists, strict=True)]
+    return rows or [{}] * runs, evaluations
 
 
 def _require_declared(

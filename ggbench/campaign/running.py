@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from ..results.database import Result
 from ..results.folder import Results, write_tables
 from ..results.store import Store
-from .campaign import Campaign, CampaignError, Tasks
+from .campaign import Campaign, CampaignError
 from .execution import in_process, in_processes
+from .plan import Tasks
 
 
 @dataclass(frozen=True)

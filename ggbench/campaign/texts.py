@@ -27,5 +27,7 @@ def traceback_text() -> str:
 
 def printable(text: str) -> str:
     """Return a text cut, with control characters and lone surrogates spelt out."""
-    shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:LONGEST_TEXT])
-    return "".join(shown)
+    characters = (
+        c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:LONGEST_TEXT]
+    )
+    return "".join(characters)

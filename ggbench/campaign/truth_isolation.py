@@ -17,8 +17,14 @@ import numpy as np
 _MODULES = ("gc", "inspect", "ggbench.simulation", "ggbench.campaign.runner")
 """What an estimator has no use for: it looks through a process, or simulates runs."""
 _NAMES = {
-    "_getframe", "_current_frames", "f_back", "f_locals", "tb_frame", "gi_frame", "get_referrers",
-}  # fmt: skip
+    "_getframe",
+    "_current_frames",
+    "f_back",
+    "f_locals",
+    "tb_frame",
+    "gi_frame",
+    "get_referrers",
+}
 
 
 class HiddenArray:
@@ -30,8 +36,8 @@ class HiddenArray:
     def __init__(self, array: np.ndarray) -> None:
         self._shape = array.shape
         self._memory = mmap.mmap(-1, max(array.nbytes, 1))
-        with self.looked_at() as kept:
-            kept[:] = array
+        with self.looked_at() as copy:
+            copy[:] = array
         array.fill(np.nan)
 
     @contextlib.contextmanager
@@ -46,7 +52,7 @@ def suspicious_names(source: bytes) -> list[str]:
 
     ``import gc``, ``import inspect``, frames of the stack, the package's own simulation; sorted.
     """
-    found: set[str] = set()
+    suspicious: set[str] = set()
     for node in ast.walk(ast.parse(source)):
         names: list[str] = []
         if isinstance(node, ast.Import):
@@ -58,6 +64,6 @@ def suspicious_names(source: bytes) -> list[str]:
         elif isinstance(node, ast.Constant):  # getattr(sys, "_getframe")
             names = [node.value] if node.value in _NAMES else []
         for name in names:
-            found.update(known for known in _MODULES if f"{name}.".startswith(f"{known}."))
-            found.update(_NAMES & {name.rpartition(".")[2]})
-    return sorted(found)
+            suspicious.update(module for module in _MODULES if f"{name}.".startswith(f"{module}."))
+            suspicious.update(_NAMES & {name.rpartition(".")[2]})
+    return sorted(suspicious)

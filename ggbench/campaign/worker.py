@@ -242,11 +242,11 @@ def main(descriptor: int, parent: int) -> None:
 
 def _end_run(results: list[Result], output: int, seam: bytes) -> None:
     """End what runs left running, which their records say, and what they print."""
-    if left := orphan_processes.kill_descendants():
-        remark = f"left {left} process{'es' * (left > 1)} running, ended with the run"
+    if count := orphan_processes.kill_descendants():
+        remark = f"left {count} process{'es' * (count > 1)} running, ended with the run"
         for result in results:
-            said = result.record["remark"]
-            result.record["remark"] = f"{said}; {remark}" if said else remark
+            earlier = result.record["remark"]
+            result.record["remark"] = f"{earlier}; {remark}" if earlier else remark
     for stream in (sys.__stdout__, sys.__stderr__):
         with contextlib.suppress(Exception):  # an estimator may have closed it
             if stream is not None:

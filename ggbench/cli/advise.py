@@ -70,7 +70,7 @@ def advise(
         loaded = scenario.load(scenario_name)
         flown = loaded.cases[0] if case is None else loaded.case(case)
         folder = output or Path("results") / "advise" / loaded.name
-        found = advices.advise(
+        advice = advices.advise(
             scenario=loaded,
             case=flown,
             folder=folder,
@@ -79,13 +79,13 @@ def advise(
             jobs=jobs,
             progress=progress.tell,
         )
-    _print(found)
-    reached = target is None or _print_target(found, target)
+    _print(advice)
+    reached = target is None or _print_target(advice, target)
     click.echo(f"It took {start.since()}.")
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
 
 
-def _print(found: Advice) -> None:
+def _print(advice: Advice) -> None:
     """Print the estimators, the recommended one, and what limits the accuracy."""
     from ..judging.field_scale import on_the_prior
     from ..report import columns
@@ -93,10 +93,10 @@ def _print(found: Advice) -> None:
 
     headings = ("RMS m", "× oracle", "success", "", "usual ms/run")
     table = ResponsiveTable(
-        f"{found.case.title}: bound {columns.metres(found.bound_m)} m",
+        f"{advice.case.title}: bound {columns.metres(advice.bound_m)} m",
         [("estimator", "name"), *((heading, "number") for heading in headings)],
     )
-    rows, usual = advices.table(found), advices.usual_seconds()
+    rows, usual = advices.table(advice), advices.usual_seconds()
     for row in rows.to_dict("records"):
         table.add_row(
             row["estimator"],
@@ -108,14 +108,14 @@ def _print(found: Advice) -> None:
         )
     table.print(console)
     errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
-    label, surely = advices.recommended(found)
+    label, surely = advices.recommended(advice)
     if label in errors:
         verdict = "use" if surely else "no estimator is recommended; the least bad is"
         console.out(f"In flight: {verdict} {label}, RMS error {columns.metres(errors[label])} m.")
-    smoother = advices.after_landing(found)
+    smoother = advices.after_landing(advice)
     if smoother in errors:
         console.out(f"After landing: {smoother}, RMS error {columns.metres(errors[smoother])} m.")
-    row = found.results.cases().iloc[0]
+    row = advice.results.cases().iloc[0]
     if math.isfinite(row["width"]):
         prior = on_the_prior(row["position_m"], row["correlation_m"])
         console.out(f"{prior[0].upper()}{prior[1:]}.")
@@ -123,27 +123,27 @@ def _print(found: Advice) -> None:
         "What limits the accuracy: each cause halved",
         [("cause", "text"), ("bound m", "number"), ("change", "number")],
     )
-    for limit in found.limits:
+    for limit in advice.limits:
         change = f"−{100.0 * limit.gain:.0f} %" if limit.gain > _SMALL else "none"
         table.add_row(limit.cause, columns.metres(limit.bound_m), change)
     table.print(console)
     console.out("Each cause is halved in truth and model together.")
 
 
-def _print_target(found: Advice, target: float) -> bool:
+def _print_target(advice: Advice, target: float) -> bool:
     """Print which gradiometer reaches a target; return whether any does."""
     from ..report import columns
 
-    if found.bound_m <= target:
+    if advice.bound_m <= target:
         console.out(f"The bound allows {target:g} m with the sensors as they are.")
-    if not found.unit:
+    if not advice.unit:
         console.out("The case has no gradiometer whose noise could be changed.")
-        return found.bound_m <= target
-    if math.isnan(found.noise):
+        return advice.bound_m <= target
+    if math.isnan(advice.noise):
         console.out(f"No gradiometer reaches {target:g} m here: change the track, map or INS.")
         return False
     console.out(
-        f"For {target:g} m the gradiometer's noise may be {columns.metres(found.noise)} "
-        f"{found.unit} at most, in truth and model, at the rate of the case."
+        f"For {target:g} m the gradiometer's noise may be {columns.metres(advice.noise)} "
+        f"{advice.unit} at most, in truth and model, at the rate of the case."
     )
     return True

@@ -96,8 +96,8 @@ def _print(bounds: pd.DataFrame, title: str) -> None:
         ],
     )
     last = len(bounds) - 1
-    shown = sorted({round(k * last / (_SHOWN_EPOCHS - 1)) for k in range(_SHOWN_EPOCHS)})
-    for number in shown:
+    epochs = sorted({round(k * last / (_SHOWN_EPOCHS - 1)) for k in range(_SHOWN_EPOCHS)})
+    for number in epochs:
         row = bounds.iloc[number]
         table.add_row(
             f"{row['time_s']:g}",

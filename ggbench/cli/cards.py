@@ -59,18 +59,18 @@ def cards(
     from ..campaign import registry
     from ..score import cards_page, checked
 
-    paths, allowed, found = checked.files_of(folder), registry.choose_all(estimators), []
+    paths, allowed, results = checked.files_of(folder), registry.choose_all(estimators), []
     for path in paths:
         with Progress(console, path.name) as progress:
-            found.append(
+            results.append(
                 checked.check(
                     path, allowed, flights, jobs=jobs, tell=click.echo, progress=progress.tell
                 )
             )
-    cards_page.write(found, output)
-    refused = [one for one in found if one.card is None]
+    cards_page.write(results, output)
+    refused = [one for one in results if one.card is None]
     for one in refused:
         click.echo(f"{line_of(str(one.path))} is not reproduced: {line_of(one.reasons[0])}")
-    reproduced = counted(len(found) - len(refused), "card")
-    click.echo(f"{reproduced} of {len(found)} reproduced. Wrote {output}.")
+    reproduced = counted(len(results) - len(refused), "card")
+    click.echo(f"{reproduced} of {len(results)} reproduced. Wrote {output}.")
     sys.exit(_EXIT_NOT_REPRODUCED if refused else 0)

@@ -45,28 +45,28 @@ def check(estimator: str, time_limit: float) -> None:
     from ..contract.catalogue import CHECKS
 
     verdicts: Counter[str] = Counter()
-    for asked, verdict, text in examined(estimator, CHECKS, time_limit):
+    for demand, verdict, text in examined(estimator, CHECKS, time_limit):
         verdicts[verdict] += 1
-        _tell(asked, verdict, text)
+        _tell(demand, verdict, text)
     passed, failed, refused = (verdicts[verdict] for verdict in _SHOWN)
     if not passed and not failed:
         raise CheckError(f"{estimator} refuses all problems of the contract")
-    left = len(CHECKS) - verdicts.total()
+    untested = len(CHECKS) - verdicts.total()
     unasked = f", {refused} not asked" if refused else ""
-    untried = f"; {left} not tried without an estimate" if left else ""
+    untried = f"; {untested} not tried without an estimate" if untested else ""
     click.echo(
         f"{passed} of {counted(len(CHECKS), 'check')} passed, {failed} failed{unasked}{untried}."
     )
     sys.exit(_EXIT_FAILED if failed else 0)
 
 
-def _tell(asked: Check, verdict: str, text: str) -> None:
+def _tell(check: Check, verdict: str, text: str) -> None:
     """Print what came out of a check."""
     word, colour = _SHOWN[verdict]
-    click.echo(f"{click.style(word, fg=colour or None, bold=verdict == 'failed')}: {asked.name}")
+    click.echo(f"{click.style(word, fg=colour or None, bold=verdict == 'failed')}: {check.name}")
     lines = [f"{text}."] if text else []
     if verdict == "failed":
-        lines.append(f"Why: {asked.why}")
-    for line in (f"{asked.demand}.", *lines):
+        lines.append(f"Why: {check.why}")
+    for line in (f"{check.demand}.", *lines):
         for part in textwrap.wrap(line, max(console.width, 40) - len(_INDENT)):
             click.echo(f"{_INDENT}{part}")

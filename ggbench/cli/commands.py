@@ -34,13 +34,13 @@ class Commands(click.Group):
     def _to_its_end(self, context: click.Context) -> Any:
         """Run a command; raise KeyboardInterrupt if it swallowed a request to end."""
         try:
-            found = super().invoke(context)
+            result = super().invoke(context)
         except SystemExit as end:
             if not end.code:
                 end_if_asked()
             raise
         end_if_asked()
-        return found
+        return result
 
     def _told(self, context: click.Context) -> Any:
         try:

@@ -114,11 +114,11 @@ def examined(scenario: Scenario) -> Iterator[Examined]:
     """
     for study, case in scenario.every_case():
         with case_named(scenario, study, case):
-            found = _examined(study, case)
-            if not _clear(found):
+            examination = _examined(study, case)
+            if not _clear(examination):
                 tell_maps(fields_of([case]))
                 first_problem(case, 0)
-        yield found
+        yield examination
 
 
 def _examined(study: str, case: CaseSpec) -> Examined:
@@ -162,11 +162,11 @@ def _correlation(case: CaseSpec) -> float:
     return correlation_m(read, field.tensor(*read.T)[:, COMPONENTS.index("zz")])
 
 
-def _clear(found: Examined) -> bool:
+def _clear(examination: Examined) -> bool:
     """Return whether the plan alone says that the flight is possible, and stays in its map."""
-    (lowest, highest), (_, fastest) = found.flown.heights, found.flown.speeds
+    (lowest, highest), (_, fastest) = examination.flown.heights, examination.flown.speeds
     possible = lowest >= LOWEST_M and highest <= HIGHEST_M and fastest <= FASTEST_MPS
-    return possible and found.inside
+    return possible and examination.inside
 
 
 @cache
@@ -181,12 +181,15 @@ def _bounds(spec: FieldSpec) -> Bounds:
             tell_maps([spec])
         field = make_field(spec)
         return Bounds(field.lower, field.upper, field.step, field)
-    wanted = recipe.checked(map_recipe(spec))
-    degrees = [[wanted.south_deg, wanted.west_deg], [wanted.north_deg, wanted.east_deg]]
+    made_recipe = recipe.checked(map_recipe(spec))
+    degrees = [
+        [made_recipe.south_deg, made_recipe.west_deg],
+        [made_recipe.north_deg, made_recipe.east_deg],
+    ]
     lower, upper = np.radians(degrees)
-    lowest, highest = wanted.min_height_m, wanted.max_height_m
-    nodes = np.repeat(math.radians(wanted.spacing_arcmin / 60.0), 2)
-    step = np.append(nodes, wanted.height_spacing_m)
+    lowest, highest = made_recipe.min_height_m, made_recipe.max_height_m
+    nodes = np.repeat(math.radians(made_recipe.spacing_arcmin / 60.0), 2)
+    step = np.append(nodes, made_recipe.height_spacing_m)
     return Bounds(np.append(lower, lowest), np.append(upper, highest), step)
 
 

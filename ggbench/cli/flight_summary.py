@@ -39,9 +39,9 @@ _BAROMETER_M = 20.0
 _NAMED = 3
 
 
-def print_flights(found: Sequence[Examined]) -> None:
+def print_flights(examinations: Sequence[Examined]) -> None:
     """Print the flights of the cases and what is read on them; equal ones once."""
-    cases = [each for each in found if not each.study]
+    cases = [each for each in examinations if not each.study]
     flights: dict[str, list[str]] = {}
     readings: dict[str, list[str]] = {}
     errors: dict[str, list[str]] = {}
@@ -52,8 +52,8 @@ def print_flights(found: Sequence[Examined]) -> None:
         counts = ", ".join(f"{name} {count}" for name, count in each.readings.items())
         readings.setdefault(counts, []).append(each.case.name)
         priors.setdefault(_prior(each), []).append(each.case.name)
-    shown = (("Flight", flights), ("INS", errors), ("Readings", readings), ("Prior", priors))
-    for what, texts in shown:
+    parts = (("Flight", flights), ("INS", errors), ("Readings", readings), ("Prior", priors))
+    for what, texts in parts:
         for text, names in texts.items():
             if not text:
                 continue
@@ -109,9 +109,9 @@ def _prior(each: Examined) -> str:
     return on_the_prior(each.case.initial_error.position_m, each.correlation_m)
 
 
-def warn(found: Iterable[Examined]) -> None:
+def warn(examinations: Iterable[Examined]) -> None:
     """Print a line for each warning, and for what was made of a track's heights."""
-    cases = list(found)
+    cases = list(examinations)
     for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
         click.echo(f"Note: of the track, {remark}.")
     for remark in remarks_on_the_prior(cases):
@@ -120,10 +120,10 @@ def warn(found: Iterable[Examined]) -> None:
         click.echo(f"Warning: {warning}.")
 
 
-def remarks_on_the_prior(found: Iterable[Examined]) -> Iterator[str]:
+def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
     """Yield a sentence for each large uncertainty of the first height that no key states."""
     cases: dict[float, list[str]] = {}
-    for each in found:
+    for each in examinations:
         initial = each.case.initial_error
         if initial.height_m is None and initial.position_m > HEIGHT_PRIOR_M:
             cases.setdefault(initial.position_m, []).append(each.name)
@@ -135,15 +135,15 @@ def remarks_on_the_prior(found: Iterable[Examined]) -> Iterator[str]:
         )
 
 
-def warnings(found: Iterable[Examined]) -> Iterator[str]:
+def warnings(examinations: Iterable[Examined]) -> Iterator[str]:
     """Yield a sentence for each thing that no vehicle does, and how it is mended; each once."""
-    said: dict[str, list[str]] = {}
+    cases_by_warning: dict[str, list[str]] = {}
     narrow = []
-    for each in found:
+    for each in examinations:
         narrow.append((each.name, each.narrow))
         for what in (*absurdities(each.flown), *_unstable_height(each)):
-            said.setdefault(what, []).append(each.name)
-    for what, names in said.items():
+            cases_by_warning.setdefault(what, []).append(each.name)
+    for what, names in cases_by_warning.items():
         yield f"in {some(names, most=_NAMED)}, {what}"
     yield from narrow_margins(narrow)
 
@@ -214,5 +214,5 @@ def _remedy(flown: FlightExtremes, column: str = "") -> str:
     """Return what to do, of a track with the column that says what else is taken from it."""
     if not flown.track:
         return "fly its segments more gently"
-    given = f", or give it a column {column}" if column else ""
-    return f"its track is noisy; smooth it ([trajectory] smoothing_s){given}"
+    alternative = f", or give it a column {column}" if column else ""
+    return f"its track is noisy; smooth it ([trajectory] smoothing_s){alternative}"

@@ -61,12 +61,12 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     click.echo(f"{flight}: {recorded.problem}")
     if remark := flight_report.of_the_reference(recorded):
         click.echo(f"Note: {remark}.")
-    found: dict[str, Estimate] = {}
+    estimates: dict[str, Estimate] = {}
     by_label: dict[str, Residuals] = {}
     for choice in choices:
         start = Moment.now()
         try:
-            with warnings.catch_warnings(record=True) as said:
+            with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 estimated = problems.estimate(recorded.problem, choice.estimator, seed)
                 # It raises if the estimate cannot be reported, before others are at stake.
@@ -77,24 +77,24 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         except Exception as error:  # an estimator of somebody's own may raise anything
             click.echo(f"ggbench: {choice.label} failed: {type(error).__name__}: {error}", err=True)
             continue
-        for warning in said:
+        for warning in caught:
             if issubclass(warning.category, UserWarning):
                 click.echo(f"Note: {warning.message}.")
-        found[choice.label] = estimated
+        estimates[choice.label] = estimated
         click.echo(f"{choice.label}: {start.since()}")
-    if not found:
+    if not estimates:
         raise GGBenchError("no estimator returned an estimate: no file is written")
     for remark in remarks(recorded, by_label):
         click.echo(f"Note: {remark}.")
     for suspicion in suspicions(recorded, by_label):
         click.echo(f"Warning: {suspicion}.")
-    for sentence in flight_report.summary(recorded, found):
+    for sentence in flight_report.summary(recorded, estimates):
         click.echo(f"{sentence}.")
     families = {choice.label: choice.family for choice in choices}
-    path = flight_report.write(recorded, found, families, output)
+    path = flight_report.write(recorded, estimates, families, output)
     page = path.with_name(flight_report.PAGE)
     click.echo(f"Wrote {page} and {path.name}, and tracks and residuals in the folders next to it.")
-    sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)
+    sys.exit(0 if len(estimates) == len(choices) else _EXIT_FAILED)
 
 
 @click.command()

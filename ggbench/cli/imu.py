@@ -55,8 +55,8 @@ def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
         if key.endswith("_s"):
             continue  # of times none is a grade's
         sensor = "gyros" if "gyro" in key else "accelerometers"
-        said = f"{key} = {value:.3g} lies beyond any grade ({usual}): {_cause(value, sensor)}"
-        click.echo(f"Warning: {said}", err=True)
+        warning = f"{key} = {value:.3g} lies beyond any grade ({usual}): {_cause(value, sensor)}"
+        click.echo(f"Warning: {warning}", err=True)
     click.echo(text)
 
 

@@ -104,7 +104,7 @@ def tables() -> dict[str, KeyTable]:
     from ..spec.json_schema import TOP_TEXTS, models_schema
 
     models = models_schema(CaseSpec, CampaignSpec, SweepSpec, ClaimSpec, ComparisonSpec, FlightSpec)
-    found = {TOP: KeyTable(TOP, "Texts about the scenario.", _keys(TOP_TEXTS))}
+    tables_by_name = {TOP: KeyTable(TOP, "Texts about the scenario.", _keys(TOP_TEXTS))}
     schemas: dict[str, Schema] = {}
     for top, model, listed in (
         ("", "CaseSpec", True),
@@ -117,21 +117,23 @@ def tables() -> dict[str, KeyTable]:
             name = {"": "case", "reference": "case.reference"}.get(path, path)
             shared = re.sub(r"^(truth|model)\.", "", name)
             # The errors of one side's map replace those of the case as a whole.
-            base = found.get(shared) if schemas.get(shared) is not schema else None
-            found[name] = KeyTable(name, _about(schema), _keys(schema, base), listed=is_list)
+            base = tables_by_name.get(shared) if schemas.get(shared) is not schema else None
+            tables_by_name[name] = KeyTable(
+                name, _about(schema), _keys(schema, base), listed=is_list
+            )
             schemas[name] = schema
-    found["assumption"] = KeyTable(
+    tables_by_name["assumption"] = KeyTable(
         "assumption",
         "A change that `--assumptions` studies on every case with published numbers.",
-        found["case"].keys,
+        tables_by_name["case"].keys,
         listed=True,
     )
     for path, schema, _ in _below(models, "", "FlightSpec"):
-        table = found.get(path or TOP, KeyTable(path, _about(schema)))
-        known = [key.name for key in table.keys]
-        recorded = tuple(key for key in _keys(schema) if key.name not in known)
-        found[table.name] = table._replace(recorded=recorded)
-    return {name: table for name, table in found.items() if table.all_keys()}
+        table = tables_by_name.get(path or TOP, KeyTable(path, _about(schema)))
+        names = [key.name for key in table.keys]
+        recorded = tuple(key for key in _keys(schema) if key.name not in names)
+        tables_by_name[table.name] = table._replace(recorded=recorded)
+    return {name: table for name, table in tables_by_name.items() if table.all_keys()}
 
 
 def named(name: str) -> str:
@@ -149,7 +151,12 @@ def find(name: str) -> list[tuple[KeyTable, Key]]:
     table, _, key = named(name).rpartition(".")
     names = KINDS if table == NAMED and key != "kind" else [table] if table else tables()
     places = [tables()[place] for place in names if place in tables()]
-    return [(place, found) for place in places for found in place.all_keys() if found.name == key]
+    return [
+        (place, candidate)
+        for place in places
+        for candidate in place.all_keys()
+        if candidate.name == key
+    ]
 
 
 def _below(
@@ -175,7 +182,7 @@ def _below(
 def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
     """Return the keys of a table that are no tables; ``base`` is the table that it changes."""
     shared = () if base is None else [key.name for key in base.keys]
-    found = []
+    rows = []
     for name, item in schema["properties"].items():
         if "$ref" in str(item) or "const" in item:  # a table, or the kind of a sensor
             continue
@@ -192,7 +199,7 @@ def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
         zero = "0 or " if "{'const': 0}" in str(item) else ""
         meaning = " ".join(item.get("description", "").split())
         allowed, usual = zero + _range(limits), _range(value.get("x-usual", ()))
-        found.append(
+        rows.append(
             Key(
                 name=name,
                 meaning=meaning,
@@ -203,7 +210,7 @@ def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
                 usual=usual,
             )
         )
-    return tuple(found)
+    return tuple(rows)
 
 
 def unit_of(name: str) -> str:
@@ -246,8 +253,8 @@ def _range(ends: Sequence[float]) -> str:
 def _about(schema: Schema) -> str:
     """Return the purpose of a table: the first sentence of its description."""
     text = " ".join(schema.get("description", "").split())
-    said = re.sub(r"^``\S+``: ", "", text).partition(". ")[0].replace("``", "`").rstrip(".")
-    return f"{said[:1].upper()}{said[1:]}."
+    sentence = re.sub(r"^``\S+``: ", "", text).partition(". ")[0].replace("``", "`").rstrip(".")
+    return f"{sentence[:1].upper()}{sentence[1:]}."
 
 
 @click.command()
@@ -271,13 +278,13 @@ def keys(name: str | None, schema: bool) -> None:
         _say("", "'ggbench keys TABLE' lists the keys of a table, as in: ggbench keys imu")
         return
     table = tables().get(named(name))
-    found = find(name)
+    matches = find(name)
     if table is not None:
         _say_table(table)
-    elif not found:
+    elif not matches:
         raise _unknown(name)
     else:
-        for place, key in found:
+        for place, key in matches:
             _say_key(key, f"{place.name}.", key in place.recorded)
 
 
@@ -319,8 +326,8 @@ def _say_table(table: KeyTable) -> None:
 
 def _say_key(key: Key, prefix: str = "", recorded: bool = False) -> None:
     facts = [", ".join(filter(None, (key.unit, key.kind)))]
-    known = key.default in (REQUIRED, OPTIONAL)
-    facts.append(key.default if known else f"default: {key.default}")
+    is_word = key.default in (REQUIRED, OPTIONAL)
+    facts.append(key.default if is_word else f"default: {key.default}")
     if key.allowed:
         facts.append(f"allowed: {key.allowed}" + (f", usual: {key.usual}" if key.usual else ""))
     if recorded:

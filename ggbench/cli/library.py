@@ -82,18 +82,21 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path) -> None:
     )
     for outcome in outcomes:
         word = "interrupted" if outcome.interrupted else "done"
-        told = not outcome.error and outcome.results
+        has_results = not outcome.error and outcome.results
         table.add_row(
             outcome.scenario,
-            *(str(n) if told else "" for n in (outcome.results, outcome.failed, outcome.diverged)),
+            *(
+                str(n) if has_results else ""
+                for n in (outcome.results, outcome.failed, outcome.diverged)
+            ),
             f"{outcome.seconds / 60.0:.1f}",
             f"[red]{escape(outcome.error)}[/]" if outcome.error else word,
         )
     table.print(console)
-    lost = [outcome.scenario for outcome in outcomes if outcome.error]
-    if lost:
-        console.out(f"{counted(len(lost), 'scenario')} failed: {', '.join(lost)}.")
-    if lost or any(outcome.interrupted for outcome in outcomes):
+    failed = [outcome.scenario for outcome in outcomes if outcome.error]
+    if failed:
+        console.out(f"{counted(len(failed), 'scenario')} failed: {', '.join(failed)}.")
+    if failed or any(outcome.interrupted for outcome in outcomes):
         console.print("The same command goes on where it stopped.")
     again = f"ggbench report --all {as_argument(str(output))}"
     console.out(f"'{again}' writes the reports of what is done.")
@@ -138,12 +141,12 @@ def _report_all(folder: Path, output: Path) -> bool:
     from ..report import library, render
 
     try:
-        found = sorted(path for path in folder.iterdir() if (path / "manifest.json").is_file())
+        folders = sorted(path for path in folder.iterdir() if (path / "manifest.json").is_file())
     except OSError as error:
         raise LibraryError(f"cannot read {folder}: {error.strerror}") from None
-    if not found:
+    if not folders:
         raise LibraryError(f"{folder} holds no results folders; 'ggbench run --all' makes them")
-    chosen, unread, doubles = _one_for_each(found)
+    chosen, unread, doubles = _one_for_each(folders)
     remarks = list(unread)
     pages = {f"{name}.md" for name in chosen}
     for path in sorted(chosen.values()):
@@ -167,7 +170,7 @@ def _one_for_each(folders: Sequence[Path]) -> tuple[dict[str, Path], list[str], 
     """
     from ..results.store import read_manifest
 
-    held: dict[str, list[tuple[bool, str, Path]]] = {}
+    by_name: dict[str, list[tuple[bool, str, Path]]] = {}
     unread = []
     for path in folders:
         try:
@@ -176,9 +179,9 @@ def _one_for_each(folders: Sequence[Path]) -> tuple[dict[str, Path], list[str], 
             unread.append(str(error))
             continue
         name = manifest["scenario"]
-        held.setdefault(name, []).append((path.name == name, str(manifest["date"]), path))
+        by_name.setdefault(name, []).append((path.name == name, str(manifest["date"]), path))
     chosen, doubles = {}, []
-    for name, group in held.items():
+    for name, group in by_name.items():
         *others, chosen[name] = (path for _, _, path in sorted(group))
         doubles += [
             f"{path} is left out: {chosen[name]} is of the same scenario" for path in others

@@ -184,26 +184,26 @@ def run(
     Exit code 1 if every run of an estimator failed, 2 if the command is invalid, 130 if it was
     interrupted.
     """
-    asked = _Asked(**options)
-    if asked.cluster and asked.jobs is not None:
+    request = _Asked(**options)
+    if request.cluster and request.jobs is not None:
         raise click.UsageError("-j and --cluster exclude each other: give one of them")
-    if asked.retry_failed and not asked.resume:
+    if request.retry_failed and not request.resume:
         raise click.UsageError("--fresh discards all runs: remove --retry-failed")
-    if whole_library and (scenario_name or asked.cases or one_run is not None):
+    if whole_library and (scenario_name or request.cases or one_run is not None):
         raise click.UsageError(
             "--all runs all cases of all scenarios: remove SCENARIO, -c and --run"
         )
     if scenario_name is None and not whole_library:
         raise click.UsageError("name a SCENARIO, or --all")
-    alone = _Asked(asked.estimators, seed=asked.seed, cases=asked.cases)
-    if one_run is not None and (output or asked != alone):
+    alone = _Asked(request.estimators, seed=request.seed, cases=request.cases)
+    if one_run is not None and (output or request != alone):
         raise click.UsageError("--run stores nothing: only -e, -c and --seed are allowed with it")
-    asked = replace(asked, first=tell_first_use("ins/strapdown.py", "in a minute or two"))
+    request = replace(request, first=tell_first_use("ins/strapdown.py", "in a minute or two"))
     if scenario_name is None:
-        sys.exit(_run_library(asked, output or Path("results")))
+        sys.exit(_run_library(request, output or Path("results")))
     if one_run is not None:
-        sys.exit(0 if _repeat(scenario_name, asked, one_run) else EXIT_WORSE)
-    outcome = _run_scenario(scenario_name, asked, output)
+        sys.exit(0 if _repeat(scenario_name, request, one_run) else EXIT_WORSE)
+    outcome = _run_scenario(scenario_name, request, output)
     if outcome.interrupted:
         sys.exit(EXIT_INTERRUPTED)
     sys.exit(EXIT_WORSE if outcome.without_success else 0)
@@ -227,28 +227,28 @@ class _Asked:
     """Whether nothing has been compiled before."""
 
 
-def _repeat(name: str, asked: _Asked, number: int) -> bool:
+def _repeat(name: str, request: _Asked, number: int) -> bool:
     """Run one run again and show it; return whether it went well."""
     from ..campaign import registry
     from ..spec import scenario
     from . import run_view
 
     loaded = scenario.load(name)
-    flown = tuple(loaded.find(case)[1] for case in asked.cases) or loaded.cases
+    flown = tuple(loaded.find(case)[1] for case in request.cases) or loaded.cases
     note_unusual_values(replace(loaded, cases=flown, assumptions=()))
     tell_maps(fields_of(flown))
-    choices = registry.choose_all(asked.estimators or loaded.campaign.estimators)
-    seed = loaded.campaign.seed if asked.seed is None else asked.seed
+    choices = registry.choose_all(request.estimators or loaded.campaign.estimators)
+    seed = loaded.campaign.seed if request.seed is None else request.seed
     labels = [choice.label for choice in choices]
-    return run_view.repeat_run(loaded, asked.cases, labels, seed, number)
+    return run_view.repeat_run(loaded, request.cases, labels, seed, number)
 
 
-def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
+def _run_scenario(name: str, request: _Asked, output: Path | None) -> Outcome:
     """Run a scenario, into results/SCENARIO without an output; return how it ended."""
     start = Moment.now()
     with (
         Progress(console, name) as progress,
-        compiling_ahead(asked.first, asked.jobs) as compile_them,
+        compiling_ahead(request.first, request.jobs) as compile_them,
     ):
         # All of it here: an interrupt is not to meet an import once runs are running.
         from ..campaign import campaign, running
@@ -259,14 +259,14 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
         work = campaign.planned(
             loaded,
             output or Path("results") / loaded.name,
-            asked.estimators,
-            runs=asked.runs,
-            seed=asked.seed,
-            cases=asked.cases,
-            assumptions=asked.assumptions,
-            time_limit=asked.time_limit,
-            fresh=not asked.resume,
-            retry_failed=asked.retry_failed,
+            request.estimators,
+            runs=request.runs,
+            seed=request.seed,
+            cases=request.cases,
+            assumptions=request.assumptions,
+            time_limit=request.time_limit,
+            fresh=not request.resume,
+            retry_failed=request.retry_failed,
         )
         compile_them(work.labels)
         planned = work.plan.scenario
@@ -276,34 +276,34 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
             click.echo(f"preparing {counted(len(loaded.cases), 'case')}")
         ended: BaseException | None = None
         try:
-            results = running.fly(work, asked.jobs, asked.cluster, progress.tell)
+            results = running.fly(work, request.jobs, request.cluster, progress.tell)
         except (running.InterruptedCampaign, running.MissingRunsError) as error:
             ended, results = error, error.results
     # Of workers elsewhere nothing is known here.
-    took = "" if asked.cluster else f"It took {start.since()}."
+    took = "" if request.cluster else f"It took {start.since()}."
     outcome = _finish(results, isinstance(ended, running.InterruptedCampaign), took)
     if isinstance(ended, running.MissingRunsError):
         raise ended
     return outcome
 
 
-def _run_library(asked: _Asked, output: Path) -> int:
+def _run_library(request: _Asked, output: Path) -> int:
     """Run every shipped scenario, whatever becomes of the others; return the exit code."""
     from ..campaign import registry
     from ..spec import scenario
 
-    registry.choose_all(asked.estimators)  # a wrong name is wrong in all of them
+    registry.choose_all(request.estimators)  # a wrong name is wrong in all of them
 
     def run_one(name: str) -> Outcome:
-        studied = asked.assumptions and bool(scenario.load(name).assumptions)
-        return _run_scenario(name, replace(asked, assumptions=studied), output / name)
+        studied = request.assumptions and bool(scenario.load(name).assumptions)
+        return _run_scenario(name, replace(request, assumptions=studied), output / name)
 
     outcomes = run_all(scenario.shipped(), run_one)
     print_outcomes(outcomes, output)
     if any(outcome.interrupted for outcome in outcomes):
         return EXIT_INTERRUPTED
-    lost = any(outcome.error or outcome.without_success for outcome in outcomes)
-    return EXIT_WORSE if lost else 0
+    any_failed = any(outcome.error or outcome.without_success for outcome in outcomes)
+    return EXIT_WORSE if any_failed else 0
 
 
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
@@ -398,5 +398,5 @@ def compare(before: Path, after: Path, threshold: float, window: str, require_al
 
     compared = compare_runs(Results(before).runs(), Results(after).runs(), threshold, window)
     print_comparison(compared, console)
-    gone = require_all and bool(compared.only_before)
-    sys.exit(EXIT_WORSE if compared.worse or gone else 0)
+    incomplete = require_all and bool(compared.only_before)
+    sys.exit(EXIT_WORSE if compared.worse or incomplete else 0)

@@ -113,7 +113,9 @@ def distances(
 
 def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
     """Return how far inside a map a flight stays."""
-    least = {side: float(found.min()) for side, found in distances(trajectory, bounds).items()}
+    least = {
+        side: float(distance.min()) for side, distance in distances(trajectory, bounds).items()
+    }
     side = min(SIDES, key=lambda each: least[each])
     lowest = float(bounds.lower[2]) if bounds.field.is_draped else None
     return Margin(least[side], side, least["below"], least["above"], lowest)
@@ -138,12 +140,14 @@ def shortfalls(
         **dict.fromkeys(("below", "above"), error.deviations[:, 2]),
     }
     plain = distances(trajectory, bounds, error.samples)
-    found = distances(trajectory, bounds.with_border, error.samples)
+    with_border = distances(trajectory, bounds.with_border, error.samples)
     worst = []
     for axis, sides in (("horizontal", SIDES), ("up", ("below", "above"))):
         missing = {
             # Where the flight itself leaves the map, as in a turn between lines, none is needed.
-            side: np.where(plain[side] < 0.0, 0.0, DEVIATIONS * deviations[side] - found[side])
+            side: np.where(
+                plain[side] < 0.0, 0.0, DEVIATIONS * deviations[side] - with_border[side]
+            )
             for side in sides
         }
         side = max(sides, key=lambda each: float(missing[each].max()))
@@ -154,10 +158,10 @@ def shortfalls(
     return tuple(worst)
 
 
-def narrow_margins(found: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterator[str]:
+def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterator[str]:
     """Yield a sentence for each side at which margins are too narrow, of the worst case there."""
     of_side: dict[str, list[tuple[str, Shortfall]]] = {}
-    for name, short_of in found:
+    for name, short_of in margins:
         for each in short_of:
             of_side.setdefault(each.side, []).append((name, each))
     for side, cases in of_side.items():

@@ -115,8 +115,8 @@ def score(
         sigma_m=1e3 * sigma_km,
         right_m=metres(right_km),
     )
-    found, height = named_map(name, design, bounds)
-    scored = score_map(Field.from_map(found), replace(design, height_m=height), bounds, name)
+    gradient_map, height = named_map(name, design, bounds)
+    scored = score_map(Field.from_map(gradient_map), replace(design, height_m=height), bounds, name)
     _print_scored(scored)
     if output is not None:
         write_csv(scored.table, output)
@@ -157,7 +157,7 @@ def _print_scored(scored: Any) -> None:
         "error on it [m]",
         "wrong place, at most",
     )
-    shown = ResponsiveTable(
+    cells_table = ResponsiveTable(
         "best and worst cells by the accuracy of a track, over its headings",
         [
             ("latitude [°]", "name"),
@@ -169,7 +169,7 @@ def _print_scored(scored: Any) -> None:
     for number, (_, row) in enumerate(ordered.iterrows()):
         if best <= number < len(ordered) - _SHOWN_CELLS:
             continue
-        shown.add_row(
+        cells_table.add_row(
             f"{0.5 * (row['south_deg'] + row['north_deg']):.3f}",
             f"{0.5 * (row['west_deg'] + row['east_deg']):.3f}",
             f"{row['deviation']:.3g}",
@@ -181,15 +181,15 @@ def _print_scored(scored: Any) -> None:
             _share(row["false_fix"]),
         )
         if number == best - 1 < len(ordered) - 1:
-            shown.add_section()
-    shown.print(console)
-    found = ordered.iloc[0]
-    mean, least = (short(found[name]) for name in ("track_m", "best_track_m"))
+            cells_table.add_section()
+    cells_table.print(console)
+    richest = ordered.iloc[0]
+    mean, least = (short(richest[name]) for name in ("track_m", "best_track_m"))
     console.out(
         f"In the best cell a track of {design.track_m / 1e3:.3g} km allows an RMS position error "
         f"of {mean} m, the mean over headings, and of {least} m on heading "
-        f"{found['best_heading_deg']:g}°. A match at a wrong place, more than "
-        f"{design.right_m:g} m off, has a probability of {_share(found['false_fix'])} at most."
+        f"{richest['best_heading_deg']:g}°. A match at a wrong place, more than "
+        f"{design.right_m:g} m off, has a probability of {_share(richest['false_fix'])} at most."
     )
 
 

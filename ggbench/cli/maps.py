@@ -202,38 +202,38 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     if options["lines"] is not None:
         if options["clearance"] is not None or options["drape"]:
             raise MapError("--clearance and --drape go with terrains, not with --lines.")
-        made = survey_maps.planned(options, request, _command(options))
+        planned = survey_maps.planned(options, request, _command(options))
     else:
-        made = plan.plan(_inputs(options), request, _command(options))
+        planned = plan.plan(_inputs(options), request, _command(options))
     _warn_of_densities(options)
-    layers_with_rms = plan.LayersWithRms(_told(made.layers(), made.nodes.height_m.size))
+    layers_with_rms = plan.LayersWithRms(_told(planned.layers(), planned.nodes.height_m.size))
     netcdf.write_layers(
         path=output,
-        nodes=made.nodes,
+        nodes=planned.nodes,
         layers=layers_with_rms,
-        attributes=made.attributes,
+        attributes=planned.attributes,
         dtype=precision,
         compression=compression,
-        errors=made.errors,
+        errors=planned.errors,
     )
     elapsed = time.monotonic() - started
-    for remark in made.remarks:
+    for remark in planned.remarks:
         click.echo(f"Note: {remark}.")
-    _describe(made.nodes, made.attributes)
-    _print_rms(made.nodes, layers_with_rms.rms)
+    _describe(planned.nodes, planned.attributes)
+    _print_rms(planned.nodes, layers_with_rms.rms)
     click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
 
 
 def _told(layers: Iterator[Any], count: int) -> Iterator[Any]:
     """Yield layers; write now and then how many are done, and how long the others take."""
-    started = said = time.monotonic()
+    started = last_line = time.monotonic()
     for index, layer in enumerate(layers, 1):
         yield layer
         now = time.monotonic()
-        if now - said >= _SAID_EVERY_S and index < count:
-            left = (now - started) / index * (count - index)
-            click.echo(f"{index} of {count} layers, about {left:.0f} s left", err=True)
-            said = now
+        if now - last_line >= _SAID_EVERY_S and index < count:
+            remaining_s = (now - started) / index * (count - index)
+            click.echo(f"{index} of {count} layers, about {remaining_s:.0f} s left", err=True)
+            last_line = now
 
 
 def _refuse_drape_options(options: dict[str, Any]) -> None:
@@ -332,8 +332,8 @@ def show(file: Path, output: Path | None, height: float | None, clearance: float
     height = height if nodes.base_m is None else clearance
     if height is not None and not lowest <= height <= highest:
         raise MapError(f"--{option} {height:g} is not in {file}: {lowest:g} to {highest:g} m is.")
-    wanted = nodes.height_m[0] if height is None else height
-    drawn = int(abs(nodes.height_m - wanted).argmin())
+    layer_height = nodes.height_m[0] if height is None else height
+    drawn = int(abs(nodes.height_m - layer_height).argmin())
     chosen: Any = None
     layers_with_rms = plan.LayersWithRms(layers)
     for index, layer in enumerate(layers_with_rms):

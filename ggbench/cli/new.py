@@ -154,11 +154,11 @@ def scenario(
         NOISE=f"{noise:g}",
         BETTER=f"{0.1 * noise:g}",
     )
-    shown = path.as_posix()
+    name_shown = path.as_posix()
     if remark:
         click.echo(f"{remark}.")
-    click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
-    click.echo(f"Run it: ggbench run {shown} -n 10")
+    click.echo(f"Wrote {name_shown}. Look at its flights: ggbench validate {name_shown}")
+    click.echo(f"Run it: ggbench run {name_shown} -n 10")
 
 
 @new.command()
@@ -170,9 +170,9 @@ def estimator(name: str, output: Path) -> None:
     if keyword.iskeyword(called) or called in _TAKEN:
         raise NewFileError(f"an estimator '{name}' would be a class {called}: choose another name")
     path = _begun(".py", name, output, Template=called, TITLE=_titled(name))
-    shown = path.as_posix()
-    click.echo(f"Wrote {shown}. Check it: ggbench check {shown}")
-    click.echo(f"Compare it with another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
+    name_shown = path.as_posix()
+    click.echo(f"Wrote {name_shown}. Check it: ggbench check {name_shown}")
+    click.echo(f"Compare it with another: ggbench run wang2013 -n 3 -e {name_shown} -e ekf")
 
 
 class Pace(NamedTuple):
@@ -280,8 +280,8 @@ def _flight_through(waypoints: Path, own_map: Path, pace: Pace) -> str:
         )
     height = _third_way_up(nodes)
     legs = [
-        leg(np.array([*np.radians(here), height]), *np.radians(there))
-        for here, there in itertools.pairwise(places)
+        leg(np.array([*np.radians(start), height]), *np.radians(there))
+        for start, there in itertools.pairwise(places)
     ]
     shortest = min(length for _, length in legs)
     pull = BANK_GRAVITY * math.tan(math.radians(_BANK_DEG))

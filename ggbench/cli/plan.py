@@ -79,10 +79,10 @@ def plan(
     require_suffix(figure, ".png")
     loaded = scenario.load(scenario_name)
     flown = loaded.cases[0] if case is None else loaded.case(case)
-    found = around(flown, headings, grid, step)
-    _print(found, f"{loaded.name}, {flown.title}", target)
+    tracks = around(flown, headings, grid, step)
+    _print(tracks, f"{loaded.name}, {flown.title}", target)
     if output is not None:
-        write_csv(found, output)
+        write_csv(tracks, output)
     if figure is not None:
         from ..figures.planned import planned_tracks
         from ..figures.style import save
@@ -91,17 +91,17 @@ def plan(
 
         field = make_field(flown.side("truth").field)
         present = trajectory_of(flown.trajectory, flown.imu.period_s).positions
-        save(planned_tracks(found, field, present, flown.title), figure)
+        save(planned_tracks(tracks, field, present, flown.title), figure)
         click.echo(f"Wrote {figure}")
-    reached = target is None or bool((found["bound_m"] <= target).any())
+    reached = target is None or bool((tracks["bound_m"] <= target).any())
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
 
 
-def _print(found: pd.DataFrame, title: str, target: float | None) -> None:
+def _print(tracks: pd.DataFrame, title: str, target: float | None) -> None:
     """Print the best tracks and the worst one, and what cannot be flown."""
-    able = found[found["reason"] == ""]
+    able = tracks[tracks["reason"] == ""]
     table = ResponsiveTable(
-        f"{title}: the best of {counted(len(found), 'track')}",
+        f"{title}: the best of {counted(len(tracks), 'track')}",
         [
             ("heading °", "number"),
             ("east km", "number"),
@@ -120,7 +120,7 @@ def _print(found: pd.DataFrame, title: str, target: float | None) -> None:
         if len(present):
             rank, bound = int(present.index[0]) + 1, present["bound_m"].iloc[0]
             console.out(f"The present flight has a bound of {bound:.3g} m, number {rank} of them.")
-    unable = found[found["reason"] != ""]
+    unable = tracks[tracks["reason"] != ""]
     if len(unable):
         console.out(
             f"{counted(len(unable), 'track')} cannot be flown, the first because: "
@@ -128,4 +128,4 @@ def _print(found: pd.DataFrame, title: str, target: float | None) -> None:
         )
     if target is not None:
         count = int((able["bound_m"] <= target).sum())
-        console.out(f"{counted(count, 'track')} of {len(found)} allow {target:g} m.")
+        console.out(f"{counted(count, 'track')} of {len(tracks)} allow {target:g} m.")

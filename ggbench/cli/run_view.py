@@ -87,10 +87,10 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
         & ((table["run"] == run) | (run is None))
     ]
     if table.empty:
-        asked = f"run {run}" if run is not None else "run"
-        asked += f" of case {case}" if case else ""
+        request = f"run {run}" if run is not None else "run"
+        request += f" of case {case}" if case else ""
         raise ResultsError(
-            f"{results.folder} holds no {asked}; asked for were runs 0 to "
+            f"{results.folder} holds no {request}; asked for were runs 0 to "
             f"{results.run_count - 1} of {', '.join(results.manifest['cases'])}"
         )
     failed = table[table["status"] != "ok"]
@@ -122,8 +122,8 @@ def show_run(results: Results, case_name: str, run: int) -> None:
     ]
     arrays = results.arrays(case_name)
     title = results.scenario.case(case_name).title
-    kept = arrays["kept"]
-    _print(title, run, arrays["times"][kept], arrays["bound-filter"][kept], views)
+    stored = arrays["kept"]
+    _print(title, run, arrays["times"][stored], arrays["bound-filter"][stored], views)
 
 
 def repeat_run(
@@ -140,12 +140,12 @@ def repeat_run(
             (label, result_keys.run_key(case, choose(label).content, seed)) for label in labels
         )
         messages = run_task(Task(case, study, (run,), seed, pairs))
-        found = {result.key: result for m in messages if isinstance(m, list) for result in m}
-        views = [RunView(label, found[key].record, found[key].series, "") for label, key in pairs]
+        by_key = {result.key: result for m in messages if isinstance(m, list) for result in m}
+        views = [RunView(label, by_key[key].record, by_key[key].series, "") for label, key in pairs]
         flight = flight_of(case)
-        kept = kept_epochs(len(flight.times))
-        bound = np.stack(squared_bounds(flight_bound(flight).filtering), axis=-1)[kept]
-        _print(case.title, run, flight.times[kept], bound, views)
+        stored = kept_epochs(len(flight.times))
+        bound = np.stack(squared_bounds(flight_bound(flight).filtering), axis=-1)[stored]
+        _print(case.title, run, flight.times[stored], bound, views)
         good &= all(view.record["status"] == "ok" for view in views)
     return good
 
@@ -223,15 +223,15 @@ def _print_errors(times: np.ndarray, bound: np.ndarray, views: Sequence[RunView]
     low = min(float(values.min()) for values in logs.values())
     high = max(float(values.max()) for values in logs.values())
     low = max(low, high - 4.0)  # one touch of zero would flatten all the rest
-    shown = np.unique(np.linspace(0, len(times) - 1, _TIMES).round().astype(int))
+    epochs = np.unique(np.linspace(0, len(times) - 1, _TIMES).round().astype(int))
     table = ResponsiveTable(
         f"position error in m against time; bars: {10.0**low:.2g} to {10.0**high:.2g} m, "
         f"logarithmic, {times[0]:g} to {times[-1]:g} s",
-        [("seconds", "name"), ("", "number"), *((f"{times[k]:g}", "number") for k in shown)],
+        [("seconds", "name"), ("", "number"), *((f"{times[k]:g}", "number") for k in epochs)],
     )
     for label, curve in curves.items():
         bars = _bars(logs[label], low, high)
-        table.add_row(label, bars, *(_two_digits(curve[k]) for k in shown))
+        table.add_row(label, bars, *(_two_digits(curve[k]) for k in epochs))
     table.print(console)
 
 

@@ -131,7 +131,7 @@ def score(
     with Progress(console, "suite") as progress, compiling_ahead(first, jobs) as compile_them:
         compile_them([estimator])
         half: Any = judge  # one of the choices
-        found = scoring.score(
+        scored = scoring.score(
             estimator=estimator,
             folder=folder,
             runs=runs,
@@ -141,18 +141,18 @@ def score(
             jobs=jobs,
             progress=progress.tell,
         )
-    if found.card is None:
+    if scored.card is None:
         click.echo(
             f"Interrupted. The runs that finished are in {folder}; the same command goes on."
         )
         sys.exit(_EXIT_INTERRUPTED)
-    _print_card(found.card)
-    _print_failures(found)
+    _print_card(scored.card)
+    _print_failures(scored)
     if old is None:
-        cards.write(found.card, folder / _CARD)
-        written = [folder / _CARD, *page.write(found.card, found.failures, folder)]
+        cards.write(scored.card, folder / _CARD)
+        written = [folder / _CARD, *page.write(scored.card, scored.failures, folder)]
         click.echo(f"It took {start.since()}. Wrote {', '.join(map(str, written))}.")
-    sys.exit(_verdict(found.card, old, previous))
+    sys.exit(_verdict(scored.card, old, previous))
 
 
 def _installed(card: Card) -> str:
@@ -195,11 +195,11 @@ def _print_card(card: Card) -> None:
     console.out(page.headline(card))
 
 
-def _print_failures(found: Score) -> None:
+def _print_failures(scored: Score) -> None:
     """Print each kind of failure, and the command that repeats one run of it."""
     from ..score import page
 
-    kinds = page.kinds_of_failures(found.failures)
+    kinds = page.kinds_of_failures(scored.failures)
     for reason, where, command in kinds[:_MOST_LISTED]:
         console.out(f"{where}: {reason}\n  {command}")
     if len(kinds) > _MOST_LISTED:
@@ -211,17 +211,17 @@ def _verdict(card: Card, old: Card | None, previous: Card | None) -> int:
     from ..score import cards_compared
 
     if old is not None:
-        said = cards_compared.differences(old, card)
-        click.echo("The card is reproduced." if not said else "The card is not reproduced:")
+        differences = cards_compared.differences(old, card)
+        click.echo("The card is reproduced." if not differences else "The card is not reproduced:")
     elif previous is not None:
-        said = cards_compared.worse(previous, card)
+        differences = cards_compared.worse(previous, card)
         both = {question.case for question in previous.questions if not question.skipped}
         count = counted(len(both & {question.case for question in card.questions}), "question")
         click.echo(
-            f"{count} compared, none is worse." if not said else "Worse than the older card:"
+            f"{count} compared, none is worse." if not differences else "Worse than the older card:"
         )
     else:
         return 0
-    for sentence in said:
+    for sentence in differences:
         click.echo(f"  {sentence}")
-    return _EXIT_WORSE if said else 0
+    return _EXIT_WORSE if differences else 0

@@ -102,9 +102,9 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
     from ..gravity.gradient_map import MapError
 
     if options["lines"] is None:
-        given = [key for key in _WITH_LINES if options[key]]
-        if given:
-            raise MapError(f"--{given[0].replace('_', '-')} goes with --lines.")
+        with_lines = [key for key in _WITH_LINES if options[key]]
+        if with_lines:
+            raise MapError(f"--{with_lines[0].replace('_', '-')} goes with --lines.")
         return
     mixed = [key for key in others if options[key] is not None]
     if mixed:
@@ -138,30 +138,30 @@ def planned(options: dict[str, Any], request: Any, command: str) -> Any:
     )
     fit = fit_survey(inputs, click.echo)
     click.echo(f"Chosen: {fit.settings}.")
-    made = plan_survey(inputs, fit, request, command)
+    survey_map = plan_survey(inputs, fit, request, command)
     if doubt := doubts(fit, options["axes"]):
         click.echo(f"Warning: {doubt}.")
-    _print_errors(made.errors, fit.lines.quantity)
+    _print_errors(survey_map.errors, fit.lines.quantity)
     if options["noise"] is not None:
         _write_noise(options["noise"], inputs, fit)
-    return made
+    return survey_map
 
 
 def _print_errors(errors: Any, quantity: str) -> None:
     """Print the map's standard error and its correlation, or that they are not known."""
     names, factor, unit = ("EE", "EN", "EU", "NN", "NU", "UU", "E", "N", "U"), 1.0, "E"
-    shown = range(6)
+    columns = range(6)
     if quantity == "disturbance":
-        shown, factor, unit = range(6, 9), 1e5, "mGal"
+        columns, factor, unit = range(6, 9), 1e5, "mGal"
     text = ", ".join(
-        f"{names[k]} {_error(factor * errors[0][k], errors[1][k], unit)}" for k in shown
+        f"{names[k]} {_error(factor * errors[0][k], errors[1][k], unit)}" for k in columns
     )
     click.echo(f"Standard error of the map, and the distance of its correlation: {text}.")
     click.echo(
         "It leaves out the unknown constant of each line, which residuals without a mean do not "
         "show and which may be much larger."
     )
-    if not all(math.isfinite(errors[0][k]) for k in shown):
+    if not all(math.isfinite(errors[0][k]) for k in columns):
         click.echo(
             "Where it is not known, lines held back have no larger residuals than lines in the map."
         )

@@ -42,11 +42,11 @@ def print_metrics(
     metrics: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
 ) -> None:
     """Print the settled window of every case: causal estimators by RMS error, then smoothers."""
-    shown = scenario.cases[:_MOST_CASES]
+    cases = scenario.cases[:_MOST_CASES]
     warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
     starred = False
     names = shown_names(dict(zip(metrics["estimator"], metrics["name"], strict=True)))
-    for case in shown:
+    for case in cases:
         rows = ordered(metrics, case.name)
         if not rows:
             continue
@@ -89,7 +89,7 @@ def print_metrics(
         table.print(console)
     if starred:
         console.print(COLD, markup=False)
-    more = len(scenario.cases) - len(shown)
+    more = len(scenario.cases) - len(cases)
     if more:
         console.print(f"... and {counted(more, 'more case')}, in metrics.csv and in the report")
 

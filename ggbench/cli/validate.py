@@ -39,7 +39,7 @@ def validate(file: str, with_estimators: bool) -> None:
 
         loaded = scenario.load(file)
         note_unusual_values(loaded)
-        found = list(flight_limits.examined(loaded))
+        examinations = list(flight_limits.examined(loaded))
         named = [*loaded.campaign.estimators, loaded.campaign.assumption_estimator]
         listed = registry.listed(named)
         own = [] if with_estimators else [text for text in listed if registry.is_own(text)]
@@ -54,8 +54,8 @@ def validate(file: str, with_estimators: bool) -> None:
             f"Not loaded: {', '.join(map(line_of, own))}; --estimators loads them, which runs "
             "their code"
         )
-    flight_summary.print_flights(found)
-    flight_summary.warn(found)
+    flight_summary.print_flights(examinations)
+    flight_summary.warn(examinations)
 
 
 def note_unusual_values(scenario: Scenario) -> None:

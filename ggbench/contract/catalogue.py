@@ -57,11 +57,11 @@ class Check:
             Whatever the estimator raises.
         """
         refused: list[Refused] = []
-        asked, remark = 0, ""
+        count, remark = 0, ""
         for where, question in self.questions(estimator):
-            asked += 1
+            count += 1
             try:
-                said = question()
+                answer = question()
             except Refused as refusal:
                 refused.append(refusal)
             except demands.Broken as broken:
@@ -70,9 +70,9 @@ class Check:
                 error.add_note(where)
                 raise
             else:
-                if said and isinstance(said, str):
-                    remark = remark or f"{where}: {said}"
-        if len(refused) == asked:
+                if answer and isinstance(answer, str):
+                    remark = remark or f"{where}: {answer}"
+        if len(refused) == count:
             raise refused[0]
         return remark
 

@@ -59,36 +59,36 @@ def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Es
         raise Broken(f"skip() returned {_kind(reason)}, not a reason or None")
     if reason:
         raise Refused(reason)
-    found = dataclasses.replace(estimator).estimate(problem, generator())
-    declared(found, estimator, problem)
-    return found
+    estimate = dataclasses.replace(estimator).estimate(problem, generator())
+    declared(estimate, estimator, problem)
+    return estimate
 
 
-def declared(found: Any, estimator: Estimator, problem: Problem) -> None:
+def declared(estimate: Any, estimator: Estimator, problem: Problem) -> None:
     """Demand shapes, finite real numbers, and the causality and lag that are declared."""
-    if not isinstance(found, Estimate):
-        raise Broken(f"estimate() returned {_kind(found)}, not an Estimate")
-    if found.causality != estimator.causality:
+    if not isinstance(estimate, Estimate):
+        raise Broken(f"estimate() returned {_kind(estimate)}, not an Estimate")
+    if estimate.causality != estimator.causality:
         raise Broken(
-            f"the estimate's causality is '{found.causality}', that of its estimator "
+            f"the estimate's causality is '{estimate.causality}', that of its estimator "
             f"'{estimator.causality}'"
         )
     lag = vars(estimator).get("lag") if estimator.causality == "fixed-lag" else None
-    if found.lag != lag:
-        raise Broken(f"the estimate's lag is {found.lag}, and its estimator's is {lag}")
+    if estimate.lag != lag:
+        raise Broken(f"the estimate's lag is {estimate.lag}, and its estimator's is {lag}")
     epochs, n = problem.epochs, problem.dimension
-    _require_numbers("mean", found.mean, (epochs, n))
-    if found.cov is not None:
-        _require_numbers("cov", found.cov, (epochs, n, n))
-    if found.fixes is not None:
+    _require_numbers("mean", estimate.mean, (epochs, n))
+    if estimate.cov is not None:
+        _require_numbers("cov", estimate.cov, (epochs, n, n))
+    if estimate.fixes is not None:
         try:
-            matchers.checked(found.fixes, epochs)
+            matchers.checked(estimate.fixes, epochs)
         except ValueError as error:
             raise Broken(str(error)) from None
 
 
-def _require_numbers(name: str, found: Any, shape: tuple[int, ...]) -> None:
-    array = np.asarray(found)
+def _require_numbers(name: str, values: Any, shape: tuple[int, ...]) -> None:
+    array = np.asarray(values)
     if array.shape != shape:
         hint = ""
         if array.size == np.prod(shape):
@@ -101,14 +101,14 @@ def _require_numbers(name: str, found: Any, shape: tuple[int, ...]) -> None:
         raise Broken(f"{name} is not finite at {bad.sum()} epochs, first at epoch {bad.argmax()}")
 
 
-def real_covariance(found: Estimate) -> None:
+def real_covariance(estimate: Estimate) -> None:
     """Demand that every P is symmetric and positive definite.
 
     Asked of the correlation matrix, so that no unit hides a negative eigenvalue.
     """
-    if found.cov is None:
+    if estimate.cov is None:
         return
-    cov = np.asarray(found.cov, dtype=float)
+    cov = np.asarray(estimate.cov, dtype=float)
     variances = np.diagonal(cov, axis1=1, axis2=2)
     if (variances <= 0.0).any():
         epoch, state = np.argwhere(variances <= 0.0)[0]
@@ -181,11 +181,11 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     second = answer(estimator, dataclasses.replace(problem, measurements=measurements))
     sigma = np.sqrt(np.diag(problem.prior_cov))
     moved = (np.abs(np.asarray(second.mean) - first.mean) / sigma).max(axis=1)
-    told = f"readings after epoch {last_same} were changed by {_SHIFT:g} deviations"
+    change = f"readings after epoch {last_same} were changed by {_SHIFT:g} deviations"
     if first.causality == "none":
         if moved.max() != 0.0:
             raise Broken(
-                f"causality is 'none', and when {told} the estimate at epoch {moved.argmax()} "
+                f"causality is 'none', and when {change} the estimate at epoch {moved.argmax()} "
                 f"moved by {moved.max():.2g} deviations of the prior"
             )
         return
@@ -197,7 +197,7 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
         before = moved[: last_same + 1]
         if before.min() <= _MOVED:
             raise Broken(
-                f"causality is 'batch', and yet when {told} the estimate at epoch "
+                f"causality is 'batch', and yet when {change} the estimate at epoch "
                 f"{before.argmin()} did not move: declare 'filter' if it uses no later readings"
             )
         return
@@ -209,29 +209,30 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     if ahead.any():
         epoch = int(ahead.argmax())
         raise Broken(
-            f"it uses readings of the future though its causality is '{first.causality}': {told}, "
-            f"and the estimate at epoch {epoch} moved by {moved[epoch]:.2g} deviations of the prior"
+            f"it uses readings of the future though its causality is '{first.causality}': "
+            f"{change}, and the estimate at epoch {epoch} moved by {moved[epoch]:.2g} "
+            "deviations of the prior"
         )
     if first.fixes is None:
         if moved[~blind][0] <= _MOVED:
             raise Broken(
-                f"when {told} the estimate at epoch {int((~blind).argmax())} did not move, though "
-                f"its causality '{first.causality}' says that it depends on them: declare 'none' "
-                "of an estimator without aiding"
+                f"when {change} the estimate at epoch {int((~blind).argmax())} did not move, "
+                f"though its causality '{first.causality}' says that it depends on them: "
+                "declare 'none' of an estimator without aiding"
             )
     else:  # a matcher waits for its window, and may refuse what it finds: its fixes have seen them
-        _require_causal_fixes(first, second, last_same, float(moved.max()), told)
+        _require_causal_fixes(first, second, last_same, float(moved.max()), change)
     if exactly and first.cov is not None and second.cov is not None:
         other = (first.cov[blind] != second.cov[blind]).reshape(int(blind.sum()), -1).any(axis=1)
         if other.any():
             raise Broken(
                 "it uses readings of the future for its covariance, though its causality is "
-                f"'{first.causality}': {told}, and that at epoch {other.argmax()} is another one"
+                f"'{first.causality}': {change}, and that at epoch {other.argmax()} is another one"
             )
 
 
 def _require_causal_fixes(
-    first: Estimate, second: Estimate, last: int, moved: float, told: str
+    first: Estimate, second: Estimate, last: int, moved: float, change: str
 ) -> None:
     assert first.fixes is not None
     if second.fixes is None:
@@ -239,10 +240,10 @@ def _require_causal_fixes(
     before, after = _rows(first.fixes), _rows(second.fixes)
     ones, others = (rows[rows[:, 0] <= last] for rows in (before, after))
     if not np.array_equal(ones, others):
-        raise Broken(f"fixes up to epoch {last} use readings of the future: {told}")
+        raise Broken(f"fixes up to epoch {last} use readings of the future: {change}")
     ones, others = (rows[rows[:, 0] > last] for rows in (before, after))
     if moved <= _MOVED and np.array_equal(ones, others):
-        raise Broken(f"no estimate moved, and no fix, when {told}")
+        raise Broken(f"no estimate moved, and no fix, when {change}")
 
 
 def _rows(fixes: Fixes) -> np.ndarray:
@@ -259,11 +260,11 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
     An estimator that amplifies rounding may be as far off as that explains, to 1e-4; return that it
     loses digits. Of an estimate without covariance the mean is demanded.
     """
-    found = answer(estimator, problem, gaussian=True)
-    right = exact(problem, found)
-    alone = found.cov is None
-    cov = right[1] if found.cov is None else found.cov
-    mean_off, cov_off = deviation(found.mean, cov, *right)
+    estimate = answer(estimator, problem, gaussian=True)
+    right = exact(problem, estimate)
+    alone = estimate.cov is None
+    cov = right[1] if estimate.cov is None else estimate.cov
+    mean_off, cov_off = deviation(estimate.mean, cov, *right)
     if not max(mean_off, cov_off) < EXACT:
         off, scatter = max(mean_off, cov_off), rounding(estimator, problem, right[1])
         if off < min(_SCATTER * scatter, LOSSY):
@@ -278,7 +279,7 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
                 "regularisation or an iteration that ends early does so"
             )
         name = {"none": "the prior carried along", "filter": "the Kalman filter"}.get(
-            found.causality, "the Rauch–Tung–Striebel smoother"
+            estimate.causality, "the Rauch–Tung–Striebel smoother"
         )
         raise Broken(
             f"its mean is up to {mean_off:.2g}, its covariance {cov_off:.2g} "
@@ -309,20 +310,20 @@ def near_exact(estimator: Estimator, problem: Problem) -> None:
 
     The mean within 0.3 posterior deviations rms, deviations within 30 %.
     """
-    found = answer(estimator, problem)
-    if found.fixes is not None:
+    estimate = answer(estimator, problem)
+    if estimate.fixes is not None:
         raise Refused("it has only fixes")
-    mean, cov = exact(problem, found)
+    mean, cov = exact(problem, estimate)
     variance = np.diagonal(cov, axis1=1, axis2=2)
-    off = float(np.sqrt(np.mean((np.asarray(found.mean) - mean) ** 2 / variance)))
+    off = float(np.sqrt(np.mean((np.asarray(estimate.mean) - mean) ** 2 / variance)))
     if not off < NEAR:
         raise Broken(
             f"its mean is {off:.2g} deviations of the posterior rms from the "
             f"exact one, allowed {NEAR:g}: a particle filter may need more particles"
         )
-    if found.cov is None:
+    if estimate.cov is None:
         return
-    ratio = np.diagonal(found.cov, axis1=1, axis2=2) / variance
+    ratio = np.diagonal(estimate.cov, axis1=1, axis2=2) / variance
     spread = np.abs(np.sqrt(np.mean(ratio, axis=0)) - 1.0)
     if not spread.max() < SPREAD:
         raise Broken(

@@ -11,14 +11,14 @@ import numpy as np
 
 def arrays_within(*roots: object) -> list[np.ndarray]:
     """Return all arrays that can be reached from objects."""
-    seen: dict[int, object] = {}
+    items: dict[int, object] = {}
     waiting = list(roots)
     while waiting:
         item = waiting.pop()
-        if id(item) not in seen:
-            seen[id(item)] = item  # kept, so that its identity is not used again
+        if id(item) not in items:
+            items[id(item)] = item  # kept, so that its identity is not used again
             waiting.extend(_inner(item))
-    return [item for item in seen.values() if isinstance(item, np.ndarray)]
+    return [item for item in items.values() if isinstance(item, np.ndarray)]
 
 
 def _inner(item: object) -> Iterator[object]:

@@ -69,15 +69,15 @@ def maps_to_build(fields: Iterable[FieldSpec]) -> Iterator[str]:
         for field in fields
         if field.source != "normal" and not is_file(field.source)
     )
-    for wanted in recipes:
+    for each in recipes:
         try:
-            wanted = recipe.checked(wanted)
+            each = recipe.checked(each)
         except GGBenchError:  # which is reported where its case is flown
             continue
-        if not recipe.cached_path(wanted).exists():
+        if not recipe.cached_path(each).exists():
             yield (
-                f"Building a map of {wanted.source}, {wanted.south_deg:g}° to "
-                f"{wanted.north_deg:g}° N, {wanted.west_deg:g}° to {wanted.east_deg:g}° E, once; "
+                f"Building a map of {each.source}, {each.south_deg:g}° to "
+                f"{each.north_deg:g}° N, {each.west_deg:g}° to {each.east_deg:g}° E, once; "
                 "it is kept there, too."
             )
 
@@ -113,11 +113,11 @@ class Compiled:
         except OSError:  # not there yet, or just tidied up
             return
         for folder, written in folders:
-            before, held = self._seen.get(folder, (0, set()))
+            before, files_before = self._seen.get(folder, (0, set()))
             if written == before:
                 continue
-            found = {file.name for file in folder.glob("*.nbc")}
-            self._seen[folder] = written, found
-            if found - held:
-                self._count += len(found - held)
+            files = {file.name for file in folder.glob("*.nbc")}
+            self._seen[folder] = written, files
+            if files - files_before:
+                self._count += len(files - files_before)
                 self._last = folder.name.rpartition("-")[0].removeprefix("ggbench.")

@@ -45,10 +45,13 @@ class Progress(progress.Progress):
         self._last = 0.0
         self._ended = threading.Event()
         super().__init__(
-            progress.BarColumn(20), progress.TextColumn("{task.description}", markup=False),
-            console=console, refresh_per_second=4.0, transient=True,
+            progress.BarColumn(20),
+            progress.TextColumn("{task.description}", markup=False),
+            console=console,
+            refresh_per_second=4.0,
+            transient=True,
             disable=not (console.is_terminal if live is None else live),
-        )  # fmt: skip
+        )
 
     def start(self) -> None:
         """Begin to show it."""
@@ -102,8 +105,8 @@ class Progress(progress.Progress):
         work = step.campaign
         self._title = work.scenario.name
         # All cells of the folder that belong to this campaign, not only those asked for now.
-        held = Results(work.folder, step.store)
-        self._cells = {c.key: (c.case, c.estimator) for c in held.cells if not c.assumption}
+        results = Results(work.folder, step.store)
+        self._cells = {c.key: (c.case, c.estimator) for c in results.cells if not c.assumption}
         self._cases = list(dict.fromkeys(case for case, _ in self._cells.values()))
         self._labels = list(dict.fromkeys(label for _, label in self._cells.values()))
         for key in self._cells:

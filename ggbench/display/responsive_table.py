@@ -66,18 +66,18 @@ class ResponsiveTable:
         narrowest = {"name": width // _NAME_SHARE, "number": width, "text": _NARROWEST_TEXT}
         names: list[int] = []
         blocks: list[list[int]] = []
-        left = 0
+        room = 0
         for column, (_, kind) in enumerate(self._columns):
             needed = gap + min(self._widest(column), narrowest[kind])
             if kind == "name":
                 names.append(column)
                 width -= needed
                 continue
-            if not blocks or needed > left:
+            if not blocks or needed > room:
                 blocks.append([*names])
-                left = width - _EDGES + gap
+                room = width - _EDGES + gap
             blocks[-1].append(column)
-            left -= needed
+            room -= needed
         return blocks
 
     def _widest(self, column: int) -> int:
@@ -92,9 +92,11 @@ class ResponsiveTable:
         for heading, kind in (self._columns[column] for column in block):
             number = kind == "number"
             table.add_column(
-                escape(heading), justify="right" if number else "left", no_wrap=number,
+                escape(heading),
+                justify="right" if number else "left",
+                no_wrap=number,
                 overflow="fold",
-            )  # fmt: skip
+            )
         for n, (row, style) in enumerate(zip(self._rows, self._styles, strict=True)):
             cells = (row[column] for column in block)
             table.add_row(*cells, style=style, end_section=n in self._section_ends)

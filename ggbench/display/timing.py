@@ -32,8 +32,8 @@ class Moment(NamedTuple):
     @classmethod
     def now(cls) -> Moment:
         """Return this moment."""
-        used = [resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        return cls(time.monotonic(), sum(each.ru_utime + each.ru_stime for each in used))
+        usage = [resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        return cls(time.monotonic(), sum(each.ru_utime + each.ru_stime for each in usage))
 
     def since(self) -> str:
         """Return how much of both has passed."""

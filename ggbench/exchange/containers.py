@@ -135,7 +135,7 @@ def _write_netcdf(path: Path, content: Content, notes: Mapping[str, str]) -> Non
 def _read_netcdf(path: Path) -> dict[str, np.ndarray | str]:
     import netCDF4
 
-    found: dict[str, np.ndarray | str] = {}
+    content: dict[str, np.ndarray | str] = {}
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)
         total = sum(math.prod(v.shape) for v in file.variables.values()) * 8
@@ -145,10 +145,10 @@ def _read_netcdf(path: Path) -> dict[str, np.ndarray | str]:
             )
         for name in file.ncattrs():
             if isinstance(value := file.getncattr(name), str):
-                found[name] = _checked(path, name, value)
+                content[name] = _checked(path, name, value)
         for name, variable in file.variables.items():
-            found[name] = _checked(path, name, variable[...])
-    return found
+            content[name] = _checked(path, name, variable[...])
+    return content
 
 
 def _write_matlab(path: Path, content: Content, notes: Mapping[str, str]) -> None:
@@ -166,8 +166,8 @@ def _read_matlab(path: Path) -> dict[str, np.ndarray | str]:
             raise ExchangeError(f"{path} is of MATLAB 7.3: save with -v7 or -v6, or as netCDF")
     total = sum(math.prod(map(int, shape)) for _, shape, _ in whosmat(path)) * 8
     _require_small(path, total)
-    held = loadmat(path, chars_as_strings=True, struct_as_record=True)
-    return {n: _checked(path, n, v) for n, v in held.items() if not n.startswith("__")}
+    content = loadmat(path, chars_as_strings=True, struct_as_record=True)
+    return {n: _checked(path, n, v) for n, v in content.items() if not n.startswith("__")}
 
 
 def _write_text(path: Path, content: Content, notes: Mapping[str, str]) -> None:
@@ -188,7 +188,7 @@ def _write_text(path: Path, content: Content, notes: Mapping[str, str]) -> None:
 
 
 def _read_text(path: Path) -> dict[str, np.ndarray | str]:
-    found: dict[str, np.ndarray | str] = {}
+    content: dict[str, np.ndarray | str] = {}
     with path.open(encoding="utf-8") as file:
         lines = iter(file)
         for line in lines:
@@ -204,8 +204,8 @@ def _read_text(path: Path) -> dict[str, np.ndarray | str]:
                     f"{path}: {line.strip()[:80]!a} must be 'text NAME' or 'array NAME AXES "
                     "LENGTHS...'"
                 )
-            found[words[1]] = _checked(path, words[1], value)
-    return found
+            content[words[1]] = _checked(path, words[1], value)
+    return content
 
 
 def _numbers(path: Path, name: str, sizes: list[str], lines: Iterator[str]) -> np.ndarray:
@@ -216,18 +216,18 @@ def _numbers(path: Path, name: str, sizes: list[str], lines: Iterator[str]) -> n
     if min(lengths) < 0 or axes != len(shape) or count * 8 > LARGEST_BYTES:
         raise ExchangeError(f"{path}: the shape of {name} is damaged: {' '.join(sizes)[:80]}")
     parts: list[np.ndarray] = []
-    held = 0
-    while held < count:
+    count_read = 0
+    while count_read < count:
         line = next(lines, None)
         if line is None:
-            raise ExchangeError(f"{path}: {name} ends after {held} of {count} numbers")
+            raise ExchangeError(f"{path}: {name} ends after {count_read} of {count} numbers")
         try:
             part = np.array(line.split(), dtype=float)
         except ValueError:
             raise ExchangeError(f"{path}: {name} holds {line.strip()[:80]!a}, no number") from None
         parts.append(part)
-        held += part.size
-    if held > count:
+        count_read += part.size
+    if count_read > count:
         raise ExchangeError(f"{path}: {name} has more numbers than its shape, {count}")
     return np.concatenate(parts or [np.empty(0)]).reshape(shape)
 

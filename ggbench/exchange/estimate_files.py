@@ -27,8 +27,17 @@ _ROUNDING = 1e-9
 _SAME = 1e-9
 """Relative difference of fingerprints of the same measurements, simulated on two machines."""
 KNOWN = {
-    "mean", "cov", "times", "problem", "causality", "lag", "estimator", "seconds", "frame", "units"
-}  # fmt: skip
+    "mean",
+    "cov",
+    "times",
+    "problem",
+    "causality",
+    "lag",
+    "estimator",
+    "seconds",
+    "frame",
+    "units",
+}
 
 
 @dataclass(frozen=True)
@@ -59,15 +68,15 @@ class StoredRuns:
         """Return which of the runs has the measurements of a problem; None if none has."""
         if problem.epochs != len(self.times):
             return None
-        (wanted,) = fingerprints(problem.measurements[np.newaxis])
-        held = np.array(self.problem["fingerprints"])
-        nearest = int(np.abs(held - wanted).argmin())
-        same = abs(held[nearest] - wanted) <= _SAME * max(abs(wanted), 1.0)
+        (fingerprint,) = fingerprints(problem.measurements[np.newaxis])
+        stored = np.array(self.problem["fingerprints"])
+        nearest = int(np.abs(stored - fingerprint).argmin())
+        same = abs(stored[nearest] - fingerprint) <= _SAME * max(abs(fingerprint), 1.0)
         return nearest if same else None
 
     def __str__(self) -> str:
-        said, runs = self.problem, len(self.mean)
-        return f"case {said['case']} of {said['scenario']}, {runs} runs of seed {said['seed']}"
+        about, runs = self.problem, len(self.mean)
+        return f"case {about['case']} of {about['scenario']}, {runs} runs of seed {about['seed']}"
 
 
 def read(path: Path) -> StoredRuns:
@@ -80,45 +89,54 @@ def read(path: Path) -> StoredRuns:
         or unknown names; another shape, frame or unit; numbers that are not finite; epochs that are
         not those of the problem; a covariance that is not symmetric or not positive definite.
     """
-    held = containers.read(path)
-    if unknown := sorted(set(held) - KNOWN):
+    content = containers.read(path)
+    if unknown := sorted(set(content) - KNOWN):
         raise ExchangeError(
             f"{path} holds {unknown[0]}, which is not allowed in estimates; allowed are "
             f"{', '.join(sorted(KNOWN))}"
         )
-    problem = _problem(path, _text(path, held, "problem"))
+    problem = _problem(path, _text(path, content, "problem"))
     runs = len(problem["fingerprints"])
     for name, meaning in (("frame", FRAME), ("units", UNITS)):
-        said = _text(path, held, name, meaning)
-        if said.strip() != meaning:
+        text = _text(path, content, name, meaning)
+        if text.strip() != meaning:
             raise ExchangeError(
-                f"{path}: {name} is {said[:40]!a} and must be '{meaning}': errors of the INS in m, "
+                f"{path}: {name} is {text[:40]!a} and must be '{meaning}': errors of the INS in m, "
                 "m/s and rad, east, north, up"
             )
-    times = _array(path, held, "times", (problem["epochs"],))
+    times = _array(path, content, "times", (problem["epochs"],))
     if np.abs(times - problem["times"]).max() > _SAME_TIME_S:
         worst = int(np.abs(times - problem["times"]).argmax())
         raise ExchangeError(
             f"{path}: times[{worst}] is {times[worst]:g} s and must be "
             f"{problem['times'][worst]:g} s, as in the problem's file"
         )
-    n = _states(path, held, problem["states"])
-    mean = _array(path, held, "mean", (runs, problem["epochs"], n))
-    cov = _array(path, held, "cov", (runs, problem["epochs"], n, n))
+    n = _states(path, content, problem["states"])
+    mean = _array(path, content, "mean", (runs, problem["epochs"], n))
+    cov = _array(path, content, "cov", (runs, problem["epochs"], n, n))
     for run in range(runs):
         if flaw := _flaw_of(cov[run]):
             raise ExchangeError(f"{path}: cov of run {run} {flaw}")
-    causality, lag = _causality(path, held)
-    name = _text(path, held, "estimator", path.stem).strip()
+    causality, lag = _causality(path, content)
+    name = _text(path, content, "estimator", path.stem).strip()
     if not name.isprintable() or not 0 < len(name) <= _LONGEST_NAME:
         raise ExchangeError(
             f"{path}: estimator is {name[:80]!a} and must be a printable name of at most "
             f"{_LONGEST_NAME} characters"
         )
-    seconds = _array(path, held, "seconds", (runs,)) if "seconds" in held else None
+    seconds = _array(path, content, "seconds", (runs,)) if "seconds" in content else None
     if seconds is not None and not (seconds >= 0.0).all():
         raise ExchangeError(f"{path}: seconds must not be below zero")
-    return StoredRuns(mean, cov, times, problem, causality, lag, name, seconds)
+    return StoredRuns(
+        mean=mean,
+        cov=cov,
+        times=times,
+        problem=problem,
+        causality=causality,
+        lag=lag,
+        estimator=name,
+        seconds=seconds,
+    )
 
 
 def _flaw_of(cov: np.ndarray) -> str:
@@ -140,52 +158,52 @@ def _flaw_of(cov: np.ndarray) -> str:
     return ""
 
 
-def _text(path: Path, held: dict[str, Any], name: str, default: str | None = None) -> str:
-    value = held.get(name, default)
+def _text(path: Path, content: dict[str, Any], name: str, default: str | None = None) -> str:
+    value = content.get(name, default)
     if not isinstance(value, str):
-        found = "is missing" if value is None else "is an array"
-        raise ExchangeError(f"{path}: {name} {found} and must be a text")
+        flaw = "is missing" if value is None else "is an array"
+        raise ExchangeError(f"{path}: {name} {flaw} and must be a text")
     return value
 
 
-def _array(path: Path, held: dict[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
-    value = held.get(name)
-    wanted = " × ".join(map(str, shape))
+def _array(path: Path, content: dict[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
+    value = content.get(name)
+    expected = " × ".join(map(str, shape))
     if not isinstance(value, np.ndarray):
-        found = "is missing" if value is None else "is a text"
-        raise ExchangeError(f"{path}: {name} {found} and must be an array, {wanted}")
+        flaw = "is missing" if value is None else "is a text"
+        raise ExchangeError(f"{path}: {name} {flaw} and must be an array, {expected}")
     array = containers.shaped(value, shape)
     if array is None:
-        found = " × ".join(map(str, value.shape))
+        flaw = " × ".join(map(str, value.shape))
         hint = ""
         if sorted(n for n in value.shape if n > 1) == sorted(n for n in shape if n > 1):
             hint = ": its axes are in another order"
-        raise ExchangeError(f"{path}: {name} has the shape {found} and must have {wanted}{hint}")
+        raise ExchangeError(f"{path}: {name} has the shape {flaw} and must have {expected}{hint}")
     if not np.isfinite(array).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ExchangeError(f"{path}: {name}{list(place)} is {array[place]:g} and must be finite")
     return array
 
 
-def _states(path: Path, held: dict[str, Any], n: int) -> int:
+def _states(path: Path, content: dict[str, Any], n: int) -> int:
     """Return how many states the estimates have: all n, or position and velocity alone."""
-    value = held.get("mean")
+    value = content.get("mean")
     last = value.shape[-1] if isinstance(value, np.ndarray) and value.ndim else n
     return JUDGED if last == JUDGED < n else n
 
 
-def _causality(path: Path, held: dict[str, Any]) -> tuple[Causality, float | None]:
-    causality: Any = _text(path, held, "causality").strip()
+def _causality(path: Path, content: dict[str, Any]) -> tuple[Causality, float | None]:
+    causality: Any = _text(path, content, "causality").strip()
     if causality not in get_args(Causality):
         raise ExchangeError(
             f"{path}: causality is {causality[:40]!a} and must be one of "
             f"{', '.join(get_args(Causality))}"
         )
     if causality != "fixed-lag":
-        if "lag" in held:
+        if "lag" in content:
             raise ExchangeError(f"{path}: lag is of estimates whose causality is fixed-lag")
         return causality, None
-    lag = float(_array(path, held, "lag", ()))
+    lag = float(_array(path, content, "lag", ()))
     if not 0.0 < lag < 1e9:
         raise ExchangeError(f"{path}: lag is {lag:g} s and must be above zero")
     return causality, lag
@@ -194,29 +212,35 @@ def _causality(path: Path, held: dict[str, Any]) -> tuple[Causality, float | Non
 def _problem(path: Path, text: str) -> dict[str, Any]:
     """Return what the problem's file said of itself."""
     kinds = {
-        "scenario": str, "case": str, "seed": int, "states": int, "key": str, "runs": list,
-        "times": list, "fingerprints": list,
-    }  # fmt: skip
+        "scenario": str,
+        "case": str,
+        "seed": int,
+        "states": int,
+        "key": str,
+        "runs": list,
+        "times": list,
+        "fingerprints": list,
+    }
     try:
-        found = json.loads(text)
-        flaw = [name for name, kind in kinds.items() if type(found[name]) is not kind]
-        numbers = np.array([*found["times"], *found["fingerprints"]], dtype=float)
-        if flaw or not np.isfinite(numbers).all() or not found["times"]:
+        about = json.loads(text)
+        flaw = [name for name, kind in kinds.items() if type(about[name]) is not kind]
+        numbers = np.array([*about["times"], *about["fingerprints"]], dtype=float)
+        if flaw or not np.isfinite(numbers).all() or not about["times"]:
             raise ValueError(flaw or "numbers that are not finite")
-        runs = found["runs"]
-        if not runs or len(runs) != len(found["fingerprints"]) or found["seed"] < 0:
+        runs = about["runs"]
+        if not runs or len(runs) != len(about["fingerprints"]) or about["seed"] < 0:
             raise ValueError("runs")
         if any(type(run) is not int or run < 0 for run in runs):
             raise ValueError("runs")
-        if not 1 <= found["states"] <= 1000:
+        if not 1 <= about["states"] <= 1000:
             raise ValueError("states")
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ExchangeError(
             f"{path}: problem must be copied from the problem's file as it is: {text_of(error)}"
         ) from None
-    found["times"] = np.array(found["times"], dtype=float)
-    found["epochs"] = len(found["times"])
-    return dict(found)
+    about["times"] = np.array(about["times"], dtype=float)
+    about["epochs"] = len(about["times"])
+    return dict(about)
 
 
 @lru_cache(maxsize=32)
@@ -236,19 +260,19 @@ def stored_runs(path: Path) -> tuple[StoredRuns, ...]:
         files = [path]
         if path.is_dir():
             files = sorted(f for f in path.iterdir() if f.suffix in containers.SUFFIXES)
-        found = tuple(_read_once(file, file.stat().st_mtime_ns) for file in files)
+        stored = tuple(_read_once(file, file.stat().st_mtime_ns) for file in files)
     except OSError as error:
         raise ExchangeError(f"cannot read {path}: {error.strerror}") from None
-    if not found:
+    if not stored:
         raise ExchangeError(f"{path} holds no estimates: {', '.join(containers.SUFFIXES)} files")
     for name in ("estimator", "causality", "lag"):
-        values = list(dict.fromkeys(getattr(one, name) for one in found))
+        values = list(dict.fromkeys(getattr(one, name) for one in stored))
         if len(values) > 1 and not (name == "estimator" and path.is_dir()):
             raise ExchangeError(
                 f"{path} holds estimates with the {name} {values[0]} and {values[1]}: give the "
                 "estimates of one estimator"
             )
-    return found
+    return stored
 
 
 class StoredEstimates(Estimator):
@@ -280,18 +304,18 @@ class StoredEstimates(Estimator):
         ExchangeError
             If the file has no such run.
         """
-        places = ((held, held.run_of(problem)) for held in stored_runs(self.path))
-        held, run = next(((h, r) for h, r in places if r is not None), (None, None))
-        if held is None:
+        places = ((stored, stored.run_of(problem)) for stored in stored_runs(self.path))
+        stored, run = next(((h, r) for h, r in places if r is not None), (None, None))
+        if stored is None:
             parts = "; ".join(map(str, stored_runs(self.path)))
             raise ExchangeError(f"{self.path} has no run with these measurements: it has {parts}")
-        n, given = problem.dimension, held.mean.shape[2]
-        mean, cov, nis = held.mean[run], held.cov[run], None
-        if given < n:
+        n, states = problem.dimension, stored.mean.shape[2]
+        mean, cov, nis = stored.mean[run], stored.cov[run], None
+        if states < n:
             mean, cov = with_prior(problem, mean, cov)
             nis = np.full(problem.epochs, math.nan)
-        info = {} if held.seconds is None else {"seconds": float(held.seconds[run])}
-        return Estimate(mean, cov, held.causality, held.lag, info, nis)
+        info = {} if stored.seconds is None else {"seconds": float(stored.seconds[run])}
+        return Estimate(mean, cov, stored.causality, stored.lag, info, nis)
 
 
 def with_prior(
@@ -301,14 +325,14 @@ def with_prior(
 
     The states that were not estimated are independent of those that were.
     """
-    epochs, n, given = problem.epochs, problem.dimension, mean.shape[1]
+    epochs, n, states = problem.epochs, problem.dimension, mean.shape[1]
     means, covs = np.empty((epochs, n)), np.zeros((epochs, n, n))
     x, p = problem.prior_mean, problem.prior_cov
     for k in range(epochs):
         x = problem.transition[k] @ x
         p = problem.transition[k] @ p @ problem.transition[k].T + problem.process_cov[k]
-        means[k], covs[k, given:, given:] = x, p[given:, given:]
-    means[:, :given], covs[:, :given, :given] = mean, cov
+        means[k], covs[k, states:, states:] = x, p[states:, states:]
+    means[:, :states], covs[:, :states, :states] = mean, cov
     return means, covs
 
 
@@ -320,9 +344,9 @@ def estimator_of(path: Path) -> type[StoredEstimates]:
     ExchangeError
         As :func:`read`.
     """
-    held = stored_runs(path)[0]
-    name = path.name if path.is_dir() else held.estimator
+    stored = stored_runs(path)[0]
+    name = path.name if path.is_dir() else stored.estimator
     space: dict[str, Any] = {"path": path, "name": name, "__module__": __name__}
-    if held.causality == "fixed-lag":
-        space |= {"lag": held.lag, "__annotations__": {"lag": float}}
+    if stored.causality == "fixed-lag":
+        space |= {"lag": stored.lag, "__annotations__": {"lag": float}}
     return dataclass(frozen=True)(type("StoredEstimates", (StoredEstimates,), space))

@@ -92,7 +92,7 @@ def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]
     if INSTRUMENTS[model.instrument] == "strapdown":
         attitudes = model.attitudes
     gravity = model.gravity.coefficients
-    held: dict[str, np.ndarray | str] = {
+    values: dict[str, np.ndarray | str] = {
         "format": FORMAT,
         "problem": problem,
         "states": "\n".join(
@@ -133,7 +133,7 @@ def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]
         **_checks(block),
     }
     return {
-        v.name: item if isinstance(item := held[v.name], str) else np.array(item, dtype=float)
+        v.name: item if isinstance(item := values[v.name], str) else np.array(item, dtype=float)
         for v in VARIABLES
     }
 

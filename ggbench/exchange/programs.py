@@ -64,10 +64,14 @@ class ExternalProgram(BlockEstimator):
             of estimates of this problem.
         """
         facts = {
-            "scenario": "-", "case": "-", "seed": 0, "key": "-",
+            "scenario": "-",
+            "case": "-",
+            "seed": 0,
+            "key": "-",
             "runs": list(range(block.runs)),
-            "states": block.dimension, "times": block.times.tolist(),
-        }  # fmt: skip
+            "states": block.dimension,
+            "times": block.times.tolist(),
+        }
         with tempfile.TemporaryDirectory(prefix="ggbench-") as folder:
             problem, estimates = (
                 Path(folder) / f"{name}.{self.format}" for name in ("problem", "estimates")
@@ -77,17 +81,17 @@ class ExternalProgram(BlockEstimator):
             self._start(problem, estimates)
             if not estimates.exists():
                 raise ExchangeError(f"{self.path} ended without writing its second argument")
-            found = estimate_files.read(estimates)
-        if found.causality != self.causes:
+            stored = estimate_files.read(estimates)
+        if stored.causality != self.causes:
             raise ExchangeError(
-                f"{self.path} wrote estimates that are '{found.causality}', and causes says "
+                f"{self.path} wrote estimates that are '{stored.causality}', and causes says "
                 f"'{self.causes}'"
             )
         if not np.array_equal(
-            found.problem["fingerprints"], problem_files.fingerprints(block.measurements)
+            stored.problem["fingerprints"], problem_files.fingerprints(block.measurements)
         ):
             raise ExchangeError(f"{self.path} wrote estimates of another problem")
-        mean, cov, nis = found.mean, found.cov, None
+        mean, cov, nis = stored.mean, stored.cov, None
         if mean.shape[2] < block.dimension:
             pairs = [
                 estimate_files.with_prior(block.problem(run), mean[run], cov[run])
@@ -109,14 +113,14 @@ class ExternalProgram(BlockEstimator):
             )
         except OSError as error:
             raise ExchangeError(f"{self.path} cannot be started: {error.strerror}") from None
-        kept = _LastOutput(process.stdout)
+        last_output = _LastOutput(process.stdout)
         code = process.wait()
         # Children that it has left may hold its output open: they are not waited for.
-        kept.join(_LAST_WORDS_S)
+        last_output.join(_LAST_WORDS_S)
         if code:
             how = f"exit code {code}" if code > 0 else f"signal {-code}"
-            said = kept.text
-            raise ExchangeError(f"{self.path} ended with {how}" + (f": {said}" if said else ""))
+            words = last_output.text
+            raise ExchangeError(f"{self.path} ended with {how}" + (f": {words}" if words else ""))
 
 
 class _LastOutput(threading.Thread):

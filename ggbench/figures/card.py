@@ -25,11 +25,11 @@ def scorecard(rows: Sequence[Mapping[str, float | str]], label: str) -> Drawing:
     """
     figure, axis = subplots(figsize=(_WIDTH, _REST + _ROW * len(rows)))
     places = range(len(rows))
-    shown = label if len(label) <= _LONGEST else f"{label[:_LONGEST]}…"
+    legend = label if len(label) <= _LONGEST else f"{label[:_LONGEST]}…"
     for key, name, style in (
         ("bound", "Cramér–Rao bound", {"marker": "|", "color": BOUND, "ms": 12}),
         ("ekf", "EKF", {"marker": "o", "color": "tab:gray", "mfc": "w"}),
-        ("scored", shown, {"marker": "o", "color": "tab:orange"}),
+        ("scored", legend, {"marker": "o", "color": "tab:orange"}),
     ):
         values = [float(row[key]) for row in rows]
         usable = [v if math.isfinite(v) and v > 0.0 else math.nan for v in values]

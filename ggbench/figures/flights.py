@@ -33,14 +33,14 @@ def ground_track(
     """
     figure, (plan, height) = subplots(1, 2, figsize=(9.0, 4.4), width_ratios=(3, 2))
     styles = line_styles(families)
-    shown = [("INS", ins, {"color": INS, "lw": 1.5})]
-    shown += [
+    curves = [("INS", ins, {"color": INS, "lw": 1.5})]
+    curves += [
         (label, track, {"color": styles[label].color, "ls": styles[label].ls, "lw": 1.2})
         for label, track in tracks.items()
     ]
     if reference is not None:
-        shown.append(("reference", reference, {"color": BOUND, "lw": 0.9, "ls": ":"}))
-    for label, track, look in shown:
+        curves.append(("reference", reference, {"color": BOUND, "lw": 0.9, "ls": ":"}))
+    for label, track, look in curves:
         step = 1 + len(track) // _MOST_POINTS
         some = track[::step]
         plan.plot(some[:, 0], some[:, 1], label=label, **look)

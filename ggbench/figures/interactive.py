@@ -86,4 +86,4 @@ def _compact(svg: str) -> str:
     element = re.sub(r'^(<svg[^>]*?) width="[^"]*"', r"\1", element)
     element = re.sub(r'^(<svg[^>]*?) height="[^"]*"', r"\1", element)
     element = re.sub(r"\n\s*", "\n", element)
-    return re.sub(r' (?:d|x|y)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), element)
+    return re.sub(r' (?:d|x|y)="[^"]*"', lambda match: _DECIMALS.sub(r"\1", match[0]), element)

@@ -99,6 +99,6 @@ def _lighter(colour: str, steps: int) -> str:
     """Return a colour mixed with white, a quarter of the way at each step, at most half."""
     if not steps:
         return colour
-    kept = max(0.75**steps, 0.5)
-    red, green, blue = (1.0 - kept + kept * part for part in to_rgb(colour))
+    share = max(0.75**steps, 0.5)
+    red, green, blue = (1.0 - share + share * part for part in to_rgb(colour))
     return to_hex((red, green, blue))

@@ -11,10 +11,10 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun if count == 1 else f'{noun}s'}"
 
 
-def some(said: Sequence[str], most: int = 6) -> str:
+def some(texts: Sequence[str], most: int = 6) -> str:
     """Return what is said of the first few, the best, and of how many more it could be said."""
-    more = len(said) - most
-    return ", ".join(said[:most]) + (f" and {more} more" if more > 0 else "")
+    more = len(texts) - most
+    return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def short(value: float) -> str:

@@ -43,7 +43,7 @@ def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
     axes = right.subplots(2, 1, sharex=True)
     times = bounds["time_s"]
     panels = (("position", "m", "m"), ("velocity", "mps", "m/s"))
-    for axis, (name, unit, shown) in zip(axes, panels, strict=True):
+    for axis, (name, unit, unit_shown) in zip(axes, panels, strict=True):
         for along, colour in _COLOURS.items():
             axis.semilogy(times, bounds[f"{along}_{unit}"], color=colour, lw=1.0, label=along)
         axis.semilogy(times, bounds[f"{name}_{unit}"], color=BOUND, lw=1.6, label="spherical")
@@ -55,7 +55,7 @@ def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
             ls="--",
             label="spherical, all readings",
         )
-        axis.set_ylabel(f"{name} [{shown}]")
+        axis.set_ylabel(f"{name} [{unit_shown}]")
         axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.yaxis.set_minor_formatter(NullFormatter())
@@ -120,7 +120,7 @@ def _draw_field(
     field: Field,
     flown: np.ndarray,
     degrees: tuple[np.ndarray, np.ndarray],
-    shown: tuple[np.ndarray, np.ndarray],
+    coordinates: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """Draw Γ_UU at the mean height of a track on a grid of longitudes and latitudes.
 
@@ -130,14 +130,14 @@ def _draw_field(
     field : with a map.
     flown : (K, 3) latitude, longitude [rad], height [m] of the track.
     degrees : longitudes and latitudes of the nodes [deg].
-    shown : coordinates of the nodes on the axes.
+    coordinates : of the nodes on the axes.
     """
     height = float(field.coordinates(flown)[:, 2].mean())
     longitude, latitude = (np.radians(each) for each in degrees)
     vertical = field.vertical_disturbance(*field.over_nodes(latitude[:, None], longitude, height))
     limit = float(np.abs(vertical).max()) or 1.0
     mesh = axis.pcolormesh(
-        *shown, vertical, cmap="RdBu_r", vmin=-limit, vmax=limit, alpha=0.6, rasterized=True
+        *coordinates, vertical, cmap="RdBu_r", vmin=-limit, vmax=limit, alpha=0.6, rasterized=True
     )
     figure.colorbar(mesh, ax=axis, location="bottom", shrink=0.8, label="disturbing Γ_UU [E]")
 

@@ -20,13 +20,13 @@ _BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag
 
 
 def error_over_time(
-    results: Results, shown: Mapping[str, Sequence[str]], most: int | None = None
+    results: Results, labels_of: Mapping[str, Sequence[str]], most: int | None = None
 ) -> Drawing:
     """Draw the RMS errors over all runs against time, and the bounds: a column for each case.
 
-    ``shown`` are the estimators by the name of a case; ``most`` limits the epochs.
+    ``labels_of`` names the estimators of each case; ``most`` limits the epochs.
     """
-    flights = [flight(results, case, labels, most) for case, labels in shown.items()]
+    flights = [flight(results, case, labels, most) for case, labels in labels_of.items()]
     return errors.error_over_time(flights, results.families)
 
 
@@ -39,15 +39,19 @@ def flight(results: Results, case: str, labels: Iterable[str], most: int | None)
     arrays = results.arrays(case)
     count = len(arrays["kept"])
     epochs = np.unique(np.linspace(0, count - 1, min(most or count, count)).astype(int))
-    kept = arrays["kept"][epochs]
+    epochs_drawn = arrays["kept"][epochs]
     series = {label: results.series(case, label) for label in labels}
     rms = {
         label: np.sqrt(np.mean(errors_of_runs[:, epochs, :2] ** 2, axis=0))
         for label, errors_of_runs in series.items()
         if len(errors_of_runs)
     }
-    bounds = {name: np.sqrt(arrays[key][kept]) for key, name in drawn_bounds(arrays).items()}
-    return errors.Flight(results.scenario.case(case).title, arrays["times"][kept], rms, bounds)
+    bounds = {
+        name: np.sqrt(arrays[key][epochs_drawn]) for key, name in drawn_bounds(arrays).items()
+    }
+    return errors.Flight(
+        results.scenario.case(case).title, arrays["times"][epochs_drawn], rms, bounds
+    )
 
 
 def drawn_bounds(arrays: Iterable[str]) -> dict[str, str]:

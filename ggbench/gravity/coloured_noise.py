@@ -32,8 +32,13 @@ from ..numerics.frozen import freeze_arrays, frozen
 FORMAT = "ggbench coloured noise 1"
 """What the file of a noise model says of itself."""
 _KEYS = (
-    "format", "components", "interval_s", "coefficients", "innovation_cov_eotvos2", "provenance",
-)  # fmt: skip
+    "format",
+    "components",
+    "interval_s",
+    "coefficients",
+    "innovation_cov_eotvos2",
+    "provenance",
+)
 _MOST_ORDER = 64
 _TIMING = 1e-3
 """By how much readings may be off the model's interval [intervals]."""
@@ -128,9 +133,9 @@ class VectorAutoregression:
     def _companion(self) -> np.ndarray:
         """The matrix (p m, p m) that takes p values of the process, the last first, a step on."""
         m = len(self.components)
-        found = np.eye(self.order * m, k=-m)
-        found[:m] = np.hstack([*self.coefficients])
-        return found
+        matrix = np.eye(self.order * m, k=-m)
+        matrix[:m] = np.hstack([*self.coefficients])
+        return matrix
 
     @cached_property
     def spectral_radius(self) -> float:
@@ -144,20 +149,20 @@ class VectorAutoregression:
     def autocovariance(self, lags: int) -> np.ndarray:
         """Return Γ_l = E[n_k n_{k−l}ᵀ] (lags + 1, m, m) [E²] up to a lag."""
         m, p = len(self.components), self.order
-        found = np.zeros((max(lags + 1, p), m, m))
+        covariances = np.zeros((max(lags + 1, p), m, m))
         if p == 0:
-            found[0] = self.innovation_cov
+            covariances[0] = self.innovation_cov
         else:
             from scipy.linalg import solve_discrete_lyapunov  # not every flight needs it
 
             driven = np.zeros((p * m, p * m))
             driven[:m, :m] = self.innovation_cov
             joint = solve_discrete_lyapunov(self._companion, driven)
-            found[:p] = joint[:m].reshape(m, p, m).swapaxes(0, 1)
+            covariances[:p] = joint[:m].reshape(m, p, m).swapaxes(0, 1)
             for lag in range(p, lags + 1):
-                before = found[lag - 1 :: -1][:p]
-                found[lag] = np.einsum("iab,ibc->ac", self.coefficients, before)
-        return found[: lags + 1]
+                before = covariances[lag - 1 :: -1][:p]
+                covariances[lag] = np.einsum("iab,ibc->ac", self.coefficients, before)
+        return covariances[: lags + 1]
 
     @cached_property
     def stationary_cov(self) -> np.ndarray:
@@ -186,10 +191,10 @@ class VectorAutoregression:
 
     def _row(self, lags: tuple[int, ...]) -> np.ndarray:
         """Return weights (k + 1, m, m) of a reading and of k earlier ones, by lags [intervals]."""
-        predictor, left = self.coefficients, self.innovation_cov
+        predictor, remaining_cov = self.coefficients, self.innovation_cov
         if lags != tuple(range(1, self.order + 1)):
-            predictor, left = _predictor(self._reached, lags)
-        scaled = self.deviations[:, np.newaxis] * np.linalg.inv(np.linalg.cholesky(left))
+            predictor, remaining_cov = _predictor(self._reached, lags)
+        scaled = self.deviations[:, np.newaxis] * np.linalg.inv(np.linalg.cholesky(remaining_cov))
         return np.concatenate([scaled[np.newaxis], -scaled @ predictor])
 
     def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening:
@@ -295,10 +300,10 @@ def _model(content: Any) -> VectorAutoregression:
     )
 
 
-def _numbers(key: str, found: Any) -> np.ndarray:
+def _numbers(key: str, values: Any) -> np.ndarray:
     """Return nested lists of numbers as an array."""
     try:
-        return np.array(found, dtype=float)
+        return np.array(values, dtype=float)
     except (ValueError, TypeError):
         raise ColouredNoiseError(f"{key} must be numbers, as many in every row") from None
 
@@ -315,8 +320,8 @@ def _predictor(covariance: np.ndarray, lags: tuple[int, ...]) -> tuple[np.ndarra
 
     ``covariance`` (., m, m) is Γ of the process. ``lags`` are those of the k values, in order.
     """
-    m, known = covariance.shape[1], len(lags)
-    if known == 0:
+    m, count = covariance.shape[1], len(lags)
+    if count == 0:
         return np.zeros((0, m, m)), covariance[0]
     # Of n_{k−a} and n_{k−b}: E[n_{k−a} n_{k−b}ᵀ] is Γ of the lag b − a.
     among = np.block(
@@ -324,5 +329,5 @@ def _predictor(covariance: np.ndarray, lags: tuple[int, ...]) -> tuple[np.ndarra
     )
     across = np.hstack([covariance[lag] for lag in lags])
     gains = np.linalg.solve(among, across.T).T
-    left = covariance[0] - gains @ across.T
-    return gains.reshape(m, known, m).swapaxes(0, 1), 0.5 * (left + left.T)
+    remaining_cov = covariance[0] - gains @ across.T
+    return gains.reshape(m, count, m).swapaxes(0, 1), 0.5 * (remaining_cov + remaining_cov.T)

@@ -22,8 +22,8 @@ _ELLIPSOIDAL = re.compile(r'AXIS\["(?:ellipsoidal height|h\b)[^"]*"', re.IGNOREC
 
 def name_of(crs: Any) -> str:
     """Return the name of a reference system of rasterio."""
-    found = re.search(r'"([^"]+)"', crs.to_wkt())
-    return found[1] if found else str(crs)
+    match = re.search(r'"([^"]+)"', crs.to_wkt())
+    return match[1] if match else str(crs)
 
 
 def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
@@ -43,8 +43,8 @@ def vertical(crs: Any) -> tuple[str, bool]:
     if crs is None:
         return "", False
     wkt = crs.to_wkt()
-    if found := _VERTICAL.search(wkt):
-        return f"vertical datum {found[1]}", _DOWN.search(wkt) is not None
+    if match := _VERTICAL.search(wkt):
+        return f"vertical datum {match[1]}", _DOWN.search(wkt) is not None
     return ELLIPSOIDAL if _ELLIPSOIDAL.search(wkt) else "", False
 
 
@@ -78,8 +78,8 @@ def require_wgs84(
     except TerrainError:
         raise
     except Exception:  # rasterio's own, of a text that is no reference system
-        said = f"{path.name} has a reference system that is none: {wkt[:60]!r}."
-        raise TerrainError(said) from None
+        reason = f"{path.name} has a reference system that is none: {wkt[:60]!r}."
+        raise TerrainError(reason) from None
     if another:
         raise TerrainError(
             f"{path.name} is in {name_of(crs)}; WGS 84 is allowed: warp the grid to EPSG:4326 with "

@@ -79,14 +79,14 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
         noise += tensor
         gravity += disturbance
         tensor, disturbance = noise, gravity
-    said = ", ".join(
+    changes = ", ".join(
         f"{key} {value:g}" for key, value in vars(degradation).items() if key != "seed"
     )
     return replace(
         right,
         tensor=tensor,
         gravity_disturbance=disturbance,
-        provenance=f"{right.provenance}; degraded: {said}",
+        provenance=f"{right.provenance}; degraded: {changes}",
     )
 
 

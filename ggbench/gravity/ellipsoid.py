@@ -33,10 +33,9 @@ def _dynamical_form_factors(count: int) -> np.ndarray:
     second_eccentricity = math.sqrt(ECCENTRICITY_SQUARED) / (1.0 - FLATTENING)
     # q0 by its series in e': the closed form loses six digits to cancellation.
     q0 = sum(
-        2.0 * (-1.0) ** (k + 1) * k * second_eccentricity ** (2 * k + 1)
-        / ((2 * k + 1) * (2 * k + 3))
+        -2.0 * (-1.0) ** k * k * second_eccentricity ** (2 * k + 1) / ((2 * k + 1) * (2 * k + 3))
         for k in range(1, 12)
-    )  # fmt: skip
+    )
     m = ROTATION_RATE**2 * SEMI_MAJOR_AXIS**2 * semi_minor / GM
     j2 = ECCENTRICITY_SQUARED / 3.0 * (1.0 - 2.0 / 15.0 * m * second_eccentricity / q0)
     degree = np.arange(1, count + 1)

@@ -295,13 +295,13 @@ class Field:
 
         Outside the map it is that of its border.
         """
-        found = np.zeros(positions.shape[:-1])
+        heights = np.zeros(positions.shape[:-1])
         if self.is_draped:
             points = np.ascontiguousarray(positions.reshape(-1, 3))
             surface_heights(
-                points, self.origin, self.step, self.base_coefficients, found.reshape(-1)
+                points, self.origin, self.step, self.base_coefficients, heights.reshape(-1)
             )
-        return found
+        return heights
 
     def coordinates(self, positions: np.ndarray) -> np.ndarray:
         """Return positions (..., 3) in the coordinates of the map's nodes.
@@ -310,9 +310,9 @@ class Field:
         """
         if not self.is_draped:
             return positions
-        found = np.array(positions, dtype=float)
-        found[..., 2] -= self.base(found)
-        return found
+        coordinates = np.array(positions, dtype=float)
+        coordinates[..., 2] -= self.base(coordinates)
+        return coordinates
 
     def over_nodes(
         self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
@@ -350,12 +350,12 @@ class Field:
 
     def continued_tensor(self, positions: np.ndarray) -> np.ndarray:
         """Return the tensor (..., 6) [E] at positions (..., 3); outside the map, its border's."""
-        found = np.empty((6, math.prod(positions.shape[:-1])))
+        tensor = np.empty((6, math.prod(positions.shape[:-1])))
         gradients(
             np.ascontiguousarray(positions.reshape(-1, 3).T), self.origin, self.step,
-            self.tensor_coefficients, self.base_coefficients, found,
+            self.tensor_coefficients, self.base_coefficients, tensor,
         )  # fmt: skip
-        return np.ascontiguousarray(found.T).reshape(*positions.shape[:-1], 6)
+        return np.ascontiguousarray(tensor.T).reshape(*positions.shape[:-1], 6)
 
     def tensor_and_derivative(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike

@@ -217,16 +217,16 @@ class _Series:
         self.step = np.minimum(_native(terrain), _SPACING_PER_HEIGHT * clearance)
         # Of the terrain alone: a field must not depend on what other heights are asked for.
         self.border = BORDER * float(size.max())
-        wanted = np.ceil((size + 2.0 * self.border) / self.step) + 2 * _MARGIN_NODES
-        if wanted.prod() > _MOST_NODES:
+        counts = np.ceil((size + 2.0 * self.border) / self.step) + 2 * _MARGIN_NODES
+        if counts.prod() > _MOST_NODES:
             allowed = math.sqrt((size + 2.0 * self.border).prod() / _MOST_NODES)
             raise TerrainError(
                 f"A lowest height {clearance:.3g} m above the highest ground of {terrain.name} "
-                f"needs {wanted.prod():.2g} Fourier nodes, a quarter of that height or of the "
+                f"needs {counts.prod():.2g} Fourier nodes, a quarter of that height or of the "
                 f"terrain's own spacing apart; {_MOST_NODES:.2g} are allowed: crop or coarsen the "
                 f"terrain, or stay {allowed / _SPACING_PER_HEIGHT:.3g} m above its highest ground."
             )
-        self.count = [scipy.fft.next_fast_len(int(n), real=True) for n in wanted]  # x, y
+        self.count = [scipy.fft.next_fast_len(int(n), real=True) for n in counts]  # x, y
         self.origin = corner - 0.5 * (self.count * self.step - size)
         self._name = terrain.name
         self._highest = highest
@@ -275,7 +275,7 @@ class _Series:
         factor = half * np.exp(-k * distance)
         self._spectrum = np.zeros(k.shape, complex)
         self._moments: list[NDArray] = []
-        left = math.inf
+        remainder = math.inf
         for n in range(1, _MOST_ORDERS + 1):
             moment = np.zeros((n_y, n_x))
             for power, (surface, edge, density) in zip(powers, relative, strict=True):
@@ -292,15 +292,15 @@ class _Series:
             rms = 2.0 * math.pi * GRAVITATIONAL_CONSTANT / EOTVOS * math.sqrt(2.0)
             rms *= float(np.linalg.norm(term)) / (n_x * n_y)
             # From here on the terms shrink at least as a geometric series does.
-            left = rms / (1.0 - half / distance)
-            if n >= options.order and left < CONVERGED:
+            remainder = rms / (1.0 - half / distance)
+            if n >= options.order and remainder < CONVERGED:
                 break
             factor *= k * (half / (n + 1))
         else:
             raise TerrainError(
-                f"Parker's series leaves {left:.2g} E after {_MOST_ORDERS} orders at the lowest "
-                f"height, {self._lowest_level - self._highest:.3g} m above the highest ground of "
-                f"{self._name}: {CONVERGED:g} E is allowed, which takes about "
+                f"Parker's series leaves {remainder:.2g} E after {_MOST_ORDERS} orders at the "
+                f"lowest height, {self._lowest_level - self._highest:.3g} m above the highest "
+                f"ground of {self._name}: {CONVERGED:g} E is allowed, which takes about "
                 f"{_CLEARANCE_PER_HALF_RELIEF * half:.3g} m here."
             )
         self.orders = n

@@ -52,10 +52,10 @@ def contradiction(kind: str, text: str) -> str:
     text : name and description of a column or a grid.
     """
     named = named_quantities(text)
-    wanted = _OF_KIND[kind]
+    allowed = _OF_KIND[kind]
     if kind == "gradient":
         named &= _NEVER_GRADIENTS
-    if not named or (wanted in named and _REDUCED not in named):
+    if not named or (allowed in named and _REDUCED not in named):
         return ""
-    found = next(quantity for quantity in _PATTERNS if quantity in named)
-    return f"that is {found}; {_REASONS.get(found, f'{wanted} is allowed')}"
+    stated = next(quantity for quantity in _PATTERNS if quantity in named)
+    return f"that is {stated}; {_REASONS.get(stated, f'{allowed} is allowed')}"

@@ -30,9 +30,14 @@ from .voids import marks_removed, without_voids
 Array = NDArray[np.floating]
 
 _DRIVERS = {
-    ".tif": "GTiff", ".tiff": "GTiff", ".asc": "AAIGrid", ".gtx": "GTX", ".isg": "ISG",
-    ".byn": "BYN", ".gxf": "GXF",
-}  # fmt: skip
+    ".tif": "GTiff",
+    ".tiff": "GTiff",
+    ".asc": "AAIGrid",
+    ".gtx": "GTX",
+    ".isg": "ISG",
+    ".byn": "BYN",
+    ".gxf": "GXF",
+}
 """Drivers of GDAL by suffix. GDAL would choose by content, and a virtual raster of any name may
 lead to any file and into the network."""
 _SURFER = {b"DSAA": "GSAG", b"DSBB": "GSBG", b"DSRB": "GS7BG"}
@@ -101,13 +106,13 @@ def _silent() -> Iterator[None]:
         sys.unraisablehook = hook
 
 
-def _why_not(path: Path, said: str) -> str:
+def _why_not(path: Path, message: str) -> str:
     """A sentence on a raster that cannot be read."""
-    if "proj.db" in said or "database context" in said:
-        found = [key for key in ("PROJ_DATA", "PROJ_LIB") if os.environ.get(key)]
+    if "proj.db" in message or "database context" in message:
+        variables = [key for key in ("PROJ_DATA", "PROJ_LIB") if os.environ.get(key)]
         cause = (
-            f"{found[0]} = {os.environ[found[0]]!r} leads to another installation: unset it"
-            if found
+            f"{variables[0]} = {os.environ[variables[0]]!r} leads to another installation: unset it"
+            if variables
             else "install rasterio again"
         )
         return f"{path.name} needs PROJ's database proj.db, which is not found; {cause}."
@@ -116,7 +121,7 @@ def _why_not(path: Path, said: str) -> str:
             f"{path.name} is a Geosoft grid, which cannot be read: export it from Oasis montaj or "
             "the free Geosoft Viewer as GeoTIFF or as a Surfer grid."
         )
-    return f"{path.name} cannot be read as a raster ({said})."
+    return f"{path.name} cannot be read as a raster ({message})."
 
 
 def _is_geosoft(path: Path) -> bool:
@@ -126,8 +131,8 @@ def _is_geosoft(path: Path) -> bool:
     if path.suffix.lower() != ".grd" or len(head) < 20:
         return False
     size, sign, columns, rows, direction = struct.unpack("<5i", head)
-    known = size in _GEOSOFT_ELEMENTS and sign in range(4) and abs(direction) == 1
-    return known and min(columns, rows) > 0
+    is_valid = size in _GEOSOFT_ELEMENTS and sign in range(4) and abs(direction) == 1
+    return is_valid and min(columns, rows) > 0
 
 
 def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> Grid:
@@ -198,9 +203,11 @@ def _from_projected(
     n_rows, n_columns = values.shape
     rows, columns = np.arange(n_rows), np.arange(n_columns)
     sides = [
-        to_degrees(rows, 0), to_degrees(rows, n_columns - 1),
-        to_degrees(0, columns), to_degrees(n_rows - 1, columns),
-    ]  # fmt: skip
+        to_degrees(rows, 0),
+        to_degrees(rows, n_columns - 1),
+        to_degrees(0, columns),
+        to_degrees(n_rows - 1, columns),
+    ]
     (southern, *_, northern), (western, *_, eastern) = (
         sorted((side[axis] for side in sides), key=np.mean) for axis in (0, 1)
     )

@@ -82,8 +82,10 @@ def regular_grid(
         return south + latitude_step * row, west + longitude_step * column
 
     values, remark = without_voids(values, name, to_degrees, area)
-    said = list(filter(None, [*remarks, remark]))
-    return Grid(south, west, latitude_step, longitude_step, np.ascontiguousarray(values), said)
+    all_remarks = list(filter(None, [*remarks, remark]))
+    return Grid(
+        south, west, latitude_step, longitude_step, np.ascontiguousarray(values), all_remarks
+    )
 
 
 def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
@@ -104,10 +106,14 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
 def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
     """Return values and their first longitude, cut opposite to an area that a globe ends in."""
     width = step * (values.shape[1] - 1)
-    here = area.about(west + 0.5 * width)
-    if here.west is None or here.east is None or west <= here.west <= here.east <= west + width:
+    placed = area.about(west + 0.5 * width)
+    if (
+        placed.west is None
+        or placed.east is None
+        or west <= placed.west <= placed.east <= west + width
+    ):
         return values, west
-    return rolled(values, west, step, 0.5 * (here.west + here.east))
+    return rolled(values, west, step, 0.5 * (placed.west + placed.east))
 
 
 def check_size(name: str, shape: tuple[int, ...]) -> None:

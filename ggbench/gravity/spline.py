@@ -28,9 +28,9 @@ def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     n = values.shape[axis]
     before, after = math.prod(values.shape[:axis]), math.prod(values.shape[axis + 1 :])
     data = np.ascontiguousarray(values, dtype=float).reshape(before, n, after)
-    found = np.empty((*values.shape[:axis], n + 2, *values.shape[axis + 1 :]))
-    _fill_coefficients(data, found.reshape(before, n + 2, after))
-    return found
+    coefficients = np.empty((*values.shape[:axis], n + 2, *values.shape[axis + 1 :]))
+    _fill_coefficients(data, coefficients.reshape(before, n + 2, after))
+    return coefficients
 
 
 @compiled

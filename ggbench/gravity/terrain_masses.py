@@ -170,20 +170,20 @@ class TerrainMasses:
 
     def _above_ground(self, points: Array) -> Array:
         """Return points with levels, longitudes counted as the terrain does."""
-        found = np.array(points, dtype=float)
-        above = found[:, 2] - self.ground(found[:, 0], found[:, 1])
+        moved = np.array(points, dtype=float)
+        above = moved[:, 2] - self.ground(moved[:, 0], moved[:, 1])
         if not (above > 0.0).all():  # NaN fails too
             worst = int(np.argmin(np.where(above > 0.0, np.inf, above)))
-            latitude, longitude = np.degrees(found[worst, :2])
+            latitude, longitude = np.degrees(moved[worst, :2])
             raise TerrainError(
-                f"the point {latitude:.5f}° N, {longitude:.5f}° E, {found[worst, 2]:.6g} m lies "
+                f"the point {latitude:.5f}° N, {longitude:.5f}° E, {moved[worst, 2]:.6g} m lies "
                 f"{-above[worst]:.3g} m below the ground of {self.terrain.name}: a field is "
                 "computed above the ground only."
             )
         middle = np.radians(self.terrain.longitudes_deg.mean())
-        found[:, 1] += turns(found[:, 1], middle, math.tau)
-        found[:, 2] -= self.geoid_height
-        return found
+        moved[:, 1] += turns(moved[:, 1], middle, math.tau)
+        moved[:, 2] -= self.geoid_height
+        return moved
 
 
 def _add_plate(columns: Columns, levels: Array, out: Array) -> None:

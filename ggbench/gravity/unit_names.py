@@ -72,11 +72,16 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*[*×·]?\s*(?=
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _ZERO_LEVEL = re.compile(r"[\s,(]+((above|over|rel\w*)\b.*|a\.?\s?s\.?\s?l\.?|a?msl)\)?$")
 _BASE = {
-    "_s": Unit("time", 1.0), "_m": Unit("length", 1.0), "_deg": Unit("angle", _DEGREE),
-    "_rad": Unit("angle", 1.0), "_mps": Unit("speed", 1.0), "_mps2": Unit("gravity", 1.0),
-    "_radps": Unit("angular rate", 1.0), "_eotvos": Unit("gradient", 1e-9),
+    "_s": Unit("time", 1.0),
+    "_m": Unit("length", 1.0),
+    "_deg": Unit("angle", _DEGREE),
+    "_rad": Unit("angle", 1.0),
+    "_mps": Unit("speed", 1.0),
+    "_mps2": Unit("gravity", 1.0),
+    "_radps": Unit("angular rate", 1.0),
+    "_eotvos": Unit("gradient", 1e-9),
     "_mgal": Unit("gravity", 1e-5),
-}  # fmt: skip
+}
 """Quantity and SI factor of the unit in which a key is, by its end."""
 
 
@@ -102,11 +107,11 @@ def unit_named(text: str) -> Unit | None:
     word is the unit.
     """
     for each in (text, _ZERO_LEVEL.sub("", text.strip().casefold())):
-        if found := _NAMES.get(_plain(each)):
-            return found
+        if unit := _NAMES.get(_plain(each)):
+            return unit
     number = _NUMBER.fullmatch(text.strip().casefold())
-    if number and (found := _NAMES.get(_plain(number[2]))):
-        return Unit(found.quantity, float(number[1]) * found.factor)
+    if number and (unit := _NAMES.get(_plain(number[2]))):
+        return Unit(unit.quantity, float(number[1]) * unit.factor)
     return None
 
 
@@ -121,8 +126,8 @@ def factor_to_key(unit: str, key: str) -> float | None:
     ``1000.0`` of ``km`` and ``height_m``.
     """
     quantity, factor = base_of(key)
-    found = unit_named(unit)
-    return found.factor / factor if found is not None and found.quantity == quantity else None
+    named = unit_named(unit)
+    return named.factor / factor if named is not None and named.quantity == quantity else None
 
 
 def base_of(key: str) -> Unit:
@@ -140,7 +145,9 @@ def unit_in_brackets(text: str) -> str:
 
     Brackets that hold no unit, as in ``gravity (EGM2008)``, are passed over.
     """
-    units = [found for found in _BRACKETS.findall(text) if unit_named(found) is not None]
+    units = [
+        candidate for candidate in _BRACKETS.findall(text) if unit_named(candidate) is not None
+    ]
     return units[-1] if units else ""
 
 
@@ -149,7 +156,7 @@ def without_unit(text: str) -> tuple[str, str]:
 
     What the last brackets hold is a unit unless it is empty or a plain number, as of an index.
     """
-    found = re.fullmatch(r"(.*?)" + _BRACKETS.pattern, text.strip())
-    if found is None or not found[2] or found[2].isdigit():
+    match = re.fullmatch(r"(.*?)" + _BRACKETS.pattern, text.strip())
+    if match is None or not match[2] or match[2].isdigit():
         return text.strip(), ""
-    return found[1].strip(), found[2]
+    return match[1].strip(), match[2]

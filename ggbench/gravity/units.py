@@ -69,12 +69,12 @@ class Units:
         if not stated:
             remark = f"no unit given, {self.assumed} assumed" if self.says_assumed else ""
             return usual.factor, remark
-        found = unit_named(stated)
-        if found is None or found.quantity != self.quantity:
+        named = unit_named(stated)
+        if named is None or named.quantity != self.quantity:
             raise TerrainError(f"{name} has {self.what} in {stated!r}; {self.allowed} are allowed.")
         if has_zero_level(stated):
-            return found.factor, f"heights in {stated!r}"
-        return found.factor, "" if found.factor == usual.factor else f"converted from {stated}"
+            return named.factor, f"heights in {stated!r}"
+        return named.factor, "" if named.factor == usual.factor else f"converted from {stated}"
 
 
 HEIGHTS = Units("heights", "length", "metres or feet", "m", LOWEST_M, HIGHEST_M)
@@ -109,14 +109,14 @@ def upward(
     )
     by_standard = standard == "depth" or standard.startswith("sea_floor_depth")
     by_name = any(_DEPTH.match(word) for word in (variable.lower(), long))
-    known = values[np.isfinite(values)]
-    if positive == "up" or not (by_standard or by_name) or not known.size:
+    finite = values[np.isfinite(values)]
+    if positive == "up" or not (by_standard or by_name) or not finite.size:
         return values, ""
-    if (by_standard and known.max() > 0.0) or known.min() >= 0.0:
+    if (by_standard and finite.max() > 0.0) or finite.min() >= 0.0:
         return -values, f"depths ({standard if by_standard else variable or long}) negated"
-    if known.max() <= 0.0 and not by_standard:
+    if finite.max() <= 0.0 and not by_standard:
         return values, ""
     raise TerrainError(
-        f"{name} has depths from {known.min():g} to {known.max():g}, and does not say which way "
+        f"{name} has depths from {finite.min():g} to {finite.max():g}, and does not say which way "
         "they count: set the attribute positive of the variable to 'up' or 'down'."
     )

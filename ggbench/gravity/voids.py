@@ -31,13 +31,13 @@ def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, s
     Marks are those of the units, and the usual ones where no value of the quantity is as large.
     ``values`` are those that are ``written`` in the file, in SI units.
     """
-    known = np.zeros(np.shape(written), dtype=bool)
+    marked = np.zeros(np.shape(written), dtype=bool)
     for mark in units.voids:
-        known |= np.isclose(written, mark, rtol=_OF_SINGLE, atol=0.0)
-    values = np.where(known, np.nan, values)
+        marked |= np.isclose(written, mark, rtol=_OF_SINGLE, atol=0.0)
+    values = np.where(marked, np.nan, values)
     beyond = (values < units.lowest) | (values > units.highest)
     void = np.isin(written, _MARKS) | (beyond & np.isin(written, _MARKS_BEYOND))
-    void = (void | (np.abs(written) >= _HUGE)) & ~known
+    void = (void | (np.abs(written) >= _HUGE)) & ~marked
     if not void.any():
         return values, ""
     marks = ", ".join(f"{mark:.8g}" for mark in np.unique(written[void])[:3])
@@ -73,11 +73,11 @@ def without_voids(
         stride = math.ceil(math.sqrt(void.size / _SAMPLED))
         row, column = (np.append(np.arange(0, n - 1, stride), n - 1) for n in void.shape)
         sampled = to_degrees(*(a.ravel() for a in np.meshgrid(row, column, indexing="ij")))
-        here = area.about(float(longitude.mean())).within(*sampled)
-        within = here.holds(latitude, longitude)
+        placed = area.about(float(longitude.mean())).within(*sampled)
+        within = placed.holds(latitude, longitude)
         count, first = int(within.sum()), int(within.argmax())
-        cells = max(count, round(float(here.holds(*sampled).mean()) * void.size))
-        where = " of the area needed, {:.4g}° to {:.4g}° N, {:.4g}° to {:.4g}° E".format(*here)
+        cells = max(count, round(float(placed.holds(*sampled).mean()) * void.size))
+        where = " of the area needed, {:.4g}° to {:.4g}° N, {:.4g}° to {:.4g}° E".format(*placed)
         counting = np.zeros_like(void)
         counting[rows[within], columns[within]] = True
     place = f"{latitude[first]:.5f}, {longitude[first]:.5f}"
@@ -98,9 +98,9 @@ def _filled(heights: Array, void: NDArray[np.bool_], linear: NDArray[np.bool_]) 
     nearest = distance_transform_edt(void, return_distances=False, return_indices=True)
     filled = heights[tuple(nearest)]
     around = binary_dilation(linear, np.ones((3, 3))) & ~void
-    known, wanted = np.argwhere(around), np.argwhere(linear)
-    if len(np.unique(known[:, 0])) > 1 and len(np.unique(known[:, 1])) > 1:
-        between = griddata(known, heights[around], wanted, method="linear")
+    sources, targets = np.argwhere(around), np.argwhere(linear)
+    if len(np.unique(sources[:, 0])) > 1 and len(np.unique(sources[:, 1])) > 1:
+        between = griddata(sources, heights[around], targets, method="linear")
         inside = np.isfinite(between)
-        filled[tuple(wanted[inside].T)] = between[inside]
+        filled[tuple(targets[inside].T)] = between[inside]
     return filled

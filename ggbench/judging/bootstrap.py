@@ -67,7 +67,7 @@ def root_ratio_intervals(
     The ratio and the ends of its interval; NaN without runs, the ends also with fewer runs than
     ``fewest`` or fewer than :data:`FEWEST_CLUSTERS` clusters.
     """
-    found = [(math.nan, math.nan, math.nan)] * len(groups)
+    intervals = [(math.nan, math.nan, math.nan)] * len(groups)
     sums = [_cluster_sums(*group) for group in groups]
     for count in {len(s) for s in sums if len(s) > 0}:
         chosen = [i for i, s in enumerate(sums) if len(s) == count]
@@ -82,9 +82,9 @@ def root_ratio_intervals(
                         ends = values * _ratio_ends(first, second)
             for i, value, low, high in zip(part, values, *ends, strict=True):
                 enough = len(groups[i][0]) >= fewest
-                shown = (float(low), float(high)) if enough else (math.nan, math.nan)
-                found[i] = float(value), *shown
-    return found
+                interval = (float(low), float(high)) if enough else (math.nan, math.nan)
+                intervals[i] = float(value), *interval
+    return intervals
 
 
 def _ratio_ends(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -214,11 +214,11 @@ def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
 
 def unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
     """Return the row of the runs that failed or diverged."""
-    lost = [(runs["status"] != "ok") | runs["diverged"].astype(bool) for runs in (before, after)]
-    old, new = (int(runs.sum()) for runs in lost)
+    is_lost = [(runs["status"] != "ok") | runs["diverged"].astype(bool) for runs in (before, after)]
+    old, new = (int(runs.sum()) for runs in is_lost)
     if paired:
         # McNemar's exact test, on the runs that only one of the two failed.
-        one, other = lost[0].align(lost[1], join="inner")
+        one, other = is_lost[0].align(is_lost[1], join="inner")
         only_old, only_new = int((one & ~other).sum()), int((other & ~one).sum())
         p, p_better = (
             float(bdtrc(only - 1, only_old + only_new, 0.5)) for only in (only_new, only_old)
@@ -239,7 +239,7 @@ def unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> 
         "paired": paired,
         "p": p,
         "p_better": p_better,
-        "verdict": SAME if lost[0].equals(lost[1]) else UNDECIDED,
+        "verdict": SAME if is_lost[0].equals(is_lost[1]) else UNDECIDED,
     }
 
 

@@ -55,8 +55,10 @@ def judge(
     within = position_error <= required_m
     lasting = np.logical_and.accumulate(within[:, ::-1], axis=1).sum(axis=1)
     converged = lasting > 0
-    found = np.where(converged, times[np.minimum(len(times) - lasting, len(times) - 1)], math.nan)
-    return found, (claimed_radius(sigmas) <= required_m) & ~converged
+    converged_s = np.where(
+        converged, times[np.minimum(len(times) - lasting, len(times) - 1)], math.nan
+    )
+    return converged_s, (claimed_radius(sigmas) <= required_m) & ~converged
 
 
 def median_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:

@@ -28,8 +28,8 @@ def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
         return math.nan
     steps = np.diff(positions[:, [1, 0]], axis=0) * metres_along(positions[:-1])
     step = float(np.hypot(*steps.T).mean())
-    found = correlation_length((vertical - vertical.mean())[np.newaxis], step)
-    return found if found > 0.0 else math.nan
+    length = correlation_length((vertical - vertical.mean())[np.newaxis], step)
+    return length if length > 0.0 else math.nan
 
 
 def on_the_prior(position_m: float, correlation_m: float) -> str:
@@ -70,8 +70,8 @@ def correlation_length(g: np.ndarray, step_m: float) -> float:
         return math.nan
     before = 1.0
     for lag in range(1, n):
-        found = float(np.mean(g[:, lag:] * g[:, :-lag])) / zero
-        if found <= math.exp(-1.0):
-            return step_m * (lag - (math.exp(-1.0) - found) / (before - found))
-        before = found
+        correlation = float(np.mean(g[:, lag:] * g[:, :-lag])) / zero
+        if correlation <= math.exp(-1.0):
+            return step_m * (lag - (math.exp(-1.0) - correlation) / (before - correlation))
+        before = correlation
     return step_m * (n - 1)

@@ -98,14 +98,14 @@ def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict
     cov = fixes.cov[:, :HORIZONTAL, :HORIZONTAL]
     nees = np.einsum("fi,fi->f", off, np.linalg.solve(cov, off[..., np.newaxis])[..., 0])
     nees = np.where(nees >= 0.0, nees, np.inf)
-    found = (
+    arrays = (
         times[fixes.epoch],
         np.linalg.norm(off, axis=1),
         nees,
         np.nan_to_num(fixes.statistic),
         fixes.accepted,
     )
-    columns = (values.tolist() for values in found)
+    columns = (values.tolist() for values in arrays)
     return [dict(zip(ROWS, values, strict=True)) for values in zip(*columns, strict=True)]
 
 
@@ -133,7 +133,7 @@ def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
     radii = (math.nan, math.nan)
     if len(accepted):
         radii = tuple(np.quantile(accepted["error_m"], [0.5, 0.95]).tolist())
-    found = (
+    values = (
         len(fixes),
         len(accepted),
         int((~right).sum()),
@@ -145,4 +145,4 @@ def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
         float(accepted["nees"].mean()),
         *mean_band(len(first), HORIZONTAL),
     )
-    return dict(zip(COLUMNS, found, strict=True))
+    return dict(zip(COLUMNS, values, strict=True))

@@ -104,14 +104,14 @@ def judge(
     """
     _require(problem, estimate, truth, windows)
     try:
-        found = run_errors.evaluate(problem, estimate, truth)
+        evaluation = run_errors.evaluate(problem, estimate, truth)
     except (ValueError, TypeError) as error:
         raise JudgingError(f"the estimate cannot be judged: {error}") from None
     # The whole flight needs no windows to be said, but its metrics come with those of the others.
     spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
-    metrics = run_errors.window_metrics(found, problem.times, spec)
+    metrics = run_errors.window_metrics(evaluation, problem.times, spec)
     named = {name: _named(metrics[name]) for name in (metrics if windows else (_WHOLE,))}
-    return Judgement(**vars(found), times=problem.times, windows=named)
+    return Judgement(**vars(evaluation), times=problem.times, windows=named)
 
 
 def _named(metrics: Mapping[str, float]) -> Mapping[str, float]:
@@ -134,9 +134,9 @@ def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
         ("windows", windows, WindowsSpec | None),
     ):
         if not isinstance(value, kind):
-            wanted = getattr(kind, "__name__", "WindowsSpec")
+            expected = getattr(kind, "__name__", "WindowsSpec")
             raise JudgingError(
-                f"{name} is of type {type(value).__name__} and must be of type {wanted}"
+                f"{name} is of type {type(value).__name__} and must be of type {expected}"
             )
     wanted_shape = (problem.epochs, problem.dimension)
     if truth.error_state.shape != wanted_shape:

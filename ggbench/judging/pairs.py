@@ -92,7 +92,7 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows).reindex(columns=[*PAIRS])
 
 
-def family(runs: pd.DataFrame, wanted: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
+def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
     """Return chosen pairs, a family of tests of their own, with :data:`FAMILY`.
 
     As :func:`pairs`, but p-values are adjusted over these pairs alone, such as the claims of a
@@ -102,7 +102,7 @@ def family(runs: pd.DataFrame, wanted: Sequence[tuple[str, str, str]]) -> pd.Dat
     Parameters
     ----------
     runs : table of runs with a column ``draw``, the number of the cluster.
-    wanted : case, first and second estimator of each pair; all must have flown.
+    requested : case, first and second estimator of each pair; all must have flown.
     """
     import pandas as pd
 
@@ -111,18 +111,18 @@ def family(runs: pd.DataFrame, wanted: Sequence[tuple[str, str, str]]) -> pd.Dat
         for (case, label), own in runs.groupby(["case", "estimator"], sort=False)
     }
     rows = []
-    for case, first, second in wanted:
+    for case, first, second in requested:
         one, two = flown[case, first], flown[case, second]
         rows.append({"case": case, "first": first, "second": second} | compared(one, two))
-    found = judged(rows)
-    for row in found:
+    rows_judged = judged(rows)
+    for row in rows_judged:
         one, two = (flown[row["case"], row[role]] for role in ("first", "second"))
         one, two = one.among(two.run), two.among(one.run)
         both = (one.squares > 0.0) & (two.squares > 0.0)
         squares = one.squares[both], two.squares[both]
-        needed = runs_to_decide(*squares, one.draw[both], 2 * len(wanted))
+        needed = runs_to_decide(*squares, one.draw[both], 2 * len(requested))
         row["needed_runs"] = needed if row["verdict"] == UNDECIDED else math.nan
-    return pd.DataFrame(found).reindex(columns=[*FAMILY])
+    return pd.DataFrame(rows_judged).reindex(columns=[*FAMILY])
 
 
 class PairedRuns(NamedTuple):
@@ -150,8 +150,8 @@ class PairedRuns(NamedTuple):
 
     def among(self, runs: np.ndarray) -> PairedRuns:
         """Return those of some runs."""
-        kept = np.isin(self.run, runs)
-        return PairedRuns(*(values[kept] for values in self))
+        chosen = np.isin(self.run, runs)
+        return PairedRuns(*(values[chosen] for values in self))
 
 
 def compared(first: PairedRuns, second: PairedRuns) -> dict[str, Any]:
@@ -160,27 +160,27 @@ def compared(first: PairedRuns, second: PairedRuns) -> dict[str, Any]:
     only, other = one.succeeded & ~two.succeeded, two.succeeded & ~one.succeeded
     lead = cluster_means(only.astype(float) - other, one.draw)
     both = (one.squares > 0.0) & (two.squares > 0.0)  # NaN of a run that failed
-    found = log_ratio(one.squares[both], two.squares[both], one.draw[both])
+    ratio = log_ratio(one.squares[both], two.squares[both], one.draw[both])
     return {
         "runs": int(both.sum()),
-        "error_ratio": found.ratio,
-        "lo": found.lo,
-        "hi": found.hi,
-        "p": found.p,
+        "error_ratio": ratio.ratio,
+        "lo": ratio.lo,
+        "hi": ratio.hi,
+        "p": ratio.p,
         "first_only": int(only.sum()),
         "second_only": int(other.sum()),
         # Clusters count once: runs that share a map error succeed or fail together.
         "success_p": exact_p(int((lead > 0.0).sum()), int((lead < 0.0).sum())),
         "_lead": float(lead.sum()),
-        "_equivalent": found.p_equivalent < ALPHA and len(np.unique(one.draw[both])) >= FEWEST,
+        "_equivalent": ratio.p_equivalent < ALPHA and len(np.unique(one.draw[both])) >= FEWEST,
     }
 
 
-def judged(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def judged(pairs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return pairs of one case with p-values adjusted over all of them, and their verdicts."""
-    adjusted = holm([pair[key] for pair in found for key in ("success_p", "p")])
+    adjusted = holm([pair[key] for pair in pairs for key in ("success_p", "p")])
     rows = []
-    for pair, (success_p, p) in zip(found, adjusted.reshape(-1, 2).tolist(), strict=True):
+    for pair, (success_p, p) in zip(pairs, adjusted.reshape(-1, 2).tolist(), strict=True):
         lead, equivalent = pair["_lead"], pair["_equivalent"]
         row = {key: value for key, value in pair.items() if not key.startswith("_")}
         row |= {"success_p": success_p, "p": p}
@@ -199,9 +199,9 @@ def pair_of(table: pd.DataFrame, case: str, first: str, second: str) -> dict[str
     """Return the comparison of two estimators as seen from the first, None without one."""
     chosen = table[table["case"] == case]
     for one, other in ((first, second), (second, first)):
-        found = chosen[(chosen["first"] == one) & (chosen["second"] == other)]
-        if len(found):
-            row: dict[str, Any] = found.iloc[0].to_dict()
+        matching = chosen[(chosen["first"] == one) & (chosen["second"] == other)]
+        if len(matching):
+            row: dict[str, Any] = matching.iloc[0].to_dict()
             return row if one == first else _swapped(row)
     return None
 

@@ -89,14 +89,14 @@ def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
         means more than its numbers: masked ones, numbers with units.
     """
     require_plain(name, array)
-    found = np.asarray(array)
-    if found.shape != shape:
-        raise ValueError(f"the estimate's {name} has shape {found.shape}, not {shape}")
-    if found.dtype.kind == "c":
+    values = np.asarray(array)
+    if values.shape != shape:
+        raise ValueError(f"the estimate's {name} has shape {values.shape}, not {shape}")
+    if values.dtype.kind == "c":
         raise ValueError(f"the estimate's {name} is complex")
-    if found.dtype.kind not in "biuf":
-        raise ValueError(f"the estimate's {name} holds {found.dtype}, not real numbers")
-    return np.ascontiguousarray(found, dtype=float)
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"the estimate's {name} holds {values.dtype}, not real numbers")
+    return np.ascontiguousarray(values, dtype=float)
 
 
 def require_plain(name: str, array: Any) -> None:
@@ -139,11 +139,11 @@ def evaluate_block(
     components = np.full((runs, epochs, JUDGED), np.nan)
     sigmas = np.full((runs, epochs, JUDGED), np.nan)
     flaws = np.zeros((runs, 2), dtype=np.int64)
-    given = np.empty((0, 0, 0, 0)) if cov is None else cov
+    covariances = np.empty((0, 0, 0, 0)) if cov is None else cov
     _evaluate(
         error_state=error_state,
         mean=mean,
-        cov=given,
+        cov=covariances,
         errors=errors,
         nees=nees,
         components=components,
@@ -151,8 +151,8 @@ def evaluate_block(
         flaws=flaws,
     )
     nis = np.full((runs, epochs), np.nan)
-    said = [_FLAWS[flaw].format(epoch) for flaw, epoch in flaws.tolist()]
-    return Evaluation(errors[0], errors[1], nees, nis, components, sigmas), said
+    sentences = [_FLAWS[flaw].format(epoch) for flaw, epoch in flaws.tolist()]
+    return Evaluation(errors[0], errors[1], nees, nis, components, sigmas), sentences
 
 
 @compiled
@@ -270,12 +270,12 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
     )
     if flaws[0]:
         raise ValueError(flaws[0])
-    found = Evaluation(**{name: values[0] for name, values in vars(block).items()})
+    evaluation = Evaluation(**{name: values[0] for name, values in vars(block).items()})
     if estimate.causality == "filter" and estimate.nis is not None:
-        return replace(found, nis=real_array("nis", estimate.nis, (problem.epochs,)))
+        return replace(evaluation, nis=real_array("nis", estimate.nis, (problem.epochs,)))
     if estimate.causality == "filter" and cov is not None:
-        return replace(found, nis=innovations_squared(problem, mean, cov))
-    return found
+        return replace(evaluation, nis=innovations_squared(problem, mean, cov))
+    return evaluation
 
 
 def window_means(evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:

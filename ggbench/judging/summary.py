@@ -129,8 +129,8 @@ def metrics(
     ratios = _ratios(finished)
     rows = []
     for cell, group in groups.items():
-        good, first, gone = finished[cell], group.iloc[0], lost(group)
-        kept = ~gone[(group["status"] == "ok").to_numpy()]
+        good, first, is_lost = finished[cell], group.iloc[0], lost(group)
+        retained = ~is_lost[(group["status"] == "ok").to_numpy()]
         case, label = cell
         position, velocity = published.get(case, (math.nan, math.nan))
         false_p = consistency.false_share_p(group["false_fix"].to_numpy(), group["draw"].to_numpy())
@@ -143,7 +143,7 @@ def metrics(
             "runs": len(group),
             "failed": len(group) - len(good),
             "diverged": int(good["diverged"].sum()),
-            "lost": int(gone.sum()),
+            "lost": int(is_lost.sum()),
             "draws": group["draw"].nunique(),
             "noise_fit": "",
             "recommended": False,
@@ -154,7 +154,7 @@ def metrics(
             row = common | {"window": window}
             if len(good):
                 sizes = (measurements or {}).get(case, {}).get(window, (0, 0))
-                row |= _window_row(good, kept, window, sizes) | ratios[case, label, window]
+                row |= _window_row(good, retained, window, sizes) | ratios[case, label, window]
                 row["consistency"] = consistency.consistency(
                     good[f"{window}_nees"].to_numpy(),
                     good[f"{window}_coverage"].to_numpy(),
@@ -170,8 +170,10 @@ def _of_the_end(group: pd.DataFrame) -> dict[str, Any]:
     hits = succeeded(group)
     success = share_interval(hits, group["draw"].to_numpy())
     when = median_interval(group.loc[hits, "converged_s"].dropna().to_numpy())
-    found = _with_ends("success", "success", success) | _with_ends("converged_s", "converged", when)
-    return found | {"false_fixes": float(group["false_fix"].mean())}
+    values = _with_ends("success", "success", success) | _with_ends(
+        "converged_s", "converged", when
+    )
+    return values | {"false_fixes": float(group["false_fix"].mean())}
 
 
 def _with_ends(key: str, stem: str, values: Sequence[float]) -> dict[str, float]:
@@ -199,17 +201,17 @@ def _ratios(
             below = good[f"{window}_{second}"].to_numpy() if second else np.ones(len(good))
             # Where the assumed model is not the true one, there is no oracle: NaN.
             groups.append((good[f"{window}_{first}"].to_numpy(), below, good["draw"].to_numpy()))
-    found: dict[tuple[str, str, str], dict[str, float]] = {name: {} for name in names}
-    wanted = itertools.product(names, _RATIOS)
-    for (name, columns), values in zip(wanted, root_ratio_intervals(groups), strict=True):
-        found[name] |= _with_ends(*columns, values)
-    return found
+    ratios: dict[tuple[str, str, str], dict[str, float]] = {name: {} for name in names}
+    keys = itertools.product(names, _RATIOS)
+    for (name, columns), values in zip(keys, root_ratio_intervals(groups), strict=True):
+        ratios[name] |= _with_ends(*columns, values)
+    return ratios
 
 
 def _window_row(
-    good: pd.DataFrame, kept: np.ndarray, window: str, measurements: tuple[int, float]
+    good: pd.DataFrame, retained: np.ndarray, window: str, measurements: tuple[int, float]
 ) -> dict[str, Any]:
-    """Return metrics of one window over the runs that finished, of which some are kept."""
+    """Return metrics of one window over the runs that finished, of which some are retained."""
 
     def column(key: str) -> np.ndarray:
         return good[f"{window}_{key}"].to_numpy()
@@ -227,7 +229,7 @@ def _window_row(
     return {
         "median_m": float(median),
         "p95_m": float(quantile),
-        "kept_rms_m": math.sqrt(float(squares[kept].mean())) if kept.any() else math.nan,
+        "kept_rms_m": math.sqrt(float(squares[retained].mean())) if retained.any() else math.nan,
         "bound_m": math.sqrt(float(column("bound_position_ms").mean())),
         "velocity_bound_mps": math.sqrt(float(column("bound_velocity_ms").mean())),
         "seconds_per_run": _median_seconds(good),
@@ -255,8 +257,8 @@ def ordered(table: pd.DataFrame, case: str, window: str = "settled") -> list[dic
     chosen = table[(table["case"] == case) & (table["window"] == window)]
     smoothers = chosen["causality"].isin(SMOOTHERS)
     rows = chosen.assign(_last=smoothers).sort_values(["_last", "rms_m"], kind="stable")
-    found: list[dict[str, Any]] = rows.drop(columns="_last").to_dict("records")
-    return found
+    records: list[dict[str, Any]] = rows.drop(columns="_last").to_dict("records")
+    return records
 
 
 def _with_ins(table: pd.DataFrame, groups: Mapping[tuple[str, str], pd.DataFrame]) -> pd.DataFrame:
@@ -270,7 +272,7 @@ def _with_ins(table: pd.DataFrame, groups: Mapping[tuple[str, str], pd.DataFrame
         for (case, _), group in groups.items()
         if group["causality"].iloc[0] == "none"
     }
-    found: dict[tuple[str, str, str], float] = {}
+    ratios: dict[tuple[str, str, str], float] = {}
     alike: dict[tuple[str, str], bool] = {}
     for (case, label), group in groups.items():
         if case not in unaided:
@@ -282,9 +284,9 @@ def _with_ins(table: pd.DataFrame, groups: Mapping[tuple[str, str], pd.DataFrame
         both = ((own["status"] == "ok") & (ins["status"] == "ok")).to_numpy()
         for window in WINDOWS if both.any() else ():
             above, below = (rows.loc[both, f"{window}_position_ms"].mean() for rows in (own, ins))
-            found[case, label, window] = math.sqrt(above / below) if below else math.nan
+            ratios[case, label, window] = math.sqrt(above / below) if below else math.nan
     cells = [*table[["case", "estimator", "window"]].itertuples(index=False, name=None)]
-    table["times_ins"] = [found.get(cell, math.nan) for cell in cells]
+    table["times_ins"] = [ratios.get(cell, math.nan) for cell in cells]
     table["as_ins"] = [alike.get(cell[:2], False) for cell in cells]
     return table
 

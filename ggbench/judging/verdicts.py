@@ -127,7 +127,7 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
         "none is surely better than the INS": gain in ("", BETTER),
         "none is near the best in both halves of the runs": near,
     }
-    reason = next((text for text, held in reasons.items() if not held), "")
+    reason = next((text for text, is_met in reasons.items() if not is_met), "")
     seconds = table["seconds_per_run"]
     named = [label for label in flown if label in near and not reason]
     limit = ALIKE_TIMES * min((seconds[label] for label in named), default=0.0)
@@ -184,10 +184,10 @@ def _near(
         own = comparing[label]
         both = np.isfinite(own.squares) & np.isfinite(reference.squares)
         groups.append((own.squares[both], reference.squares[both], own.draw[both]))
-    found = root_ratio_intervals(groups, fewest=FEWEST_RUNS // 2)
+    intervals = root_ratio_intervals(groups, fewest=FEWEST_RUNS // 2)
     near = {
         label
-        for label, (_, _, high) in zip(labels, found, strict=True)
+        for label, (_, _, high) in zip(labels, intervals, strict=True)
         if label != best and high <= RECOMMENDED_RATIO
     }
     least = min(_mean(comparing[label]) for label in labels)
@@ -214,10 +214,10 @@ def _gain(
     among: Set[str],
 ) -> str:
     """Return the verdict on the best of each half against the INS, on the other half."""
-    found = set()
+    verdicts = set()
     for choosing, comparing in folds:
         if not all(len(own.run) for own in (*choosing.values(), *comparing.values())):
             return ""
         pair = compared(comparing[_least(choosing, among)], ins)
-        found.add(str(judged([pair])[0]["verdict"]))
-    return found.pop() if len(found) == 1 else UNDECIDED
+        verdicts.add(str(judged([pair])[0]["verdict"]))
+    return verdicts.pop() if len(verdicts) == 1 else UNDECIDED

@@ -95,10 +95,10 @@ def _fields(path: Path, text: str) -> list[Field]:
     """Return the fields of the records of samples."""
     stem = path.with_suffix("") if path.suffix.lower() == ".gz" else path
     candidates = [stem.with_suffix(ending) for ending in (".dfn", ".DFN", ".Dfn")]
-    known = next((file for file in candidates if file.exists()), None)
-    if known is not None:
-        text = text_in(known, known.read_bytes())
-    found: list[Field] = []
+    definition_file = next((file for file in candidates if file.exists()), None)
+    if definition_file is not None:
+        text = text_in(definition_file, definition_file.read_bytes())
+    fields: list[Field] = []
     for row in text.splitlines():
         statement = _STATEMENT.match(row.strip())
         if statement is None or statement[1].upper() not in _DATA:
@@ -110,7 +110,7 @@ def _fields(path: Path, text: str) -> list[Field]:
             shape = _FORMAT.match(rest)
             if shape is None:
                 raise MapError(f"{path}: field {name} has the format {rest[:40]!r}, unknown here.")
-            found.append(
+            fields.append(
                 Field(
                     name=name,
                     count=int(shape[1] or 1),
@@ -119,11 +119,13 @@ def _fields(path: Path, text: str) -> list[Field]:
                     description=rest[shape.end() :].strip(" :,"),
                 )
             )
-    if not found:
-        if known is not None:
-            raise MapError(f"{known} defines no field, as DEFN 1 ST=RECD,RT=;LINE:I8 does.")
+    if not fields:
+        if definition_file is not None:
+            raise MapError(
+                f"{definition_file} defines no field, as DEFN 1 ST=RECD,RT=;LINE:I8 does."
+            )
         raise MapError(f"{path} needs its definition file {candidates[0].name} in the same folder.")
-    return found
+    return fields
 
 
 def _distinct(labels: Sequence[str]) -> list[str]:
@@ -193,9 +195,9 @@ def _cells(
 
 def _first_wrong(cells: Sequence[Sequence[str]], numeric: np.ndarray) -> tuple[int, int] | None:
     """Return row and column of the first cell of a number that holds none, or None."""
-    wanted = np.flatnonzero(numeric).tolist()
+    columns = np.flatnonzero(numeric).tolist()
     for n, row in enumerate(cells):
-        for column in wanted:
+        for column in columns:
             if row[column] and row[column] != "*" and not _is_number(row[column]):
                 return n, column
     return None

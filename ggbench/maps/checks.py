@@ -77,9 +77,9 @@ def require_possible(
 
 def clean_text(text: str) -> str:
     """Return a text of a stranger as one that can be shown: no control characters, not endless."""
-    shown = text[:_MOST_TEXT]
-    shown = "".join("�" if unicodedata.category(c) in _HIDDEN else c for c in shown.strip())
-    return shown if len(text) <= _MOST_TEXT else f"{shown}… ({len(text)} characters)"
+    clean = text[:_MOST_TEXT]
+    clean = "".join("�" if unicodedata.category(c) in _HIDDEN else c for c in clean.strip())
+    return clean if len(text) <= _MOST_TEXT else f"{clean}… ({len(text)} characters)"
 
 
 def _largest(values: NDArray[np.floating]) -> float:

@@ -94,9 +94,9 @@ def _raise_needed(
         low + 0.5 * step * np.arange(count)
         for low, step, count in zip(first, steps, fine.shape, strict=True)
     ]
-    kept = [(axis >= n[0]) & (axis <= n[-1]) for axis, n in zip(axes, nodes, strict=True)]
-    fine = fine[np.ix_(*kept)]
-    axes = [axis[keep] for axis, keep in zip(axes, kept, strict=True)]
+    masks = [(axis >= n[0]) & (axis <= n[-1]) for axis, n in zip(axes, nodes, strict=True)]
+    fine = fine[np.ix_(*masks)]
+    axes = [axis[keep] for axis, keep in zip(axes, masks, strict=True)]
     origin = np.array([nodes[0][0], nodes[1][0], 0.0])
     step = np.array([step_of(nodes[0]), step_of(nodes[1]), 1.0])
     coefficients = spline_coefficients(spline_coefficients(base, 0), 1)
@@ -104,12 +104,12 @@ def _raise_needed(
     columns = np.clip(np.rint((axes[1] - origin[1]) / step[1]).astype(int), 0, base.shape[1] - 1)
     points = np.zeros((axes[1].size, 3))
     points[:, 1] = axes[1]
-    found = np.empty(axes[1].size)
+    surface = np.empty(axes[1].size)
     for latitude, heights in zip(axes[0], fine, strict=True):
         points[:, 0] = latitude
-        surface_heights(points, origin, step, coefficients, found)
+        surface_heights(points, origin, step, coefficients, surface)
         row = min(round((latitude - origin[0]) / step[0]), base.shape[0] - 1)
-        np.maximum.at(needed[row], columns, np.maximum(heights - found, 0.0))
+        np.maximum.at(needed[row], columns, np.maximum(heights - surface, 0.0))
     return needed
 
 
@@ -147,13 +147,15 @@ class DrapedTerrain:
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
         """Yield the field."""
-        taken = None if self.smooth is None else on_levels(self.smooth, nodes, self.smooth.floor_m)
+        smooth_layers = (
+            None if self.smooth is None else on_levels(self.smooth, nodes, self.smooth.floor_m)
+        )
         for height in nodes.height_m:
             tensor, vector = self.masses.field(points_of(nodes, height), self.ratio)
             tensor = tensor.reshape(*nodes.shape[:2], 6)
             vector = vector.reshape(*nodes.shape[:2], 3)
-            if taken is not None:
-                smooth_tensor, smooth_vector = next(taken)
+            if smooth_layers is not None:
+                smooth_tensor, smooth_vector = next(smooth_layers)
                 tensor -= smooth_tensor
                 vector -= smooth_vector
             yield tensor, vector

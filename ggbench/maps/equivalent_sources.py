@@ -112,13 +112,13 @@ class EquivalentSources:
         east, north = self.plane.place(nodes.latitude_deg, nodes.longitude_deg)
         for height in nodes.height_m:
             points = np.array([axis.ravel() for axis in np.meshgrid(east, north, height)])
-            found = self._fields(points).reshape(north.size, east.size, 9)
-            yield found[..., :6], found[..., 6:]
+            values = self._fields(points).reshape(north.size, east.size, 9)
+            yield values[..., :6], values[..., 6:]
 
     def _fields(self, points: Array) -> Array:
-        found = np.empty((points.shape[1], 9))
-        fields(points, self.places, self.masses, found)
-        return found
+        values = np.empty((points.shape[1], 9))
+        fields(points, self.places, self.masses, values)
+        return values
 
 
 def weights_of(lines: SurveyLines) -> Array:
@@ -187,8 +187,8 @@ class Equations:
 def residuals(sources: EquivalentSources, lines: SurveyLines, index: int) -> Array:
     """Return reading minus map of a line, without their mean over it, (n, components)."""
     samples = lines.samples(index)
-    found: Array = lines.values[samples] - sources.along(lines, samples)
-    return found - found.mean(axis=0)
+    differences: Array = lines.values[samples] - sources.along(lines, samples)
+    return differences - differences.mean(axis=0)
 
 
 def metres_along(lines: SurveyLines, index: int) -> Array:

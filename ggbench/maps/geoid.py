@@ -32,8 +32,8 @@ def geoid_heights(latitude: Array, longitude: Array) -> Array:
     """
     rows = np.arange(len(latitude))
     nodes = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_NODES)).round())
-    found = [_geoid_height(latitude[int(n)], longitude[int(n)]) for n in nodes]
-    return np.asarray(np.interp(rows, nodes, found))
+    heights = [_geoid_height(latitude[int(n)], longitude[int(n)]) for n in nodes]
+    return np.asarray(np.interp(rows, nodes, heights))
 
 
 def geoid_over(latitude: Array, longitude: Array) -> Array:

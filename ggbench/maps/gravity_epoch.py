@@ -49,7 +49,7 @@ def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None
     Raises MapError if coefficients vary and there is no epoch, or none does and there is one; if a
     line cannot be read, or the epoch lies outside all intervals.
     """
-    lines = [found[0].decode("latin-1") for found in _VARYING.finditer(body)]
+    lines = [match[0].decode("latin-1") for match in _VARYING.finditer(body)]
     if not lines:
         if epoch is not None:
             raise MapError(f"{path} does not vary with time: --epoch must not be given.")
@@ -61,10 +61,10 @@ def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None
             "for which the map holds, --epoch 2024-05-01."
         )
     time = _year(datetime.datetime.combine(epoch, datetime.time()))
-    found = _coefficients(path, lines, intervals, time)
+    by_place = _coefficients(path, lines, intervals, time)
     rows = [
         f"gfc {n} {m} {c:.17e} {s:.17e}"
-        for (n, m), coefficient in found.items()
+        for (n, m), coefficient in by_place.items()
         for c, s in [coefficient.at(time)]
     ]
     return _VARYING.sub(b"", body) + "\n".join(["", *rows, ""]).encode()
@@ -74,7 +74,7 @@ def _coefficients(
     path: Path, lines: Sequence[str], intervals: bool, time: float
 ) -> dict[tuple[int, int], _Coefficient]:
     """Return the coefficients by degree and order, of the intervals that hold a time [years]."""
-    found: dict[tuple[int, int], _Coefficient] = {}
+    by_place: dict[tuple[int, int], _Coefficient] = {}
     outside: set[tuple[int, int]] = set()
     parsed = [_parsed(path, line, intervals) for line in lines]
     for word, place, values, dates, _ in parsed:
@@ -82,23 +82,23 @@ def _coefficients(
             continue
         if intervals and not dates[0] <= time < dates[1]:
             outside.add(place)
-        elif place in found:
+        elif place in by_place:
             raise MapError(f"{path} has gfct of degree {place[0]}, order {place[1]} twice.")
         else:
-            found[place] = _Coefficient(dates[0], values)
-    for place in sorted(outside - found.keys()):
+            by_place[place] = _Coefficient(dates[0], values)
+    for place in sorted(outside - by_place.keys()):
         raise MapError(
             f"{path}: the epoch lies in no interval of gfct of degree {place[0]}, order {place[1]}."
         )
     for word, place, values, dates, period in parsed:
         if word == "gfct" or (intervals and not dates[0] <= time < dates[1]):
             continue
-        if place not in found:
+        if place not in by_place:
             raise MapError(
                 f"{path}: {word} of degree {place[0]}, order {place[1]} has no gfct to be added to."
             )
-        found[place].terms.append((word, *values, period))
-    return found
+        by_place[place].terms.append((word, *values, period))
+    return by_place
 
 
 def _parsed(
@@ -116,10 +116,10 @@ def _parsed(
         if len(dates) != count or not (period > 0.0 or word not in ("acos", "asin")):
             raise ValueError
     except (ValueError, IndexError):
-        wanted = "t0 and t1" if intervals else "t0 (gfct)"
+        expected = "t0 and t1" if intervals else "t0 (gfct)"
         raise MapError(
             f"{path}: the line {line.strip()[:60]!r} cannot be read; it must have degree, order, "
-            f"C, S, {wanted} as yyyymmdd, and a period in years (acos, asin)."
+            f"C, S, {expected} as yyyymmdd, and a period in years (acos, asin)."
         ) from None
     return word, place, values, dates, period
 

@@ -191,9 +191,9 @@ def _cropped(
     latitude: Array, longitude: Array, values: Array, area: Area
 ) -> tuple[Array, Array, Array]:
     """The part of a grid that covers an area, as far as it reaches."""
-    here = area.about(float(longitude.mean()))
+    placed = area.about(float(longitude.mean()))
     parts = []
-    for axis, low, high in ((latitude, *here[:2]), (longitude, *here[2:])):
+    for axis, low, high in ((latitude, *placed[:2]), (longitude, *placed[2:])):
         step = axis[1] - axis[0]
         first = 0 if low is None else math.floor((low - axis[0]) / step + _ON_NODE)
         last = axis.size - 1 if high is None else math.ceil((high - axis[0]) / step - _ON_NODE)
@@ -227,8 +227,8 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     except MapError:
         raise
     except Exception as error:
-        said = text_of(error).split(". Consider", maxsplit=1)[0]
-        raise MapError(f"{path} is no grid that can be read as netCDF: {said}") from None
+        message = text_of(error).split(". Consider", maxsplit=1)[0]
+        raise MapError(f"{path} is no grid that can be read as netCDF: {message}") from None
     refuse_old_gmt(dataset, path.name)
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())
@@ -283,15 +283,15 @@ def _named(path: Path, *remarks: str) -> tuple[str, ...]:
     return tuple(f"{path.name}: {remark}" for remark in remarks if remark)
 
 
-def _axis_name(dataset: Any, wanted: str) -> str | None:
+def _axis_name(dataset: Any, standard_name: str) -> str | None:
     """Name of the dimension that is the latitude or the longitude."""
-    short = wanted[:3]
+    short = standard_name[:3]
     for name in dataset.dims:
         coordinate = dataset.coords.get(name)
         standard = "" if coordinate is None else coordinate.attrs.get("standard_name", "")
         if coordinate is not None and (
-            standard == wanted
-            or str(name).lower() in (wanted, short, {"lat": "y", "lon": "x"}[short])
+            standard == standard_name
+            or str(name).lower() in (standard_name, short, {"lat": "y", "lon": "x"}[short])
         ):
             return str(name)
     return None

@@ -196,13 +196,13 @@ def _first_word(header: dict[str, str], key: str, default: str) -> str:
     return header[key].split()[0] if key in header else default
 
 
-def _tide_part(path: Path, said: str) -> float:
+def _tide_part(path: Path, stated: str) -> float:
     """Share of the permanent tide that C20 holds, for any spelling of a tide system."""
-    spelled = _APART.sub("_", said.lower())
+    spelled = _APART.sub("_", stated.lower())
     for system, part in _TIDE_PARTS.items():
         if spelled.startswith(system):
             return part
-    raise MapError(f"{path}: tide_system is {said!r}; allowed: {', '.join(_TIDE_PARTS)}.")
+    raise MapError(f"{path}: tide_system is {stated!r}; allowed: {', '.join(_TIDE_PARTS)}.")
 
 
 def _number(path: Path, header: dict[str, str], *keys: str) -> float:
@@ -255,8 +255,8 @@ def _body(
             f"{path}: 'gfc {n[row]} 0' has S = {values[row, 1]:g}, and S of order 0 is always 0: "
             "is the column S missing? A line is gfc, degree, order, C and S."
         )
-    used = n <= degree
-    n, m, values = n[used], m[used], values[used]
+    chosen = n <= degree
+    n, m, values = n[chosen], m[chosen], values[chosen]
     count = np.zeros((degree + 1, degree + 1), dtype=np.int32)
     np.add.at(count, (n, m), 1)
     _require_once(path, count)

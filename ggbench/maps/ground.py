@@ -82,8 +82,8 @@ class Ground:
 
     def __str__(self) -> str:
         latitude, longitude = self.place_deg
-        here = self.area.about(longitude)
-        outside = not here.holds(np.array(latitude), np.array(longitude))
+        placed = self.area.about(longitude)
+        outside = not placed.holds(np.array(latitude), np.array(longitude))
         note = ", outside of the map's bounds" if outside else ""
         return (
             f"the highest ground of the terrain ({self.highest_m:.0f} m at {latitude:.4f}° N, "
@@ -115,7 +115,7 @@ class Ground:
         sheet = 2.0 * GRAVITATIONAL_CONSTANT * density * step / EOTVOS
         if sheet < _WORTH_SAYING_EOTVOS * distance:
             return []
-        worth, wanted = (
+        worth, needed_km = (
             float(f"{value:.2g}")
             for value in (sheet / distance, sheet / _WORTH_SAYING_EOTVOS / 1e3)
         )
@@ -123,7 +123,7 @@ class Ground:
             f"the map comes within {distance / 1e3:.2g} km of the {side} edge of the terrain: "
             f"ground beyond it that is {step:.0f} m higher or lower than is assumed, as the "
             f"terrain itself varies (1 σ), is worth {worth:g} E there; "
-            f"{_WORTH_SAYING_EOTVOS:g} E needs {wanted:g} km of ground around the map"
+            f"{_WORTH_SAYING_EOTVOS:g} E needs {needed_km:g} km of ground around the map"
         ]
 
     def remark(self, nodes: Nodes) -> str:

@@ -74,7 +74,7 @@ def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
             f"{path} has values at heights that vary, on the topography; they must hold at one "
             "height above the ellipsoid."
         )
-    found = ReadGrid(
+    read = ReadGrid(
         grid[:, 0, 1],
         grid[0, :, 0],
         np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1]),
@@ -82,18 +82,18 @@ def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
         height,
         functional.startswith("height_anomaly"),
     )
-    return found, header.get("unit", "")
+    return read, header.get("unit", "")
 
 
 def _require_kind(path: Path, functional: str, kind: str) -> None:
     """Raise MapError if a header's functional is not of the kind that the user says."""
-    found = _KINDS.get(functional)
-    if not functional or found == kind:
+    stated = _KINDS.get(functional)
+    if not functional or stated == kind:
         return
-    if found is not None:
+    if stated is not None:
         raise MapError(
             f"{path}: its header says functional {functional}, which is no {kind}: give the file "
-            f"as --{found}."
+            f"as --{stated}."
         )
     reason = ""
     if functional in ("gravity_anomaly_bg", "gravity_anomaly_csb"):

@@ -240,8 +240,8 @@ def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None
         for i in range(n_h)
     )
     attributes = {"title": "Gravity-gradient map", "source": gradient_map.provenance}
-    known = np.isfinite(gradient_map.standard_error).any()
-    errors = (gradient_map.standard_error, gradient_map.error_distance) if known else None
+    has_errors = np.isfinite(gradient_map.standard_error).any()
+    errors = (gradient_map.standard_error, gradient_map.error_distance) if has_errors else None
     write_layers(path, nodes, layers, attributes, dtype, errors=errors)
 
 
@@ -271,8 +271,10 @@ def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) 
 
 def _error_of(errors: Errors | None, index: int) -> dict[str, float]:
     """What a variable says of its standard error."""
-    found = {} if errors is None else dict(zip(ERROR_KEYS, (e[index] for e in errors), strict=True))
-    return {key: float(value) for key, value in found.items() if np.isfinite(value)}
+    errors_by_key = (
+        {} if errors is None else dict(zip(ERROR_KEYS, (e[index] for e in errors), strict=True))
+    )
+    return {key: float(value) for key, value in errors_by_key.items() if np.isfinite(value)}
 
 
 def _chunk(count: int) -> int:

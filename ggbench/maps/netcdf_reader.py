@@ -67,8 +67,8 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
         provenance = _text(file, "source") or path.name
         errors = [_errors(path, file, key) for key in ERROR_KEYS]
         base = _read_base(path, file, keep, slices)
-    kept = {name: values[keep[name]] for name, values in nodes.items()}
-    return Nodes(kept["latitude"], kept["longitude"], kept["height"], base).map_of(
+    cropped = {name: values[keep[name]] for name, values in nodes.items()}
+    return Nodes(cropped["latitude"], cropped["longitude"], cropped["height"], base).map_of(
         tensor, disturbance, provenance, (errors[0], errors[1])
     )
 
@@ -100,8 +100,8 @@ def source_files(path: Path) -> dict[str, str]:
     with opened(path) as file:
         text = _text(file, "source_files")
     try:
-        found = json.loads(text)
-        return {checks.clean_text(str(name)): checks.clean_text(str(found[name])) for name in found}
+        files = json.loads(text)
+        return {checks.clean_text(str(name)): checks.clean_text(str(files[name])) for name in files}
     except (ValueError, TypeError):
         return {}
 
@@ -150,8 +150,8 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
     ``height`` is the height above the base surface if the map is draped.
     """
     axes = axes_of(_is_draped(file))
-    wanted = [*axes, *([BASE] if _is_draped(file) else []), *variables()]
-    missing = [name for name in wanted if name not in file.variables]
+    names = [*axes, *([BASE] if _is_draped(file) else []), *variables()]
+    missing = [name for name in names if name not in file.variables]
     if missing:
         raise MapError(
             f"{path} is not a gradient map: it lacks {', '.join(missing)}; 'ggbench map build' "
@@ -287,31 +287,31 @@ def _read_base(
         _values(path, BASE, variable, ()), [variable.dimensions.index(name) for name in order]
     )
     flip = tuple(slice(None, None, -1 if descends[name] else 1) for name in order)
-    found = np.ascontiguousarray(whole[flip][keep["latitude"], keep["longitude"]])
+    base = np.ascontiguousarray(whole[flip][keep["latitude"], keep["longitude"]])
     lowest, highest = _LIMITS["height"]
-    if _has_fill(variable, found) or not ((lowest <= found) & (found <= highest)).all():
+    if _has_fill(variable, base) or not ((lowest <= base) & (base <= highest)).all():
         raise MapError(
             f"{path}: {BASE} must be heights of {lowest:g} to {highest:g} m without gaps."
         )
-    return found
+    return base
 
 
 def _errors(path: Path, file: Any, key: str) -> NDArray[np.float64]:
     """An attribute of the nine components, (9,); NaN where a file does not have it."""
-    found = unknown()
+    errors = unknown()
     for index, name in enumerate(variables()):
         variable = file.variables[name]
         if key in variable.ncattrs():
             try:
-                found[index] = float(variable.getncattr(key))
+                errors[index] = float(variable.getncattr(key))
             except (TypeError, ValueError):
-                found[index] = -1.0
-            if not 0.0 <= found[index] < math.inf:
+                errors[index] = -1.0
+            if not 0.0 <= errors[index] < math.inf:
                 raise MapError(
                     f"{path}: {name} has {key} = {_text(variable, key)!r}; it must be a number of "
                     "at least 0."
                 )
-    return found
+    return errors
 
 
 def _fills(variable: Any) -> dict[str, NDArray[Any]]:
@@ -328,12 +328,12 @@ def _require_numbers(path: Path, name: str, variable: Any) -> None:
     """Raise MapError if what marks a missing value is no number."""
     for key, fills in _fills(variable).items():
         if fills.dtype.kind not in "fiu":
-            found = _text(variable, key)
-            raise MapError(f"{path}: {name} has {key} = {found!r}; it must be a number.")
+            value = _text(variable, key)
+            raise MapError(f"{path}: {name} has {key} = {value!r}; it must be a number.")
 
 
-def _mirrored(kept: slice, size: int) -> slice:
-    return slice(size - kept.stop, size - kept.start)
+def _mirrored(part: slice, size: int) -> slice:
+    return slice(size - part.stop, size - part.start)
 
 
 def _values(path: Path, name: str, variable: Any, index: tuple[slice, ...]) -> NDArray[np.float64]:
@@ -344,10 +344,10 @@ def _values(path: Path, name: str, variable: Any, index: tuple[slice, ...]) -> N
 
 
 def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> None:
-    found = _text(variable, "units")
-    if found.strip().lower() not in allowed:
+    units = _text(variable, "units")
+    if units.strip().lower() not in allowed:
         first = (AXES | variables() | {BASE: {"units": "m"}})[name]["units"]
-        stated = f"has units {found!r}" if found else "states no units"
+        stated = f"has units {units!r}" if units else "states no units"
         raise MapError(f"{path}: {name} {stated}; it must be in {first!r}.")
 
 

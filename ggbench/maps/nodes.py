@@ -97,9 +97,9 @@ def nodes_for(
             option = name.removesuffix("_deg").removesuffix("_m").replace("_", "-")
             raise MapError(f"--{option} {value} must be a finite number.")
     _require_degrees(request)
-    asked = _counted_alike(request.area, allowed)
-    bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
-    if None in asked and np.array_equal(good, EVERYWHERE):
+    requested = _counted_alike(request.area, allowed)
+    bounds = np.array([g if a is None else a for a, g in zip(requested, good, strict=True)])
+    if None in requested and np.array_equal(good, EVERYWHERE):
         raise MapError(
             "coefficients cover the whole Earth: give the bounds --south, --north, --west and "
             "--east [deg]."

@@ -385,10 +385,11 @@ class _Sources:
         area = self._area.within(*sides)
         assert None not in area
         corners = np.array([(a, b) for a in area[:2] for b in area[2:]], dtype=float)
-        found = geoid_heights(*corners.T)
-        height = round(float(found.mean()), 1)
+        undulations = geoid_heights(*corners.T)
+        height = round(float(undulations.mean()), 1)
         heights = f"heights of {inputs.terrain.name} are taken as"
-        model = f"EGM2008 to degree 120, {found.min():.1f} to {found.max():.1f} m at its corners"
+        lowest, highest = undulations.min(), undulations.max()
+        model = f"EGM2008 to degree 120, {lowest:.1f} to {highest:.1f} m at its corners"
         if inputs.drape is not None:
             self.remarks.append(
                 f"{heights} above sea level, {height:g} m above the ellipsoid ({model}); "

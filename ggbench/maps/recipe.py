@@ -225,16 +225,18 @@ def checked(recipe: MapRecipe) -> MapRecipe:
         if not 0.0 < getattr(recipe, name) < math.inf:
             raise MapError(f"{name} = {getattr(recipe, name)} must be positive and finite.")
     _check_options(recipe)
-    given = SOURCES[recipe.source].limits()
+    source_limits = SOURCES[recipe.source].limits()
     if recipe.drape:
-        given = _over_ground(recipe.source, given)
-    bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(0.5 * sum(given.longitudes))
+        source_limits = _over_ground(recipe.source, source_limits)
+    bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(
+        0.5 * sum(source_limits.longitudes)
+    )
     assert bounds.west is not None and bounds.east is not None  # as both were given
     recipe = dataclasses.replace(recipe, west_deg=bounds.west, east_deg=bounds.east)
     limits = (
-        ("south_deg", "north_deg", *given.latitudes),
-        ("west_deg", "east_deg", *given.longitudes),
-        ("min_height_m", "max_height_m", *given.heights),
+        ("south_deg", "north_deg", *source_limits.latitudes),
+        ("west_deg", "east_deg", *source_limits.longitudes),
+        ("min_height_m", "max_height_m", *source_limits.heights),
     )
     for low, high, least, most in limits:
         lower, upper = getattr(recipe, low), getattr(recipe, high)
@@ -247,7 +249,7 @@ def checked(recipe: MapRecipe) -> MapRecipe:
                     f"{least:g} to {most:g} is allowed."
                 )
 
-    _check_spacings(recipe, given)
+    _check_spacings(recipe, source_limits)
     counts = _node_counts(recipe)
     if min(counts) < netcdf.FEWEST_NODES or math.prod(counts) > _MOST_NODES:
         raise MapError(

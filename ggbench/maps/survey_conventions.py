@@ -20,41 +20,41 @@ _FITS = 0.7
 _DIRECTIONS = ("east", "north", "up", "west", "south", "down")
 
 
-def convention_in_words(found: SurveyFit, axes: str) -> str:
+def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
     """Return which axes fit lines better than those that were said; "" for none.
 
     Lines held back are compared with maps of the others, in each of the eight conventions.
 
     Parameters
     ----------
-    found : a map that hardly predicts lines held back.
+    survey_fit : a map that hardly predicts lines held back.
     axes : of the file, as the user said, a key of :data:`.survey_lines.AXES`.
     """
-    lines = found.lines
+    lines = survey_fit.lines
     if lines.quantity != "gradient":
         return ""
-    options = _coarse(found)
+    options = _coarse(survey_fit)
     scores = []
     for turn in CONVENTIONS:
         if (other := _turned(lines, turn)) is not None:
-            tried = fit(other, options)
-            left, read = (float(np.sqrt(np.mean(rms**2))) for rms in tried.rms)
-            scores.append((left / read, turn))
+            refitted = fit(other, options)
+            residual, read = (float(np.sqrt(np.mean(rms**2))) for rms in refitted.rms)
+            scores.append((residual / read, turn))
     own = next(score for score, turn in scores if turn is CONVENTIONS[0])
     best, turn = min(scores, key=lambda each: each[0])
     if best > _FITS or best > _BETTER * own:
         return ""
     whole = {axis: _after(step, turn) for axis, step in AXES[axes].items()}
-    named = next((name for name, known in AXES.items() if _same(known, whole)), "")
+    named = next((name for name, turn_known in AXES.items() if _same(turn_known, whole)), "")
     words = f"--axes {named}" if named else f"axes {axes_in_words(whole, _DIRECTIONS)}"
     return f"lines held back fit best with {words}: {best:.2f} of the RMS in place of {own:.2f}"
 
 
-def _coarse(found: SurveyFit) -> FitOptions:
+def _coarse(survey_fit: SurveyFit) -> FitOptions:
     """Return settings of a map with few point masses."""
-    east, north, _ = Plane.under(found.lines).metres(found.lines)
+    east, north, _ = Plane.under(survey_fit.lines).metres(survey_fit.lines)
     widest = math.sqrt(float(np.ptp(east) * np.ptp(north)) / _MOST_SOURCES)
-    depth, spacing, damping = found.settings
+    depth, spacing, damping = survey_fit.settings
     return FitOptions(depth, max(spacing, widest), damping)
 
 

@@ -54,7 +54,7 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured
     # What the components of the map are of those that were measured: zz is −xx − yy.
     mixing = np.linalg.lstsq(basis.T, np.eye(9), rcond=None)[0]
-    known = np.abs(basis.T @ mixing - np.eye(9)).max(axis=0) < 1e-9
+    is_determined = np.abs(basis.T @ mixing - np.eye(9)).max(axis=0) < 1e-9
     mixing = mixing[: len(measured)]
     covariance = _autocovariance(fit)
     isotropic = _isotropic()
@@ -64,12 +64,14 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     alike = of_gravity == (fit.lines.quantity == "disturbance")
     variance = np.where(alike, scale * np.diag(isotropic), np.nan)
     of_components = np.einsum("ck,lcd,dk->lk", mixing, covariance, mixing)
-    variance[known] = _positive(of_components[0, known])
+    variance[is_determined] = _positive(of_components[0, is_determined])
     metres = np.mean([_step(fit, index) for index in fit.held_back])
     distance = np.full(9, np.nan)
-    distance[known] = [metres * _fall(of_components[:, k]) for k in np.flatnonzero(known)]
+    distance[is_determined] = [
+        metres * _fall(of_components[:, k]) for k in np.flatnonzero(is_determined)
+    ]
     mean = metres * _fall(np.einsum("lcc->l", covariance / shares[:, np.newaxis]))
-    return np.sqrt(variance), np.where(np.isfinite(variance) & ~known, mean, distance)
+    return np.sqrt(variance), np.where(np.isfinite(variance) & ~is_determined, mean, distance)
 
 
 def _positive(variance: Array) -> Array:
@@ -79,17 +81,17 @@ def _positive(variance: Array) -> Array:
 
 def _autocovariance(fit: SurveyFit) -> Array:
     """The map's error along a line, (lags, components, components): half of the difference."""
-    counts = [len(found) for found in fit.held_back.values()]
+    counts = [len(rows) for rows in fit.held_back.values()]
     lags = min(_LAGS, min(counts) // 2)
     return 0.5 * (_lagged(fit.held_back, lags) - _lagged(fit.fitted, lags))
 
 
-def _lagged(found: dict[int, Array], lags: int) -> Array:
+def _lagged(series: dict[int, Array], lags: int) -> Array:
     """Autocovariance of lines at lags from zero, (lags, components, components), symmetric."""
     out = []
     for lag in range(lags):
-        total = sum(rows[: len(rows) - lag].T @ rows[lag:] for rows in found.values())
-        count = sum(len(rows) - lag for rows in found.values())
+        total = sum(rows[: len(rows) - lag].T @ rows[lag:] for rows in series.values())
+        count = sum(len(rows) - lag for rows in series.values())
         out.append(0.5 * (total + np.transpose(total)) / count)
     return np.array(out)
 

@@ -94,35 +94,39 @@ def read_lines(
     if unknown:
         raise MapError(f"--column {unknown[0]}=... names no column; known: {', '.join(_KEYS)}.")
     names = {key: key for key in _KEYS} | dict(columns or {})
-    wanted = _components(path, table, names, components, quantity)
+    components_read = _components(path, table, names, components, quantity)
     places = _places(table, names, crs)
     line = _required(table, names, LINE)
     missing_line(table, line.name)
-    for key in wanted:
+    for key in components_read:
         _require_quantity(path, table, _required(table, names, key), quantity)
-    used = {key: _required(table, names, key) for key in (*places, "height_m", *wanted)}
+    named_columns = {
+        key: _required(table, names, key) for key in (*places, "height_m", *components_read)
+    }
     if (time := _found(table, names["time_s"])) or "time_s" in (columns or {}):
-        used["time_s"] = time or _required(table, names, "time_s")
-    read = {key: read_numbers(table, key, column, voids) for key, column in used.items()}
-    remarks = _together((used[key].name, found.remarks) for key, found in read.items())
-    values = {key: found.values for key, found in read.items()}
+        named_columns["time_s"] = time or _required(table, names, "time_s")
+    read = {key: read_numbers(table, key, column, voids) for key, column in named_columns.items()}
+    remarks = _together(
+        (named_columns[key].name, column_numbers.remarks) for key, column_numbers in read.items()
+    )
+    values = {key: column_numbers.values for key, column_numbers in read.items()}
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
         remarks.append("the file has no time_s, which only a model of the noise needs")
     whole = np.isfinite(np.column_stack([*values.values()])).all(axis=1)
-    values = {key: found[whole] for key, found in values.items()}
-    if "time_s" not in used:
+    values = {key: column[whole] for key, column in values.items()}
+    if "time_s" not in named_columns:
         values["time_s"] = np.full(int(whole.sum()), np.nan)
     if crs is not None:
         values["longitude_deg"], values["latitude_deg"] = _to_degrees(
             path, crs, *(values[key] for key in places)
         )
     require_limits(table, values, np.flatnonzero(whole))
-    require_size(path, {used[key]: values[key] for key in wanted}, quantity)
+    require_size(path, {named_columns[key]: values[key] for key in components_read}, quantity)
     if quantity == ANOMALY:
         values[DISTURBANCE] = values.pop(ANOMALY) + _anomaly_to_disturbance(values)
         remarks.append("free-air anomalies became disturbances by EGM2008's geoid to degree 120")
-        wanted = [DISTURBANCE]
+        components_read = [DISTURBANCE]
     kind = _found(table, names[KIND])
     if kind is not None:
         missing_line(table, kind.name)
@@ -132,7 +136,7 @@ def read_lines(
         dropped=int((~whole).sum()) + table.cut,
         names=pd.Series(table.columns[line.name]).str.strip()[whole],
         kinds=pd.Series(table.columns[kind.name] if kind else [PRIMARY] * len(table.rows))[whole],
-        wanted=wanted,
+        components=components_read,
         axes=axes,
         remarks=tuple(remarks),
     )
@@ -145,7 +149,7 @@ def _lines(
     dropped: int,
     names: Any,
     kinds: Any,
-    wanted: Sequence[str],
+    components: Sequence[str],
     axes: str,
     remarks: tuple[str, ...],
 ) -> SurveyLines:
@@ -155,9 +159,9 @@ def _lines(
     if not len(order) or counts.max() < _FEWEST:
         raise MapError(f"{path}: no line has {_FEWEST} samples without a missing value.")
     first = [int(np.flatnonzero(index == i)[0]) for i in range(len(order))]
-    ours = [(n, 1) if n == DISTURBANCE else in_our_axes(n, axes) for n in wanted]
-    numbers = np.column_stack([values[key] for key in wanted])
-    found = SurveyLines(
+    ours = [(n, 1) if n == DISTURBANCE else in_our_axes(n, axes) for n in components]
+    numbers = np.column_stack([values[key] for key in components])
+    lines = SurveyLines(
         names=tuple(order),
         kinds=tuple(str(kinds.iloc[i]).strip() for i in first),
         line=index,
@@ -170,35 +174,35 @@ def _lines(
         dropped=dropped,
         remarks=remarks,
     )
-    return found.only([i for i in range(len(order)) if counts[i] >= _FEWEST])
+    return lines.only([i for i in range(len(order)) if counts[i] >= _FEWEST])
 
 
 def _components(
     path: Path,
     table: SurveyTable,
     names: Mapping[str, str],
-    asked: Sequence[str],
+    requested: Sequence[str],
     quantity: Quantity,
 ) -> list[str]:
     """The components to read, each of which the file has."""
     if quantity != "gradient":
-        if asked and tuple(asked) != (quantity,):
+        if requested and tuple(requested) != (quantity,):
             raise MapError(f"--components are of a gradient: --quantity {quantity} has one.")
-        asked = [quantity]
-    unknown = [name for name in asked if name not in (*COMPONENTS, DISTURBANCE, ANOMALY)]
-    if unknown or len(set(asked)) < len(asked):
+        requested = [quantity]
+    unknown = [name for name in requested if name not in (*COMPONENTS, DISTURBANCE, ANOMALY)]
+    if unknown or len(set(requested)) < len(requested):
         raise MapError(
-            f"--components {','.join(asked)}: allowed are {', '.join(COMPONENTS)}, each once."
+            f"--components {','.join(requested)}: allowed are {', '.join(COMPONENTS)}, each once."
         )
-    for name in asked:
+    for name in requested:
         _required(table, names, name)
-    found = list(asked) or [name for name in COMPONENTS if _found(table, names[name])]
-    if not found:
+    present = list(requested) or [name for name in COMPONENTS if _found(table, names[name])]
+    if not present:
         raise MapError(
             f"{path} has no column of a component ({', '.join(COMPONENTS)}); name them, as in "
             f"--column xx=Txx; it has {', '.join(table.columns)}."
         )
-    return found
+    return present
 
 
 def _places(table: SurveyTable, names: Mapping[str, str], crs: str | None) -> tuple[str, str]:
@@ -230,8 +234,10 @@ def _required(table: SurveyTable, names: Mapping[str, str], key: str) -> Column:
 
 def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: Quantity) -> None:
     """Raise MapError if name or description of a column is of another quantity."""
-    said = table.descriptions.get(column.name, "")
-    described = column.name if said in ("", column.name) else f"{column.name} ({said})"
+    description = table.descriptions.get(column.name, "")
+    described = (
+        column.name if description in ("", column.name) else f"{column.name} ({description})"
+    )
     if reason := contradiction(quantity, described):
         other = {"disturbance": ANOMALY, ANOMALY: DISTURBANCE}.get(quantity, "")
         option = (

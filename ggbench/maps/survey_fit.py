@@ -72,9 +72,9 @@ class SurveyFit:
     def rms(self) -> tuple[Array, Array]:
         """RMS on lines held back, of residuals and of readings, each without a line's mean."""
         readings = [self.lines.values[self.lines.samples(index)] for index in self.held_back]
-        left = np.concatenate(list(self.held_back.values()))
+        differences = np.concatenate(list(self.held_back.values()))
         read = np.concatenate([rows - rows.mean(axis=0) for rows in readings])
-        return np.sqrt(np.mean(left**2, axis=0)), np.sqrt(np.mean(read**2, axis=0))
+        return np.sqrt(np.mean(differences**2, axis=0)), np.sqrt(np.mean(read**2, axis=0))
 
 
 def fit(
@@ -97,16 +97,16 @@ def fit(
         matrix, right = (sum(both) for both in zip(*parts, equations.of(ties), strict=True))
         for damping in dampings:
             settings = Settings(depth, spacing, damping)
-            found: dict[int, Array] = {}
+            held_back: dict[int, Array] = {}
             for fold, part in zip(folds, parts, strict=True):
                 sources = equations.solved(matrix - part[0], right - part[1], damping)
-                found |= {index: residuals(sources, lines, index) for index in fold}
-            rows = np.concatenate(list(found.values()))
+                held_back |= {index: residuals(sources, lines, index) for index in fold}
+            rows = np.concatenate(list(held_back.values()))
             scores[settings] = float(np.sqrt(np.mean(rows**2)))
             progress(f"{settings}: {scores[settings]:.3f} {lines.unit} on lines held back")
             if best is None or scores[settings] < scores[best.settings]:
                 sources = equations.solved(matrix, right, damping)
-                best = SurveyFit(lines, settings, sources, found, scores)
+                best = SurveyFit(lines, settings, sources, held_back, scores)
     assert best is not None
     return best
 

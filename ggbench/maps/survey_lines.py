@@ -96,13 +96,13 @@ class SurveyLines:
 
     def only(self, lines: Sequence[int]) -> SurveyLines:
         """Return some of the lines, in their order here, and nothing of the others."""
-        kept = sorted(lines)
-        samples = np.isin(self.line, kept)
+        numbers = sorted(lines)
+        samples = np.isin(self.line, numbers)
         return dataclasses.replace(
             self,
-            names=tuple(self.names[i] for i in kept),
-            kinds=tuple(self.kinds[i] for i in kept),
-            line=np.searchsorted(kept, self.line[samples]),
+            names=tuple(self.names[i] for i in numbers),
+            kinds=tuple(self.kinds[i] for i in numbers),
+            line=np.searchsorted(numbers, self.line[samples]),
             time_s=self.time_s[samples],
             latitude_deg=self.latitude_deg[samples],
             longitude_deg=self.longitude_deg[samples],
@@ -115,7 +115,7 @@ class SurveyLines:
 
         Raises MapError if a pattern names no line.
         """
-        found: set[int] = set()
+        numbers: set[int] = set()
         for pattern in patterns:
             those = {
                 index
@@ -128,8 +128,8 @@ class SurveyLines:
                     f"{len(self.names)} lines are {_some(self.names)}; kinds: "
                     f"{', '.join(sorted(set(self.kinds)))}."
                 )
-            found |= those
-        return sorted(found)
+            numbers |= those
+        return sorted(numbers)
 
     def without(self, patterns: Sequence[str]) -> SurveyLines:
         """Return the lines that no pattern names, see :meth:`chosen`.

@@ -29,10 +29,10 @@ _GAP = 1.5  # intervals: a longer one ends a series
 def innovations(model: VectorAutoregression, series: Array) -> Array:
     """Return e_k of a series (n, m), from its sample p on, (n − p, m)."""
     lagged = _lagged(series, model.order)
-    found: Array = series[model.order :] - lagged @ np.concatenate(
+    white: Array = series[model.order :] - lagged @ np.concatenate(
         [a.T for a in model.coefficients]
     )
-    return found
+    return white
 
 
 def autoregression(
@@ -46,13 +46,13 @@ def autoregression(
     lagged = np.concatenate([_lagged(rows, order) for rows in usable])
     targets = np.concatenate([rows[order:] for rows in usable])
     solution = solve(lagged.T @ lagged, lagged.T @ targets, assume_a="pos")
-    left = targets - lagged @ solution
+    white = targets - lagged @ solution
     count = targets.shape[1]
     return VectorAutoregression(
         tuple(components),
         interval,
         np.array([block.T for block in np.split(solution, order)]).round(_DECIMALS),
-        (left.T @ left / (len(left) - order * count)).round(_DECIMALS),
+        (white.T @ white / (len(white) - order * count)).round(_DECIMALS),
     )
 
 
@@ -68,7 +68,7 @@ def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
     folds = [list(series)[first::FOLDS] for first in range(min(FOLDS, len(series)))]
     longest = max(ORDERS)
     names, count = fit.lines.components, len(fit.lines.components)
-    samples = sum(len(rows) for found in series.values() for rows in found)
+    samples = sum(len(rows) for white in series.values() for rows in white)
     scores = {}
     for order in ORDERS:
         if samples < _SAMPLES_PER_COEFFICIENT * order * count**2:
@@ -77,15 +77,15 @@ def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
         for fold in folds:
             others = [rows for i in series if i not in fold for rows in series[i]]
             model = autoregression(others, order, names, interval)
-            held = [r for i in fold for r in series[i] if len(r) > longest]
-            found = np.concatenate([innovations(model, r)[longest - order :] for r in held])
-            total += _log_likelihood(model, found)
-            number += len(found)
+            pieces = [r for i in fold for r in series[i] if len(r) > longest]
+            white = np.concatenate([innovations(model, r)[longest - order :] for r in pieces])
+            total += _log_likelihood(model, white)
+            number += len(white)
         scores[order] = total / number
     if not scores:
         raise MapError(f"{samples} samples are too few for a model of the noise.")
     best = max(scores, key=lambda order: scores[order])
-    rows = [r for found in series.values() for r in found]
+    rows = [r for white in series.values() for r in white]
     return autoregression(rows, best, names, interval), scores
 
 

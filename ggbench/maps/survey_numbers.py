@@ -73,16 +73,16 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
     marks = _undeclared(cells, written, factor, _LIMITS[key])
     of_marks = ""
     if marks.any():
-        found = ", ".join(sorted({cells[n] for n in np.flatnonzero(marks)})[:3])
-        of_marks = f"undeclared {found} taken for missing values, {marks.sum()} times"
+        examples = ", ".join(sorted({cells[n] for n in np.flatnonzero(marks)})[:3])
+        of_marks = f"undeclared {examples} taken for missing values, {marks.sum()} times"
         written[marks] = np.nan
     return Numbers(factor * written, tuple(filter(None, (of_unit, of_marks))))
 
 
 def _seconds(cell: str) -> float:
     """Return the seconds of day of a clock's reading; NaN if it is none."""
-    found = _CLOCK.fullmatch(cell)
-    return 3600.0 * int(found[1]) + 60.0 * int(found[2]) + float(found[3]) if found else np.nan
+    match = _CLOCK.fullmatch(cell)
+    return 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3]) if match else np.nan
 
 
 def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
@@ -110,8 +110,8 @@ def _unit_at_end(name: str, key: str) -> str:
 
     It counts if it is one of the key's quantity.
     """
-    found = re.search(r"(?:_|(?=(?:gu|mgal)$))([a-z]{2,}|[mse])$", name.casefold())
-    return found[1] if found and factor_to_key(found[1], key) is not None else ""
+    match = re.search(r"(?:_|(?=(?:gu|mgal)$))([a-z]{2,}|[mse])$", name.casefold())
+    return match[1] if match and factor_to_key(match[1], key) is not None else ""
 
 
 def _undeclared(
@@ -139,9 +139,9 @@ def require_limits(
     table: SurveyTable, values: Mapping[str, Array], rows: NDArray[np.int64]
 ) -> None:
     """Raise MapError if a value is beyond its limits; ``rows`` are the samples of the values."""
-    for key, found in values.items():
+    for key, column in values.items():
         low, high = _LIMITS[key]
-        off = (found < low) | (found > high)
+        off = (column < low) | (column > high)
         if not off.any():
             continue
         n = int(off.argmax())
@@ -151,7 +151,7 @@ def require_limits(
             else f"it must lie between {low:g} and {high:g}: is it another unit, another quantity, "
             "or a mark of missing values (--void VALUE declares it)?"
         )
-        raise table.error(int(rows[n]), f"{key} is {found[n]:g}; {hint}")
+        raise table.error(int(rows[n]), f"{key} is {column[n]:g}; {hint}")
 
 
 def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity) -> None:
@@ -162,7 +162,8 @@ def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity)
     unit, other = ("E", "s^-2") if quantity == "gradient" else ("mGal", "m/s2")
     unstated = [column.name for column in values if not column.unit]
     rms = max(
-        (float(np.sqrt(np.mean(found**2))) for found in values.values() if found.size), default=1.0
+        (float(np.sqrt(np.mean(readings**2))) for readings in values.values() if readings.size),
+        default=1.0,
     )
     if unstated and 0.0 < rms < _LEAST:
         raise MapError(

@@ -77,10 +77,10 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
     left_out = f", without {', '.join(inputs.leave_out)}" if inputs.leave_out else ""
     errors = map_error(fit)
     rms, readings = fit.rms
-    found = ", ".join(
+    residuals = ", ".join(
         f"{name} {value:.2f}" for name, value in zip(lines.components, rms, strict=True)
     )
-    remarks.append(f"residuals of lines held back, noise included: {found} {lines.unit}")
+    remarks.append(f"residuals of lines held back, noise included: {residuals} {lines.unit}")
     remarks.extend(lines.remarks)
     if lines.dropped:
         remarks.append(f"{lines.dropped} samples with missing values are left out")
@@ -114,12 +114,12 @@ def doubts(fit: SurveyFit, axes: str) -> str:
     are those of the file, as the user says; others that fit are named.
     """
     unit = fit.lines.unit
-    found = ", ".join(
-        f"{name} {left:.2f} {unit} and {read:.2f} {unit}"
-        for name, left, read in zip(fit.lines.components, *fit.rms, strict=True)
-        if left > _DOUBTFUL * read
+    doubtful = ", ".join(
+        f"{name} {residual:.2f} {unit} and {read:.2f} {unit}"
+        for name, residual, read in zip(fit.lines.components, *fit.rms, strict=True)
+        if residual > _DOUBTFUL * read
     )
-    if not found:
+    if not doubtful:
         return ""
     cause = convention_in_words(fit, axes) or (
         "Check the axes (--axes), the signs, the units and marks of missing values; if they are "
@@ -127,7 +127,7 @@ def doubts(fit: SurveyFit, axes: str) -> str:
     )
     return (
         "the map predicts less than half of the variance of lines held back; RMS residual and RMS "
-        f"reading are {found}. {cause[:1].upper()}{cause[1:]}"
+        f"reading are {doubtful}. {cause[:1].upper()}{cause[1:]}"
     )
 
 

@@ -21,10 +21,20 @@ from .survey_lines import PRIMARY, TIE
 LINE, KIND = "line", "kind"
 _NUMBER = re.compile(r"(^|[,;\t])\s*[-+]?\d*\.\d*\s*([,;\t]|$)")  # of a row, not of names
 _KINDS = {
-    "line": PRIMARY, "l": PRIMARY, "tie": TIE, "t": TIE, "base": "base", "b": "base",
-    "trend": "trend", "p": "trend", "test": "test", "s": "test", "special": "test",
-    "random": "random", "r": "random",
-}  # fmt: skip
+    "line": PRIMARY,
+    "l": PRIMARY,
+    "tie": TIE,
+    "t": TIE,
+    "base": "base",
+    "b": "base",
+    "trend": "trend",
+    "p": "trend",
+    "test": "test",
+    "s": "test",
+    "special": "test",
+    "random": "random",
+    "r": "random",
+}
 """Kinds of lines by the words and letters that begin Geosoft's headings of lines."""
 _HEADING = re.compile(
     rf"\s*({'|'.join(sorted(_KINDS, key=len, reverse=True))})(?:\s*:\s*|\s+|(?=\d))(\S+)(\s.*)?",
@@ -69,18 +79,18 @@ class SurveyTable:
             str.casefold,
             lambda c: without_unit(c)[0].lower(),
         ):
-            found = [column for column in self.columns if key(column) in (name, name.casefold())]
-            if len(found) == 1:
-                return found[0]
+            matching = [column for column in self.columns if key(column) in (name, name.casefold())]
+            if len(matching) == 1:
+                return matching[0]
         return ""
 
     def unit(self, name: str) -> str:
         """Return the unit that the file states for a column; empty if it states none."""
         return self.units.get(name) or without_unit(name)[1]
 
-    def error(self, row: int, said: str) -> MapError:
+    def error(self, row: int, sentence: str) -> MapError:
         """Return an error about a sample, by its number from 0."""
-        return MapError(f"{self.path}: line {self.rows[row]}: {said}.")
+        return MapError(f"{self.path}: line {self.rows[row]}: {sentence}.")
 
 
 def text_in(path: Path, content: bytes) -> str:
@@ -88,14 +98,14 @@ def text_in(path: Path, content: bytes) -> str:
     try:
         text = content.decode("utf-8-sig")
         bad = text.find("\0")
-        place, found = bad, "a null byte"
+        place, flaw = bad, "a null byte"
     except UnicodeDecodeError as error:
-        bad, found = error.start, f"the byte 0x{content[error.start]:02x}"
+        bad, flaw = error.start, f"the byte 0x{content[error.start]:02x}"
         place, text = bad, content[:bad].decode("latin-1")
     if bad < 0:
         return text
     raise MapError(
-        f"the survey {path}: line {text.count(chr(10), 0, place) + 1} has {found}, and must be "
+        f"the survey {path}: line {text.count(chr(10), 0, place) + 1} has {flaw}, and must be "
         "UTF-8 text: convert it, for example with 'iconv -f latin1 -t utf-8'."
     )
 
@@ -109,16 +119,16 @@ def read_csv(path: Path, text: str) -> SurveyTable:
     Raises ValueError or MapError if it is none.
     """
     rows = text.splitlines()
-    kept = [n for n, row in enumerate(rows) if row.strip() and row.lstrip()[:1] != "#"]
-    if not kept:
+    filled = [n for n, row in enumerate(rows) if row.strip() and row.lstrip()[:1] != "#"]
+    if not filled:
         raise ValueError("it has no samples")
-    top = kept[0]
+    top = filled[0]
     separator = max(",;\t", key=rows[top].count)
     if top and _NUMBER.search(rows[top]):
         above = rows[top - 1].lstrip("# ")
         if len(_cells(above, separator)) == len(_cells(rows[top], separator)):
-            rows[top - 1], kept = above, [top - 1, *kept]
-    head, *numbers = kept
+            rows[top - 1], filled = above, [top - 1, *filled]
+    head, *numbers = filled
     names = [name.strip() for name in _cells(rows[head], separator)]
     _require_distinct(path, names)
     if not numbers:
@@ -155,12 +165,12 @@ def _frame(
             on_bad_lines="error",
         )
     except ValueError as error:
-        found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-        if found is None:
+        match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+        if match is None:
             raise
-        wide = numbers[int(found[2]) - 1] + 1
+        wide = numbers[int(match[2]) - 1] + 1
         raise MapError(
-            f"{path}: line {wide} has {found[3]} fields, and there are {len(names)} columns."
+            f"{path}: line {wide} has {match[3]} fields, and there are {len(names)} columns."
         ) from None
     if len(frame) != len(rows):
         raise MapError(f"{path}: a quoted field does not end on its line.")
@@ -226,12 +236,12 @@ def read_xyz(path: Path, text: str) -> SurveyTable:
 def _heading(row: str) -> tuple[str, str] | None:
     """Return kind and name of the line that a row begins; None of a row of numbers."""
     words = row.split()
-    if found := _HEADING.fullmatch(row):
+    if match := _HEADING.fullmatch(row):
         # A row of numbers behind a text such as L1000 is a sample, a date or a flight is not.
         if len(words) <= 3 or not all(map(_is_number, words[1:])):
-            return _KINDS[found[1].lower()], found[2]
-    elif found := _OTHER_HEADING.fullmatch(row):
-        return found[1].lower(), found[2]
+            return _KINDS[match[1].lower()], match[2]
+    elif match := _OTHER_HEADING.fullmatch(row):
+        return match[1].lower(), match[2]
     return None
 
 

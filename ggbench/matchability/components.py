@@ -71,16 +71,16 @@ def principal_components(statistics: Mapping[str, Array]) -> Components | None:
     scores = x @ vectors
     signs = np.where(scores.T @ x[:, 0] < 0.0, -1.0, 1.0)
     scores, vectors = scores * signs, vectors * signs
-    kept = int(np.searchsorted(np.cumsum(explained), KEPT_VARIANCE - 1e-12)) + 1
+    count = int(np.searchsorted(np.cumsum(explained), KEPT_VARIANCE - 1e-12)) + 1
     index = np.full(len(columns), np.nan)
-    index[usable] = scores[:, :kept] @ explained[:kept]
-    return Components(explained, vectors, kept, index)
+    index[usable] = scores[:, :count] @ explained[:count]
+    return Components(explained, vectors, count, index)
 
 
 def grades(index: Array) -> list[str]:
     """Return the grade of each cell, by thirds of the index (N,); the lowest where it is NaN."""
-    known = index[~np.isnan(index)]
-    if known.size == 0:
+    finite = index[~np.isnan(index)]
+    if finite.size == 0:
         return [GRADES[0]] * index.size
-    limits = np.quantile(known, [1.0 / 3.0, 2.0 / 3.0])
+    limits = np.quantile(finite, [1.0 / 3.0, 2.0 / 3.0])
     return [GRADES[0 if np.isnan(f) else int(np.searchsorted(limits, f))] for f in index]

@@ -95,8 +95,8 @@ def _coloured(
     values = table[column].to_numpy(dtype=float)
     usable = np.isfinite(values) & (values > 0.0)
     cells = PatchCollection(_patches(table), cmap=colours, edgecolor="w", lw=0.3)
-    shown = np.where(usable, values, np.nan)
-    cells.set_array(shown)
+    masked = np.where(usable, values, np.nan)
+    cells.set_array(masked)
     low, high = np.percentile(values[usable], [1.0, 99.0]) if usable.any() else (1.0, 1.0)
     cells.set_norm(LogNorm(low, high if high > low else low * 1.1))
     axis.add_collection(cells)
@@ -110,18 +110,18 @@ def _coloured(
         ticks=LogLocator(subs=(1.0,) if high > 50.0 * low else (1.0, 2.0, 5.0)),
         format=lambda value, _: f"{value:g}",
     ).minorticks_off()
-    return shown
+    return masked
 
 
 def _headings(axis: Axes, table: pd.DataFrame, values: Any) -> None:
     """Draw the best heading of each cell as a line through its centre."""
     if len(table) > 1000:
         return
-    known = np.isfinite(values)
-    turned = np.radians(table["best_heading_deg"].to_numpy()[known])
-    latitude = 0.5 * (table["south_deg"] + table["north_deg"]).to_numpy()[known]
-    longitude = 0.5 * (table["west_deg"] + table["east_deg"]).to_numpy()[known]
-    half = _TICK * (table["north_deg"] - table["south_deg"]).to_numpy()[known]
+    finite = np.isfinite(values)
+    turned = np.radians(table["best_heading_deg"].to_numpy()[finite])
+    latitude = 0.5 * (table["south_deg"] + table["north_deg"]).to_numpy()[finite]
+    longitude = 0.5 * (table["west_deg"] + table["east_deg"]).to_numpy()[finite]
+    half = _TICK * (table["north_deg"] - table["south_deg"]).to_numpy()[finite]
     for sign in (-1.0, 1.0):
         axis.plot(
             [longitude, longitude + sign * half * np.sin(turned)],

@@ -134,31 +134,31 @@ def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -
     track leaves the map.
     """
     flat = grid.reshape(-1, 2)
-    found = np.full(len(flat), np.nan)
+    distances = np.full(len(flat), np.nan)
     near = np.flatnonzero(np.hypot(*flat.T) <= grid.max() * (1.0 + _ROUNDING))
     places = moved(track[np.newaxis], flat[near, np.newaxis])
     inside = field.covers(places, _ROUNDING).all(axis=1)
-    here = instrument.readings(field, track)
+    at_track = instrument.readings(field, track)
     there = instrument.readings(field, places[inside].reshape(-1, 3))
-    apart = there.reshape(-1, *here.shape) - here
-    found[near[inside]] = 0.5 * np.sum(apart**2, axis=(1, 2))
-    return found.reshape(grid.shape[:2])
+    apart = there.reshape(-1, *at_track.shape) - at_track
+    distances[near[inside]] = 0.5 * np.sum(apart**2, axis=(1, 2))
+    return distances.reshape(grid.shape[:2])
 
 
-def least(found: Array, grid: Array, right_m: float, reach_m: float) -> float:
+def least(ambiguities: Array, grid: Array, right_m: float, reach_m: float) -> float:
     """Return A_min, the least A(d) over r₀ < |d| ≤ reach; NaN if there is none.
 
     Parameters
     ----------
-    found, grid : of :func:`ambiguity`.
+    ambiguities, grid : of :func:`ambiguity`.
     right_m : r₀, within which a fix is the right one [m].
     """
-    beyond = found[_ring(grid, right_m, reach_m) & ~np.isnan(found)]
+    beyond = ambiguities[_ring(grid, right_m, reach_m) & ~np.isnan(ambiguities)]
     return float(beyond.min()) if beyond.size else np.nan
 
 
 def false_fix_bound(
-    found: Array, grid: Array, right_m: float, reach_m: float, sigma_m: float = np.inf
+    ambiguities: Array, grid: Array, right_m: float, reach_m: float, sigma_m: float = np.inf
 ) -> float:
     """Return the union bound Σ Q(√(A(d)/2)) of the share of false fixes, at most 1.
 
@@ -167,11 +167,11 @@ def false_fix_bound(
 
     Parameters
     ----------
-    found, grid, right_m, reach_m : as in :func:`least`.
+    ambiguities, grid, right_m, reach_m : as in :func:`least`.
     sigma_m : of the prior of the position, per axis; it is a reading of the position like others,
         and adds |d|²/2σ² to A. ∞ for none.
     """
-    total = found + np.sum(grid**2, axis=-1) / (2.0 * sigma_m**2)
+    total = ambiguities + np.sum(grid**2, axis=-1) / (2.0 * sigma_m**2)
     total = np.where(np.isnan(total), np.inf, total)
     basins = (total == minimum_filter(total, size=3, mode="constant", cval=np.inf)) & (
         _ring(grid, right_m, reach_m) & np.isfinite(total)

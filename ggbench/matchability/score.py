@@ -222,8 +222,8 @@ def cells_between(
     jutting = max(0.0, 0.5 * ((design.track_m or 0.0) - side))
     margin = (design.reach + jutting) / metres
     low, high = np.degrees(lower[:2] + margin), np.degrees(upper[:2] - margin)
-    here = Area(*bounds).about(0.5 * float(low[1] + high[1]))
-    for axis, (start, end) in enumerate((here[:2], here[2:])):
+    area = Area(*bounds).about(0.5 * float(low[1] + high[1]))
+    for axis, (start, end) in enumerate((area[:2], area[2:])):
         low[axis] = low[axis] if start is None else max(low[axis], start)
         high[axis] = high[axis] if end is None else min(high[axis], end)
     size = design.cell_deg
@@ -291,13 +291,13 @@ def _along_tracks(field: Field, cell: Cell, design: Design) -> dict[str, float]:
     grid = info.offsets(design.reach, design.reach / _STEPS)
     accuracies, least, false = [], [], []
     for _, track in tracks(cell, design):
-        known = info.information(design.instrument.jacobians(field, track))
-        accuracies.append(info.accuracy(known))
-        found = info.ambiguity(field, design.instrument, track, grid)
-        least.append(info.least(found, grid, design.right, design.reach))
+        information = info.information(design.instrument.jacobians(field, track))
+        accuracies.append(info.accuracy(information))
+        ambiguities = info.ambiguity(field, design.instrument, track, grid)
+        least.append(info.least(ambiguities, grid, design.right, design.reach))
         false.append(
-            info.false_fix_bound(found, grid, design.right, design.reach, design.sigma_m)
-            + info.spill(known, design.right, design.sigma_m)
+            info.false_fix_bound(ambiguities, grid, design.right, design.reach, design.sigma_m)
+            + info.spill(information, design.right, design.sigma_m)
         )
     best, doubted = int(np.argmin(accuracies)), int(np.argmin(least))
     return {

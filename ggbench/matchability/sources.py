@@ -50,8 +50,8 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
                 f"{name} is no map: give a file *.nc of 'ggbench map build', or one of "
                 f"{', '.join(sorted(SOURCES))}"
             )
-        found = read(Path(name))
-        return found, found.height0 if design.height_m is None else design.height_m
+        gradient_map = read(Path(name))
+        return gradient_map, gradient_map.height0 if design.height_m is None else design.height_m
     source = SOURCES[name].limits()
     lowest, highest = source.heights
     height = lowest if design.height_m is None else design.height_m
@@ -125,10 +125,10 @@ def _sides(
     north, east = north - spacing, east - spacing
     margin = math.degrees(around_m / SEMI_MAJOR_AXIS) * _STRETCH + spacing
     wide = margin / math.cos(math.radians(max(abs(south), abs(north))))
-    wanted = Area(*bounds).about(0.5 * (west + east)).widened(margin, wide)
+    area = Area(*bounds).about(0.5 * (west + east)).widened(margin, wide)
     return (
-        south if wanted.south is None else max(south, wanted.south),
-        north if wanted.north is None else min(north, wanted.north),
-        west if wanted.west is None else max(west, wanted.west),
-        east if wanted.east is None else min(east, wanted.east),
+        south if area.south is None else max(south, area.south),
+        north if area.north is None else min(north, area.north),
+        west if area.west is None else max(west, area.west),
+        east if area.east is None else min(east, area.east),
     )

@@ -94,8 +94,10 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
     Raises FlightError if the file cannot be read, is short, has too many gaps, or is not at rest.
     """
     columns = files.read(path, (), (*RATES, *DELTAS), names=names)
-    wanted = next((names for names in (RATES, DELTAS) if all(n in columns for n in names)), None)
-    if wanted is None:
+    quantities = next(
+        (names for names in (RATES, DELTAS) if all(n in columns for n in names)), None
+    )
+    if quantities is None:
         raise FlightError(
             f"{path}: needs all of the columns {', '.join(RATES)}, or {', '.join(DELTAS)}, or what "
             "the file calls them (--column, --preset)"
@@ -107,10 +109,10 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
         raise FlightError(
             f"{path}: has {len(times)} samples; at least {_FEWEST_SAMPLES} are needed"
         )
-    readings, period, remarks = _evenly(columns, times, columns.stacked(wanted))
-    if wanted is DELTAS:
+    readings, period, remarks = _evenly(columns, times, columns.stacked(quantities))
+    if quantities is DELTAS:
         readings = readings / period
-    _require_rest(path, readings[:, 3:], period, wanted is DELTAS)
+    _require_rest(path, readings[:, 3:], period, quantities is DELTAS)
     try:
         gyros, accelerometers = (_noise(readings[:, 3 * i : 3 * i + 3], period) for i in range(2))
     except FlightError as error:
@@ -145,13 +147,13 @@ def _evenly(
     """
     steps = np.diff(times)
     usual = float(np.median(steps))
-    lost = np.where(steps > _LONGEST_STEP * usual, np.rint(steps / usual) - 1.0, 0.0)
+    missing_at = np.where(steps > _LONGEST_STEP * usual, np.rint(steps / usual) - 1.0, 0.0)
     # Stamps that jitter are late and early in turns: nothing is lost of such a log.
     surplus = float((times[-1] - times[0]) / usual - len(steps))
-    if lost.any() and surplus < 0.5 * lost.sum() and lost.max() <= _MOST_LOST:
-        said = f"times jitter by up to {np.abs(steps - usual).max():.3g} s: taken at one interval"
-        return readings, float((times[-1] - times[0]) / len(steps)), (said,)
-    ends = np.flatnonzero(lost > _MOST_LOST) + 1
+    if missing_at.any() and surplus < 0.5 * missing_at.sum() and missing_at.max() <= _MOST_LOST:
+        remark = f"times jitter by up to {np.abs(steps - usual).max():.3g} s: taken at one interval"
+        return readings, float((times[-1] - times[0]) / len(steps)), (remark,)
+    ends = np.flatnonzero(missing_at > _MOST_LOST) + 1
     pieces = np.split(np.arange(len(times)), ends)
     rows = max(pieces, key=len)
     remarks = []
@@ -166,7 +168,7 @@ def _evenly(
             f"its longest piece without a gap has {len(rows)} samples; at least {_FEWEST_SAMPLES} "
             f"are needed, and an Allan deviation needs samples without gaps"
         )
-    missing = lost[rows[:-1]].astype(int)
+    missing = missing_at[rows[:-1]].astype(int)
     if missing.sum() > _MOST_LOST_SHARE * len(rows):
         row = int(rows[np.argmax(missing > 0)]) + 1
         raise columns.error(
@@ -249,10 +251,10 @@ def _noise(readings: np.ndarray, period: float) -> SensorNoise:
         )
         for w, b, t in starts
     ]
-    found = min(fits, key=lambda fit: float(fit.cost))
-    if 2.0 * (alone.cost - found.cost) < _GAIN:
+    best = min(fits, key=lambda fit: float(fit.cost))
+    if 2.0 * (alone.cost - best.cost) < _GAIN:
         return SensorNoise(float(np.exp(alone.x[0])), 0.0, math.inf, lowest / _FLICKER)
-    fitted_white, bias, time = np.exp(found.x).tolist()
+    fitted_white, bias, time = np.exp(best.x).tolist()
     return SensorNoise(fitted_white, bias, time, lowest / _FLICKER)
 
 

@@ -77,7 +77,7 @@ class Columns:
                     row,
                 )
 
-    def error(self, said: str, row: int | None = None) -> FlightError:
+    def error(self, sentence: str, row: int | None = None) -> FlightError:
         """Return an error of this file, of one of its rows."""
         where = ""
         if row is not None:
@@ -85,7 +85,7 @@ class Columns:
                 f"record {row + 1}" if self.first_line is None else f"line {self.first_line + row}"
             )
             where = f"{where}: "
-        return FlightError(f"{self.path}: {where}{said}")
+        return FlightError(f"{self.path}: {where}{sentence}")
 
 
 def read(
@@ -103,21 +103,23 @@ def read(
     Raises FlightError with a sentence that names the file and the place, what was found and what is
     allowed.
     """
-    wanted = ("time_s", *required)
+    needed_columns = ("time_s", *required)
     empty = frozenset(may_be_empty)
-    called = _called(path, names, (*wanted, *optional))
+    called = _called(path, names, (*needed_columns, *optional))
     try:
         if path.stat().st_size > _LARGEST:
             raise FlightError(f"{path}: is larger than {_LARGEST / 1e9:g} GB")
         if path.suffix == ".nc":
-            return _read_netcdf(path, wanted, optional, empty, called)
+            return _read_netcdf(path, needed_columns, optional, empty, called)
         content = path.read_bytes()
     except OSError as error:
         raise FlightError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
-        known = {*wanted, *plain_names(called)}.union(*map(plain_names, PRESETS.values()))
-        text = CsvText.of(content, ", ".join(wanted), known)
-        places = _places(path, text.names, wanted, optional, called, f"line {text.line}")
+        known_names = {*needed_columns, *plain_names(called)}.union(
+            *map(plain_names, PRESETS.values())
+        )
+        text = CsvText.of(content, ", ".join(needed_columns), known_names)
+        places = _places(path, text.names, needed_columns, optional, called, f"line {text.line}")
         if not text.rows:
             raise FlightError(f"{path}: has no rows below the names of its columns")
         values = text.numbers({key: place.at for key, place in places.items()}, empty)
@@ -152,7 +154,7 @@ def _scaled(values: Mapping[str, np.ndarray], places: Mapping[str, Place]) -> di
 
 def _places(
     path: Path,
-    found: Sequence[str],
+    header: Sequence[str],
     required: Sequence[str],
     optional: Sequence[str],
     called: Names,
@@ -160,28 +162,28 @@ def _places(
 ) -> dict[str, Place]:
     """Return where the columns are, and their units."""
     keys = list(dict.fromkeys((*required, *optional)))
-    twice = [name for name in keys if list(found).count(name) > 1]
+    twice = [name for name in keys if list(header).count(name) > 1]
     if twice:
         raise FlightError(f"{path}: {where} names {twice[0]} twice")
     try:
         places = {
             key: place
             for key in keys
-            if (place := find(key, found, called, where, needed=key in required))
+            if (place := find(key, header, called, where, needed=key in required))
         }
     except GGBenchError as error:
         raise FlightError(f"{path}: {error}") from None
     missing = [name for name in required if name not in places]
     if missing:
-        shown = ", ".join(name[:30] for name in found[:16])
-        preset = preset_of(found)
+        header_text = ", ".join(name[:30] for name in header[:16])
+        preset = preset_of(header)
         hint = (
             f'; these are names of {preset}: say columns = "{preset}", or --preset {preset}'
             if preset
             else ("; say what the file calls them and in which unit (columns)")
         )
         raise FlightError(
-            f"{path}: {where} names no column {missing[0]} (found: {shown}); wanted are "
+            f"{path}: {where} names no column {missing[0]} (found: {header_text}); wanted are "
             f"{', '.join(required)}{hint}"
         )
     return places
@@ -202,8 +204,8 @@ def _read_netcdf(
         raise FlightError(f"{path}: is no netCDF file ({text_of(error)})") from None
     with file:
         variables = list(file.variables)
-        known = _places(path, variables, required, optional, called, "it")
-        size = 8 * sum(int(file.variables[variables[place.at]].size) for place in known.values())
+        places = _places(path, variables, required, optional, called, "it")
+        size = 8 * sum(int(file.variables[variables[place.at]].size) for place in places.values())
         if size > MOST_ARRAYS:
             raise FlightError(
                 f"{path}: holds {size / 1e6:.0f} MB of columns; at most {MOST_ARRAYS / 1e6:g} are "
@@ -211,7 +213,7 @@ def _read_netcdf(
             )
         values = {
             key: _variable(path, file.variables[variables[place.at]], key, place, empty)
-            for key, place in known.items()
+            for key, place in places.items()
         }
     lengths = {len(array) for array in values.values()}
     if len(lengths) > 1:

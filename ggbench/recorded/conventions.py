@@ -60,15 +60,15 @@ def gradient_convention(flight: RecordedFlight) -> Convention | None:
     disturbing = mapped - normal
     signal = _rms(disturbing - disturbing.mean(axis=0))
     before = _rms(read - mapped)
-    found: list[tuple[float, Turn, float]] = []
+    candidates: list[tuple[float, Turn, float]] = []
     for factor in (1.0, _SI):
         for turn in CONVENTIONS:
             expected = _turned(mapped, names, turn)
             if expected is not None:
                 apart = factor * read - expected
-                found.append((_rms(apart - apart.mean(axis=0)), turn, factor))
-    after, turn, factor = min(found, key=lambda each: each[0])
-    own = next(rms for rms, t, f in found if t is CONVENTIONS[0] and f == 1.0)
+                candidates.append((_rms(apart - apart.mean(axis=0)), turn, factor))
+    after, turn, factor = min(candidates, key=lambda each: each[0])
+    own = next(rms for rms, t, f in candidates if t is CONVENTIONS[0] and f == 1.0)
     if own <= after / _BETTER:  # as good as any: the axes are ours
         after, turn, factor = own, CONVENTIONS[0], 1.0
     expected, normal_turned = _turned(mapped, names, turn), _turned(normal, names, turn)
@@ -78,7 +78,7 @@ def gradient_convention(flight: RecordedFlight) -> Convention | None:
         "the normal field": factor * read - (expected - normal_turned),
     }
     lacks = next(
-        (said for said, apart in means.items() if _rms(apart) < _SAME_MEAN * max(after, 1e-12)),
+        (words for words, apart in means.items() if _rms(apart) < _SAME_MEAN * max(after, 1e-12)),
         "its mean",
     )
     if after > _FITS * signal or after > _BETTER * before:
@@ -86,21 +86,21 @@ def gradient_convention(flight: RecordedFlight) -> Convention | None:
     return Convention(turn, factor, lacks, after, before)
 
 
-def in_words(found: Convention, instrument: str) -> str:
+def in_words(convention: Convention, instrument: str) -> str:
     """Return what a convention says, for a sentence."""
     parts = []
-    if found.turn is not CONVENTIONS[0] and instrument in _DIRECTIONS:
-        parts.append(f"in axes {axes_in_words(found.turn, _DIRECTIONS[instrument])}")
-    elif found.turn is not CONVENTIONS[0]:
-        reverse = [axis for axis, (_, sign) in found.turn.items() if sign < 0]
-        changes = ["x and y exchanged"] if found.turn["x"][0] == "y" else []
+    if convention.turn is not CONVENTIONS[0] and instrument in _DIRECTIONS:
+        parts.append(f"in axes {axes_in_words(convention.turn, _DIRECTIONS[instrument])}")
+    elif convention.turn is not CONVENTIONS[0]:
+        reverse = [axis for axis, (_, sign) in convention.turn.items() if sign < 0]
+        changes = ["x and y exchanged"] if convention.turn["x"][0] == "y" else []
         parts.append(f"with {' and '.join([*changes, *(f'{a} reversed' for a in reverse)])}")
-    if found.factor != 1.0:
+    if convention.factor != 1.0:
         parts.append("in s⁻², 1e9 times too small")
-    if found.lacks == "the normal field":
+    if convention.lacks == "the normal field":
         parts.append('of the disturbing field (readings = "disturbing")')
-    elif found.lacks:
-        parts.append(f"without {found.lacks}")
+    elif convention.lacks:
+        parts.append(f"without {convention.lacks}")
     return " and ".join(parts)
 
 

@@ -157,13 +157,13 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
     filters = estimate.causality == "filter" and cov is not None
     if filters:
         assert cov is not None
-        found, spreads = innovations(problem, mean, cov)
-        predicted = z - found
+        differences, spreads = innovations(problem, mean, cov)
+        predicted = z - differences
     else:
         predicted = predict_along(problem.model, np.arange(problem.epochs), mean)
-        found = z - predicted
+        differences = z - predicted
         spreads = np.stack([problem.noise_of(k) for k in range(problem.epochs)])
-    whitened = _whitened(found, spreads)
+    whitened = _whitened(differences, spreads)
     nis = np.full(problem.epochs, np.nan)
     if filters:
         any_there = there.any(axis=1)
@@ -177,7 +177,7 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
 
 
 def residual_columns(
-    problem: Problem, found: Residuals, start: float = 0.0
+    problem: Problem, differences: Residuals, start: float = 0.0
 ) -> dict[str, np.ndarray]:
     """Return residuals as columns (K,): of each channel the reading, its prediction, the residual.
 
@@ -191,11 +191,11 @@ def residual_columns(
         unit = {"m/s": "mps", "E": "eotvos", "mGal": "mgal"}.get(channel.unit, channel.unit)
         columns |= {
             f"{name}_{unit}": np.where(there, problem.measurements[:, j], np.nan),
-            f"{name}_predicted_{unit}": found.predicted[:, j],
-            f"{name}_whitened": found.whitened[:, j],
+            f"{name}_predicted_{unit}": differences.predicted[:, j],
+            f"{name}_whitened": differences.whitened[:, j],
             f"{name}_present": there.astype(int),
         }
-    return columns | {"nis": found.nis}
+    return columns | {"nis": differences.nis}
 
 
 @dataclass(frozen=True)

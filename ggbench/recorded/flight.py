@@ -107,9 +107,9 @@ class RecordedFlight:
             for role, table in tables.items()
             if getattr(table, "file", None)
         ]
-        found = [(role, path.name, sha256_of(path, FlightError)) for role, path in named]
-        found += map_files(_told(spec, folder))
-        return [{"role": role, "name": name, "sha256": key} for role, name, key in found]
+        files = [(role, path.name, sha256_of(path, FlightError)) for role, path in named]
+        files += map_files(_told(spec, folder))
+        return [{"role": role, "name": name, "sha256": key} for role, name, key in files]
 
 
 def read_flight(path: Path | str) -> RecordedFlight:
@@ -148,7 +148,15 @@ def read_flight(path: Path | str) -> RecordedFlight:
         same = sensors_of(spec).get(_sensor_of_reference(spec, folder))
         noise = max(same.position_noise_m or 0.0, same.height_noise_m or 0.0) if same else 0.0
         reference = _reference(spec.reference, folder, problem, ins.base, noise)
-    return RecordedFlight(path, spec, problem, reference, ins.base.start, ins.base.times, indicated)
+    return RecordedFlight(
+        path=path,
+        spec=spec,
+        problem=problem,
+        reference=reference,
+        start=ins.base.start,
+        sample_times=ins.base.times,
+        indicated=indicated,
+    )
 
 
 def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:
@@ -178,10 +186,10 @@ def _suite(spec: FlightSpec, path: Path) -> SensorSuite:
 
 def _told(spec: FlightSpec, folder: Path) -> RecordedField:
     """Return the map that the estimators assume; a file's path is relative to the flight's."""
-    told = spec.field
-    if is_file(told.source):
-        told = told.model_copy(update={"source": str(folder / told.source)})
-    return told
+    field = spec.field
+    if is_file(field.source):
+        field = field.model_copy(update={"source": str(folder / field.source)})
+    return field
 
 
 def _problem(
@@ -193,8 +201,8 @@ def _problem(
     path: Path,
 ) -> tuple[Problem, Motion]:
     """Return what estimators are given, and what the INS indicates at all of its samples."""
-    epochs = functools.reduce(np.union1d, [found.samples for found in series.values()])
-    at = {name: np.searchsorted(epochs, found.samples) for name, found in series.items()}
+    epochs = functools.reduce(np.union1d, [of_sensor.samples for of_sensor in series.values()])
+    at = {name: np.searchsorted(epochs, of_sensor.samples) for name, of_sensor in series.items()}
     read_at = [at[sensor.name] for sensor in model.aiding]
     gradient_at = at.get("gradiometer", np.zeros(0, dtype=np.int64))
     times = ins.base.times[epochs]
@@ -249,8 +257,8 @@ def _require_receivers_near(
     prior, first = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum())), 0
     for sensor in model.aiding:
         if isinstance(sensor, Gnss) and sensor.position:
-            found, away = series[sensor.name], read[at[sensor.name], first : first + 3]
-            require_near(found.columns, found.rows, away, prior, "the receiver")
+            of_sensor, away = series[sensor.name], read[at[sensor.name], first : first + 3]
+            require_near(of_sensor.columns, of_sensor.rows, away, prior, "the receiver")
         first += len(sensor.channels)
 
 
@@ -347,5 +355,5 @@ def _between(
 ) -> np.ndarray:
     """Return values (K, 3), linear between rows; NaN where there is nothing."""
     after = np.minimum(row + 1, len(values) - 1)
-    found = values[row] + share[:, np.newaxis] * (values[after] - values[row])
-    return np.where(there[:, np.newaxis], found, np.nan)
+    interpolated = values[row] + share[:, np.newaxis] * (values[after] - values[row])
+    return np.where(there[:, np.newaxis], interpolated, np.nan)

@@ -262,8 +262,8 @@ def force_hint(force: float, period: float, increments: bool) -> str:
             f"were {kind}: call them {other} and so on",
         )
     )
-    found = [said for scale, said in causes if 0.8 < force / scale < 1.25]
-    return f"; {', or '.join(found)}" if found else ""
+    hints = [hint for scale, hint in causes if 0.8 < force / scale < 1.25]
+    return f"; {', or '.join(hints)}" if hints else ""
 
 
 def _require_felt(

@@ -45,11 +45,11 @@ def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
     """
     names = velocity_columns(frame)
     columns.require_within(dict.fromkeys(names, (-FASTEST_MPS, FASTEST_MPS)))
-    found = columns.stacked(names)
+    velocities = columns.stacked(names)
     if frame == "NED":
-        found = found[:, [1, 0, 2]]
-        found[:, 2] = 0.0 - found[:, 2]
-    return found
+        velocities = velocities[:, [1, 0, 2]]
+        velocities[:, 2] = 0.0 - velocities[:, 2]
+    return velocities
 
 
 def positions_of(columns: Columns) -> np.ndarray:
@@ -58,11 +58,11 @@ def positions_of(columns: Columns) -> np.ndarray:
     Raises FlightError if they are beyond what positions can be.
     """
     columns.require_within({name: _LIMITS[name] for name in POSITION})
-    found = columns.stacked(POSITION)
-    found[:, :2] = np.radians(found[:, :2])
-    there = np.isfinite(found[:, 1])
-    found[there, 1] = np.unwrap(found[there, 1])
-    return found
+    positions = columns.stacked(POSITION)
+    positions[:, :2] = np.radians(positions[:, :2])
+    there = np.isfinite(positions[:, 1])
+    positions[there, 1] = np.unwrap(positions[there, 1])
+    return positions
 
 
 def attitudes_in(columns: Columns) -> np.ndarray:
@@ -124,9 +124,9 @@ def require_consistent(
             other = "down" if frame == "ENU" else "up"
             hint = f"; it fits if the vertical velocity counts {other}wards"
         elif what == "horizontally":
-            for said, alternative, of in _alternatives(positions[there], starts, moved, led):
+            for hypothesis, alternative, of in _alternatives(positions[there], starts, moved, led):
                 if _rms(alternative - of) <= 0.15 * _rms(of) + slack:
-                    hint = f"; it fits if {said}"
+                    hint = f"; it fits if {hypothesis}"
                     break
         seconds = float(np.sqrt(np.mean(long**2)))
         raise columns.error(
@@ -148,12 +148,12 @@ def _alternatives(
     moved, led = moved[:, :2], led[:, :2]
     yield "the east and north velocities change places (NED taken for ENU)", moved, led[:, ::-1]
     yield "both horizontal velocities change their sign", moved, -led
-    for said, others in (
+    for hypothesis, others in (
         ("latitude and longitude are radians", np.degrees(positions)),
         ("latitude and longitude change places", positions[:, [1, 0, 2]]),
     ):
         if np.abs(others[:, 0]).max() < 0.5 * math.pi:
-            yield said, np.add.reduceat(_displacements(others), starts)[:, :2], led
+            yield hypothesis, np.add.reduceat(_displacements(others), starts)[:, :2], led
     yield "the velocities are in km/h", moved, led / 3.6
     yield "the velocities are in knots", moved, led * 0.5144
 

@@ -47,19 +47,19 @@ def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str =
 
 def _write(flight: Flight, seed: int, run: int, folder: Path, title: str) -> None:
     """Write the files of a recorded flight one after the other."""
-    found = recorded(flight, seed, run)
-    tables = _tables(flight, found.initial, title)
+    flown = recorded(flight, seed, run)
+    tables = _tables(flight, flown.initial, title)
     # The file comes first: the columns of the records follow from it.
     path = folder / FLIGHT
     files.write_text(path, "".join(toml(tables)))
     spec = load(path)
     times, dt = flight.trajectory.times, flight.trajectory.dt
-    increments = {"time_s": times[1:]} | dict(zip(DELTAS, found.increments.T, strict=True))
+    increments = {"time_s": times[1:]} | dict(zip(DELTAS, flown.increments.T, strict=True))
     files.write(folder / "imu.csv", increments, f"increments of the {dt:g} s that end at each time")
-    if len(found.heights):
+    if len(flown.heights):
         middles = 0.5 * (times[1:] + times[:-1])
-        files.write(folder / "altimeter.csv", {"time_s": middles, "height_m": found.heights})
-    _write_readings(flight, spec, found.read, found.indicated.positions[0], folder)
+        files.write(folder / "altimeter.csv", {"time_s": middles, "height_m": flown.heights})
+    _write_readings(flight, spec, flown.read, flown.indicated.positions[0], folder)
     reference = track_columns(flight.times, flight.motion_at_epochs)
     files.write(folder / "reference.csv", reference)
 
@@ -122,11 +122,11 @@ def _content(table: BaseModel) -> dict[str, Any]:
 def _write_readings(
     flight: Flight, spec: FlightSpec, read: Any, indicated: np.ndarray, folder: Path
 ) -> None:
-    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    by_sensor: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     model = flight.model
     if model.gradiometer is not None:
         values = np.where(read.missing[0][:, np.newaxis], np.nan, read.gradients[0])
-        found["gradiometer"] = flight.gradient_epochs, values
+        by_sensor["gradiometer"] = flight.gradient_epochs, values
     first = 0
     for sensor, at in zip(model.aiding, flight.aiding_epochs, strict=True):
         last = first + len(sensor.channels)
@@ -135,9 +135,9 @@ def _write_readings(
             places = corrected_positions(indicated[at], -values[:, :3])
             places[:, :2] = np.degrees(places[:, :2])
             values[:, :3] = places
-        found[sensor.name] = at, values
+        by_sensor[sensor.name] = at, values
         first = last
-    for name, (at, values) in found.items():
+    for name, (at, values) in by_sensor.items():
         channels = dict(zip(column_names(spec, model, name), values.T, strict=True))
         files.write(folder / f"{name}.csv", {"time_s": flight.times[at]} | channels)
 

@@ -52,24 +52,24 @@ class ClockFit(NamedTuple):
     unit: str
 
 
-def nis_ratio(problem: Problem, found: Residuals) -> float:
+def nis_ratio(problem: Problem, differences: Residuals) -> float:
     """Return the mean NIS of a filter over that of a consistent one; NaN of other estimators."""
     counts = problem.present.sum(axis=1)
-    if not found.innovations or not counts.any():
+    if not differences.innovations or not counts.any():
         return np.nan
-    return float(np.nanmean(found.nis) / counts[counts > 0].mean())
+    return float(np.nanmean(differences.nis) / counts[counts > 0].mean())
 
 
-def median_nis_ratio(problem: Problem, found: Residuals) -> float:
+def median_nis_ratio(problem: Problem, differences: Residuals) -> float:
     """Return the median NIS of a filter over that of a consistent one; NaN of other estimators.
 
     Few outliers hardly change it.
     """
     counts = problem.present.sum(axis=1)
-    some = np.isfinite(found.nis) & (counts > 0)
-    if not found.innovations or not some.any():
+    some = np.isfinite(differences.nis) & (counts > 0)
+    if not differences.innovations or not some.any():
         return np.nan
-    return float(np.median(found.nis[some] / chi2.median(counts[some])))
+    return float(np.median(differences.nis[some] / chi2.median(counts[some])))
 
 
 def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
@@ -77,11 +77,11 @@ def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator
 
     ``residuals`` are what the measurements say to each estimator, by its label.
     """
-    for label, found in residuals.items():
-        if nis_ratio(flight.problem, found) > MOST_NIS and _is_robust(label):
-            median = median_nis_ratio(flight.problem, found)
+    for label, differences in residuals.items():
+        if nis_ratio(flight.problem, differences) > MOST_NIS and _is_robust(label):
+            median = median_nis_ratio(flight.problem, differences)
             if median < _MOST_MEDIAN:
-                count, every = _beyond(flight.problem, found)
+                count, every = _beyond(flight.problem, differences)
                 yield (
                     f"{label}: {count} of {every} measurements rejected or weighed down; the "
                     f"median NIS is {median:.2g} times the expected one"
@@ -95,10 +95,10 @@ def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Itera
     """
     problem = flight.problem
     beyond = {
-        label: found
-        for label, found in residuals.items()
-        if nis_ratio(problem, found) > MOST_NIS
-        and not (_is_robust(label) and median_nis_ratio(problem, found) < _MOST_MEDIAN)
+        label: differences
+        for label, differences in residuals.items()
+        if nis_ratio(problem, differences) > MOST_NIS
+        and not (_is_robust(label) and median_nis_ratio(problem, differences) < _MOST_MEDIAN)
     }
     if not beyond:
         return
@@ -106,11 +106,11 @@ def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Itera
     # A turn that the clock puts elsewhere has steps that look like outliers.
     isolated = 0 if explanations else isolated_outliers(problem)
     outliers = 0 < isolated <= _MOST_OUTLIERS * problem.epochs
-    for label, found in beyond.items():
-        ratio, median = nis_ratio(problem, found), median_nis_ratio(problem, found)
+    for label, differences in beyond.items():
+        ratio, median = nis_ratio(problem, differences), median_nis_ratio(problem, differences)
         few = median < _MOST_MEDIAN
         if few or outliers:
-            count = _beyond(problem, found)[0] if few else isolated
+            count = _beyond(problem, differences)[0] if few else isolated
             yield (
                 f"{label}: {count} of {problem.epochs} measurements are outliers (mean NIS "
                 f"{ratio:.3g} times the expected one, median {median:.3g}); try a filter that "
@@ -149,12 +149,12 @@ def _is_robust(label: str) -> bool:
     return any(word in label for word in _ROBUST)
 
 
-def _beyond(problem: Problem, found: Residuals) -> tuple[int, int]:
+def _beyond(problem: Problem, differences: Residuals) -> tuple[int, int]:
     """Return how many measurements have a NIS beyond belief, and how many there are."""
     counts = problem.present.sum(axis=1)
-    some = np.isfinite(found.nis) & (counts > 0)
+    some = np.isfinite(differences.nis) & (counts > 0)
     limits = chi2.isf(_RARE, counts[some])
-    return int((found.nis[some] > limits).sum()), int(some.sum())
+    return int((differences.nis[some] > limits).sum()), int(some.sum())
 
 
 def isolated_outliers(problem: Problem) -> int:
@@ -214,11 +214,11 @@ def _residual(
     track, times = problem.track, problem.times[epochs]
     indicated = track.velocities if velocities else track.positions
     later = [np.interp(times + offset, problem.times, column) for column in indicated.T]
-    found = np.stack(later, axis=-1)
+    positions = np.stack(later, axis=-1)
     if velocities:
-        apart, degree = read - found, 1
+        apart, degree = read - positions, 1
     else:
-        apart, degree = read + position_error(track.positions[epochs], found), 2
+        apart, degree = read + position_error(track.positions[epochs], positions), 2
     blocks = np.array_split(np.arange(len(times)), int((times[-1] - times[0]) // _BLOCK) + 1)
     squares = 0.0
     for block in blocks:

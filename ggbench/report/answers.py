@@ -33,11 +33,11 @@ def named_among(
     recovered: Sequence[tuple[str, float]], own: Sequence[str]
 ) -> list[tuple[str, float]]:
     """Return the estimators that an answer names: the first ones and one's own, in order."""
-    kept = [label for label, _ in recovered if label in own][:MOST_OWN]
+    named = [label for label, _ in recovered if label in own][:MOST_OWN]
     for label, _ in recovered:
-        if len(kept) < MOST_RECOVERED and label not in kept:
-            kept.append(label)
-    return [(label, widest) for label, widest in recovered if label in kept]
+        if len(named) < MOST_RECOVERED and label not in named:
+            named.append(label)
+    return [(label, widest) for label, widest in recovered if label in named]
 
 
 def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -50,10 +50,10 @@ def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[st
     rows = []
     for label, flown in own.groupby("estimator", sort=False):
         failed = (flown["status"] != "ok").groupby(flown["case"], sort=False).all()
-        lost = failed.index[failed].tolist()
-        if lost:
-            reason = flown.loc[flown["case"] == lost[0], "reason"].iloc[0]
-            named = [] if failed.all() else [titles[case] for case in lost]
+        cases = failed.index[failed].tolist()
+        if cases:
+            reason = flown.loc[flown["case"] == cases[0], "reason"].iloc[0]
+            named = [] if failed.all() else [titles[case] for case in cases]
             rows.append({"label": label, "cases": named, "reason": brief(reason)})
     return rows
 
@@ -70,7 +70,7 @@ def answer(results: Reported) -> dict[str, Any]:
     recommended = cases["recommended"][cases["recommended"] != ""]
     named = cases["best"][cases["best"] != ""]
     sweep, of_the_prior = results.scenario.sweep, sweeps.is_of_the_prior(results.scenario)
-    found: dict[str, Any] = {
+    values: dict[str, Any] = {
         "total": len(cases),
         "recommended": len(recommended),
         "label": "",
@@ -92,7 +92,7 @@ def answer(results: Reported) -> dict[str, Any]:
         ),
     }
     if named.empty:
-        return found
+        return values
     settled = metrics[metrics["window"] == "settled"]
     if len(recommended):
         label = standing(metrics, cases)["estimator"].iloc[0]
@@ -106,7 +106,7 @@ def answer(results: Reported) -> dict[str, Any]:
     settled = settled[settled["case"] == lead["case"]].set_index("estimator", drop=False)
     others = [one for one in results.own if one != label and one in settled.index]
     own = settled.loc[others].dropna(subset="rms_m")
-    return found | {
+    return values | {
         "label": label,
         "count": int(leads.sum()),
         "lead": lead.to_dict(),

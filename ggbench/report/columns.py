@@ -45,15 +45,15 @@ def _registered() -> dict[str, Column]:
 
     ``interval`` is the stem of the keys of an interval's ends, ``<stem>_lo`` and ``<stem>_hi``.
     """
-    found: dict[str, Column] = {}
+    columns: dict[str, Column] = {}
     with (TEMPLATES / "columns.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             key, stem = row.pop("key"), row.pop("interval")
-            found[key] = Column(**row)
+            columns[key] = Column(**row)
             for end, name in (("lo", "lower"), ("hi", "upper")) if stem else ():
                 heading = f"{row['heading']}, {name} end"
-                found[f"{stem}_{end}"] = Column(heading, row["unit"], row["form"])
-    return found
+                columns[f"{stem}_{end}"] = Column(heading, row["unit"], row["form"])
+    return columns
 
 
 COLUMNS = _registered()

@@ -34,19 +34,19 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Map", _each(cases, map_conditions)),
         ("Not as assumed", _each(cases, _differences)),
     ]
-    said = [row for row in rows if row[1] not in ("", "nothing")]
-    return pd.DataFrame(said, columns=["condition", "value"])
+    relevant = [row for row in rows if row[1] not in ("", "nothing")]
+    return pd.DataFrame(relevant, columns=["condition", "value"])
 
 
-def _each(cases: Sequence[CaseSpec], said: Callable[[CaseSpec], Sequence[str]]) -> str:
+def _each(cases: Sequence[CaseSpec], text_of: Callable[[CaseSpec], Sequence[str]]) -> str:
     """Return what is said of all cases, part by part: the few texts, or the first and the last."""
-    texts = [said(case) for case in cases]
+    texts = [text_of(case) for case in cases]
     parts = []
     for column in itertools.zip_longest(*filter(None, texts), fillvalue=""):
-        found = list(dict.fromkeys(filter(None, column)))
-        if found:
-            few = len(found) <= _MOST_VALUES
-            parts.append(" or ".join(found) if few else f"{found[0]} … {found[-1]}")
+        distinct = list(dict.fromkeys(filter(None, column)))
+        if distinct:
+            few = len(distinct) <= _MOST_VALUES
+            parts.append(" or ".join(distinct) if few else f"{distinct[0]} … {distinct[-1]}")
     without = "" if all(texts) else "none or "
     return without + ", ".join(parts) if parts else "none"
 
@@ -73,8 +73,8 @@ def _initial(cases: Sequence[CaseSpec]) -> str:
 
 def _span(values: Iterable[float]) -> str:
     """Return a value, or the least and the largest."""
-    found = sorted(values)
-    return span(f"{found[0]:g}", f"{found[-1]:g}", "–")
+    ordered = sorted(values)
+    return span(f"{ordered[0]:g}", f"{ordered[-1]:g}", "–")
 
 
 def _flight(shared: pd.DataFrame) -> str:
@@ -107,12 +107,12 @@ def gradiometer_conditions(case: CaseSpec) -> list[str]:
 
 def other_conditions(cases: Sequence[CaseSpec]) -> str:
     """Return the sensors of all cases, then those of some."""
-    held = [
+    names_of_cases = [
         [f"{spec.in_words} every {spec.period_s:g} s" for spec in case.sensor.values()]
         for case in cases
     ]
-    every = [name for name in held[0] if all(name in names for names in held)]
-    some = [name for name in dict.fromkeys(itertools.chain(*held)) if name not in every]
+    every = [name for name in names_of_cases[0] if all(name in names for names in names_of_cases)]
+    some = [name for name in dict.fromkeys(itertools.chain(*names_of_cases)) if name not in every]
     return ", ".join([*every, *(f"in some cases {name}" for name in some[:_MOST_VALUES])])
 
 
@@ -123,10 +123,10 @@ def map_conditions(case: CaseSpec) -> list[str]:
         return ["normal field"]
     same = (assumed.source, assumed.error) == (true.source, true.error)
     felt = "disturbance felt" if true.gravity_disturbance else ""
-    said = "exact" if same else "with errors"
+    quality = "exact" if same else "with errors"
     if case.measured_sensors():
-        said = "with its real errors"
-    return [code(assumed.source), said, felt]
+        quality = "with its real errors"
+    return [code(assumed.source), quality, felt]
 
 
 def _differences(case: CaseSpec) -> list[str]:

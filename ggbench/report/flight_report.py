@@ -105,14 +105,14 @@ def _write(
 ) -> None:
     """Write the files of a report one after the other."""
     problem, start = flight.problem, flight.start
-    told = {label: residuals(problem, estimate) for label, estimate in estimates.items()}
-    tracks = {label: corrected(problem, found, start) for label, found in estimates.items()}
+    residuals_of = {label: residuals(problem, estimate) for label, estimate in estimates.items()}
+    tracks = {label: corrected(problem, estimated, start) for label, estimated in estimates.items()}
     judged = {
-        label: against(problem, found, flight.reference, flight.spec.windows)
-        for label, found in estimates.items()
+        label: against(problem, estimated, flight.reference, flight.spec.windows)
+        for label, estimated in estimates.items()
         if flight.reference is not None
     }
-    for label, found in told.items():
+    for label, differences in residuals_of.items():
         folder = output / folder_of(label)
         files.write(folder / "corrected.csv", tracks[label])
         every = corrected_samples(
@@ -121,16 +121,16 @@ def _write(
         files.write(folder / "full_rate.csv", every)
         files.write_text(folder / "corrected.gpx", gpx_text(tracks[label], label))
         files.write_text(folder / "corrected.kml", kml_text(tracks[label], label))
-        files.write(folder / "residuals.csv", residual_columns(problem, found, start))
+        files.write(folder / "residuals.csv", residual_columns(problem, differences, start))
     title = plain(flight.spec.title or flight.path.stem)
     text = "\n\n".join(
         [
             f"# {title}",
             *([flight.spec.description.strip()] if flight.spec.description.strip() else []),
             _what_there_is(flight),
-            _estimators(problem, estimates, told),
+            _estimators(problem, estimates, residuals_of),
             *_errors(flight, judged),
-            _figures(flight, estimates, families, told, judged, output),
+            _figures(flight, estimates, families, residuals_of, judged, output),
             "`corrected` is the track at the epochs, as CSV, GPX and KML; heights of GPX and KML "
             "are above sea level. `full_rate.csv` is the track at the samples of the INS, with "
             "estimated errors that are linear between epochs. Times in the files are on the clock "
@@ -152,8 +152,8 @@ def _page(text: str, title: str, output: Path) -> str:
     # The parser refuses images of the scheme data: they are filled in afterwards.
     body = parser.enable("table").render(text)
 
-    def embedded(found: re.Match[str]) -> str:
-        image = base64.b64encode((output / found[1]).read_bytes()).decode()
+    def embedded(match: re.Match[str]) -> str:
+        image = base64.b64encode((output / match[1]).read_bytes()).decode()
         return f'src="data:image/png;base64,{image}"'
 
     body = re.sub(r'src="(figures/[\w.-]+\.png)"', embedded, body)
@@ -169,8 +169,8 @@ def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[s
         if estimate.cov is not None:
             last = float(np.sqrt(np.diag(estimate.cov[-1])[:3].sum()))
             parts.append(f"position at the end to {short(last)} m (1σ)")
-        found = residuals(flight.problem, estimate)
-        rms = float(np.sqrt(np.nanmean(found.whitened**2)))
+        differences = residuals(flight.problem, estimate)
+        rms = float(np.sqrt(np.nanmean(differences.whitened**2)))
         parts.append(f"RMS of whitened residuals {short(rms)}")
         if flight.reference is not None:
             judged = against(flight.problem, estimate, flight.reference, flight.spec.windows)
@@ -212,27 +212,27 @@ def _what_there_is(flight: RecordedFlight) -> str:
 
 def _sensors(problem: Problem) -> dict[str, list[int]]:
     """Return the numbers of the channels of each sensor."""
-    found: dict[str, list[int]] = {}
+    channels: dict[str, list[int]] = {}
     for j, channel in enumerate(problem.channels):
-        found.setdefault(channel.sensor, []).append(j)
-    return found
+        channels.setdefault(channel.sensor, []).append(j)
+    return channels
 
 
 def _estimators(
-    problem: Problem, estimates: Mapping[str, Estimate], told: Mapping[str, Residuals]
+    problem: Problem, estimates: Mapping[str, Estimate], residuals_of: Mapping[str, Residuals]
 ) -> str:
     """Return a table of what each estimator claims, and what the readings say to it."""
     rows = []
     for label, estimate in estimates.items():
-        found = told[label]
+        own = residuals_of[label]
         sigma = ["", ""]
         if estimate.cov is not None:
             last = np.diag(estimate.cov[-1])
             sigma = [short(float(np.sqrt(last[part].sum()))) for part in _PARTS]
         counts = problem.present.sum(axis=1)
         nis = ""
-        if found.innovations:
-            mean, expected = np.nanmean(found.nis), counts[counts > 0].mean()
+        if own.innovations:
+            mean, expected = np.nanmean(own.nis), counts[counts > 0].mean()
             nis = f"{short(float(mean))} of {short(float(expected))}"
         outside = int(np.count_nonzero(epochs_outside(problem, estimate.mean)))
         rows.append(
@@ -241,7 +241,7 @@ def _estimators(
                 estimate.causality,
                 *sigma,
                 nis,
-                short(float(np.sqrt(np.nanmean(found.whitened**2)))),
+                short(float(np.sqrt(np.nanmean(own.whitened**2)))),
                 str(outside) if estimate.causality != "none" else "",
             ]
         )
@@ -272,10 +272,10 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
         return []
     some = next(iter(judged.values()))
     names, rows = list(some.windows), []
-    for label, found in judged.items():
+    for label, judgement in judged.items():
         cells = []
         for name in names:
-            metrics = found.windows[name]
+            metrics = judgement.windows[name]
             velocity = metrics["velocity_mrse_mps"]
             cells += [
                 f"{short(metrics['position_mrse_m'])} ({short(metrics['horizontal_mrse_m'])})",
@@ -304,43 +304,47 @@ def _figures(
     flight: RecordedFlight,
     estimates: Mapping[str, Estimate],
     families: Mapping[str, str],
-    told: Mapping[str, Residuals],
+    residuals_of: Mapping[str, Residuals],
     judged: Mapping[str, AgainstReference],
     output: Path,
 ) -> str:
     """Draw the figures; return the section that shows them."""
     problem = flight.problem
-    shown: list[str] = ["## Figures"]
+    lines: list[str] = ["## Figures"]
 
     def show(name: str, figure: Drawing, caption: str) -> None:
         save(figure, output / "figures" / name)
-        shown.append(f"![{caption}](figures/{name})\n\n*{caption}*")
+        lines.append(f"![{caption}](figures/{name})\n\n*{caption}*")
 
     caption = "Tracks from above, relative to where the INS begins, and their heights."
     show("track.png", _tracks(flight, estimates, families), caption)
     claimed = {
-        label: np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2)[:, :6])
-        for label, found in estimates.items()
-        if found.cov is not None
+        label: np.sqrt(np.diagonal(estimated.cov, axis1=1, axis2=2)[:, :6])
+        for label, estimated in estimates.items()
+        if estimated.cov is not None
     }
     if claimed:
         figure = flights.deviations(problem.times, claimed, families)
         show("deviations.png", figure, "Spherical standard deviations that the estimates claim.")
-    aided = [label for label, found in estimates.items() if found.causality != "none"]
-    label = next((name for name in aided if told[name].innovations), next(iter(estimates)))
-    figure = flights.whitened(problem.times, _by_sensor(problem, told[label]), label)
-    kind = "Whitened innovations" if told[label].innovations else "Residuals in units of the noise"
+    aided = [label for label, estimated in estimates.items() if estimated.causality != "none"]
+    label = next((name for name in aided if residuals_of[name].innovations), next(iter(estimates)))
+    figure = flights.whitened(problem.times, _by_sensor(problem, residuals_of[label]), label)
+    kind = (
+        "Whitened innovations"
+        if residuals_of[label].innovations
+        else "Residuals in units of the noise"
+    )
     show("residuals.png", figure, f"{kind} of {code(label)}; the band is ±2σ.")
     if judged:
         label = aided[0] if aided else next(iter(judged))
-        found = judged[label]
+        judgement = judged[label]
         pure = None
         if flight.reference is not None:
-            covered = np.isin(problem.times, found.times)
+            covered = np.isin(problem.times, judgement.times)
             pure = flight.reference.error_state[covered, :6]
         figure = errors.component_errors(
-            times=found.times,
-            aided=np.hstack([found.components, found.sigmas]),
+            times=judgement.times,
+            aided=np.hstack([judgement.components, judgement.sigmas]),
             ins=pure,
             first=0,
             unit="m",
@@ -348,7 +352,7 @@ def _figures(
             families=families,
         )
         show("errors.png", figure, f"Position errors of {code(label)} against the reference.")
-    return "\n\n".join(shown)
+    return "\n\n".join(lines)
 
 
 def _tracks(
@@ -358,9 +362,9 @@ def _tracks(
     assert problem.track is not None  # a recorded flight has one
     indicated = problem.track.positions
     tracks = {
-        label: _local(corrected_positions(indicated, found.mean[:, :3]), indicated[0])
-        for label, found in estimates.items()
-        if found.causality != "none"
+        label: _local(corrected_positions(indicated, estimate.mean[:, :3]), indicated[0])
+        for label, estimate in estimates.items()
+        if estimate.causality != "none"
     }
     reference = None
     if flight.reference is not None:
@@ -372,17 +376,17 @@ def _tracks(
 
 def _local(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return positions (K, 3) relative to an origin, ENU [km, km, m], heights as they are."""
-    found = position_error(positions, np.broadcast_to(origin, positions.shape)) * [1e-3, 1e-3, 1.0]
-    found[:, 2] = positions[:, 2]
-    return np.asarray(found)
+    local = position_error(positions, np.broadcast_to(origin, positions.shape)) * [1e-3, 1e-3, 1.0]
+    local[:, 2] = positions[:, 2]
+    return np.asarray(local)
 
 
-def _by_sensor(problem: Problem, found: Residuals) -> list[tuple[str, list[str], np.ndarray]]:
+def _by_sensor(problem: Problem, differences: Residuals) -> list[tuple[str, list[str], np.ndarray]]:
     out = []
     for sensor, channels in _sensors(problem).items():
         own = [j for j in channels if problem.present[:, j].any()]
         names = [problem.channels[j].name.removeprefix("gradient ") for j in own]
-        out.append((sensor.replace("_", " "), names, found.whitened[:, own]))
+        out.append((sensor.replace("_", " "), names, differences.whitened[:, own]))
     return out
 
 

@@ -190,7 +190,7 @@ def _error_key(key: str, labels: Sequence[str]) -> str:
 
 
 def _meanings(tables: Any) -> dict[str, dict[str, str]]:
-    found = {}
+    meanings = {}
     for table in tables:
         for key in table:
             column = columns.column(key)
@@ -199,8 +199,8 @@ def _meanings(tables: Any) -> dict[str, dict[str, str]]:
             if key.startswith(_ERROR):
                 column = Column(key.removeprefix(_ERROR), "m", "error", _CELLS)
                 form = column.form
-            found[key] = {"head": column.head, "form": form, "definition": column.definition}
-    return found
+            meanings[key] = {"head": column.head, "form": form, "definition": column.definition}
+    return meanings
 
 
 def _figures(results: Reported, answer: Picture) -> dict[str, Any]:
@@ -209,8 +209,8 @@ def _figures(results: Reported, answer: Picture) -> dict[str, Any]:
     Over time, estimators that are not in the answer's figure are switched off at first.
     """
     cases = views.few_cases(results.cases(), _MOST_DRAWN)
-    shown = sweeps.shown_cases(results)
-    labels = views.drawn_estimators(results.metrics(), shown, results.own)
+    page_cases = sweeps.shown_cases(results)
+    labels = views.drawn_estimators(results.metrics(), page_cases, results.own)
     hidden = {label for label in results.labels if label not in (*labels, "ins")}
     most = max(1, _MOST_POINTS // ((len(results.labels) + 2) * len(cases)))
     drawn = {"": _figure(answer, set())}

@@ -40,7 +40,7 @@ def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
     cells = rows.set_index(["case", "estimator"]).to_dict("index")
     flown = [case for case in cases.to_dict("records") if case["case"] in set(rows["case"])]
     names = [case["case"] for case in flown]
-    held = [[cells.get((name, label)) for label in labels] for name in names]
+    grid = [[cells.get((name, label)) for label in labels] for name in names]
     most = rows.groupby("case")["runs"].max()
     squares = {
         label: np.array([_of_all_runs(cells.get((name, label)), most[name]) for name in names])
@@ -54,10 +54,10 @@ def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
         ],
         estimators=labels,
         smoothers=int(late.sum()),
-        ratios=np.array([[ratio_of(cell) for cell in row] for row in held]),
-        texts=np.array([[_text(cell) for cell in row] for row in held]),
+        ratios=np.array([[ratio_of(cell) for cell in row] for row in grid]),
+        texts=np.array([[_text(cell) for cell in row] for row in grid]),
         framed=np.array(
-            [[cell is not None and bool(cell["recommended"]) for cell in row] for row in held]
+            [[cell is not None and bool(cell["recommended"]) for cell in row] for row in grid]
         ),
         to_best={label: errors / least for label, errors in squares.items()},
     )
@@ -102,12 +102,12 @@ def errors(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     most = rows["case"].map(rows.groupby("case")["runs"].max())
-    shown = [tables.error_cell(row) for row in rows.to_dict("records")]
+    texts = [tables.error_cell(row) for row in rows.to_dict("records")]
     fewer = [
         f" ({count} runs)" if count < of else ""
         for count, of in zip(rows["runs"], most, strict=True)
     ]
-    cells = rows.assign(cell=[text + more for text, more in zip(shown, fewer, strict=True)])
+    cells = rows.assign(cell=[text + more for text, more in zip(texts, fewer, strict=True)])
     wide = cells.pivot(index="case", columns="estimator", values="cell")
     order = [name for name in cases["case"] if name in wide.index]
     wide = wide.loc[order, rows["estimator"].unique()].fillna("")

@@ -65,15 +65,15 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
 
 def text(digests: Sequence[Digest], has_league: bool = True) -> str:
     """Return the page as markdown; ``has_league``: the figure of the suite is next to it."""
-    suite = [found for found in digests if found.manifest["scenario"] == SUITE]
-    newest = max(found.manifest["results_version"] for found in digests)
+    suite = [each for each in digests if each.manifest["scenario"] == SUITE]
+    newest = max(each.manifest["results_version"] for each in digests)
     scenarios = [
         {
-            "name": found.manifest["scenario"],
-            "title": found.manifest["title"],
-            "earlier": found.manifest["results_version"] < newest,
+            "name": each.manifest["scenario"],
+            "title": each.manifest["title"],
+            "earlier": each.manifest["results_version"] < newest,
         }
-        for found in digests
+        for each in digests
     ]
     return markdown(
         "library.md.j2",

@@ -19,11 +19,11 @@ def without_dead(text: str, folder: Path, coming: Set[str] = frozenset()) -> str
     that is written elsewhere has neither. Files of the folder that are still ``coming`` count.
     """
 
-    def kept(found: re.Match[str]) -> str:
-        target = found["target"]
+    def kept(match: re.Match[str]) -> str:
+        target = match["target"]
         if target is None or _ABSOLUTE.match(target):
-            return found[0]
+            return match[0]
         path = unquote(target.partition("#")[0])
-        return found[0] if path in coming or (folder / path).exists() else str(found["text"])
+        return match[0] if path in coming or (folder / path).exists() else str(match["text"])
 
     return _LINK.sub(kept, text)

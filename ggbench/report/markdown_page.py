@@ -36,7 +36,7 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
     with_cost : whether the page of the suite, which has the column of costs, is next to it.
     """
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
-    shown = sweeps.shown_cases(results)
+    page_cases = sweeps.shown_cases(results)
     save(picture.figure, folder / ANSWER)
     claims, claims_caption = published.gravity_claims(results), _ON_GRAVITY
     if claims.empty:
@@ -52,11 +52,11 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
         explanation=picture.explanation,
         picture=ANSWER,
         folder=quote(loaded.name),
-        table=tables.text(views.answer_table(metrics, results.pairs(), shown, results.own)),
+        table=tables.text(views.answer_table(metrics, results.pairs(), page_cases, results.own)),
         seeking=results.seeking,
         failed=int(metrics.groupby(["case", "estimator"])["failed"].first().sum()),
-        left_out=views.left_out(metrics, shown),
-        below_bound=views.below_bound(metrics, shown),
+        left_out=views.left_out(metrics, page_cases),
+        below_bound=views.below_bound(metrics, page_cases),
         claims_caption=claims_caption,
         claims=claims.iloc[: tables.MOST_ROWS],
         hidden_claims=max(0, len(claims) - tables.MOST_ROWS),

@@ -18,14 +18,14 @@ PAGE_VERSION = 3
 
 def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Environment:
     """Return the environment of a folder of templates, with the formats of numbers as filters."""
-    made = jinja2.Environment(
+    templating = jinja2.Environment(
         loader=jinja2.FileSystemLoader(templates),
         autoescape=html,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {
+    templating.filters |= {
         "metres": columns.metres,
         "ratio": columns.ratio,
         "efficiency": columns.efficiency,
@@ -34,14 +34,14 @@ def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Envir
         "code": tables.code,
         "plain": tables.plain,
     }
-    made.globals |= {
+    templating.globals |= {
         "cell": columns.cell,
         "names": tables.names,
         "counted": counted,
         "span": span,
         "page_version": PAGE_VERSION,
     }
-    return made
+    return templating
 
 
 def markdown(template: str, templates: Path = TEMPLATES, **values: Any) -> str:

@@ -44,8 +44,8 @@ def panel(
 
     def values(label: str, key: str) -> np.ndarray:
         index = [(label, name) for name in names]
-        found = np.asarray(table[key].reindex(index), dtype=float)
-        return np.where(np.isfinite(found), found, np.nan)  # an open interval is not drawn
+        array = np.asarray(table[key].reindex(index), dtype=float)
+        return np.where(np.isfinite(array), array, np.nan)  # an open interval is not drawn
 
     curves = {
         label: Curve(*(values(label, key) for key in ("rms_m", "rms_lo", "rms_hi", "success")))
@@ -63,8 +63,8 @@ def panel(
 
 def of_answer(results: Reported) -> Picture:
     """Return the figure that answers the scenario's question."""
-    metrics, shown = results.metrics(), sweeps.shown_cases(results)
-    labels = drawn_estimators(metrics, shown, results.own)
+    metrics, cases = results.metrics(), sweeps.shown_cases(results)
+    labels = drawn_estimators(metrics, cases, results.own)
     if results.scenario.sweep is not None:
         parts = sweeps.parts(results.scenario, results.cases())
         panels = [panel(metrics, p.cases, labels, p.title, p.places) for p in parts]
@@ -73,13 +73,13 @@ def of_answer(results: Reported) -> Picture:
         label = sweeps.label_of(results.scenario)
         figure = answer.over_axis(panels, label, log, results.families)
         return Picture(figure, f"RMS position error against {label}")
-    names = shown["case"].tolist()
+    names = cases["case"].tolist()
     if len(names) == 1:
         return over_time(results, names, labels)
     if results.scenario.name == SUITE:
         drawn = league_figure.league(league(metrics, results.cases()), results.families)
         return Picture(drawn, CAPTION, EXPLANATION)
-    titles, errors = shown["title"].tolist(), panel(metrics, names, labels)
+    titles, errors = cases["title"].tolist(), panel(metrics, names, labels)
     figure = answer.over_cases(titles, errors, results.families)
     return Picture(figure, "RMS position error by case")
 

@@ -68,18 +68,18 @@ def published_table(
     groups = [*failing, *groups][:MOST_GROUPS]
 
     def at(key: str, causality: str) -> list[str]:
-        found = rows[rows["causality"] == causality]
-        held = found.groupby(["case", "window"])[key].first()
-        return [columns.cell("rms_m", held.get(place, math.nan)) for place in places]
+        own = rows[rows["causality"] == causality]
+        first = own.groupby(["case", "window"])[key].first()
+        return [columns.cell("rms_m", first.get(place, math.nan)) for place in places]
 
-    found = allowed(chosen).set_index(["case", "window"])
+    limits = allowed(chosen).set_index(["case", "window"])
     stated = rows.groupby(["case", "window"])["published_m"].first()
-    published = [_published(stated[place], found["allowed"].get(place)) for place in places]
+    published = [_published(stated[place], limits["allowed"].get(place)) for place in places]
     lines = [["*published*", *published], ["*bound, filter*", *at("bound_m", "filter")]]
     if (rows["causality"] == "batch").any():
         lines.append(["*bound, smoother*", *at("bound_m", "batch")])
-    shown = [["ins"], *groups] if "ins" in wide.index else groups
-    for group in shown:
+    estimator_groups = [["ins"], *groups] if "ins" in wide.index else groups
+    for group in estimator_groups:
         errors = wide.reindex([group[0]])
         cells = [columns.cell("rms_m", errors.at[group[0], place]) for place in places]
         cells = [FAILED if cell == columns.NONE else cell for cell in cells]
@@ -121,11 +121,11 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
         times = arrays["times"]
         if not STARTS_S[-1] < times[-1] < 4.0 * STARTS_S[-1]:
             return pd.DataFrame()
-        kept, squares = times[arrays["kept"]], {}
+        epochs, squares = times[arrays["kept"]], {}
         for label in labels:
             series = results.series(case, label)
             if len(series):
-                squares[code(label)] = kept, (series[:, :, 0] ** 2).mean(axis=0)
+                squares[code(label)] = epochs, (series[:, :, 0] ** 2).mean(axis=0)
         if not squares:
             return pd.DataFrame()
         rows = {"bound": (times, arrays["bound-filter"][:, 0])} | squares
@@ -172,10 +172,10 @@ def claimed(results: Any) -> pd.DataFrame:
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
     metrics = results.metrics()
     settled = metrics[metrics["window"] == "settled"].set_index(["case", "estimator"])
-    shown = results.shown
+    names_by_label = results.shown
 
     def has_flown(case: str, label: str) -> bool:
-        return (case, shown.get(label, label)) in settled.index
+        return (case, names_by_label.get(label, label)) in settled.index
 
     flown = [
         (claim, value, claim.case, *claim.labels(value))
@@ -187,7 +187,7 @@ def claimed(results: Any) -> pd.DataFrame:
     family = iter(results.pairs_of(of_errors).to_dict("records") if of_errors else ())
     rows = []
     for claim, value, case, first, second in flown:
-        names = shown.get(first, first), shown.get(second, second)
+        names = names_by_label.get(first, first), names_by_label.get(second, second)
         if claim.quantity == "time":
             one, two = (settled.loc[(case, name), "seconds_per_run"] for name in names)
             pair = {"error_ratio": one / two, "verdict": _of_ratio(one / two)}

@@ -55,7 +55,7 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
     middle = tuple(len(axis.values) // 2 for axis in sweep.axes[1:])
     fixed = [axis.at(at) for axis, at in zip(sweep.axes[1:], middle, strict=True)]
     widths = cases.set_index("case")["width"]
-    found = []
+    all_parts = []
     for base, title in sweep.bases.items():
         along = sorted(
             (point.indices[0], name)
@@ -68,9 +68,9 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
         places = np.array([sweep.axes[0].values[index] for index, _ in along])
         if is_of_the_prior(scenario):
             places = widths[names].to_numpy(dtype=float)
-        found.append(Part(", ".join(filter(None, [title, *fixed])), names, places))
-    kept = few_cases(pd.DataFrame({"part": range(len(found))}), MOST_PARTS)
-    return [found[number] for number in kept["part"]]
+        all_parts.append(Part(", ".join(filter(None, [title, *fixed])), names, places))
+    chosen = few_cases(pd.DataFrame({"part": range(len(all_parts))}), MOST_PARTS)
+    return [all_parts[number] for number in chosen["part"]]
 
 
 def shown_cases(results: Results) -> pd.DataFrame:
@@ -114,7 +114,7 @@ def reached(
             errors = [_errors(settled, label, part.cases) for label in labels]
             bound = errors[0][0]
             reach = [_reach(axis, target, bound, bound, bound)]
-            reach += [_reach(axis, target, *found[1:]) for found in errors]
+            reach += [_reach(axis, target, *errors_of[1:]) for errors_of in errors]
             rows.append([f"{target:g}", part.title, *reach])
     heads = ["EKF", *(f"`{label}`" for label in labels[1:])]
     return pd.DataFrame(rows, columns=["RMS error [m]", "case", "bound", *heads])
@@ -133,15 +133,15 @@ def _reach(
 
     ``low`` and ``high`` are the ends of their intervals.
     """
-    met = errors <= target
+    within = errors <= target
     falls = bool((high[1:] < low[:-1]).any())
-    if not met.any() or (not falls and not met[int(met.argmin()) :].any()) or met.all():
+    if not within.any() or (not falls and not within[int(within.argmin()) :].any()) or within.all():
         reached, *ends = (largest_within(axis, of, target) for of in (errors, high, low))
         text = _limit(reached, axis.unit)
         if ends[0] < ends[1] and np.isfinite(ends).all() and math.isfinite(reached):
             text += f" ({columns.ratio(ends[0])}–{columns.ratio(ends[1])})"
         return text
-    values = ", ".join(f"{value:g}" for value in np.asarray(axis.values)[met])
+    values = ", ".join(f"{value:g}" for value in np.asarray(axis.values)[within])
     return f"{LISTED} {values} {axis.unit}".rstrip()
 
 
@@ -160,11 +160,11 @@ def recovered(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, flo
     rows = comparable(metrics)
     rows = rows[rows["causality"] == "filter"]
     rows = rows.merge(cases[["case", "width"]], on="case").sort_values("width")
-    found = []
+    ranked = []
     for label, own in rows.groupby("estimator", sort=False):
         failed = own.loc[own["success"] < SUCCESS, "width"]
         below = own if failed.empty else own[own["width"] < failed.iloc[0]]
         widest = float(below["width"].max()) if len(below) else 0.0
-        found.append((str(label), widest, float(own["seconds_per_run"].median())))
-    found.sort(key=lambda item: (-item[1], item[2]))
-    return [(label, widest) for label, widest, _ in found]
+        ranked.append((str(label), widest, float(own["seconds_per_run"].median())))
+    ranked.sort(key=lambda item: (-item[1], item[2]))
+    return [(label, widest) for label, widest, _ in ranked]

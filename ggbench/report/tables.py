@@ -96,8 +96,8 @@ def is_lost(row: Mapping[str, Any]) -> bool:
 
 def names(labels: Sequence[str], most: int = 3) -> str:
     """Return estimators in code, the first few, and the number of the others."""
-    shown = [code(label) for label in labels[:most]]
+    first = [code(label) for label in labels[:most]]
     more = len(labels) - most
     if more > 0:
-        return ", ".join(shown) + f" and {more} more"
-    return " and ".join(filter(None, (", ".join(shown[:-1]), *shown[-1:])))
+        return ", ".join(first) + f" and {more} more"
+    return " and ".join(filter(None, (", ".join(first[:-1]), *first[-1:])))

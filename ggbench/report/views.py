@@ -30,8 +30,8 @@ def require_equal_runs(rows: pd.DataFrame) -> None:
     for case, group in rows.groupby("case", sort=False):
         counts = group.set_index("estimator")["runs"]
         if counts.nunique() > 1:
-            found = ", ".join(f"{label}: {count}" for label, count in counts.items())
-            raise UnequalRunsError(f"case {case} compares unequal runs ({found})")
+            counted = ", ".join(f"{label}: {count}" for label, count in counts.items())
+            raise UnequalRunsError(f"case {case} compares unequal runs ({counted})")
 
 
 def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
@@ -48,8 +48,8 @@ def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
 def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
     """Return the estimators that flew fewer runs than others of a case, and are not compared."""
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
-    kept = comparable(rows)["estimator"]
-    return [label for label in rows["estimator"].unique() if label not in set(kept)]
+    comparable_labels = comparable(rows)["estimator"]
+    return [label for label in rows["estimator"].unique() if label not in set(comparable_labels)]
 
 
 def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
@@ -198,8 +198,8 @@ def drawn_estimators(
     named = ["ekf", *own]
     for key in ("recommended", "best", "best_smoother"):
         named += cases[key].value_counts().index.tolist()
-    wanted = [label for label in dict.fromkeys(named) if label in table.index]
-    order = [*wanted, *table.sort_values("merit").index]
+    labels = [label for label in dict.fromkeys(named) if label in table.index]
+    order = [*labels, *table.sort_values("merit").index]
     drawn: dict[tuple[str, str], str] = {}
     for label in dict.fromkeys(order):
         kind = label if label in own else label.partition("[")[0], table.loc[label, "causality"]

@@ -152,17 +152,17 @@ class Database:
 
         ``retry_failed`` leaves out all runs that failed, for whatever reason.
         """
-        lost: dict[str, list[int]] = {}
+        to_repeat: dict[str, list[int]] = {}
         query = "SELECT key, run FROM records WHERE retry_above < ?"
         query += " OR status = 'failed'" if retry_failed else ""
         for key, run in self._select(query, (limit,)):
-            lost.setdefault(key, []).append(run)
-        found = {}
+            to_repeat.setdefault(key, []).append(run)
+        by_key = {}
         for (key,) in self._select("SELECT DISTINCT key FROM records"):
             rows = self._select("SELECT run FROM records WHERE key = ?", (key,))
             runs = np.fromiter((run for (run,) in rows), dtype=np.int64, count=len(rows))
-            found[key] = np.setdiff1d(runs, lost.get(key, []))
-        return {key: runs for key, runs in found.items() if len(runs)}
+            by_key[key] = np.setdiff1d(runs, to_repeat.get(key, []))
+        return {key: runs for key, runs in by_key.items() if len(runs)}
 
     def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
         """Yield the records under a key of the runs from ``first`` to below ``runs``, in order.
@@ -230,10 +230,10 @@ class Database:
         rows = self._select(
             "SELECT series FROM curves WHERE key = ? AND run < ? ORDER BY run", (key, runs)
         )
-        found = [_unpack(blob, 4) for (blob,) in rows]
-        if len({len(run) for run in found}) > 1:
+        curves = [_unpack(blob, 4) for (blob,) in rows]
+        if len({len(run) for run in curves}) > 1:
             raise StoreError(f"a time series in {self.path} is damaged")
-        return np.array(found)
+        return np.array(curves)
 
     def series_of(self, key: str, run: int) -> np.ndarray | None:
         """Return (K', 4) of one run, or None if it has none."""
@@ -248,8 +248,8 @@ class Database:
         return self._blob("detail", key, run, 18)
 
     def _blob(self, column: str, key: str, run: int, width: int) -> np.ndarray | None:
-        found = self._select(f"SELECT {column} FROM curves WHERE key = ? AND run = ?", (key, run))
-        return None if not found or found[0][0] is None else _unpack(found[0][0], width)
+        rows = self._select(f"SELECT {column} FROM curves WHERE key = ? AND run = ?", (key, run))
+        return None if not rows or rows[0][0] is None else _unpack(rows[0][0], width)
 
     def write_arrays(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Store what all runs of a case share."""
@@ -266,17 +266,17 @@ class Database:
 
         Raise StoreError if they are missing or damaged.
         """
-        found = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
-        if not found:
+        rows = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
+        if not rows:
             raise StoreError(
                 f"{self.path.parent} does not hold what the runs of case {case} share: it was "
                 "stopped while it was prepared; the same command goes on from there"
             )
         require_small_archive(
-            io.BytesIO(found[0][0]), StoreError, f"what the runs of case {case} share"
+            io.BytesIO(rows[0][0]), StoreError, f"what the runs of case {case} share"
         )
         try:
-            with np.load(io.BytesIO(found[0][0]), allow_pickle=False) as archive:
+            with np.load(io.BytesIO(rows[0][0]), allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
         except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
             raise StoreError(
@@ -323,5 +323,5 @@ def _unpack(blob: bytes, columns: int) -> np.ndarray:
 
 def _tables(connection: sqlite3.Connection) -> set[str]:
     """Return the definitions of the tables and indices of a database."""
-    found = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
-    return {sql for (sql,) in found}
+    statements = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+    return {sql for (sql,) in statements}

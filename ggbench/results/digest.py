@@ -106,11 +106,11 @@ def write(results: Results, folder: Path) -> None:
 def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return the pairs with the INS, the EKF, or an estimator that their case names."""
     named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
-    kept = [
+    is_decisive = [
         bool({first, second} & {*_ALWAYS, *names})
         for first, second, names in zip(pairs["first"], pairs["second"], named, strict=True)
     ]
-    return pairs[np.array(kept, dtype=bool)]
+    return pairs[np.array(is_decisive, dtype=bool)]
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:

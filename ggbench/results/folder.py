@@ -115,10 +115,10 @@ class Results:
     @property
     def seeking(self) -> dict[str, str]:
         """Estimators whose source looks where truth could be found, each with what it uses."""
-        found = {name: held.get("seeks") for name, held in self.estimators.items()}
+        names_used = {name: estimator.get("seeks") for name, estimator in self.estimators.items()}
         return {
             label: ", ".join(map(str, names))
-            for label, names in found.items()
+            for label, names in names_used.items()
             if names and isinstance(names, list)
         }
 
@@ -149,27 +149,27 @@ class Results:
         K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
         """
         key = self._keys.get(("", case, estimator))
-        found = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
-        return found if not len(found) else self._of_length(found, case, "kept")
+        curves = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
+        return curves if not len(curves) else self._of_length(curves, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K', 4) of one run, or None if it has none."""
         key = self._keys.get(("", case, estimator))
-        found = None if key is None else self.store.series_of(key, run)
-        return None if found is None else self._of_length(found, case, "kept")
+        curve = None if key is None else self.store.series_of(key, run)
+        return None if curve is None else self._of_length(curve, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K, 18) of a run kept in detail, see :meth:`.database.Database.detail`."""
         key = self._keys.get(("", case, estimator))
-        found = None if key is None else self.store.detail(key, run)
-        return None if found is None else self._of_length(found, case, "times")
+        curve = None if key is None else self.store.detail(key, run)
+        return None if curve is None else self._of_length(curve, case, "times")
 
-    def _of_length(self, found: np.ndarray, case: str, epochs: str) -> np.ndarray:
+    def _of_length(self, curves: np.ndarray, case: str, epochs: str) -> np.ndarray:
         """Return (..., K, columns) as it is if K is the number of a case's epochs."""
-        errors = found[..., :2]  # a NEES or NIS may be undefined, an error may not
-        if found.shape[-2] != len(self.arrays(case)[epochs]) or not np.isfinite(errors).all():
+        errors = curves[..., :2]  # a NEES or NIS may be undefined, an error may not
+        if curves.shape[-2] != len(self.arrays(case)[epochs]) or not np.isfinite(errors).all():
             raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
-        return found
+        return curves
 
     def counters(self) -> pd.DataFrame:
         """Return what estimators counted of themselves: medians over the runs that finished.
@@ -193,11 +193,11 @@ class Results:
         ``run`` and :data:`.judging.fix_metrics.ROWS` of each that was tried, accepted or not, in
         a run that finished.
         """
-        found = self.store.fixes({cell.key for cell in self.cells}, self.run_count)
+        by_key = self.store.fixes({cell.key for cell in self.cells}, self.run_count)
         return {
-            (cell.case, cell.estimator): found[cell.key]
+            (cell.case, cell.estimator): by_key[cell.key]
             for cell in self.cells
-            if cell.assumption == "" and cell.key in found
+            if cell.assumption == "" and cell.key in by_key
         }
 
     def fix_metrics(self) -> pd.DataFrame:
@@ -206,11 +206,11 @@ class Results:
         A row for each estimator that makes fixes, on each case.
         """
         rows, table = [], self._cases_runs
-        for (case, estimator), tried in self.fixes.items():
+        for (case, estimator), fixes in self.fixes.items():
             own = table[(table["case"] == case) & (table["estimator"] == estimator)]
             named = {"case": case, "estimator": estimator, "runs": len(own)}
             limit = float(own["required_m"].median())
-            rows.append(named | fix_metrics.metrics(tried, len(own), limit))
+            rows.append(named | fix_metrics.metrics(fixes, len(own), limit))
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
@@ -294,9 +294,9 @@ class Results:
     def _pairs(self) -> pd.DataFrame:
         return pairs.pairs(self._cases_runs)
 
-    def pairs_of(self, wanted: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
+    def pairs_of(self, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
         """Return chosen pairs as a family of tests of their own (:func:`.pairs.family`)."""
-        return pairs.family(self._cases_runs, wanted)
+        return pairs.family(self._cases_runs, requested)
 
     def cases(self) -> pd.DataFrame:
         """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`)."""
@@ -310,16 +310,16 @@ class Results:
     @cached_property
     def _measurements(self) -> _Measurements:
         """Epochs with a measurement, and channels then, by case and window."""
-        found: _Measurements = {}
+        counts: _Measurements = {}
         for case in self.scenario.cases:
             arrays = self.arrays(case.name)
-            found[case.name] = {}
+            counts[case.name] = {}
             for window in WINDOWS:
                 mask = window_mask(arrays["times"], case.windows, window)
                 some = float(arrays["present"][mask].sum())
                 numbers = float(arrays["channels"][mask].sum())
-                found[case.name][window] = round(some), numbers / some if some else 0.0
-        return found
+                counts[case.name][window] = round(some), numbers / some if some else 0.0
+        return counts
 
     def studies(self) -> pd.DataFrame:
         """Return each assumption's metrics, and as ``""`` those of the same runs without it."""

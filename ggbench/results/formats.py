@@ -136,8 +136,8 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
             return f"its {name} holds {arrays[name].dtype}"
         if not np.isfinite(arrays[name]).all():
             return f"its {name} is not finite"
-    kept = arrays["kept"]
-    if len(kept) == 0 or kept.min() < 0 or kept.max() >= len(arrays["times"]):
+    stored = arrays["kept"]
+    if len(stored) == 0 or stored.min() < 0 or stored.max() >= len(arrays["times"]):
         return "its kept names other epochs than there are"
     if arrays["present"].min() < 0.0 or arrays["present"].max() > 1.0:
         return "its present holds more than shares"

@@ -61,8 +61,8 @@ class Advice:
 def estimators() -> list[str]:
     """Return the INS and the estimators that are recommended in some case of the suite."""
     recommended = stored_runs.header()["recommended"].values()
-    found = [kinds[kind]["label"] for kind in ("causal", "smoother") for kinds in recommended]
-    return ["ins", *dict.fromkeys(label for label in found if label)]
+    labels = [kinds[kind]["label"] for kind in ("causal", "smoother") for kinds in recommended]
+    return ["ins", *dict.fromkeys(label for label in labels if label)]
 
 
 def advise(
@@ -99,8 +99,8 @@ def advise(
 def _noise_key(case: CaseSpec) -> str:
     """Return the key of the gradiometer's noise, "" if none can be changed by a number."""
     tables = [case.gradiometer, case.truth.gradiometer, case.model.gradiometer]
-    held = [t for t in tables if t is not None]
-    names = [n for n in _NOISES if any(getattr(table, n, None) is not None for table in held)]
+    present = [t for t in tables if t is not None]
+    names = [n for n in _NOISES if any(getattr(table, n, None) is not None for table in present)]
     return f"gradiometer.{names[0]}" if names else ""
 
 
@@ -116,9 +116,9 @@ def with_value(
     sides : "" for the case's own table, ``truth``, ``model``.
     """
     for side in sides:
-        held = _held(getattr(case, side) if side else case, key)
-        if isinstance(held, int | float) and held > 0.0:
-            case = case.changed(f"{side}.{key}".lstrip("."), value(held))
+        present = _held(getattr(case, side) if side else case, key)
+        if isinstance(present, int | float) and present > 0.0:
+            case = case.changed(f"{side}.{key}".lstrip("."), value(present))
     return case
 
 

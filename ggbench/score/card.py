@@ -153,13 +153,13 @@ class Card(_Part):
 
     def verdicts(self, role: str) -> dict[str, int]:
         """Return the number of cases by verdict against the EKF ("ekf") or the others ("")."""
-        found = [
+        verdicts = [
             other.verdict
             for question in self.questions
             for other in question.against
             if (other.role == "ekf") == (role == "ekf")
         ]
-        return {verdict: found.count(verdict) for verdict in VERDICTS}
+        return {verdict: verdicts.count(verdict) for verdict in VERDICTS}
 
 
 def rounded(value: float) -> float | None:
@@ -187,8 +187,8 @@ def read(path: Path) -> Card:
     except ValueError as error:
         raise ScoreError(f"cannot read the card {path}: {text_of(error)}") from None
     if isinstance(loaded, dict) and loaded.get("format", FORMAT) != FORMAT:
-        found = line_of(str(loaded["format"]), 40)
-        raise ScoreError(f"{path} has format {found}; this version reads {FORMAT}")
+        file_format = line_of(str(loaded["format"]), 40)
+        raise ScoreError(f"{path} has format {file_format}; this version reads {FORMAT}")
     try:
         return Card.model_validate(loaded)
     except ValidationError as error:

@@ -27,15 +27,15 @@ def differences(old: Card, new: Card) -> list[str]:
     Everything that a card states is compared, numbers within :data:`TOLERANCE`. The figures of a
     question are compared where its runs agree.
     """
-    found = [*_unlike(_conditions(old), _conditions(new))]
+    sentences = [*_unlike(_conditions(old), _conditions(new))]
     questions = {question.case: question for question in new.questions}
     for before in old.questions:
         after = questions.pop(before.case, None)
         if after is None:
-            found.append(f"{before.case}: not flown")
+            sentences.append(f"{before.case}: not flown")
         else:
-            found += [f"{before.case}: {said}" for said in _changed(before, after)]
-    return [*found, *(f"{case}: not in the old card" for case in questions)]
+            sentences += [f"{before.case}: {change}" for change in _changed(before, after)]
+    return [*sentences, *(f"{case}: not in the old card" for case in questions)]
 
 
 def _conditions(card: Card) -> dict[str, Any]:
@@ -144,13 +144,13 @@ def worse(old: Card, new: Card) -> list[str]:
         pairs.append({"case": question.case} | compared(*flown))
     if not pairs and not skipped:
         raise ScoreError("the two cards have no question in common that the old one has flown")
-    found = [
+    sentences = [
         f"{pair['case']}: errors are {pair['error_ratio']:.3g} times as large, "
         f"{pair['second_only']} runs succeed no more and {pair['first_only']} newly"
         for pair in judged(pairs)
         if pair["verdict"] == WORSE
     ]
-    return found + skipped
+    return sentences + skipped
 
 
 def _flown(question: Question, spec: CaseSpec) -> PairedRuns:

@@ -38,12 +38,12 @@ class CheckedCard:
 def files_of(folder: Path) -> list[Path]:
     """Return the JSON files in a folder and in its folders; raise ScoreError if there are none."""
     try:
-        found = sorted(path for path in folder.rglob("*.json") if path.is_file())
+        files = sorted(path for path in folder.rglob("*.json") if path.is_file())
     except OSError as error:
         raise ScoreError(f"cannot read {folder}: {error.strerror}") from None
-    if not found:
+    if not files:
         raise ScoreError(f"{folder} holds no cards: 'ggbench score ESTIMATOR' writes card.json")
-    return found
+    return files
 
 
 def check(
@@ -51,7 +51,7 @@ def check(
     allowed: Sequence[Choice],
     flights: Path,
     jobs: int | None = None,
-    tell: Callable[[str], None] = lambda said: None,
+    tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[running.CampaignProgress], None] = lambda step: None,
 ) -> CheckedCard:
     """Fly a card again and compare all that it states.
@@ -72,7 +72,7 @@ def check(
         old = cards.read(path)
         label = _named(old, allowed)
         tell(f"{line_of(str(path))}: the check runs the code of {label}.")
-        found = scoring.score(
+        scored = scoring.score(
             estimator=label,
             folder=flights / _folder(old),
             runs=old.runs,
@@ -84,10 +84,10 @@ def check(
         )
     except GGBenchError as error:
         return CheckedCard(path, None, (str(error),))
-    if found.card is None:
+    if scored.card is None:
         raise KeyboardInterrupt
-    reasons = tuple(cards_compared.differences(old, found.card))
-    return CheckedCard(path, None if reasons else found.card, reasons)
+    reasons = tuple(cards_compared.differences(old, scored.card))
+    return CheckedCard(path, None if reasons else scored.card, reasons)
 
 
 def _folder(old: Card) -> str:
@@ -102,11 +102,11 @@ def _named(old: Card, allowed: Sequence[Choice]) -> str:
     label = old.estimator.label
     if not is_own(label):
         return label
-    given = EstimatorSpec.parse(label)
+    spec_written = EstimatorSpec.parse(label)
     for choice in allowed:
-        spec = EstimatorSpec(choice.spec.name, given.parameters)
+        spec = EstimatorSpec(choice.spec.name, spec_written.parameters)
         if choice.content["source"] == old.estimator.source:
             return choose(str(spec)).label
-    if any(Path(choice.spec.name).name == Path(given.name).name for choice in allowed):
+    if any(Path(choice.spec.name).name == Path(spec_written.name).name for choice in allowed):
         raise ScoreError(f"{label} was another file when the card was made: its hash differs")
     raise ScoreError(f"{label} is not installed: name its file by -e, whose code is then run")

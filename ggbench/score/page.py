@@ -38,16 +38,18 @@ _DIVERGED = "diverged: the error ends beyond ten bounds and beyond the INS"
 
 def headline(card: Card) -> str:
     """Return what a card says in two sentences: verdicts against the EKF and the recommended."""
-    said = []
+    sentences = []
     for role, name in (("ekf", "the EKF"), ("", "the recommended estimators")):
         counts = card.verdicts(role)
         if sum(counts.values()):
             parts = [f"{word} in {counts[word]}" for word in VERDICTS if counts[word]]
-            said.append(f"Against {name}: {', '.join(parts)} of {sum(counts.values())} questions.")
+            sentences.append(
+                f"Against {name}: {', '.join(parts)} of {sum(counts.values())} questions."
+            )
     wrong = [q for q in card.questions if q.consistency in columns.SYMBOLS]
     if wrong:
-        said.append(f"Overconfident or unsafe in {len(wrong)}.")
-    return " ".join(said)
+        sentences.append(f"Overconfident or unsafe in {len(wrong)}.")
+    return " ".join(sentences)
 
 
 def rows(card: Card) -> list[tuple[str, ...]]:
@@ -126,17 +128,17 @@ def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
     ``failures`` is the table of failed and diverged runs: case, run, reason, command. Raise
     ScoreError if the pages cannot be written.
     """
-    kinds, shown = kinds_of_failures(failures), rows(card)
+    kinds, cells = kinds_of_failures(failures), rows(card)
     values: dict[str, Any] = {
         "card": card,
         "headline": headline(card),
         "head": HEAD,
-        "rows": shown,
+        "rows": cells,
         "failure_head": FAILURE_HEAD,
         "failures": kinds[:MOST_FAILURES],
         "hidden": max(0, len(kinds) - MOST_FAILURES),
     }
-    table = tables.markdown(HEAD, [[*map(tables.plain, row)] for row in shown])
+    table = tables.markdown(HEAD, [[*map(tables.plain, row)] for row in cells])
     failed = [
         (tables.plain(reason), tables.plain(where), tables.code(command))
         for reason, where, command in kinds[:MOST_FAILURES]

@@ -90,15 +90,15 @@ def score(
     choice = choose(estimator)
     used_seed = int(header["seed"]) if seed is None else seed
     skipped = _skipped(choice, suite, used_seed)
-    taken = [case.name for case in suite.cases if case.name not in skipped]
-    if not taken:
+    chosen_cases = [case.name for case in suite.cases if case.name not in skipped]
+    if not chosen_cases:
         raise ScoreError(f"{choice.label} takes no case: {next(iter(skipped.values()))}")
     opponents = _opponents(stored, kind(choice.estimator.causality))
     labels = [choice.label]
     if not public:
-        labels += [other for name in taken for other in opponents[name].values()]
+        labels += [other for name in chosen_cases for other in opponents[name].values()]
     work = campaign.planned(
-        suite, folder, [*dict.fromkeys(labels)], runs=count, seed=used_seed, cases=taken
+        suite, folder, [*dict.fromkeys(labels)], runs=count, seed=used_seed, cases=chosen_cases
     )
     interrupted = False
     try:
@@ -106,7 +106,7 @@ def score(
     except running.InterruptedCampaign as stop:
         results, interrupted = stop.results, True
     flown = results.runs()
-    flown = flown[(flown["run"] < count) & flown["case"].isin(taken)]
+    flown = flown[(flown["run"] < count) & flown["case"].isin(chosen_cases)]
     own = flown[flown["estimator"] == choice.label]
     unfinished = own[(own["status"] != "ok") | own["diverged"]]
     failures = unfinished[["case", "run", "reason", "command"]].reset_index(drop=True)
@@ -121,7 +121,7 @@ def score(
             opponents=opponents[name],
             half=_HALVES[judged_runs],
         )
-        for name in taken
+        for name in chosen_cases
     }
     questions = _questions(suite, results, matches, skipped)
     content = choice.content
@@ -151,8 +151,8 @@ def score(
 def _require_version(stored: StoredRuns, suite: Scenario) -> None:
     """Raise ScoreError unless the stored runs are of this suite and version of results."""
     header = stored.header
-    here = suite.content_hash, RESULTS_VERSION
-    if (header["scenario_hash"], header["results_version"]) != here:
+    installed = suite.content_hash, RESULTS_VERSION
+    if (header["scenario_hash"], header["results_version"]) != installed:
         raise ScoreError(
             "the stored runs are of another suite or version of results; 'make suite' renews them"
         )
@@ -169,13 +169,13 @@ def _skipped(choice: Choice, suite: Scenario, seed: int) -> dict[str, str]:
 
 def _opponents(stored: StoredRuns, side: str) -> dict[str, dict[Role, str]]:
     """Return the estimators to compare with, by case and role."""
-    found: dict[str, dict[Role, str]] = {}
+    opponents: dict[str, dict[Role, str]] = {}
     for case, rivals in stored.header["recommended"].items():
         rival = rivals[side]
-        found[case] = {"ekf": REFERENCE}
+        opponents[case] = {"ekf": REFERENCE}
         if rival["label"]:
-            found[case]["recommended" if rival["recommended"] else "best"] = rival["label"]
-    return found
+            opponents[case]["recommended" if rival["recommended"] else "best"] = rival["label"]
+    return opponents
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def _questions(
             pairs.append(
                 {"case": name, "label": label} | compared(PairedRuns.of(own), PairedRuns.of(theirs))
             )
-    found = {(pair["case"], pair["label"]): pair for pair in judged(pairs)}
+    pairs_judged = {(pair["case"], pair["label"]): pair for pair in judged(pairs)}
     judged_runs = pd.concat([match.chosen() for match in matches.values()])
     metrics = results.metrics_of(judged_runs)
     settled = metrics[metrics["window"] == "settled"].set_index("case")
@@ -235,7 +235,7 @@ def _questions(
                 lost=int(row["lost"]),
                 consistency=row["consistency"] if isinstance(row["consistency"], str) else "",
                 against=[
-                    _opponent(role, match.chosen(label), found[case.name, label])
+                    _opponent(role, match.chosen(label), pairs_judged[case.name, label])
                     for role, label in match.opponents.items()
                 ],
                 errors_m=[rounded(math.sqrt(square)) for square in own["settled_position_ms"]],

@@ -140,14 +140,14 @@ def read(file: Traversable | Path | None = None) -> StoredRuns:
 
     Raise ScoreError if the file cannot be read.
     """
-    found, columns = _stored(file, columns=True)
-    cells = pd.DataFrame(found["cells"])
+    header, columns = _stored(file, columns=True)
+    cells = pd.DataFrame(header["cells"])
     kinds = dict.fromkeys(NUMBERS, float) | {"run": int, "draw": int}
     runs = pd.DataFrame(columns).astype(kinds).join(cells, on="cell")
     runs["status"] = np.where(runs["failed"], "failed", "ok")
     texts = dict.fromkeys(("assumption", "problem", "command", "reason", "remark"), "")
-    runs = runs.assign(seed=found["seed"], cold=False, **texts)
-    return StoredRuns(found, runs.reindex(columns=[*RUN_COLUMNS]))
+    runs = runs.assign(seed=header["seed"], cold=False, **texts)
+    return StoredRuns(header, runs.reindex(columns=[*RUN_COLUMNS]))
 
 
 def _stored(
@@ -157,8 +157,8 @@ def _stored(
     file = file or importlib.resources.files("ggbench.scenarios") / FILE
     try:
         with file.open("rb") as opened, np.load(opened) as stored:
-            found = json.loads(stored["header"].tobytes())
-            return found, {name: stored[name] for name in _TYPES} if columns else {}
+            header = json.loads(stored["header"].tobytes())
+            return header, {name: stored[name] for name in _TYPES} if columns else {}
     except (OSError, ValueError, KeyError) as error:
         raise ScoreError(f"cannot read the stored runs in {file}: {text_of(error)}") from None
 

@@ -27,14 +27,14 @@ def aiding_readings(
     z = np.zeros((runs, epochs, sum(len(sensor.channels) for sensor in true.aiding)))
     present = np.zeros(z.shape, dtype=bool)
     states = np.zeros((runs, epochs, flight.model.dimension))
-    for sensor, some, (known, biases, lever), at in zip(
+    for sensor, some, (assumed, biases, lever), at in zip(
         true.aiding, true.columns, flight.model.aiding_states, flight.aiding_epochs, strict=True
     ):
         now, turning, width = truth.at(at), flight.turning[at], len(sensor.channels)
         z[:, at, some] = sensor.exact(now, ins.at(at), flight.field)
         wrong, by_arm = np.zeros(3), sensor.by_arm(now, turning)
-        if isinstance(sensor, Gnss) and isinstance(known, Gnss):
-            wrong = np.array(sensor.lever) - np.array(known.lever)
+        if isinstance(sensor, Gnss) and isinstance(assumed, Gnss):
+            wrong = np.array(sensor.lever) - np.array(assumed.lever)
             z[:, at, some] += _false(sensor, wrong, times[at], now.attitudes, turning)
         present[:, at, some] = True
         if sensor.name in flight.measured_errors:
@@ -45,18 +45,18 @@ def aiding_readings(
             continue
         for r, of_run in enumerate(streams):
             drawn, arm = persistent_errors(sensor, times, of_run)
-            states[r, :, biases] = drawn[:, : known.biased]
-            states[r, :, lever] = (wrong + arm)[: known.armed]
+            states[r, :, biases] = drawn[:, : assumed.biased]
+            states[r, :, lever] = (wrong + arm)[: assumed.armed]
             noise = of_run[f"{sensor.name}/"].standard_normal((len(at), width))
             z[r, at, some] += drawn[at] + by_arm @ arm + np.array(sensor.noise) * noise
             if sensor.faults.outlier_share > 0.0:
                 z[r, at, some] += sensor.faults.outliers(
                     times[at], width, of_run[f"{sensor.name}/outliers"]
                 )
-            lost = sensor.faults.in_dropouts(times[at])
+            missing = sensor.faults.in_dropouts(times[at])
             if sensor.faults.dropout_share > 0.0:
-                lost = sensor.faults.missing(times[at], of_run[f"{sensor.name}/dropouts"])
-            present[r, at[lost], some] = False
+                missing = sensor.faults.missing(times[at], of_run[f"{sensor.name}/dropouts"])
+            present[r, at[missing], some] = False
     return z, present, states
 
 

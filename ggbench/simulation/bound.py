@@ -59,19 +59,19 @@ class Bound:
         """Return what each epoch (K, ...) becomes by the measurements of ``lag`` ticks after it."""
         epochs = len(filtered)
         if lag >= self.ticks[-1] - self.ticks[0]:
-            found = filtered.copy()
+            smoothed = filtered.copy()
             for k in range(epochs - 2, -1, -1):
-                found[k] = step_back(np.array([k]), found[[k + 1]])[0]
-            return found
+                smoothed[k] = step_back(np.array([k]), smoothed[[k + 1]])[0]
+            return smoothed
         # Start every epoch from the filter's at the end of its window, then step back.
         targets = np.arange(epochs)
         last = np.searchsorted(self.ticks, self.ticks + lag, side="right") - 1
-        found = filtered[last].copy()
+        smoothed = filtered[last].copy()
         for back in range(int((last - targets).max(initial=0))):
             now = last - 1 - back
             active = now >= targets
-            found[active] = step_back(now[active], found[active])
-        return found
+            smoothed[active] = step_back(now[active], smoothed[active])
+        return smoothed
 
     def oracle(
         self, residuals: np.ndarray, error_state: np.ndarray, transition: np.ndarray

@@ -126,15 +126,17 @@ class Flight:
         return metres_of(self.motion_at_epochs.positions)[:, [1, 0, 2]]
 
     def added_gravity(
-        self, field: Field, seen: tuple[np.ndarray, np.ndarray] | None = None
+        self, field: Field, gradients: tuple[np.ndarray, np.ndarray] | None = None
     ) -> KnownGravity:
         """Return what the mechanizations of R runs, if they have this field, add to normal gravity.
 
-        ``seen`` are the gradients (R, G, g) [E] that they integrate, if they do, and which (R, G)
+        ``gradients`` are those (R, G, g) [E] that they integrate, if they do, and which (R, G)
         are missing; those of a single run without any error if not given.
         """
         samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)
-        return added_gravity(self.model, field, samples, count, *(seen or self.exact_gradients))
+        return added_gravity(
+            self.model, field, samples, count, *(gradients or self.exact_gradients)
+        )
 
     @cached_property
     def exact_gradients(self) -> tuple[np.ndarray, np.ndarray]:
@@ -158,12 +160,12 @@ class Flight:
     def unknown_to_a_map(self) -> np.ndarray:
         """The gravity disturbance (K, 3), ENU [m/s²], less what a map of the INS says of it."""
         places = self.motion_at_epochs.positions.T
-        found = np.zeros((len(self.epochs), 3))
+        disturbance = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:
-            found += self.field.gravity_disturbance(*places)
+            disturbance += self.field.gravity_disturbance(*places)
         if self.model.compensates:
-            found -= self.model_field.gravity_disturbance(*places)
-        return found
+            disturbance -= self.model_field.gravity_disturbance(*places)
+        return disturbance
 
     @property
     def gravity_response(self) -> np.ndarray:
@@ -181,7 +183,7 @@ class Flight:
         heights, gains = None, (0.0, 0.0)
         if self.true.altimeter is not None:
             heights, gains = truth.mean_heights, self.true.altimeter[0]
-        found = strapdown.navigate(
+        track = strapdown.navigate(
             position=truth.positions[0],
             velocity=truth.velocities[0],
             c_nb=truth.attitudes[0],
@@ -192,7 +194,7 @@ class Flight:
             gains=gains,
             gravity=gravity,
         )
-        at, states = self.motion_at_epochs, Motion(*found).at(self.epochs).states
+        at, states = self.motion_at_epochs, Motion(*track).at(self.epochs).states
         errors = np.empty((1, len(states), 9))
         navigation_errors(states[np.newaxis], *at, errors)
         errors[0, :, 6:] = np.einsum("kji,kj->ki", at.attitudes, errors[0, :, 6:])
@@ -259,14 +261,14 @@ class Flight:
     def expected(self) -> np.ndarray:
         """The share of runs (K, m) in which each of the measurements is there."""
         true, times = self.true, self.times
-        found = np.zeros((len(times), len(true.channels)))
-        gradients, others = np.split(found, [true.gradients], axis=1)
+        measurements = np.zeros((len(times), len(true.channels)))
+        gradients, others = np.split(measurements, [true.gradients], axis=1)
         at = self.gradient_epochs
         gradients[at] = self.faults.expected_share(times[at])[:, np.newaxis]
         gradients[at[self.absent]] = 0.0
         for sensor, some, at in zip(true.aiding, true.columns, self.aiding_epochs, strict=True):
             others[at, some] = sensor.faults.expected_share(times[at])[:, np.newaxis]
-        return found
+        return measurements
 
 
 def prepare(case: CaseSpec) -> Flight:
@@ -298,11 +300,11 @@ def prepare(case: CaseSpec) -> Flight:
     }
     epochs = functools.reduce(np.union1d, read_at.values())
     at = read_at.get("gradiometer", np.zeros(0, dtype=int))
-    taken, attitudes = trajectory.times[at], trajectory.attitudes[at]
+    reading_times, attitudes = trajectory.times[at], trajectory.attitudes[at]
     positions, needed = trajectory.positions[at], epochs
     if true.gradiometer is not None and true.gradiometer.latency_s > 0.0:
-        taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
-        positions, attitudes = trajectory.at(taken)
+        reading_times = np.maximum(reading_times - true.gradiometer.latency_s, 0.0)
+        positions, attitudes = trajectory.at(reading_times)
     measured, there = measured_readings(case, positions), np.ones(len(at), dtype=bool)
     if measured is not None:
         # Where nothing was measured, as in a turn, no map is needed.
@@ -314,7 +316,11 @@ def prepare(case: CaseSpec) -> Flight:
     if case.gradiometer is not None:
         places = gradiometer_places(case, positions, attitudes)
         noise_free[there] = readings(
-            field, places[there], taken[there], attitudes[there], case.gradiometer.instrument
+            field,
+            places[there],
+            reading_times[there],
+            attitudes[there],
+            case.gradiometer.instrument,
         )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))

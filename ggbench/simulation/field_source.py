@@ -50,13 +50,13 @@ def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
     own = Path(spec.source)
     version = own.stat().st_mtime_ns if is_file(spec.source) and own.exists() else 0
     # What the accelerometers feel is no part of the map.
-    found = _make(spec.model_copy(update={"gravity_disturbance": False}), version)
-    return found if not any(constant) else _with_constant(found, constant)
+    field = _make(spec.model_copy(update={"gravity_disturbance": False}), version)
+    return field if not any(constant) else _with_constant(field, constant)
 
 
 @lru_cache(maxsize=8)
-def _with_constant(found: Field, constant: tuple[float, ...]) -> Field:
-    return dataclasses.replace(found, constant_disturbance=np.array(constant) / MGAL)
+def _with_constant(field: Field, constant: tuple[float, ...]) -> Field:
+    return dataclasses.replace(field, constant_disturbance=np.array(constant) / MGAL)
 
 
 def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...]:
@@ -77,21 +77,21 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
     return tuple(float(np.linalg.norm(COMPONENTS[name] * error)) for name in channels)
 
 
-def beside(found: Field, longitude: float) -> Field:
+def beside(field: Field, longitude: float) -> Field:
     """Return a field whose map counts longitudes in the same turn as a flight [rad].
 
     A flight at 275.7° is over a map at −84.3°, and one across the date line over one that ends at
     181° or begins at −181°.
     """
-    if not found.has_map:
-        return found
-    turn = float(turns(0.5 * (found.lower[1] + found.upper[1]), longitude, math.tau))
-    return found if turn == 0.0 else _turned(found, turn)
+    if not field.has_map:
+        return field
+    turn = float(turns(0.5 * (field.lower[1] + field.upper[1]), longitude, math.tau))
+    return field if turn == 0.0 else _turned(field, turn)
 
 
 @lru_cache(maxsize=8)
-def _turned(found: Field, turn: float) -> Field:
-    return dataclasses.replace(found, origin=found.origin + np.array([0.0, turn, 0.0]))
+def _turned(field: Field, turn: float) -> Field:
+    return dataclasses.replace(field, origin=field.origin + np.array([0.0, turn, 0.0]))
 
 
 @lru_cache(maxsize=8)
@@ -102,10 +102,10 @@ def _make(spec: FieldSpec, version: int) -> Field:
         if spec.error is not None:
             raise MapError('field.error: source = "normal" has no map that could be wrong')
         return Field.normal()
-    found = _exact_map(spec.model_copy(update={"error": None}), version)
+    gradient_map = _exact_map(spec.model_copy(update={"error": None}), version)
     if spec.error is not None:
-        found = degrade(found, _degradation(spec.error))
-    return Field.from_map(found)
+        gradient_map = degrade(gradient_map, _degradation(spec.error))
+    return Field.from_map(gradient_map)
 
 
 @lru_cache(maxsize=2)
@@ -134,10 +134,10 @@ def _crop(spec: FieldSpec) -> Area | None:
 def _refuse_recipe(spec: FieldSpec) -> None:
     """Raise MapError if a map that is not built is said to be built in another way."""
     for key in ("land_correction", "relief_smoothing_deg", "density_kg_m3", "drape"):
-        found, usual = getattr(spec, key), FieldSpec.model_fields[key].default
-        if found != usual:
+        value, usual = getattr(spec, key), FieldSpec.model_fields[key].default
+        if value != usual:
             raise MapError(
-                f'field.{key} is {found}, which means nothing for source = "{spec.source}": only '
+                f'field.{key} is {value}, which means nothing for source = "{spec.source}": only '
                 "a map that is built from a named source has it"
             )
 

@@ -64,11 +64,11 @@ def require_together(first: Flight, other: Flight) -> None:
 
 
 def _bounds(flights: Sequence[Flight], true: SensorSuite) -> list[Bound]:
-    found = []
+    bounds_of = []
     for some in groups(len(flights)):
         systems = zip(flights[some], *_systems(flights[some], true), strict=True)
-        found += [_bound(flight, true, *system) for flight, *system in systems]
-    return found
+        bounds_of += [_bound(flight, true, *system) for flight, *system in systems]
+    return bounds_of
 
 
 def _systems(flights: Sequence[Flight], true: SensorSuite) -> tuple[np.ndarray, ...]:
@@ -104,7 +104,7 @@ def _bound(
             field=flight.field,
             when=when,
             ins=motion,
-            taken=DelayedInsSolution(delays, positions, attitudes, rows),
+            delayed=DelayedInsSolution(delays, positions, attitudes, rows),
             missing=np.zeros(len(when.gradients), dtype=bool),
             others=true.aiding_model(flight.field, when.aiding, motion, flight.turning),
             whitening=true.whitening(when.times[when.gradients], flight.absent),
@@ -127,6 +127,6 @@ def _noise_cov(flight: Flight, true: SensorSuite) -> np.ndarray:
     """The measurements' noise, of the gradiometer by what its tails tell more."""
     noise_cov = true.noise_cov.copy()
     if true.gradiometer is not None and flight.faults.information > 1.0:
-        own, known = np.arange(true.gradients), 1.0 - 1.0 / flight.faults.information
-        noise_cov[own, own] -= known * true.gradiometer.noise_eotvos**2
+        own, share = np.arange(true.gradients), 1.0 - 1.0 / flight.faults.information
+        noise_cov[own, own] -= share * true.gradiometer.noise_eotvos**2
     return noise_cov

@@ -48,7 +48,7 @@ class MeasurementTimes:
 
     def between(self, first: int, last: int) -> MeasurementTimes:
         """Return the epochs from ``first`` to ``last``, of a flight that begins before them."""
-        begun = 0 if first == 0 else int(self.samples[first - 1])
+        start = 0 if first == 0 else int(self.samples[first - 1])
         epochs = slice(first, last + 1)
 
         def among(read: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ class MeasurementTimes:
 
         return MeasurementTimes(
             self.times[epochs],
-            self.samples[epochs] - begun,
+            self.samples[epochs] - start,
             self.dt,
             among(self.gradients),
             [among(read) for read in self.aiding],
@@ -182,7 +182,15 @@ def propagate_errors(
         turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
         out.delayed_attitudes[:] = turned.reshape(shape)
     model.along(
-        track, increments, samples, delays, dt, gravity, out.transition, out.process_cov, out.rows
+        track=track,
+        increments=increments,
+        epochs=samples,
+        delays=delays,
+        dt=dt,
+        gravity=gravity,
+        transition=out.transition,
+        process_cov=out.process_cov,
+        rows=out.rows,
     )
     out.integrated[:] = 0.0
     if model.integrates:
@@ -258,7 +266,7 @@ def build_problems(
             field=field,
             when=when,
             ins=motion,
-            taken=ins.delayed(when.delays(model)),
+            delayed=ins.delayed(when.delays(model)),
             missing=read.missing,
             others=aiding.without(~read.present),
             whitening=whitening,
@@ -276,7 +284,7 @@ def arrays_along(
     field: Field,
     when: MeasurementTimes,
     ins: Motion,
-    taken: DelayedInsSolution,
+    delayed: DelayedInsSolution,
     missing: np.ndarray,
     others: AidingChannels,
     whitening: Whitening | None,
@@ -288,7 +296,7 @@ def arrays_along(
         gradiometer=model.gradiometer,
         times=when.times,
         ins=ins,
-        taken=taken,
+        taken=delayed,
         treatment=treatment,
         missing=missing,
         at=when.gradients,
@@ -306,10 +314,10 @@ def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Wh
     GGBenchError
         If the noise is coloured and they do not.
     """
-    found = model.whitening(times, missing[0])
-    if found is not None and (missing != missing[0]).any():
+    whitening = model.whitening(times, missing[0])
+    if whitening is not None and (missing != missing[0]).any():
         raise GGBenchError("coloured noise is whitened only where all runs miss the same readings")
-    return found
+    return whitening
 
 
 def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:

@@ -133,8 +133,8 @@ def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
     """Return the tensors (G, 6) of readings that are taken at other times than they claim."""
     truth, faults, times = flight.trajectory, flight.faults, flight.times[flight.gradient_epochs]
     clock = faults.clock * rng.standard_normal()
-    taken = times - flight.latency + faults.jitter * rng.standard_normal(len(times))
-    taken = np.clip(taken, truth.times[0], truth.times[-1])
-    positions, attitudes = truth.at(taken)
+    reading_times = times - flight.latency + faults.jitter * rng.standard_normal(len(times))
+    reading_times = np.clip(reading_times, truth.times[0], truth.times[-1])
+    positions, attitudes = truth.at(reading_times)
     places = gradiometer_places(flight.case, positions, attitudes)
-    return readings(flight.field, places, taken + clock, attitudes, flight.instrument)
+    return readings(flight.field, places, reading_times + clock, attitudes, flight.instrument)

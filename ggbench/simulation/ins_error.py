@@ -75,8 +75,8 @@ def ins_error(suite: SensorSuite, trajectory: Trajectory) -> InsError:
     )
     system = alone.system(Motion.of(trajectory), delta_velocities, samples[1:], trajectory.dt)
     cov = alone.prior_cov
-    found = [np.diag(cov)[POSITION]]
+    variances = [np.diag(cov)[POSITION]]
     for transition, process_cov in zip(*system, strict=True):
         cov = transition @ cov @ transition.T + process_cov
-        found.append(np.diag(cov)[POSITION])
-    return InsError(samples, trajectory.times[samples], np.sqrt(found))
+        variances.append(np.diag(cov)[POSITION])
+    return InsError(samples, trajectory.times[samples], np.sqrt(variances))

@@ -141,15 +141,15 @@ def _colour(spec: GradiometerSpec) -> VectorAutoregression | None:
     if spec.coloured_noise is None:
         return None
     colour, components = read_noise(shipped_or_own(spec.coloured_noise)), channel_names(spec)
-    said = f"the noise model {spec.coloured_noise}"
+    subject = f"the noise model {spec.coloured_noise}"
     if colour.components != components:
         raise GGBenchError(
-            f"{said} has components {', '.join(colour.components)}, and the gradiometer has "
+            f"{subject} has components {', '.join(colour.components)}, and the gradiometer has "
             f"{', '.join(components)}: they must be the same, in the same order"
         )
     if abs(colour.interval - spec.period_s) > 1e-6 * spec.period_s:
         raise GGBenchError(
-            f"{said} has interval_s {colour.interval:g}, and gradiometer.period_s is "
+            f"{subject} has interval_s {colour.interval:g}, and gradiometer.period_s is "
             f"{spec.period_s:g}: they must be the same"
         )
     return colour

@@ -52,13 +52,13 @@ def measured_errors(
     GGBenchError
         If the survey lines have no gravity, or samples at other times.
     """
-    found = {}
+    errors = {}
     for name in case.measured_sensors():
         if name != "gradiometer":
             gravity = -MGAL * field.gravity_disturbance(*positions[name].T)[:, 2]
             period = case.sensor[name].period_s
-            found[name] = _on_line(case, name, period, (DISTURBANCE,))[:, 0] - gravity
-    return found
+            errors[name] = _on_line(case, name, period, (DISTURBANCE,))[:, 0] - gravity
+    return errors
 
 
 def _on_line(case: CaseSpec, sensor: str, period: float, columns: Sequence[str]) -> np.ndarray:

@@ -130,15 +130,15 @@ class Loop:
         """
         replay, first = self._replay, self._first
         when, recording = replay.when, replay.recording
-        begun = 0 if first == 0 else int(when.samples[first - 1])
+        start = 0 if first == 0 else int(when.samples[first - 1])
         ended = int(when.samples[last])
-        increments = recording.increments[begun:ended]
-        track = unfilled(ended - begun + 1, TRACK)
+        increments = recording.increments[start:ended]
+        track = unfilled(ended - start + 1, TRACK)
         navigate_lanes(
             initial=in_lanes(self._state.reshape(1, 1, TRACK)),
             increments=increments,
             dt=when.dt,
-            heights=recording.heights[begun:ended],
+            heights=recording.heights[start:ended],
             gains=recording.gains,
             gravity=replay.gravity,
             track=track,

@@ -96,20 +96,26 @@ def simulate_flights(
     parts = [slice(0, len(runs))]
     if any(flight is not first for flight in flights):
         parts = [slice(r, r + 1) for r in range(len(runs))]
-    seen = Gradients.joined([gradients(flights[part.start], streams[part]) for part in parts])
+    gradients_read = Gradients.joined(
+        [gradients(flights[part.start], streams[part]) for part in parts]
+    )
     ins = MechanizedRuns.empty(len(streams), len(when.times), model.dimension)
     imu_biases = np.empty((len(streams), len(when.times), 6))
     recordings: list[Recording] = []
     scratch = _Scratch.of(first)
     for some in groups(len(streams)):
-        gravity = first.added_gravity(first.model_field, seen.of_runs(some)[:2])
+        gravity = first.added_gravity(first.model_field, gradients_read.of_runs(some)[:2])
         imu_biases[some], recorded = _navigate(flights[some], streams[some], gravity, scratch)
         propagate_errors(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
         if not model.has_memory:
             recordings.append(recorded._replace(increments=recorded.increments.copy()))
     finished = []
     for part in parts:
-        flight, of_part, of_sensors = flights[part.start], ins.of_runs(part), seen.of_runs(part)
+        flight, of_part, of_sensors = (
+            flights[part.start],
+            ins.of_runs(part),
+            gradients_read.of_runs(part),
+        )
         read, states = _readings(flight, streams[part], of_sensors, of_part.motion)
         _add_states(flight, of_part, imu_biases[part], of_sensors, states)
         problems = build_problems(model, flight.model_field, when, of_part, read)
@@ -127,7 +133,7 @@ def _add_states(
     flight: Flight,
     ins: MechanizedRuns,
     imu_biases: np.ndarray,
-    seen: Gradients,
+    gradients_read: Gradients,
     error_state: np.ndarray,
 ) -> None:
     """Fill true error states (R, K, n) of runs of one flight, but for those of other sensors."""
@@ -137,8 +143,8 @@ def _add_states(
     if model.disturbance is not None:
         error_state[:, :, STATES : model.ins_state_count] = flight.unknown_to_a_map - ins.integrated
     for place, kind in model.states:
-        if kind.name in seen.states:
-            error_state[:, :, place] = seen.states[kind.name]
+        if kind.name in gradients_read.states:
+            error_state[:, :, place] = gradients_read.states[kind.name]
 
 
 class Record(NamedTuple):
@@ -169,23 +175,25 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     seed, run : the campaign's seed and the run's number.
     """
     streams = [RandomStreams(seed, run, flight.case.draw.name)]
-    seen = gradients(flight, streams)
-    gravity = flight.added_gravity(flight.model_field, seen[:2])
+    gradients_read = gradients(flight, streams)
+    gravity = flight.added_gravity(flight.model_field, gradients_read[:2])
     scratch = _Scratch.of(flight)
     _, recorded = _navigate([flight], streams, gravity, scratch)
     track = scratch.track
     motion = Motion.of_states(out_of_lanes(track[flight.epochs], 1))
-    read, _ = _readings(flight, streams, seen, motion)
+    read, _ = _readings(flight, streams, gradients_read, motion)
     increments, heights = recorded.increments[:, :, 0], recorded.heights[:, 0, 0]
     return Record(track[0, :, 0], increments, heights, motion, read)
 
 
 def _readings(
-    flight: Flight, streams: Sequence[RandomStreams], seen: Gradients, ins: Motion
+    flight: Flight, streams: Sequence[RandomStreams], gradients_read: Gradients, ins: Motion
 ) -> tuple[SensorReadings, np.ndarray]:
     """Return what the sensors of R runs deliver, and the true states (R, K, n) of the others."""
     measurements, present, states = aiding_readings(flight, streams, ins)
-    return SensorReadings(seen.output, seen.missing, measurements, present), states
+    return SensorReadings(
+        gradients_read.output, gradients_read.missing, measurements, present
+    ), states
 
 
 class _Scratch(NamedTuple):

@@ -84,8 +84,8 @@ class SensorSuite:
 
         Where the gravity that the INS does not know is a state, only of what the INS adds.
         """
-        known = self.disturbance is None or self.compensates
-        return field.disturbance_map if known else NO_MAP
+        is_assumed = self.disturbance is None or self.compensates
+        return field.disturbance_map if is_assumed else NO_MAP
 
     @property
     def integrates(self) -> bool:
@@ -238,8 +238,8 @@ class SensorSuite:
         dt : [s].
         gravity : as in :meth:`along`.
         """
-        found = self.systems([motion], [delta_velocities], epochs, np.empty(0), dt, gravity)
-        return found[0][0], found[1][0]
+        systems = self.systems([motion], [delta_velocities], epochs, np.empty(0), dt, gravity)
+        return systems[0][0], systems[1][0]
 
     def systems(
         self,

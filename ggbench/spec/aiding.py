@@ -136,12 +136,12 @@ class TrueGnss(GnssChange, Interruptions):
 
     @model_validator(mode="after")
     def _check_false_positions(self) -> TrueGnss:
-        for key, given in (
+        for key, is_present in (
             ("ramp", self.ramp_from_s > 0.0),
             ("jump", self.jump_from_s > 0.0 or self.jump_until_s is not None),
         ):
             unit = "mps" if key == "ramp" else "m"
-            if given and not any(getattr(self, f"{key}_{unit}")):
+            if is_present and not any(getattr(self, f"{key}_{unit}")):
                 raise ValueError(f"{key}_from_s says when {key}_{unit} is: give {key}_{unit}")
         if self.jump_until_s is not None and not self.jump_from_s < self.jump_until_s:
             raise ValueError("jump_until_s must be later than jump_from_s")
@@ -292,5 +292,5 @@ KINDS: tuple[str, ...] = tuple(spec.model_fields["kind"].default for spec in get
 
 def unchanged(kind: str) -> TrueAiding:
     """Return the table ``[truth.<kind>]`` that changes nothing."""
-    found: TrueAiding = get_args(TrueAiding)[KINDS.index(kind)]()
-    return found
+    table: TrueAiding = get_args(TrueAiding)[KINDS.index(kind)]()
+    return table

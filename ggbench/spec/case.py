@@ -113,9 +113,9 @@ def _changed(key: str, table: Any, change: Any) -> Any:
     try:
         return changed(table, change)
     except ValidationError as error:
-        found = error.errors()[0]
-        said = found.get("ctx", {}).get("error", found["msg"])
-        raise ValueError(f"{key}: {said}") from None
+        flaw = error.errors()[0]
+        message = flaw.get("ctx", {}).get("error", flaw["msg"])
+        raise ValueError(f"{key}: {message}") from None
 
 
 class CaseSpec(WithSensors):
@@ -218,17 +218,17 @@ class CaseSpec(WithSensors):
 
     def _require_components(self) -> None:
         """Raise ValueError if no channel has the axes of a map's standard error."""
-        said, model = "model.field.standard_error", self.side("model")
+        key, model = "model.field.standard_error", self.side("model")
         if model.field.source == "normal":
-            raise ValueError(f'{said} needs a map: source = "normal" has no error')
+            raise ValueError(f'{key} needs a map: source = "normal" has no error')
         if model.gradiometer is None or model.gradiometer.instrument != "local-level":
             raise ValueError(
-                f"{said} is of components east, north and up: it needs a gradiometer with "
+                f"{key} is of components east, north and up: it needs a gradiometer with "
                 'instrument = "local-level"'
             )
         if model.gradiometer.coloured_noise is not None:
             raise ValueError(
-                f"{said} goes with white noise: coloured noise from held-back lines includes the "
+                f"{key} goes with white noise: coloured noise from held-back lines includes the "
                 "errors of the map"
             )
 
@@ -253,8 +253,8 @@ class CaseSpec(WithSensors):
             If there is no such key, or the case would break a rule.
         """
         whole = laid_over(self.model_dump(warnings=False), nested(key, value))
-        found = validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
-        return found.with_seed(self._seed)
+        case = validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
+        return case.with_seed(self._seed)
 
     def __eq__(self, other: object) -> bool:
         """Compare the tables: the seed of the campaign is no part of a case."""

@@ -11,10 +11,16 @@ from .case import CaseName
 from .tables import Section, Several, Title
 
 GravityQuantity = Literal[
-    "east position", "north position", "up position",
-    "east velocity", "north velocity", "up velocity",
-    "pitch", "roll", "heading",
-]  # fmt: skip
+    "east position",
+    "north position",
+    "up position",
+    "east velocity",
+    "north velocity",
+    "up velocity",
+    "pitch",
+    "roll",
+    "heading",
+]
 UNITS: dict[str, str] = {"position": "m", "velocity": "m/s"} | dict.fromkeys(
     ("pitch", "roll", "heading"), "\u2032"
 )

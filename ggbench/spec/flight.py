@@ -21,7 +21,6 @@ from .columns import ColumnNames
 from .gradiometer import GradiometerSpec
 from .named_sensors import NO_SENSORS, NamedSensors, WithSensors
 from .recordings import FileName, Frame, ReadingsRecording, Recording
-from .scenario import read_text, read_toml, strip_provenance
 from .sensors import (
     AltimeterSpec,
     DisturbanceSpec,
@@ -31,6 +30,7 @@ from .sensors import (
     Side,
 )
 from .tables import Listed, Section
+from .toml_files import read_text, read_toml, strip_provenance
 from .validation_messages import ScenarioError, validate
 
 BodyAxes = Literal["right-forward-up", "forward-right-down", "forward-left-up"]
@@ -90,8 +90,8 @@ class StartSpec(Section):
     @model_validator(mode="after")
     def _check(self) -> StartSpec:
         for name in ("latitude", "longitude"):
-            given = [getattr(self, f"{name}_{unit}") for unit in ("deg", "rad")]
-            if (given[0] is None) == (given[1] is None):
+            values = [getattr(self, f"{name}_{unit}") for unit in ("deg", "rad")]
+            if (values[0] is None) == (values[1] is None):
                 raise ValueError(f"give exactly one of {name}_deg and {name}_rad")
         angles = (self.heading_deg, self.pitch_deg, self.roll_deg)
         if (self.c_nb is None) == (None in angles) or (self.c_nb and any(angles)):
@@ -239,9 +239,9 @@ class FlightSpec(WithSensors):
     @property
     def inertial(self) -> InsRecord | ImuRecord:
         """The INS's record."""
-        found = self.ins or self.imu_record
-        assert found is not None  # checked above
-        return found
+        record = self.ins or self.imu_record
+        assert record is not None  # checked above
+        return record
 
     @property
     def damping_s(self) -> float:

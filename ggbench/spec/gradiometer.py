@@ -99,12 +99,12 @@ class GradiometerSpec(PeriodicSpec):
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
         noises: list[Any] = [getattr(self, key) for key in NOISES]
-        said = "noise_eotvos (RMS), noise_density_eotvos_per_sqrt_hz and coloured_noise"
+        keys = "noise_eotvos (RMS), noise_density_eotvos_per_sqrt_hz and coloured_noise"
         if self.rotating is not None:
             noises.append(self.rotating.accelerometer_noise_ng_per_sqrt_hz)
-            said += " and rotating.accelerometer_noise_ng_per_sqrt_hz"
+            keys += " and rotating.accelerometer_noise_ng_per_sqrt_hz"
         if sum(noise is not None for noise in noises) != 1:
-            raise ValueError(f"give exactly one of {said}")
+            raise ValueError(f"give exactly one of {keys}")
         if self.rotating is not None:
             try:
                 RotatingGradiometer(

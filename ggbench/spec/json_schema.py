@@ -40,15 +40,15 @@ class _Generator(GenerateJsonSchema):
         return self.generate_inner(schema["schema"])
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> Schema:
-        found = super().default_schema(schema)
-        if found.get("default") is None or isinstance(found["default"], dict):
-            found.pop("default", None)
-        return found
+        json = super().default_schema(schema)
+        if json.get("default") is None or isinstance(json["default"], dict):
+            json.pop("default", None)
+        return json
 
     def model_schema(self, schema: core_schema.ModelSchema) -> Schema:
-        found = super().model_schema(schema)
-        found.pop("title", None)
-        return found
+        json = super().model_schema(schema)
+        json.pop("title", None)
+        return json
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -56,10 +56,10 @@ class _Generator(GenerateJsonSchema):
 
 def models_schema(*models: type[BaseModel]) -> dict[str, Schema]:
     """Return the JSON Schema of each model and of the models within it, by class name."""
-    _, found = models_json_schema(
+    _, schemas = models_json_schema(
         [(model, "validation") for model in models], schema_generator=_Generator
     )
-    return dict(found["$defs"])
+    return dict(schemas["$defs"])
 
 
 def scenario_schema() -> Schema:
@@ -80,9 +80,11 @@ def scenario_schema() -> Schema:
     tables["Changes"] = case | {"properties": changes, "required": []}
     texts = {key: _written(item) for key, item in TOP_TEXTS["properties"].items()}
     listed = {
-        "case": "CaseSpec", "assumption": "CaseSpec", "claim": "ClaimSpec",
+        "case": "CaseSpec",
+        "assumption": "CaseSpec",
+        "claim": "ClaimSpec",
         "comparison": "ComparisonSpec",
-    }  # fmt: skip
+    }
     return {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "Scenario of ggbench",

@@ -48,20 +48,20 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
     The ways to state the gradiometer's noise replace each other; a preset replaces its keys.
     """
-    found = {key: value for key, value in base.items() if key not in replaced(change)}
+    result = {key: value for key, value in base.items() if key not in replaced(change)}
     for key, value in change.items():
-        inner: Any = found.get(key)
+        inner: Any = result.get(key)
         tables = isinstance(value, Mapping) and isinstance(inner, Mapping)
-        found[key] = merged(inner, value) if tables else value
+        result[key] = merged(inner, value) if tables else value
     of_disks, stated = "accelerometer_noise_ng_per_sqrt_hz", any(n in change for n in NOISES)
-    disks, changed_disks = found.get("rotating"), change.get("rotating")
+    disks, changed_disks = result.get("rotating"), change.get("rotating")
     by_disks = isinstance(changed_disks, Mapping) and of_disks in changed_disks
     if stated or by_disks:
         for noise in set(NOISES) - set(change):
-            found.pop(noise, None)
+            result.pop(noise, None)
     if stated and not by_disks and isinstance(disks, Mapping):
-        found["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
-    return found
+        result["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
+    return result
 
 
 def changed(spec: S, change: Section) -> S:
@@ -73,9 +73,9 @@ def changed(spec: S, change: Section) -> S:
         (pydantic's) if the result breaks a rule of the table.
     """
     own = type(spec).model_fields.keys() - {"rotating"}
-    given = {
+    explicit = {
         key: value for key, value in change.model_dump(exclude_defaults=True).items() if key in own
     }
-    if not given:
+    if not explicit:
         return spec
-    return type(spec).model_validate(merged(spec.model_dump(exclude_unset=True), given))
+    return type(spec).model_validate(merged(spec.model_dump(exclude_unset=True), explicit))

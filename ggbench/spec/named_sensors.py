@@ -45,8 +45,8 @@ def _checked_name(name: str) -> str:
             "the name of a sensor must consist of letters (without accents), digits and "
             "underscores, begin with a letter, and have at most 30 characters"
         )
-    taken = name.lower() in RESERVED or (name.lower() in KINDS and name not in KINDS)
-    if taken:
+    is_reserved = name.lower() in RESERVED or (name.lower() in KINDS and name not in KINDS)
+    if is_reserved:
         raise ValueError("a sensor must have a name of its own, and this one is taken")
     return name
 
@@ -88,7 +88,7 @@ class NamedSensors(Mapping[str, T]):
             handler.generate_schema(table),
         )
         return core_schema.no_info_before_validator_function(
-            lambda given: dict(given) if isinstance(given, NamedSensors) else given,
+            lambda value: dict(value) if isinstance(value, NamedSensors) else value,
             core_schema.no_info_after_validator_function(cls._of, by_name),
             serialization=core_schema.plain_serializer_function_ser_schema(
                 dict, return_schema=by_name
@@ -108,8 +108,8 @@ class NamedSensors(Mapping[str, T]):
                     f"a sensor with the name {name} must be of that kind, found '{table.kind}'"
                 )
         # A side that changes nothing of a sensor is the same case as one that does not name it.
-        said = {name: table.model_dump(exclude_defaults=True) for name, table in tables.items()}
-        return cls({name: table for name, table in tables.items() if said[name]})
+        explicit = {name: table.model_dump(exclude_defaults=True) for name, table in tables.items()}
+        return cls({name: table for name, table in tables.items() if explicit[name]})
 
 
 NO_SENSORS: NamedSensors[Any] = NamedSensors({})
@@ -140,8 +140,8 @@ class WithSensors(Section):
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         """Return the schema of a file, which has a table of each kind besides ``sensor``."""
-        found = handler(schema)
-        own = handler.resolve_ref_schema(found)
+        json = handler(schema)
+        own = handler.resolve_ref_schema(json)
         properties: dict[str, Any] = {}
         for key, item in own["properties"].items():
             if key == "sensor":
@@ -149,7 +149,7 @@ class WithSensors(Section):
                 properties |= dict(tables)
             properties[key] = item
         own["properties"] = properties
-        return found
+        return json
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:

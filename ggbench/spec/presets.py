@@ -12,9 +12,7 @@ from typing import Any, Literal, NamedTuple
 NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz", "coloured_noise")
 """The ways to state the gradiometer's noise; one replaces the others."""
 Grade = Literal["consumer", "tactical", "navigation", "strategic"]
-PublishedGradiometer = Literal[
-    "ftg-2008", "falcon-2019", "atom-2002", "superconducting-2002"
-]  # fmt: skip
+PublishedGradiometer = Literal["ftg-2008", "falcon-2019", "atom-2002", "superconducting-2002"]
 
 
 class Preset(NamedTuple):
@@ -44,22 +42,29 @@ IMU_GRADES: Mapping[str, Preset] = {
     "consumer": _imu(200.0, 1.0, 10e3, 1000.0, f"{_GROVES}, Inertial_Demo_3, rounded"),
     "tactical": _imu(10.0, 0.01, 1000.0, 100.0, f"{_GROVES}, Inertial_Demo_1, rounded"),
     "navigation": _imu(
-        0.01, 0.002, 30.0, 20.0,
-        f"{_GROVES}, Inertial_Demo_2, rounded; gyro bias: {_EL_SHEIMY}",
+        gyro_bias=0.01,
+        gyro_noise=0.002,
+        accelerometer_bias=30.0,
+        noise=20.0,
+        source=f"{_GROVES}, Inertial_Demo_2, rounded; gyro bias: {_EL_SHEIMY}",
     ),
     "strategic": _imu(
-        0.0003, 0.0001, 1.0, 1.0,
-        f"biases: {_EL_SHEIMY}, gyros in the middle, accelerometers at the upper end; noise: "
-        "assumed, as in the scenario ship_strategic",
+        gyro_bias=0.0003,
+        gyro_noise=0.0001,
+        accelerometer_bias=1.0,
+        noise=1.0,
+        source=f"biases: {_EL_SHEIMY}, gyros in the middle, accelerometers at the upper end; "
+        "noise: assumed, as in the scenario ship_strategic",
     ),
-}  # fmt: skip
+}
 """Inertial sensors by grade, from the worst to the best."""
 
 _SURVEY = "from lines that its map leaves out, scenarios/data/measured"
 GRADIOMETERS: Mapping[str, Preset] = {
     "ftg-2008": Preset(
         {
-            "period_s": 1.0, "instrument": "local-level",
+            "period_s": 1.0,
+            "instrument": "local-level",
             "components": ["xx", "xy", "xz", "yy", "yz"],
             "coloured_noise": "measured/vinton2008_noise.json",
         },
@@ -67,27 +72,31 @@ GRADIOMETERS: Mapping[str, Preset] = {
     ),
     "falcon-2019": Preset(
         {
-            "period_s": 1.0, "instrument": "local-level", "components": ["xy", "xx-yy"],
+            "period_s": 1.0,
+            "instrument": "local-level",
+            "components": ["xy", "xx-yy"],
             "coloured_noise": "measured/fosterville2019_noise.json",
         },
         f"Falcon gradiometer over Fosterville, 4.5 E RMS: {_SURVEY}",
     ),
     "atom-2002": Preset(
         {
-            "instrument": "local-level", "components": ["zz"],
+            "instrument": "local-level",
+            "components": ["zz"],
             "noise_density_eotvos_per_sqrt_hz": 4.0,
         },
         "J. M. McGuirk et al., Physical Review A 65, 033608 (2002), abstract; in the laboratory",
     ),
     "superconducting-2002": Preset(
         {
-            "instrument": "platform", "components": ["xx", "yy", "zz"],
+            "instrument": "platform",
+            "components": ["xx", "yy", "zz"],
             "noise_density_eotvos_per_sqrt_hz": 0.02,
         },
         "M. V. Moody et al., Review of Scientific Instruments 73, 3957 (2002), abstract; in the "
         "laboratory",
     ),
-}  # fmt: skip
+}
 """Gradiometers after published instruments."""
 PRESETS: Mapping[str, tuple[str, Mapping[str, Preset]]] = {
     "imu": ("grade", IMU_GRADES),

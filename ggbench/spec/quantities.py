@@ -41,12 +41,12 @@ class Within:
     def __get_pydantic_json_schema__(
         self, source: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        found = {**handler(source), "minimum": self.lowest, "maximum": self.highest}
+        json = {**handler(source), "minimum": self.lowest, "maximum": self.highest}
         if self.usual is not None:
-            found["x-usual"] = list(self.usual)
+            json["x-usual"] = list(self.usual)
         if self.or_zero and not self.lowest <= 0.0 <= self.highest:
-            return {"anyOf": [{"const": 0}, found]}
-        return found
+            return {"anyOf": [{"const": 0}, json]}
+        return json
 
     def held(self, value: float) -> float:
         """Return the value. Raises PydanticCustomError, a ValueError, if it is outside."""

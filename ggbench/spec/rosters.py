@@ -14,8 +14,8 @@ FILE = "rosters.toml"
 def rosters() -> Mapping[str, tuple[str, ...]]:
     """Return the texts of the estimators of each roster by its name."""
     file = importlib.resources.files("ggbench.scenarios") / FILE
-    found = tomllib.loads(file.read_text(encoding="utf-8"))
-    return {name: tuple(texts) for name, texts in found.items()}
+    table = tomllib.loads(file.read_text(encoding="utf-8"))
+    return {name: tuple(texts) for name, texts in table.items()}
 
 
 def expanded(texts: Iterable[str]) -> tuple[str, ...]:
@@ -32,8 +32,8 @@ def expanded(texts: Iterable[str]) -> tuple[str, ...]:
     for text in texts:
         if text.startswith("@"):
             if text[1:] not in rosters():
-                known = ", ".join(f"@{name}" for name in rosters())
-                raise ValueError(f"there is no roster '{text}'; there are {known}")
+                allowed = ", ".join(f"@{name}" for name in rosters())
+                raise ValueError(f"there is no roster '{text}'; there are {allowed}")
             listed |= dict.fromkeys(rosters()[text[1:]])
         elif text.startswith("-"):
             if text[1:] not in listed:

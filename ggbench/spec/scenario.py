@@ -15,7 +15,6 @@ import itertools
 import json
 import math
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +24,6 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import text_of
 from ..trajectory.terrain_following import terrain_path as shipped_or_own
 from . import rosters
 from . import sweep as sweep
@@ -36,12 +34,12 @@ from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
 from .merging import laid_over
 from .sweep import Sweep
+from .toml_files import read_text, read_toml, strip_provenance
 from .validation_messages import ScenarioError as ScenarioError
 from .validation_messages import suggest, validate
 
 C = TypeVar("C", ClaimSpec, ComparisonSpec)
 _MOST_NAMED = 20
-_MOST_NESTED = 16
 """Most cases that a message lists."""
 
 
@@ -127,19 +125,19 @@ class Scenario:
 
         Raise ScenarioError if there is none of that name; the message says which there are.
         """
-        known = {
+        cases = {
             f"{study}/{case.name}" if study else case.name: (study, case)
             for study, case in self.every_case()
         }
-        if name not in known:
-            raise self._no_case(name, list(known))
-        return known[name]
+        if name not in cases:
+            raise self._no_case(name, list(cases))
+        return cases[name]
 
-    def _no_case(self, name: str, known: list[str]) -> ScenarioError:
-        more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+    def _no_case(self, name: str, names: list[str]) -> ScenarioError:
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
         return ScenarioError(
-            f"{self.name} has no case '{name}'{suggest(str(name), known)}; its cases: "
-            f"{', '.join(known[:_MOST_NAMED])}{more}"
+            f"{self.name} has no case '{name}'{suggest(str(name), names)}; its cases: "
+            f"{', '.join(names[:_MOST_NAMED])}{more}"
         )
 
     def select(self, names: Sequence[str]) -> Scenario:
@@ -226,26 +224,8 @@ def checked(case: CaseSpec) -> CaseSpec:
     ScenarioError
         As :func:`load`.
     """
-    found = validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
-    return found.with_seed(case.seed)
-
-
-def values(source: str) -> dict[str, Any]:
-    """Return the value of every dotted key of a scenario's text, without provenance."""
-    flat: dict[str, Any] = {}
-
-    def walk(node: Any, path: str) -> None:
-        if isinstance(node, dict):
-            for key, item in node.items():
-                walk(item, f"{path}.{key}" if path else key)
-        elif isinstance(node, list) and any(isinstance(item, dict) for item in node):
-            for i, item in enumerate(node):
-                walk(item, f"{path}[{i}]")
-        else:
-            flat[path] = node
-
-    walk(strip_provenance(tomllib.loads(source), "", {}, ""), "")
-    return flat
+    valid = validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
+    return valid.with_seed(case.seed)
 
 
 def _read(file: Traversable, name: str, origin: str) -> Scenario:
@@ -261,42 +241,6 @@ def _read(file: Traversable, name: str, origin: str) -> Scenario:
         beside = file.parent if isinstance(file, Path) else folder
         notes = read_text(beside / notes_name, f"{origin}: notes {notes_name}")
     return parse(document, name, origin, source, notes)
-
-
-def read_text(file: Traversable, origin: str) -> str:
-    """Return the content of a text file, or raise ScenarioError with a sentence."""
-    try:
-        return file.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{origin}: is not UTF-8 text") from None
-    except OSError as error:
-        raise ScenarioError(f"{origin}: cannot be read: {error.strerror}") from None
-
-
-def read_toml(source: str, origin: str) -> dict[str, Any]:
-    """Return the content of a TOML text, or raise ScenarioError with a sentence."""
-    try:
-        found = tomllib.loads(source)
-    except (ValueError, RecursionError) as error:  # ValueError: also of a number of any length
-        raise ScenarioError(f"{origin}: is not valid TOML: {text_of(error)}") from None
-    _require_shallow(found, origin)
-    return found
-
-
-def _require_shallow(document: dict[str, Any], origin: str) -> None:
-    """Raise ScenarioError if tables and lists are nested deeper than any key of a scenario."""
-    level: list[Any] = [document]
-    for _ in range(_MOST_NESTED):
-        level = [
-            inner
-            for node in level
-            for inner in (node.values() if isinstance(node, dict) else node)
-            if isinstance(inner, dict | list)
-        ]
-    if level:
-        raise ScenarioError(
-            f"{origin}: has tables nested more than {_MOST_NESTED} deep, which no key of a file is"
-        )
 
 
 def parse(
@@ -359,14 +303,14 @@ def parse(
 
 
 def _claims(
-    kind: type[C], key: str, found: Any, cases: Sequence[CaseSpec], origin: str
+    kind: type[C], key: str, tables: Any, cases: Sequence[CaseSpec], origin: str
 ) -> tuple[C, ...]:
     """Return the claims of a file, each of a case that it has."""
-    if not isinstance(found, list):
+    if not isinstance(tables, list):
         raise ScenarioError(f"{origin}: {key} must be written as [[{key}]] tables")
     claims = []
     names = [case.name for case in cases]
-    for number, table in enumerate(found):
+    for number, table in enumerate(tables):
         claim = validate(kind, table, f"{origin}: {key}[{number}]")
         if claim.case not in names:
             raise ScenarioError(
@@ -378,10 +322,10 @@ def _claims(
 
 
 def _comparisons(
-    found: Any, cases: Sequence[CaseSpec], campaign: CampaignSpec, origin: str
+    tables: Any, cases: Sequence[CaseSpec], campaign: CampaignSpec, origin: str
 ) -> tuple[ComparisonSpec, ...]:
     """Return the comparisons of a file, each of estimators that its campaign runs."""
-    comparisons = _claims(ComparisonSpec, "comparison", found, cases, origin)
+    comparisons = _claims(ComparisonSpec, "comparison", tables, cases, origin)
     run = list(campaign.estimators)
     for number, comparison in enumerate(comparisons):
         for value in comparison.values:
@@ -466,29 +410,3 @@ def _resolve(
         # Tracks are found as terrains are: among the shipped data, or where their path says.
         case["trajectory"] = {**flight, "file": str(shipped_or_own(track))}
     return validate(CaseSpec, case, f"{label} '{change.get('name', '?')}'")
-
-
-def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
-    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key.
-
-    Raise ScenarioError if a value with provenance has another form.
-    """
-    if isinstance(node, list):
-        return [
-            strip_provenance(item, f"{path}[{i}]", provenance, origin)
-            for i, item in enumerate(node)
-        ]
-    if not isinstance(node, dict):
-        return node
-    if "value" in node:
-        if set(node) != {"value", "provenance"} or not isinstance(node["provenance"], str):
-            raise ScenarioError(
-                f"{origin}: {path}: a value with provenance is written "
-                '{ value = ..., provenance = "..." }'
-            )
-        provenance[path] = node["provenance"]
-        return node["value"]
-    return {
-        key: strip_provenance(item, f"{path}.{key}" if path else key, provenance, origin)
-        for key, item in node.items()
-    }

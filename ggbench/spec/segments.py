@@ -96,29 +96,29 @@ class SegmentSpec(Section):
 
     @model_validator(mode="after")
     def _check(self) -> SegmentSpec:
-        given = keys_given(self) - {"kind"}
+        keys = keys_given(self) - {"kind"}
         kind = f'a segment of kind "{self.kind}"'
         groups = _CHOICES[self.kind]
         allowed = {key for group in groups for key in group} | {*_OPTIONS[self.kind]}
         for group in groups:
-            found = [key for key in group if key in given]
-            if len(found) != 1:
-                wanted = f"'{group[0]}'" if len(group) == 1 else f"exactly one of {_list(group)}"
+            chosen = [key for key in group if key in keys]
+            if len(chosen) != 1:
+                demand = f"'{group[0]}'" if len(group) == 1 else f"exactly one of {_list(group)}"
                 raise ValueError(
-                    f"{kind} needs {wanted}, found {_list(found) if found else 'none'}"
+                    f"{kind} needs {demand}, found {_list(chosen) if chosen else 'none'}"
                 )
-        if given - allowed:
+        if keys - allowed:
             named = '; other kinds have a line kind = "..."' if self.kind == "rates" else ""
             raise ValueError(
-                f"{kind} has no key '{min(given - allowed)}'; its keys: "
+                f"{kind} has no key '{min(keys - allowed)}'; its keys: "
                 f"{_list(sorted(allowed))}{named}"
             )
         if self.kind == "turn":
-            if "direction" in given and self.to_heading_deg is None:
+            if "direction" in keys and self.to_heading_deg is None:
                 raise ValueError("direction belongs to to_heading_deg; by_heading_deg has a sign")
             if self.by_heading_deg == 0.0:
                 raise ValueError("by_heading_deg is 0 and must be an angle, positive to the right")
-        turns = self.kind in ("turn", "waypoint") and "turn_rate_deg_per_s" in given
+        turns = self.kind in ("turn", "waypoint") and "turn_rate_deg_per_s" in keys
         if turns and not self.turn_rate_deg_per_s > 0.0:
             sign = "; the sign is that of by_heading_deg" if self.kind == "turn" else ""
             raise ValueError(

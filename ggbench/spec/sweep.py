@@ -101,6 +101,6 @@ def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
     if math.isnan(errors[last + 1]):
         return axis.values[last]
     lower, upper = np.log(errors[last : last + 2])
-    here, there = axis.coordinates()[last : last + 2]
-    found = here + (math.log(target) - lower) / (upper - lower) * (there - here)
-    return float(10.0**found if axis.scale == "log" else found)
+    low, there = axis.coordinates()[last : last + 2]
+    coordinate = low + (math.log(target) - lower) / (upper - lower) * (there - low)
+    return float(10.0**coordinate if axis.scale == "log" else coordinate)

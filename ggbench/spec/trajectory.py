@@ -29,9 +29,15 @@ _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is k
 _START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
 _MOVES = ("shift_east_km", "shift_north_km", "turn_deg")
 _TRACK = (
-    "max_gap_s", "max_acceleration_mps2", "smoothing_s", "columns", "lines", "middle_s",
-    "made_up_turns", *_MOVES,
-)  # fmt: skip
+    "max_gap_s",
+    "max_acceleration_mps2",
+    "smoothing_s",
+    "columns",
+    "lines",
+    "middle_s",
+    "made_up_turns",
+    *_MOVES,
+)
 
 
 class TrajectorySpec(Section):
@@ -90,17 +96,17 @@ class TrajectorySpec(Section):
 
     @model_validator(mode="after")
     def _check(self) -> TrajectorySpec:
-        given = keys_given(self)
+        keys = keys_given(self)
         if self.file is not None:
             for key in (*_START, "segment", "repeat"):
-                if key in given:
+                if key in keys:
                     raise ValueError(
                         f"'{key}' cannot be given with 'file', which says where and how to fly; "
                         "remove one of them"
                     )
             if self.lines:
                 for key in _MOVES:
-                    if key in given:
+                    if key in keys:
                         raise ValueError(
                             f"'{key}' is of a track, not of survey lines, which are flown where "
                             "they were measured; remove it"
@@ -119,7 +125,7 @@ class TrajectorySpec(Section):
                 raise ValueError(f"'{key}' belongs to survey lines; it needs 'lines'")
             return self
         for key in _TRACK:
-            if key in given:
+            if key in keys:
                 raise ValueError(f"'{key}' belongs to a track; it needs 'file'")
         if not self.segment:
             raise ValueError(

@@ -16,15 +16,15 @@ from .scenario import Scenario
 
 def unusual_values(scenario: Scenario) -> list[str]:
     """Return a sentence for each unusual value of the cases and studies, each value once."""
-    found: dict[tuple[str, float, str], list[str]] = {}
+    cases_by_value: dict[tuple[str, float, str], list[str]] = {}
     for study, case in scenario.every_case():
         name = f"{study}/{case.name}" if study else case.name
         for key, value, usual in unusual_in(case):
-            found.setdefault((key, value, usual), []).append(name)
+            cases_by_value.setdefault((key, value, usual), []).append(name)
     return [
         f"{key} = {value:g} is unusual ({usual}), in case {names[0]}"
         + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-        for (key, value, usual), names in found.items()
+        for (key, value, usual), names in cases_by_value.items()
     ]
 
 

@@ -46,7 +46,7 @@ def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
     parts = [part for part in problem["loc"] if part not in ("float", "int", "[key]")]
     path = _as_written(parts, content)
     key = re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", ".".join(str(part) for part in path)) or "it"
-    found = problem["input"]
+    value = problem["input"]
     kind = problem["type"]
     if kind == "extra_forbidden":
         allowed = _known_keys(model, problem["loc"][:-1])
@@ -56,16 +56,18 @@ def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
     if kind == "value_error":
         return f"{key}: {problem['ctx']['error']}" if path else str(problem["ctx"]["error"])
     if kind.startswith("union_tag"):
-        tag = found.get("kind")
-        said = "missing" if tag is None else repr(tag)
+        tag = value.get("kind")
+        kind_written = "missing" if tag is None else repr(tag)
         more = "; a flight has one gradiometer" if tag == "gradiometer" else ""
-        return f"{key}: kind is {said}; allowed: " + ", ".join(f'"{k}"' for k in KINDS) + more
-    if isinstance(found, float) and math.isnan(found):
+        return (
+            f"{key}: kind is {kind_written}; allowed: " + ", ".join(f'"{k}"' for k in KINDS) + more
+        )
+    if isinstance(value, float) and math.isnan(value):
         return f"{key} is not a number (NaN)"
-    wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
-    wanted = wanted.replace("String should have", "must have")
+    demand = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
+    demand = demand.replace("String should have", "must have")
     least = problem.get("ctx", {}).get("min_length", 1)
-    wanted = {
+    demand = {
         "float_type": "must be a plain number in the unit that the key names",
         "int_type": "must be a whole number",
         "model_type": "must be a table of keys",
@@ -75,8 +77,8 @@ def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
         "too_short": f"must have at least {least} items" if least > 1 else "must not be empty",
         "string_too_short": "must not be empty",
         "string_pattern_mismatch": "must consist of letters, digits, '.', '_' and '-'",
-    }.get(kind, wanted)
-    return f"{key} is {found!r} and {wanted}"
+    }.get(kind, demand)
+    return f"{key} is {value!r} and {demand}"
 
 
 def _as_written(path: list[Any], content: Any) -> list[Any]:

@@ -102,9 +102,9 @@ def find(
         If a column that the user names is not there, or has a unit of another quantity.
     """
     for name in names.get(key, (key,)):
-        if (found := _matching(name.casefold(), columns)) is None:
+        if (match := _matching(name.casefold(), columns)) is None:
             continue
-        at, unit = found
+        at, unit = match
         factor = factor_to_key(unit, key) if unit else 1.0
         if factor is None:
             raise TrajectoryError(
@@ -113,10 +113,10 @@ def find(
             )
         return Place(at, columns[at], factor, bool(unit))
     if key in names and needed:
-        shown = ", ".join(column[:30] for column in columns[:16])
+        header = ", ".join(column[:30] for column in columns[:16])
         raise TrajectoryError(
             f"{where} names no column {' or '.join(map(repr, names[key]))} for {key} (found: "
-            f"{shown})"
+            f"{header})"
         )
     return None
 
@@ -126,10 +126,10 @@ def _matching(name: str, columns: Sequence[str]) -> tuple[int, str] | None:
     if name in columns:
         return columns.index(name), without_unit(name)[1]
     bare, unit = without_unit(name)
-    for wanted, own in ((name, ""), (bare, unit)):
+    for spelling, own in ((name, ""), (bare, unit)):
         for at, column in enumerate(columns):
             plain, stated = without_unit(column)
-            if wanted in (plain, column):
+            if spelling in (plain, column):
                 return at, own or stated
     return None
 

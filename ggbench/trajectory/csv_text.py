@@ -50,7 +50,7 @@ class CsvText:
     first: int
 
     @classmethod
-    def of(cls, content: bytes, wanted: str, known: Collection[str]) -> CsvText:
+    def of(cls, content: bytes, needed: str, known_names: Collection[str]) -> CsvText:
         """Return the rows of a file, separated by commas, semicolons or tabs, quoted or not.
 
         Lines before the names that begin with # or // are passed over, unless such a line names
@@ -59,8 +59,8 @@ class CsvText:
         Parameters
         ----------
         content : of the file.
-        wanted : which columns it is to have, as a message says it.
-        known : names of columns, in lower case.
+        needed : which columns it is to have, as a message says it.
+        known_names : of columns, in lower case.
 
         Raises
         ------
@@ -80,22 +80,22 @@ class CsvText:
             (n for n, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), None
         )
         if top is None:
-            raise TrajectoryError(f"is empty; its first line must name the columns, {wanted}")
-        named, first = _line_of_names(lines, top, known)
+            raise TrajectoryError(f"is empty; its first line must name the columns, {needed}")
+        named, first = _line_of_names(lines, top, known_names)
         separator = excel[1] if excel else _separator(lines[named])
         header = _unquoted(lines[named].lstrip("# "), separator, named + 1)
         names = [name.strip().lower() for name in header.split(separator)]
         rows = [_unquoted(lines[n], separator, n + 1) for n in range(first, len(lines))]
         for n, row in enumerate(rows, first + 1):
             if row.count(separator) != len(names) - 1:
-                found = row.count(separator) + 1 if row.strip() else 0
+                count = row.count(separator) + 1 if row.strip() else 0
                 hint = (
                     "; a decimal comma is not understood, write 33.5"
-                    if separator == "," and found >= 2 * len(names) - 1
+                    if separator == "," and count >= 2 * len(names) - 1
                     else ""
                 )
                 raise TrajectoryError(
-                    f"line {n} has {found} fields and line {named + 1} names {len(names)} columns"
+                    f"line {n} has {count} fields and line {named + 1} names {len(names)} columns"
                     f"{hint}"
                 )
         return cls(names, separator, rows, named + 1, first + 1)
@@ -133,13 +133,13 @@ class CsvText:
         }
 
 
-def _line_of_names(lines: list[str], top: int, known: Collection[str]) -> tuple[int, int]:
+def _line_of_names(lines: list[str], top: int, known_names: Collection[str]) -> tuple[int, int]:
     """Which line names the columns, and which is the first row; ``top`` is no comment."""
 
     def count(line: str) -> int:
         plain = _IN_BRACKETS.sub("", line.strip("# ").replace('"', "").lower())
         words = plain.split(_separator(line))
-        return sum(word.strip() in known for word in words)
+        return sum(word.strip() in known_names for word in words)
 
     comments = [n for n in range(top) if count(lines[n]) >= _FEWEST_KNOWN]
     return (comments[-1], top) if comments and not count(lines[top]) else (top, top + 1)
@@ -179,13 +179,13 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
     if bad.any():
         n = int(np.argmax(bad))
         cell = column.iloc[n]
-        found = "empty" if cell is None or cell != cell else f"'{str(cell)[:40]}'"
+        stated = "empty" if cell is None or cell != cell else f"'{str(cell)[:40]}'"
         hint = ""
         if re.fullmatch(r"\s*[-+]?\d+[, ]\d+\s*", str(cell)):
             hint = "; a decimal comma is not understood, write 33.5"
         elif key == "time_s" and re.match(r"\s*\d+[-:/]", str(cell)):
             hint = "; give seconds, or dates as 2024-05-01T10:00:00Z (ISO 8601)"
-        raise TrajectoryError(f"line {first + n}: {key} is {found} and must be a number{hint}")
+        raise TrajectoryError(f"line {first + n}: {key} is {stated} and must be a number{hint}")
     return values
 
 

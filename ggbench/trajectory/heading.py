@@ -15,16 +15,18 @@ LARGEST = 45.0
 _FEWEST = 5  # fast rows below which nothing is said
 _CONVENTIONS = {
     "counted counter-clockwise from east (as ROS and ENU have it): heading_deg is 90 - yaw": (
-        90.0, -1.0,
+        90.0,
+        -1.0,
     ),
     "mirrored, counter-clockwise from north: change its sign": (0.0, -1.0),
     "counted clockwise from east: add 90": (90.0, 1.0),
     "of the stern, or counted from south: add 180": (180.0, 1.0),
     "in radians": (0.0, math.degrees(1.0)),
     "in radians, counter-clockwise from east: heading_deg is 90 - degrees(yaw)": (
-        90.0, -math.degrees(1.0),
+        90.0,
+        -math.degrees(1.0),
     ),
-}  # fmt: skip
+}
 """Likely conventions: what is added to a multiple of the column to have a heading [deg]."""
 
 

@@ -46,9 +46,12 @@ def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
 
     first, last = ordered[0], ordered[-1]
     return SurveyLine(
-        f"{first.name} to {last.name}", first.kind, first.row,
-        joined([part.places for part in parts]), joined([part.readings for part in parts]),
-    )  # fmt: skip
+        f"{first.name} to {last.name}",
+        first.kind,
+        first.row,
+        joined([part.places for part in parts]),
+        joined([part.readings for part in parts]),
+    )
 
 
 def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
@@ -109,12 +112,14 @@ class _Curve:
         ways = []
         for side in (1.0, -1.0):
             centres = [
-                point + sign * self.straight * _unit(heading)
+                point
+                + sign * self.straight * _unit(heading)
                 + self.radius * _unit(heading + 0.5 * side * math.pi)
                 for point, heading, sign in (
-                    (self.start, self.leaving, 1.0), (self.end, self.coming, -1.0)
+                    (self.start, self.leaving, 1.0),
+                    (self.end, self.coming, -1.0),
                 )
-            ]  # fmt: skip
+            ]
             across = centres[1] - centres[0]
             over = math.atan2(across[1], across[0])
             first = side * (over - self.leaving) % math.tau
@@ -132,9 +137,9 @@ class _Curve:
         """Return its points (N, 2) at distances (N,) from the start."""
         side, first, between, last = self._turns
         fine = np.linspace(0.0, self.length, _FINE)
-        begun = self.straight + self.radius * first + between
+        start = self.straight + self.radius * first + between
         turned = np.clip(fine - self.straight, 0.0, self.radius * first)
-        turned += np.clip(fine - begun, 0.0, self.radius * last)
+        turned += np.clip(fine - start, 0.0, self.radius * last)
         heading = self.leaving + side * turned / self.radius
         middle = 0.5 * (heading[1:] + heading[:-1])
         steps = fine[1] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)

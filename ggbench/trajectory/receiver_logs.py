@@ -25,8 +25,17 @@ _NO_FIX = {"0": "without a fix", "6": "estimated", "7": "manual", "8": "simulate
 """Qualities of GGA sentences that no receiver measured."""
 _MOST_DAMAGED = 0.1
 """Share of the sentences that may be damaged, and are left out."""
-_CSRS_NAMES = ("YEAR-MM-DD", "HR:MN:SS.SS", "LATDD", "LATMN", "LATSS", "LONDD", "LONMN", "LONSS",
-               "HGT(m)")  # fmt: skip
+_CSRS_NAMES = (
+    "YEAR-MM-DD",
+    "HR:MN:SS.SS",
+    "LATDD",
+    "LATMN",
+    "LATSS",
+    "LONDD",
+    "LONMN",
+    "LONSS",
+    "HGT(m)",
+)
 _NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSSPOSA": 1}
 """Logs of NovAtel that hold positions, the preferred first."""
 
@@ -56,19 +65,19 @@ def _nmea(text: str) -> Found:
     left_out: Counter[str] = Counter()
     damaged: list[tuple[int, str]] = []
     sentences = [
-        (number, found[0])
+        (number, match[0])
         for number, line in enumerate(text.splitlines(), 1)
-        for found in _GGA.finditer(line)
+        for match in _GGA.finditer(line)
     ]
     summed = any("*" in sentence for _, sentence in sentences)
     for number, sentence in sentences:
         try:
-            found = _parsed(sentence, summed)
-            quality = str(found.gps_qual if found.gps_qual is not None else 0)
+            match = _parsed(sentence, summed)
+            quality = str(match.gps_qual if match.gps_qual is not None else 0)
             if quality in _NO_FIX:
                 left_out[_NO_FIX[quality]] += 1
             else:
-                fixes.append(_gga(found, f"line {number}", fixes))
+                fixes.append(_gga(match, f"line {number}", fixes))
         except Exception as error:  # whatever a damaged sentence makes of itself
             damaged.append((number, _reason(error)))
     if damaged and damaged[-1][0] == sentences[-1][0]:
@@ -90,8 +99,8 @@ def _nmea(text: str) -> Found:
     if damaged:
         number, reason = damaged[0]
         left_out[f"damaged (the first in line {number}: {reason})"] = len(damaged)
-    said = ", ".join(f"{count} {what}" for what, count in left_out.items())
-    return fixes, f"of its GGA sentences these are left out: {said}" if said else ""
+    counts = ", ".join(f"{count} {what}" for what, count in left_out.items())
+    return fixes, f"of its GGA sentences these are left out: {counts}" if counts else ""
 
 
 def _parsed(sentence: str, summed: bool) -> Any:
@@ -107,18 +116,20 @@ def _reason(error: Exception) -> str:
     return str(first[0]) if isinstance(first, tuple) and first else text_of(error)
 
 
-def _gga(found: Any, place: str, before: Sequence[Fix]) -> Fix:
-    if not (found.lat and found.lon):
+def _gga(sentence: Any, place: str, before: Sequence[Fix]) -> Fix:
+    if not (sentence.lat and sentence.lon):
         raise ValueError("it has no place")
-    clock = found.timestamp
+    clock = sentence.timestamp
     time = 3600.0 * clock.hour + 60.0 * clock.minute + clock.second + 1e-6 * clock.microsecond
     if before:
         days, of_day = divmod(before[-1].time, _DAY)
         time += _DAY * (days + (time < of_day - 0.5 * _DAY))
-    if found.altitude_units != "M":
+    if sentence.altitude_units != "M":
         raise ValueError("its height is not in metres")
-    separation = float(found.geo_sep) if found.geo_sep else None
-    return Fix(time, found.latitude, found.longitude, float(found.altitude), separation, place)
+    separation = float(sentence.geo_sep) if sentence.geo_sep else None
+    return Fix(
+        time, sentence.latitude, sentence.longitude, float(sentence.altitude), separation, place
+    )
 
 
 def _pos(text: str) -> Found:

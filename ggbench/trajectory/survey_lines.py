@@ -169,11 +169,11 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
     names, kinds = (
         [row[text.names.index(key)].strip() for row in cells] for key in ("line", "kind")
     )
-    found: dict[str, SurveyLine] = {}
+    lines: dict[str, SurveyLine] = {}
     starts = [n for n in range(len(names)) if n == 0 or names[n] != names[n - 1]]
     for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
         name, row = names[start], text.first + start
-        if name in found:
+        if name in lines:
             raise TrajectoryError(f"line {row}: the rows of {name} do not follow one another")
         if stop - start < FEWEST_ROWS:
             raise TrajectoryError(
@@ -181,8 +181,8 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
             )
         places = {key: numbers[key][start:stop] for key in _PLACES}
         readings = {key: numbers[key][start:stop] for key in components}
-        found[name] = SurveyLine(name, kinds[start], row, places, readings)
-    return found
+        lines[name] = SurveyLine(name, kinds[start], row, places, readings)
+    return lines
 
 
 def _unpacked(file: Path) -> bytes:

@@ -130,11 +130,11 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
     """
     version = version_of(name)
     try:
-        found = terrain_of(name, version, None)
+        grid_of = terrain_of(name, version, None)
     except TrajectoryError:  # voids far from the flight do not matter to it
         flown = np.degrees([latitude.min(), latitude.max(), longitude.min(), longitude.max()])
-        found = terrain_of(name, version, Area(*flown.tolist()).widened(_NEAR_DEG, _NEAR_DEG))
-    south, west, latitude_step, longitude_step, grid = found
+        grid_of = terrain_of(name, version, Area(*flown.tolist()).widened(_NEAR_DEG, _NEAR_DEG))
+    south, west, latitude_step, longitude_step, grid = grid_of
     row = (np.degrees(latitude) - south) / latitude_step
     rounding = 1e-9
     column = (np.mod(np.degrees(longitude) - west + rounding, 360.0) - rounding) / longitude_step

@@ -322,9 +322,9 @@ def resample(
     # leave a random walk.
     positions = [np.asarray(s(np.minimum(times, track.times[-1]))) for s in track.position]
     velocity, acceleration = _motion([CubicSpline(times, p) for p in positions], times)
-    given = [None if angle is None else np.asarray(angle(times)) for angle in track.angles]
+    angles_given = [None if angle is None else np.asarray(angle(times)) for angle in track.angles]
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    if given[0] is None:
+    if angles_given[0] is None:
         moving = speed > _STILL
         if not moving.any():
             raise TrajectoryError(
@@ -332,17 +332,17 @@ def resample(
                 "or times in seconds if they are milliseconds"
             )
         heading = np.unwrap(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
-        given[0] = np.interp(times, times[moving], heading)
+        angles_given[0] = np.interp(times, times[moving], heading)
     sideways = (velocity[:, 1] * acceleration[:, 0] - velocity[:, 0] * acceleration[:, 1]) / (
         np.maximum(speed, _STILL)
     )
-    if given[1] is None:
+    if angles_given[1] is None:
         climb = np.arctan2(velocity[:, 2], np.maximum(speed, _STILL))
-        given[1] = pitch + climb if banks else np.full(len(times), pitch)
-    if given[2] is None:
+        angles_given[1] = pitch + climb if banks else np.full(len(times), pitch)
+    if angles_given[2] is None:
         bank = np.arctan(sideways / BANK_GRAVITY)
-        given[2] = roll + bank if banks else np.full(len(times), roll)
-    angles = np.stack([np.asarray(angle) for angle in given], axis=-1)
+        angles_given[2] = roll + bank if banks else np.full(len(times), roll)
+    angles = np.stack([np.asarray(angle) for angle in angles_given], axis=-1)
     turn = np.abs(np.diff(angles, axis=0)).max(axis=-1)
     if turn.max() > 0.5:
         n = int(np.argmax(turn))

@@ -58,28 +58,30 @@ def parse(
     parts = [_WITH_UNIT.fullmatch(name) for name in text.names]
     names = [part[1] if part else name for part, name in zip(parts, text.names, strict=True)]
     where, needed = f"line {text.line}", required.__contains__
-    given = {
+    places_given = {
         key: place
         for key in keys
         if key in named and (place := column_names.find(key, text.names, named, where, needed(key)))
     }
     # What the user names is no other column by its own name.
-    free = ["" if at in {p.at for p in given.values()} else name for at, name in enumerate(names)]
-    known = _columns(free, [key for key in required if key not in given], text.line)
-    known = {key: at for key, at in known.items() if key in keys and key not in given}
+    free = [
+        "" if at in {p.at for p in places_given.values()} else name for at, name in enumerate(names)
+    ]
+    places = _columns(free, [key for key in required if key not in places_given], text.line)
+    places = {key: at for key, at in places.items() if key in keys and key not in places_given}
     factors = {
         key: _factor(key, names[at], part[2], text.line)
-        for key, at in known.items()
+        for key, at in places.items()
         if (part := parts[at])
-    } | {key: place.factor for key, place in given.items()}
+    } | {key: place.factor for key, place in places_given.items()}
     if len(text.rows) < fewest:
         raise TrajectoryError(f"has {len(text.rows)} rows; a track needs at least {fewest}")
-    read = text.numbers(known | {key: place.at for key, place in given.items()})
+    read = text.numbers(places | {key: place.at for key, place in places_given.items()})
     for key, factor in factors.items():
         read[key] = factor * read[key]
     plain = [name for name, part in zip(free, parts, strict=True) if not part]
     for group in _BARE:
-        _require_degrees({key: read[key] for key in known}, plain, group)
+        _require_degrees({key: read[key] for key in places}, plain, group)
     return read, text.first
 
 
@@ -124,20 +126,20 @@ def _and(words: Iterable[str]) -> str:
 
 def _columns(names: list[str], required: Sequence[str], line: int) -> dict[str, int]:
     """Return where the known columns are."""
-    known: dict[str, int] = {}
+    places: dict[str, int] = {}
     for key, aliases in _ALIASES.items():
-        found = [n for n, name in enumerate(names) if name in aliases]
-        if len(found) > 1:
+        matches = [n for n, name in enumerate(names) if name in aliases]
+        if len(matches) > 1:
             raise TrajectoryError(
-                f"line {line} names {key} twice, '{names[found[0]]}' and '{names[found[1]]}'"
+                f"line {line} names {key} twice, '{names[matches[0]]}' and '{names[matches[1]]}'"
             )
-        if found:
-            known[key] = found[0]
+        if matches:
+            places[key] = matches[0]
     for key in required:
-        if key not in known:
-            shown = ", ".join(name[:20] for name in names[:12])
+        if key not in places:
+            header = ", ".join(name[:20] for name in names[:12])
             raise TrajectoryError(
-                f"line {line} names no column {key} (found: {shown}); a column may be called "
+                f"line {line} names no column {key} (found: {header}); a column may be called "
                 f"{', '.join(_ALIASES[key])}, and other units than those of {key} are not read"
             )
     for name in names:
@@ -147,10 +149,10 @@ def _columns(names: list[str], required: Sequence[str], line: int) -> dict[str, 
                 f"line {line} names a column '{name}'; heading, pitch and roll are read in degrees "
                 "(heading_deg, pitch_deg, roll_deg)"
             )
-    return known
+    return places
 
 
 def _wanted(required: Sequence[str], keys: Sequence[str]) -> str:
     others = [key for key in keys if key not in required]
-    known = f", and {', '.join(others)} if they are known" if others else ""
-    return f"{', '.join(required)}{known}"
+    optional = f", and {', '.join(others)} if they are known" if others else ""
+    return f"{', '.join(required)}{optional}"

@@ -60,21 +60,35 @@ class Region:
     def scoring(self, instrument: Instrument) -> Design:
         """Return what the cells are asked for; of tracks only where they begin and end."""
         return Design(
-            height_m=self.height_m, cell_deg=CELL_DEG, instrument=instrument, spacing_m=1000.0,
-            track_m=TRACK_M, readings=2, sigma_m=WIDE.sigma_m, right_m=RIGHT_M,
-        )  # fmt: skip
+            height_m=self.height_m,
+            cell_deg=CELL_DEG,
+            instrument=instrument,
+            spacing_m=1000.0,
+            track_m=TRACK_M,
+            readings=2,
+            sigma_m=WIDE.sigma_m,
+            right_m=RIGHT_M,
+        )
 
 
 REGIONS = (
     Region(
-        "qinling", "Qinling, at 10 km", "egm2008_qinling",
-        Bounds(28.6, 38.4, 102.6, 114.4), 10_000.0, Instrument("uu", 2.0),
+        "qinling",
+        "Qinling, at 10 km",
+        "egm2008_qinling",
+        Bounds(28.6, 38.4, 102.6, 114.4),
+        10_000.0,
+        Instrument("uu", 2.0),
     ),
     Region(
-        "sea", "South China Sea, at 1 km", "egm2008_south_china_sea",
-        Bounds(11.5, 22.5, 110.5, 119.7), 1000.0, Instrument("uu", 6.0),
+        "sea",
+        "South China Sea, at 1 km",
+        "egm2008_south_china_sea",
+        Bounds(11.5, 22.5, 110.5, 119.7),
+        1000.0,
+        Instrument("uu", 6.0),
     ),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)

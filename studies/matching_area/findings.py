@@ -26,9 +26,7 @@ JUDGED = BINS[1], BINS[-2]
 FACTOR = 3.0
 """Factor within which a judged prediction should be."""
 HINDSIGHT = Index("error_m", "the best in hindsight")
-INSTRUMENTS = {
-    "track_m": "six components", "track_uu_m": "Γ_UU", "track_gravity_m": "gravimeter",
-}  # fmt: skip
+INSTRUMENTS = {"track_m": "six components", "track_uu_m": "Γ_UU", "track_gravity_m": "gravimeter"}
 
 
 @dataclass(frozen=True)

@@ -43,9 +43,14 @@ FILTER = "ekf"
 _STEPS = 20
 """Offsets from the middle to the end of the reach."""
 STATISTICS = (
-    "deviation", "slope_deviation", "roughness", "entropy", "correlation_m", "fractal_dimension",
+    "deviation",
+    "slope_deviation",
+    "roughness",
+    "entropy",
+    "correlation_m",
+    "fractal_dimension",
     "information_m",
-)  # fmt: skip
+)
 
 
 class Runs(NamedTuple):

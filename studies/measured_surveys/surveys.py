@@ -28,9 +28,16 @@ _PROFILE = 5  # passes of East Victoria that are called primary, the others repe
 def vinton(path: Path) -> pd.DataFrame:
     """Return the tensor of Vinton Dome, z up, with the day of flight."""
     columns = {
-        "time_s": "Time", "latitude_deg": "Lat", "longitude_deg": "Lon", "height_m": "Altitude",
-        "xx": "Txx_slv", "xy": "Tyx_slv", "xz": "Txz_slv", "yy": "Tyy_slv", "yz": "Tyz_slv",
-    }  # fmt: skip
+        "time_s": "Time",
+        "latitude_deg": "Lat",
+        "longitude_deg": "Lon",
+        "height_m": "Altitude",
+        "xx": "Txx_slv",
+        "xy": "Tyx_slv",
+        "xz": "Txz_slv",
+        "yy": "Tyy_slv",
+        "yz": "Tyz_slv",
+    }
     lines = read_lines(path, columns, axes="east-north-down")
     repeats = ["." in name for name in lines.names]
     kinds = np.where(repeats, "repeat", lines.kinds)
@@ -52,11 +59,14 @@ def fosterville(path: Path) -> pd.DataFrame:
             easting, northing, height, time, ne, uv = (
                 np.asarray(line[key][every], dtype=float)
                 for key in (
-                    "GNSS_Easting_WGS84UTM55", "GNSS_Northing_WGS84UTM55",
-                    "Elevation_GNSS_GRS80", "Time_SSM_UTC1980",
-                    "Falc_A_NE_0p00_0p18Hz_MeanLev", "Falc_A_UV_0p00_0p18Hz_MeanLev",
+                    "GNSS_Easting_WGS84UTM55",
+                    "GNSS_Northing_WGS84UTM55",
+                    "Elevation_GNSS_GRS80",
+                    "Time_SSM_UTC1980",
+                    "Falc_A_NE_0p00_0p18Hz_MeanLev",
+                    "Falc_A_UV_0p00_0p18Hz_MeanLev",
                 )
-            )  # fmt: skip
+            )
             longitude, latitude = transform("EPSG:32755", "EPSG:4326", easting, northing)
             tables.append(
                 pd.DataFrame(
@@ -80,9 +90,13 @@ def fosterville(path: Path) -> pd.DataFrame:
 def east_victoria(path: Path) -> pd.DataFrame:
     """Return free-air gravity of the ten passes, a sample every two seconds."""
     columns = {
-        "line": "LINE", "time_s": "FTIME", "latitude_deg": "LAT", "longitude_deg": "LONG",
-        "height_m": "MGA-Z", "disturbance": "FA56s_GRS80",
-    }  # fmt: skip
+        "line": "LINE",
+        "time_s": "FTIME",
+        "latitude_deg": "LAT",
+        "longitude_deg": "LONG",
+        "height_m": "MGA-Z",
+        "disturbance": "FA56s_GRS80",
+    }
     lines = read_lines(path, columns, quantity="disturbance")
     kinds = np.where(np.arange(len(lines.names)) < _PROFILE, "primary", "repeat")
     table = _located(lines, kinds[lines.line]).assign(disturbance=lines.values[:, 0])

@@ -101,12 +101,14 @@ def write_map(
         error_distance=distance.round(1),
         bounds=np.array(
             [
-                lines.latitude_deg.min(), lines.latitude_deg.max(),
-                lines.longitude_deg.min(), lines.longitude_deg.max(),
+                lines.latitude_deg.min(),
+                lines.latitude_deg.max(),
+                lines.longitude_deg.min(),
+                lines.longitude_deg.max(),
             ]
         ),
         depth_m=np.array(fit.settings.depth_m),
-    )  # fmt: skip
+    )
     if quantity == "disturbance" or name != survey:  # a gravimeter's noise is white
         return
     model, scores = noise_of(fit)

@@ -75,9 +75,13 @@ def _answers(number: int, disks: int = 100) -> np.ndarray:
 
         def added(vibration: np.ndarray, errors: RotatingErrors = errors) -> np.ndarray:
             return channel_errors(
-                DISKS.instrument, errors, np.zeros((1, 6)), hanging, np.zeros((1, 3)),
+                DISKS.instrument,
+                errors,
+                np.zeros((1, 6)),
+                hanging,
+                np.zeros((1, 3)),
                 Vibration(*vibration.reshape(2, 3, 3)),
-            )[0]  # fmt: skip
+            )[0]
 
         still = added(np.zeros(18))
         found[:, disk] = [added(unit) - still for unit in np.eye(18)]

@@ -81,9 +81,13 @@ def squared_errors(mean: np.ndarray, truth: Truth, case: str) -> dict[str, dict[
     error = truth.error_state - mean
     nothing = np.full(len(error), np.nan)
     evaluation = Evaluation(
-        np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:6], axis=1),
-        nothing, nothing, error[:, :6], error[:, :6],
-    )  # fmt: skip
+        position_error=np.linalg.norm(error[:, :3], axis=1),
+        velocity_error=np.linalg.norm(error[:, 3:6], axis=1),
+        nees=nothing,
+        nis=nothing,
+        components=error[:, :6],
+        sigmas=error[:, :6],
+    )
     return window_metrics(evaluation, truth.times, flight(case).case.windows)
 
 

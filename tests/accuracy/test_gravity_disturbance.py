@@ -137,10 +137,17 @@ def test_what_is_integrated_and_what_was_at_the_start_are_the_disturbance():
 
 
 STARTS = (
-    (15.2, 114.2, 60.0), (14.9, 114.0, 30.0), (15.0, 115.0, 0.0), (15.6, 113.8, 90.0),
-    (16.2, 114.0, 80.0), (15.8, 116.2, 270.0), (16.2, 116.0, 240.0), (15.0, 116.0, 300.0),
-    (15.5, 115.5, 180.0), (16.4, 115.0, 150.0),
-)  # fmt: skip
+    (15.2, 114.2, 60.0),
+    (14.9, 114.0, 30.0),
+    (15.0, 115.0, 0.0),
+    (15.6, 113.8, 90.0),
+    (16.2, 114.0, 80.0),
+    (15.8, 116.2, 270.0),
+    (16.2, 116.0, 240.0),
+    (15.0, 116.0, 300.0),
+    (15.5, 115.5, 180.0),
+    (16.4, 115.0, 150.0),
+)
 """Latitude, longitude and heading [°] of flights that stay within the region."""
 
 
@@ -192,9 +199,14 @@ def test_an_ins_answers_a_constant_disturbance_as_schuler_says():
         still, np.zeros((count + 1, 3)), attitudes, disturbance, dt
     )
     _, velocities, _ = strapdown.navigate(
-        position, np.zeros(3), np.eye(3), *increments, dt, np.zeros(count),
-        strapdown.altimeter_gains(100.0),
-    )  # fmt: skip
+        position,
+        np.zeros(3),
+        np.eye(3),
+        *increments,
+        dt,
+        heights=np.zeros(count),
+        gains=strapdown.altimeter_gains(100.0),
+    )
     _, east = metres_per_radian(position)
     rate = math.sqrt(9.7805 / east)
     times = dt * np.arange(count + 1)

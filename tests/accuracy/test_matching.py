@@ -79,7 +79,14 @@ def false_fixes(window: int, noise: float, draws: int = 12) -> tuple[float, floa
         for _ in range(draws):
             offset = np.append(sigma * generator.standard_normal(2), 0.0)
             problem = constant_offset(
-                field, tuple(offset), sigma, window, 1, noise, 1e-3, generator
+                seed=field,
+                offset=tuple(offset),
+                sigma=sigma,
+                epochs=window,
+                m=1,
+                noise=noise,
+                vertical=1e-3,
+                draws=generator,
             )
             ambiguity = np.zeros(grid.shape[:2])
             for k in range(window):

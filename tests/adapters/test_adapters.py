@@ -150,9 +150,12 @@ def test_they_are_exact_on_linear_problems(tmp_path, library, kind):
     theirs = mine(tmp_path, FILES[library, kind]).estimator
     plain = linear_problem(4)
     for problem in (
-        plain, graded(plain), gappy(plain), linear_problem(5, 1, 1),
+        plain,
+        graded(plain),
+        gappy(plain),
+        linear_problem(5, 1, 1),
         changed(plain, times=plain.times - 100.0),
-    ):  # fmt: skip
+    ):
         found = theirs.estimate(problem, demands.generator())
         assert max(deviation(found.mean, found.cov, *exact(problem, found))) < 1e-9
 

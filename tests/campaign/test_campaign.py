@@ -348,8 +348,10 @@ def test_estimators_asked_for_before_stay_in_the_tables(tmp_path):
     later = ran(tmp_path, labels=LABELS[2:], runs=1)
     assert later.labels == list(LABELS)
     assert later.metrics().groupby("estimator")["runs"].first().to_dict() == {
-        "ins": 2, "ekf": 2, LABELS[2]: 1,
-    }  # fmt: skip
+        "ins": 2,
+        "ekf": 2,
+        LABELS[2]: 1,
+    }
 
 
 _HEAD, _BASE, _NOISY = SMALL.split("[[case]]")

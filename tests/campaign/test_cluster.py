@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import socket
 import subprocess
 import sys
@@ -70,15 +71,21 @@ def test_deaths_and_time_limits_are_records_there_too(cluster, tmp_path):
     (tmp_path / "deadly.py").write_text(DEADLY.replace("THRESHOLD", "-1e9"))
     path = tmp_path / "deadly.py"
     process = start(
-        tmp_path, cluster.scheduler_address, "-n", "1", "-c", "base", "--time-limit", "20",
-        "-e", f"{path}[way=exit]", "-e", f"{path}[way=sleep,seconds=1000]", "-e", "ekf",
-    )  # fmt: skip
+        tmp_path,
+        cluster.scheduler_address,
+        *shlex.split("-n 1 -c base --time-limit 20"),
+        *("-e", f"{path}[way=exit]"),
+        *("-e", f"{path}[way=sleep,seconds=1000]"),
+        *("-e", "ekf"),
+    )
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1, errors  # every run of two estimators failed
     table = Results(tmp_path / "out").runs()
     assert table["reason"].tolist() == [
-        "its process ended with exit code 7, twice", "over its time limit of 20 s", "",
-    ]  # fmt: skip
+        "its process ended with exit code 7, twice",
+        "over its time limit of 20 s",
+        "",
+    ]
 
 
 @pytest.mark.long

@@ -22,8 +22,7 @@ from ggbench.simulation.runs import simulate_block
 from ggbench.spec.case import CaseSpec
 
 LABELS = ("ins", "ekf", "filterpy-ekf", "factor-graph[mode=fixed-lag,lag=3]")
-ERROR = {"truth.field.error.correlated_noise_eotvos": 5.0,
-         "truth.field.error.correlation_km": 2.0}  # fmt: skip
+ERROR = {"truth.field.error.correlated_noise_eotvos": 5.0, "truth.field.error.correlation_km": 2.0}
 DRAWN = ERROR | {"draw.tracks": 3, "draw.start_km": 0.5, "draw.heading_deg": 20.0, "draw.maps": 2}
 
 
@@ -68,8 +67,16 @@ def test_a_run_of_a_block_is_the_run_alone(rough):
     states = np.random.default_rng(1).normal(size=(block.epochs, block.dimension))
     for r, run in enumerate(runs):
         one, alone = block.problem(r), simulated(case, (run,)).problem(0)
-        for name in ("times", "measurements", "noise_cov", "transition", "process_cov",
-                     "prior_mean", "prior_cov", "present"):  # fmt: skip
+        for name in (
+            "times",
+            "measurements",
+            "noise_cov",
+            "transition",
+            "process_cov",
+            "prior_mean",
+            "prior_cov",
+            "present",
+        ):
             assert np.array_equal(getattr(one, name), getattr(alone, name)), name
         at = np.arange(block.epochs)
         assert np.array_equal(

@@ -78,8 +78,10 @@ def test_a_task_has_no_estimators_of_two_files(files):
     tasks = [*work.tasks(store)]
     store.close()
     assert {task.guests for task in tasks} == {
-        frozenset(), frozenset({"changer.py"}), frozenset({"victim.py"})
-    }  # fmt: skip
+        frozenset(),
+        frozenset({"changer.py"}),
+        frozenset({"victim.py"}),
+    }
     for task in tasks:
         own = {label for label, _ in task.estimators if label.endswith((".py", "]"))}
         assert not own or len(own) == len(task.estimators)

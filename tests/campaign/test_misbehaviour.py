@@ -122,8 +122,10 @@ def test_processes_left_running_end_and_are_told(wild):
 @pytest.mark.long
 def test_processes_end_with_a_worker_that_is_killed(wild, started):
     """The command is killed in the middle of a run: what the estimator had started ends, too."""
-    text = WILD.replace("        if self.fails:", "        if self.way != 'good': time.sleep(1e6)\n"
-                        "        if self.fails:")  # fmt: skip
+    text = WILD.replace(
+        "        if self.fails:",
+        "        if self.way != 'good': time.sleep(1e6)\n        if self.fails:",
+    )
     (wild / "wild.py").write_text(text)
     process = started(wild, command(wild / "out", "-n", "1", "-e", "wild.py[way=own session]"))
     deadline = time.monotonic() + DEADLINE_S

@@ -57,8 +57,10 @@ def test_a_run_that_dies_is_a_record(deadly):
     undisturbed = ran(deadly, "whole", ("ekf",), runs=4, cases=("base",))
     assert [r for r in results.records() if r["estimator"] == "ekf"] != []
     for run_number in range(4):
-        assert (results.series_of("base", "ekf", run_number)
-                == undisturbed.series_of("base", "ekf", run_number))[:, :3].all()  # fmt: skip
+        assert (
+            results.series_of("base", "ekf", run_number)
+            == undisturbed.series_of("base", "ekf", run_number)
+        )[:, :3].all()
 
     for way, (_, end) in DEATHS.items():
         alone = failed.loc[f"deadly.py[way={way}]", "command"].iloc[0]

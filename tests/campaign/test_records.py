@@ -125,7 +125,14 @@ def judged(
     mean[..., 1] -= left[:, None]
     cov = np.tile(np.eye(n), (runs, epochs, 1, 1))
     made = recording.TimedEstimates(
-        mean, cov, np.zeros((runs, epochs)), causality, lag, [{}] * runs, [0] * runs, 0.5
+        mean=mean,
+        cov=cov,
+        nis=np.zeros((runs, epochs)),
+        causality=causality,
+        lag=lag,
+        info=[{}] * runs,
+        evaluations=[0] * runs,
+        seconds=0.5,
     )
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in range(runs)]
     return evaluated(flight, blanks, states, made)
@@ -171,10 +178,15 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
     mean = states - generator.uniform(0.1, 0.9, states.shape)
     cov = np.einsum("rki,ij->rkij", generator.uniform(1.0, 9.0, states.shape), np.eye(n))
     given = {
-        "mean": mean, "cov": cov, "nis": generator.uniform(4.0, 9.0, (count, epochs)),
-        "causality": "filter", "lag": None, "info": [{"of": run} for run in runs],
-        "evaluations": [10 + run for run in runs], "seconds": 0.5,
-    }  # fmt: skip
+        "mean": mean,
+        "cov": cov,
+        "nis": generator.uniform(4.0, 9.0, (count, epochs)),
+        "causality": "filter",
+        "lag": None,
+        "info": [{"of": run} for run in runs],
+        "evaluations": [10 + run for run in runs],
+        "seconds": 0.5,
+    }
     made = recording.TimedEstimates(**(given | changes))
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in runs]
     return evaluated(flight, blanks, states, made)
@@ -351,7 +363,7 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
 
 def test_tasks_hold_every_run_once(tmp_path, monkeypatch):
     """However many runs a task may have, of estimators that take them at once or one by one."""
-    monkeypatch.setattr("ggbench.campaign.campaign.TASK_RUNS", 4)
+    monkeypatch.setattr("ggbench.campaign.plan.TASK_RUNS", 4)
     work = plan(tmp_path, "out", ("ins", "ekf"), runs=11)
     store, _ = work.open()
     tasks = work.tasks(store)
@@ -371,7 +383,7 @@ def test_a_lost_run_is_there_and_may_be_tried_again(tmp_path):
     work = plan(tmp_path, "out", ("ins",), runs=2, cases=("base",), limit=60.0)
     store, _ = work.open()
     assert (work.missing(store), work.tasks(store).results) == (2, 2)
-    (_, _, ((_, key),)), = work.plan.cells()  # fmt: skip
+    ((_, _, ((_, key),)),) = work.plan.cells()
     store.add(
         [Result(key, failed(run), retry_above=limit) for run, limit in enumerate((60.0, 5.0))]
     )

@@ -273,8 +273,10 @@ def test_a_source_is_the_file_with_what_it_imports_from_beside_it(monkeypatch):
     )
     after = sources()
     assert {name for name, source in before.items() if after[name] != source} == {
-        "ekf", "ukf", "gauss-newton",
-    }  # fmt: skip
+        "ekf",
+        "ukf",
+        "gauss-newton",
+    }
 
 
 def test_of_two_texts_of_one_content_the_first_is_chosen():

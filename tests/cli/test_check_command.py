@@ -92,19 +92,34 @@ def test_a_name_that_is_none_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "names", "said"),
     [
-        (["if problem.epochs == 1:", "    raise ValueError('too short')"], ["short"],
-         "ValueError: too short (mine.py, line 18: raise ValueError('too short'))"),
-        (["if not problem.present.all():", "    os._exit(0)"], ["gaps"],
-         "it ended its process, with exit code 0"),
-        (["while problem.noise_cov.ndim == 3:", "    print('x' * 10000)"], ["noise"],
-         "it did not return within 5 s"),
-        (["if not problem.present.all():", "    sys.exit('enough')"], ["gaps"],
-         "SystemExit: enough"),
-        (["if problem.epochs == 1:", "    os.kill(os.getpid(), 9)"], ["short"],
-         "its process was ended by SIGKILL"),
+        (
+            ["if problem.epochs == 1:", "    raise ValueError('too short')"],
+            ["short"],
+            "ValueError: too short (mine.py, line 18: raise ValueError('too short'))",
+        ),
+        (
+            ["if not problem.present.all():", "    os._exit(0)"],
+            ["gaps"],
+            "it ended its process, with exit code 0",
+        ),
+        (
+            ["while problem.noise_cov.ndim == 3:", "    print('x' * 10000)"],
+            ["noise"],
+            "it did not return within 5 s",
+        ),
+        (
+            ["if not problem.present.all():", "    sys.exit('enough')"],
+            ["gaps"],
+            "SystemExit: enough",
+        ),
+        (
+            ["if problem.epochs == 1:", "    os.kill(os.getpid(), 9)"],
+            ["short"],
+            "its process was ended by SIGKILL",
+        ),
         (["if problem.map:", "    input()"], ["estimate"], "on a flight over a map: EOFError"),
     ],
-)  # fmt: skip
+)
 def test_a_check_that_it_breaks_off_fails_and_the_others_go_on(tmp_path, lines, names, said):
     code, output, _ = checked(tmp_path, mine(*lines), "--time-limit", "5")
     assert code == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import shlex
 import signal
 import subprocess
 import time
@@ -74,9 +75,13 @@ BAD = {
 def call(arguments: list[str], cwd: Path) -> Outcome:
     """Run the installed command to its end, with a terminal's width that is not pytest's."""
     done = subprocess.run(
-        [COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S,
+        [COMMAND, *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
         env=os.environ | {"COLUMNS": "120"},
-    )  # fmt: skip
+    )
     return Outcome(done.returncode, done.stdout, done.stderr)
 
 
@@ -152,9 +157,10 @@ def test_run_and_report(folder, tmp_path):
     The same command again runs nothing anew; another seed keeps the first one's results.
     """
     run = [
-        "run", str(folder / "small.toml"), "-n", "2", "-j", "0", "-s", "3", "-o", "out",
-        "-e", "ins", "-e", "factor-graph[mode=batch]", "-e", "ekf",
-    ]  # fmt: skip
+        "run",
+        str(folder / "small.toml"),
+        *shlex.split("-n 2 -j 0 -s 3 -o out -e ins -e factor-graph[mode=batch] -e ekf"),
+    ]
     done = invoke(run, tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "12 of 12 runs" in done.stdout
@@ -238,9 +244,13 @@ def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, 
     """
     run = ["run", str(folder / "small.toml"), "-n", "5000", "-j", jobs, "-s", "3", "-o", "out"]
     process = subprocess.Popen(
-        [COMMAND, *run], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, start_new_session=True,
-    )  # fmt: skip
+        [COMMAND, *run],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     try:
         deadline = time.monotonic() + DEADLINE_S
         prepared = tmp_path / "out" / "scenario.toml"

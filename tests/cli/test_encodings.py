@@ -13,9 +13,15 @@ from thinning import thinned
 from ggbench.cli.main import main
 
 WORDS = [
-    ["keys", "gradiometer"], ["keys", "imu"], ["list"], ["new", "estimator", "µ∞"],
-    ["validate", "gone_∞.toml"], ["map", "show", "∞.nc"], ["map", "build", "--help"], ["∞"],
-]  # fmt: skip
+    ["keys", "gradiometer"],
+    ["keys", "imu"],
+    ["list"],
+    ["new", "estimator", "µ∞"],
+    ["validate", "gone_∞.toml"],
+    ["map", "show", "∞.nc"],
+    ["map", "build", "--help"],
+    ["∞"],
+]
 
 
 @pytest.mark.long
@@ -36,8 +42,10 @@ def test_what_an_encoding_lacks_is_replaced(words, encoding, tmp_path, monkeypat
 def test_a_process_prints_without_a_traceback(encoding):
     """The square root in the unit of a noise is none of their characters."""
     done = subprocess.run(
-        [COMMAND, "keys", "gradiometer"], capture_output=True, check=False,
+        [COMMAND, "keys", "gradiometer"],
+        capture_output=True,
+        check=False,
         env=os.environ | {"PYTHONIOENCODING": encoding},
-    )  # fmt: skip
+    )
     assert done.returncode == 0 and not done.stderr
     assert b"E/?Hz" in done.stdout

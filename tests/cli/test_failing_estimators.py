@@ -50,11 +50,15 @@ def test_an_estimator_whose_runs_all_fail_is_named_with_exit_code_1(fails, code,
 def test_estimators_of_one_name_are_told_apart_by_their_files():
     """Registered ones keep their labels; parameters stay with the name."""
     assert shown_names({"a/b.py[gain=2]": "mine", "ekf": "ekf", "c.py": "other"}) == {
-        "a/b.py[gain=2]": "mine[gain=2]", "ekf": "ekf", "c.py": "other",
-    }  # fmt: skip
+        "a/b.py[gain=2]": "mine[gain=2]",
+        "ekf": "ekf",
+        "c.py": "other",
+    }
     assert shown_names({"a.py": "mine", "b.py": "mine", "b.py[gain=2]": "mine"}) == {
-        "a.py": "a.py", "b.py": "b.py", "b.py[gain=2]": "mine[gain=2]",
-    }  # fmt: skip
+        "a.py": "a.py",
+        "b.py": "b.py",
+        "b.py[gain=2]": "mine[gain=2]",
+    }
 
 
 def test_an_interval_of_equal_ends_is_one_number():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 
 import gpxpy
 import numpy as np
@@ -76,9 +77,13 @@ def test_named_sensors_are_recorded_and_reported_by_their_names(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     written = {path.name for path in (tmp_path / "log").iterdir()}
     assert written == {
-        "flight.toml", "imu.csv", "gradiometer.csv", "stern.csv", "water_track.csv",
+        "flight.toml",
+        "imu.csv",
+        "gradiometer.csv",
+        "stern.csv",
+        "water_track.csv",
         "reference.csv",
-    }  # fmt: skip
+    }
     names = (tmp_path / "log" / "stern.csv").read_text().splitlines()[0]
     assert names == "time_s,latitude_deg,longitude_deg,height_m"
     done = invoke(["estimate", "log/flight.toml", "-e", "ekf", "-o", "out"], tmp_path)
@@ -96,9 +101,12 @@ def test_named_sensors_are_recorded_and_reported_by_their_names(tmp_path):
 def test_an_estimator_that_fails_does_not_take_the_others_along(tmp_path, log):
     """It is named, the others are written, and the exit code is 1."""
     done = invoke(
-        ["estimate", "log/flight.toml", "-e", "./broken.py", "-e", "./broken.py[how=wrong]",
-         "-e", "ekf", "-o", "out"], tmp_path,
-    )  # fmt: skip
+        [
+            *shlex.split("estimate log/flight.toml -e ./broken.py -e ./broken.py[how=wrong]"),
+            *shlex.split("-e ekf -o out"),
+        ],
+        tmp_path,
+    )
     assert done.returncode == 1
     assert "broken.py failed: RuntimeError: nobody knows" in done.stderr
     assert "the estimate's cov has shape (3, 3)" in done.stderr

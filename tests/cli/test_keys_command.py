@@ -26,9 +26,15 @@ ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs" / "scripts" / "key_tables.py"
 VALIDATOR = jsonschema.Draft7Validator(json_schema.scenario_schema())
 DIMENSIONLESS = {
-    "c_nb", "density_factor", "dropout_share", "noise_freedom", "outlier_share", "published",
-    "values", "whitening_regularization",
-}  # fmt: skip
+    "c_nb",
+    "density_factor",
+    "dropout_share",
+    "noise_freedom",
+    "outlier_share",
+    "published",
+    "values",
+    "whitening_regularization",
+}
 """Numbers without a unit, or with the unit of something else."""
 
 

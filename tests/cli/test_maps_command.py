@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from dataclasses import replace
 from importlib.resources import files
 
@@ -56,8 +57,8 @@ def run(*words, code=0):
 def test_a_geoid_gives_the_map_that_the_package_makes_of_it():
     """The shipped region as if it were a user's own, with and without the relief."""
     for land, words in ((True, ["--land-correction", RELIEF]), (False, [])):
-        run("build", "-o", "own.nc", "--geoid", GEOID, *words, *BOX, *HEIGHTS,
-            "--precision", "float64")  # fmt: skip
+        own_words = ["--geoid", GEOID, *words, *BOX, *HEIGHTS, "--precision", "float64"]
+        run("build", "-o", "own.nc", *own_words)
         own = read(Path("own.nc"))
         axes = [
             first + step * np.arange(count)
@@ -76,8 +77,8 @@ def test_a_geoid_gives_the_map_that_the_package_makes_of_it():
 
 def test_coefficients_give_their_synthesis():
     write_gfc(Path("model.gfc"), 60)
-    output = run("build", "-o", "map.nc", "--coefficients", "model.gfc", "--max-degree", 50, *BOX,
-                 *HEIGHTS, "--spacing-arcmin", 5)  # fmt: skip
+    words = "build -o map.nc --coefficients model.gfc --max-degree 50 --spacing-arcmin 5"
+    output = run(*words.split(), *BOX, *HEIGHTS)
     assert "degree 2 to 50" in output
     field = Field.from_map(read(Path("map.nc")))
     model = without_normal_field(read_model(Path("model.gfc"), 50).coefficients)
@@ -104,9 +105,9 @@ def test_a_grid_of_gravity_gives_the_field_that_it_was_made_of(kind, unit):
         gamma = np.array([ellipsoid.normal_gravity(a, 0.0) for a in latitude])
         ratio = (gamma[:, 2] / gamma[:, 0])[:, np.newaxis]
         values = 1e5 * (values + ratio * potential(model, latitude, longitude, [0.0])[:, :, 0])
-    write_grid("grid.nc", "gravity", unit, values, 26.0, 100.0, step)
-    run("build", "-o", "map.nc", f"--{kind}", "grid.nc", "--max-degree", 60, *BOX, *HEIGHTS,
-        "--spacing-arcmin", 2)  # fmt: skip
+    write_grid("grid.nc", "gravity", unit, values, south=26.0, west=100.0, step=step)
+    words = f"build -o map.nc --{kind} grid.nc --max-degree 60 --spacing-arcmin 2"
+    run(*words.split(), *BOX, *HEIGHTS)
     made = read(Path("map.nc"))
     at = [[made.latitude0], [made.longitude0], [made.height0]]
     _, whole = gravity_and_gradient(model, *at)
@@ -119,9 +120,16 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
     """Rows from north to south; the height is the file's, and no map can lie below it."""
     latitude, longitude = np.arange(38.0, 27.9, -0.25), np.arange(103.0, 114.1, 0.25)
     values = 30.0 * np.add.outer(np.sin(4.0 * latitude), np.cos(3.0 * longitude))
-    head = [f"latitude_parallels {latitude.size}", f"longitude_parallels {longitude.size}",
-            "unit mgal", "height_over_ell 2000.0 m", "gapvalue 9999999.0", "",
-            "longitude latitude gravity_disturbance", "end_of_head ==="]  # fmt: skip
+    head = [
+        f"latitude_parallels {latitude.size}",
+        f"longitude_parallels {longitude.size}",
+        "unit mgal",
+        "height_over_ell 2000.0 m",
+        "gapvalue 9999999.0",
+        "",
+        "longitude latitude gravity_disturbance",
+        "end_of_head ===",
+    ]
 
     def write(path, extra=""):
         rows = [
@@ -132,7 +140,7 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
         Path(path).write_text("\n".join([*head, *rows]))
 
     write("grid.gdf")
-    write_grid("grid.nc", "g", "mGal", values[::-1], 28.0, 103.0, 0.25)
+    write_grid("grid.nc", "g", "mGal", values[::-1], south=28.0, west=103.0, step=0.25)
     tensors = []
     for words in (["grid.gdf"], ["grid.nc", "--grid-height", 2000]):
         run("build", "-o", "map.nc", "--disturbance", *words, *BOX, "--spacing-arcmin", 5)
@@ -207,8 +215,8 @@ def test_a_sum_is_finer_than_its_coefficients():
     added, whole = made["sum"] - made["coefficients"], made["terrain"]
     assert 0.1 < added.std() / whole.std() < 1.0
     assert np.corrcoef(added[..., 5].ravel(), whole[..., 5].ravel())[0, 1] > 0.8
-    run("build", "-o", "map.nc", "--coefficients", "model.gfc", "--terrain", "relief.npz", *box,
-        "--terrain-from-degree", 2000)  # fmt: skip
+    sources = "--coefficients model.gfc --terrain relief.npz --terrain-from-degree 2000"
+    run("build", "-o", "map.nc", *sources.split(), *box)
     nothing_left = read(Path("map.nc")).tensor - made["coefficients"]
     assert nothing_left.std() < 0.02 * added.std()
 
@@ -217,7 +225,8 @@ BAD = {
     "nothing": ([], "a map needs a source: give --terrain, --coefficients"),
     "two grids": (["--geoid", GEOID, "--anomaly", "x.nc"], "give one of them"),
     "two spacings": (
-        ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1], "give one of them"
+        ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1],
+        "give one of them",
     ),
     "no coefficients": (["--terrain", DEM, "--max-degree", 9], "are for --coefficients"),
     "missing file": (["--terrain", "gone.tif"], "cannot read gone.tif: No such file"),
@@ -238,10 +247,13 @@ BAD = {
     "no spacing": (["--geoid", GEOID, "--spacing-arcsec", 0], "must be positive"),
     "endless": (["--geoid", GEOID, "--spacing-arcsec", 1e-3], "more than 1000000 nodes"),
     "too many": (["--geoid", GEOID, "--spacing-arcsec", 2], "at most 400000000 in all"),
-    "around the Earth": (["--coefficients", "model.gfc", "--west", -400, *BOX[:4], *BOX[6:]],
-                         "--west -400 is no longitude"),
+    "around the Earth": (
+        ["--coefficients", "model.gfc", "--west", -400, *BOX[:4], *BOX[6:]],
+        "--west -400 is no longitude",
+    ),
     "too few": (
-        ["--geoid", GEOID, "--highest", 100, "--height-spacing", 90], "at least 4 in each",
+        ["--geoid", GEOID, "--highest", 100, "--height-spacing", 90],
+        "at least 4 in each",
     ),
     "density": (["--terrain", DEM, "--density", -1], "density = -1.0 must lie between"),
     "correction": (["--terrain", DEM, "--land-correction", DEM], "give --geoid"),
@@ -254,7 +266,7 @@ BAD = {
     "huge values": (["--anomaly", "huge.nc"], "which no anomaly grid can have"),
     "gaps": (["--anomaly", "gaps.nc"], "gaps.nc has gaps"),
     "small grid": (["--anomaly", "gravity.nc"], "nothing is left"),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -264,10 +276,10 @@ def folder(tmp_path_factory):
     for name in ("text.txt", "text.nc"):
         (path / name).write_text("This is no data.\n")
     values = 1e-3 * np.ones((20, 20))
-    write_grid(path / "gravity.nc", "g", "mGal", values, 33.0, 108.0, 0.1)
-    write_grid(path / "huge.nc", "g", "mGal", 1e7 * values, 33.0, 108.0, 0.1)
+    write_grid(path / "gravity.nc", "g", "mGal", values, south=33.0, west=108.0, step=0.1)
+    write_grid(path / "huge.nc", "g", "mGal", 1e7 * values, south=33.0, west=108.0, step=0.1)
     values[3, 4] = np.nan
-    write_grid(path / "gaps.nc", "g", "mGal", values, 33.0, 108.0, 0.1)
+    write_grid(path / "gaps.nc", "g", "mGal", values, south=33.0, west=108.0, step=0.1)
     return path
 
 
@@ -313,9 +325,11 @@ def test_what_a_map_says_of_itself_cannot_harm_a_terminal():
 def test_cells_of_a_map_are_scored():
     """Every cell a row of the table and a square of the figure, best and worst on the screen."""
     write(Path("own.nc"), degrade(blank_map(), MapDegradation(correlated_noise_eotvos=10.0)))
-    output = run("score", "own.nc", "--height", 10000, "--cell-deg", 0.07, "--sigma-km", 1.5,
-                 "--noise", 0.5, "--spacing", 200, "--readings", 11, "-o", "out/score.csv",
-                 "--figure", "out/score.png")  # fmt: skip
+    output = run(
+        *shlex.split("score own.nc --height 10000 --cell-deg 0.07 --sigma-km 1.5"),
+        *shlex.split("--noise 0.5 --spacing 200 --readings 11"),
+        *shlex.split("-o out/score.csv --figure out/score.png"),
+    )
     assert "9 cells of 0.07° at 10000 m: tensor, 0.5 E; nodes 200 m apart" in output
     assert "principal components explain" in output
     assert "Wrote out/score.csv" in output
@@ -373,8 +387,8 @@ def write_hills(name, west, holes=()):
 def test_a_terrain_across_the_date_line_is_mapped_shown_and_flown_over():
     """A map, a track whose longitudes jump, and a flight that is planned and told."""
     write_hills("dem.tif", 179.95)
-    output = run("build", "-o", "map.nc", "--terrain", "dem.tif", "--west", 179.97,
-                 "--east", -179.97, "--highest", 620)  # fmt: skip
+    box = "--west 179.97 --east -179.97 --highest 620"
+    output = run("build", "-o", "map.nc", "--terrain", "dem.tif", *box.split())
     assert "longitude: 179.97° to 180.03" in output
     assert "longitude: 179.97° to 180.03" in run("show", "map.nc", "-o", "map.png")
     times = np.arange(0.0, 61.0, 5.0)

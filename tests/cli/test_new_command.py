@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -146,9 +147,12 @@ def test_a_flight_goes_through_ones_own_waypoints(tmp_path):
 
 @pytest.mark.parametrize(
     ("vehicle", "speed", "grade", "noise"),
-    [("helicopter", 50.0, "tactical", 1.0), ("drone", 20.0, "tactical", 5.0),
-     ("ship", 8.0, "navigation", 1.0)],
-)  # fmt: skip
+    [
+        ("helicopter", 50.0, "tactical", 1.0),
+        ("drone", 20.0, "tactical", 5.0),
+        ("ship", 8.0, "navigation", 1.0),
+    ],
+)
 def test_a_vehicle_brings_its_speed_and_its_sensors(vehicle, speed, grade, noise, tmp_path):
     """At most its own speed through waypoints; a ship turns without bank; the file is valid."""
     rough_map(tmp_path / "own.nc")
@@ -241,10 +245,14 @@ def draped_map(folder, *words, name="low.nc"):
     names = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m")
     np.savez(folder / "dem.npz", **{name: getattr(terrain, name) for name in names})
     built = invoke(
-        ["map", "build", "-o", name, "--terrain", "dem.npz", "--drape", "--spacing-arcsec",
-         "8", "--height-spacing", "100", "--geoid-height", "-17", *words],
+        [
+            *("map", "build", "-o", name),
+            *shlex.split("--terrain dem.npz --drape --geoid-height -17"),
+            *shlex.split("--spacing-arcsec 8 --height-spacing 100"),
+            *words,
+        ],
         folder,
-    )  # fmt: skip
+    )
     assert built.returncode == 0, built.stderr
 
 

@@ -28,8 +28,11 @@ def folder(tmp_path_factory):
 def test_a_filter_from_the_template_gets_its_card(folder):
     """The screen has a row for each question and the verdicts; three files are written."""
     said = (folder / "said.txt").read_text(encoding="utf-8")
-    for words in ("Aircraft over the Alps, narrow prior", "Against the EKF: as good in 2 of 2",
-                  "my_filter.py, 20 runs of each case, seed 3700"):  # fmt: skip
+    for words in (
+        "Aircraft over the Alps, narrow prior",
+        "Against the EKF: as good in 2 of 2",
+        "my_filter.py, 20 runs of each case, seed 3700",
+    ):
         assert words in said
     written = folder / "results" / "score" / "my_filter-py"
     card = json.loads((written / "card.json").read_text(encoding="utf-8"))
@@ -110,18 +113,38 @@ def test_bad_input_is_a_sentence(arguments, said, tmp_path):
 def stated(label: str, case: str = "air-narrow") -> dict[str, object]:
     """A card of one case and two runs."""
     other = {
-        "label": "ekf", "role": "ekf", "runs": 2, "rms_m": 1.0, "error_ratio": 1.0, "lo": 0.9,
-        "hi": 1.1, "only_scored": 0, "only_other": 0, "verdict": "as good",
-    }  # fmt: skip
+        "label": "ekf",
+        "role": "ekf",
+        "runs": 2,
+        "rms_m": 1.0,
+        "error_ratio": 1.0,
+        "lo": 0.9,
+        "hi": 1.1,
+        "only_scored": 0,
+        "only_other": 0,
+        "verdict": "as good",
+    }
     here = stored_runs.header()
     return {
-        "format": 2, "ggbench": "0", "results_version": here["results_version"],
-        "suite": here["scenario_hash"], "seed": here["seed"], "public": True, "runs": 2,
+        "format": 2,
+        "ggbench": "0",
+        "results_version": here["results_version"],
+        "suite": here["scenario_hash"],
+        "seed": here["seed"],
+        "public": True,
+        "runs": 2,
         "judged": "all",
         "estimator": {"label": label, "name": "a", "parameters": {}, "source": "0"},
-        "questions": [{"case": case, "title": "", "against": [other],
-                       "errors_m": [1e3, 1e3], "succeeded": [True, True]}],
-    }  # fmt: skip
+        "questions": [
+            {
+                "case": case,
+                "title": "",
+                "against": [other],
+                "errors_m": [1e3, 1e3],
+                "succeeded": [True, True],
+            }
+        ],
+    }
 
 
 @pytest.mark.parametrize(

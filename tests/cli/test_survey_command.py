@@ -43,8 +43,9 @@ def run(*words, code=0):
 
 
 def test_a_map_is_stored_with_its_error_and_the_noise_of_the_readings():
-    said = run("--lines", "s.csv", "--leave-out", "repeat", *SETTINGS, "-o", "m.nc",
-               "--noise", "n.json")  # fmt: skip
+    said = run(
+        "--lines", "s.csv", "--leave-out", "repeat", *SETTINGS, "-o", "m.nc", "--noise", "n.json"
+    )
     assert "Chosen: point masses 500 m apart, 600 m below the flights, damping 0.1" in said
     assert "without repeat: 12 lines" in said
     made = read("m.nc")

@@ -137,13 +137,16 @@ BAD = {
     "a recipe that cannot be followed": (MAPPED, "south_deg = 33.0", "south_deg = 3.0"),
     "an unknown source": (MAPPED, "egm2008_qinling", "egm2088"),
     "a filter slower than what decays": (
-        SMALL, "noise_eotvos = 0.01",
+        SMALL,
+        "noise_eotvos = 0.01",
         'noise_eotvos = 0.01\nfilter = "butterworth"\nfilter_cutoff_hz = 0.001',
     ),
     "a climb into space": (
-        SMALL, "duration_s = 20.0", "duration_s = 20.0\nclimb_rate_deg_per_s = 3.0",
+        SMALL,
+        "duration_s = 20.0",
+        "duration_s = 20.0\nclimb_rate_deg_per_s = 3.0",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -139,7 +139,7 @@ def test_the_right_check_fails(tmp_path, name):
         ('causality = "filter"', 'causality = "batch"', "causality", "declare 'filter'"),
         ('causality = "filter"', 'causality = "none"', "causality", "is 'none', and when readings"),
     ],
-)  # fmt: skip
+)
 def test_other_mistakes_are_named(tmp_path, old, new, name, said):
     assert old in FILTER
     found = verdicts(made(tmp_path, FILTER.replace(old, new)))

@@ -26,7 +26,15 @@ def of_a_line(noise: np.ndarray, spread: np.ndarray, rows: np.ndarray, z: np.nda
         return (z - normals @ rows.T) @ space.rows.T
 
     rng = np.random.default_rng(2)
-    return annealed(draws(COUNT, rows.shape[1]), read, space, COUNT, 1000.0, "systematic", rng)
+    return annealed(
+        normals=draws(COUNT, rows.shape[1]),
+        read=read,
+        space=space,
+        count=COUNT,
+        least=1000.0,
+        resampling="systematic",
+        rng=rng,
+    )
 
 
 @pytest.mark.parametrize("linear", [0.0, 1.0], ids=["drawn states alone", "linear states, too"])
@@ -63,7 +71,15 @@ def two_modes(rng: np.random.Generator) -> np.ndarray:
         side = np.where(normals > 0.0, 0.0, np.sqrt(2.0 * np.log(3.0)))
         return np.hstack([np.abs(normals) - 1.0, side]) @ space.rows.T
 
-    return annealed(draws(COUNT, 1), read, space, COUNT, 1000.0, "systematic", rng).normals[:, 0]
+    return annealed(
+        normals=draws(COUNT, 1),
+        read=read,
+        space=space,
+        count=COUNT,
+        least=1000.0,
+        resampling="systematic",
+        rng=rng,
+    ).normals[:, 0]
 
 
 def test_modes_keep_their_weights_and_their_widths():
@@ -97,7 +113,13 @@ def test_a_stage_that_cannot_leave_as_many_as_asked_for_comes_to_an_end():
     space = whitening(np.eye(1), np.zeros((1, 1)))
     rng = np.random.default_rng(5)
     found = annealed(
-        draws(1000, 1), lambda p: 100.0 * (p - 1.0), space, 1000, 999.0, "residual", rng
+        normals=draws(1000, 1),
+        read=lambda p: 100.0 * (p - 1.0),
+        space=space,
+        count=1000,
+        least=999.0,
+        resampling="residual",
+        rng=rng,
     )
     assert found.stages == annealing.MOST_STAGES
     assert np.isfinite(found.normals).all()
@@ -112,5 +134,13 @@ def test_positions_that_have_no_reading_weigh_nothing():
         return np.where(normals > 0.0, np.nan, normals)
 
     rng = np.random.default_rng(6)
-    found = annealed(draws(COUNT, 1), read, space, COUNT, 1000.0, "systematic", rng)
+    found = annealed(
+        normals=draws(COUNT, 1),
+        read=read,
+        space=space,
+        count=COUNT,
+        least=1000.0,
+        resampling="systematic",
+        rng=rng,
+    )
     assert (found.normals <= 0.0).all()

@@ -141,7 +141,8 @@ def test_a_covariance_of_too_few_particles_is_repaired_and_a_good_one_is_not():
     for flat in (two, np.zeros((3, 3))):
         cov, was_repaired = repaired(flat, prior)
         assert was_repaired
-        np.testing.assert_allclose(cov / np.outer(units, units), flat / np.outer(units, units),
-                                   atol=20.0 * FLOOR)  # fmt: skip
+        np.testing.assert_allclose(
+            cov / np.outer(units, units), flat / np.outer(units, units), atol=20.0 * FLOOR
+        )
         sigma = np.sqrt(np.diag(cov))
         assert np.linalg.eigvalsh(cov / np.outer(sigma, sigma)).min() > 0.0

@@ -166,8 +166,10 @@ def test_a_motion_without_noise_and_a_tiny_prior_have_an_answer(name, position_m
     The motion has no freedom but its start, so that the cost is that of 15 numbers. To 1e-3 of a
     posterior σ; the prior mean is more than 0.3 off.
     """
-    quiet = {f"imu.{key}": 0.0 for key in ("gyro_noise_deg_per_sqrt_h",
-                                            "accelerometer_noise_ug_per_sqrt_hz")}  # fmt: skip
+    quiet = {
+        f"imu.{key}": 0.0
+        for key in ("gyro_noise_deg_per_sqrt_h", "accelerometer_noise_ug_per_sqrt_hz")
+    }
     rough = {"field.source": rough_map(tmp_path / "map.nc", rms=300.0)}
     flight = small_flight(quiet | rough | {"initial_error.position_m": position_m})
     problem, _ = simulate(flight, 5, 0)

@@ -45,14 +45,19 @@ def straight(
     first = np.array([0.6, -1.4, 1000.0])
     track = InsSolution(
         corrected_positions(np.tile(first, (40, 1)), -indicated),
-        np.tile([SPEED, 0.0, 0.0], (40, 1)), np.tile(np.eye(3), (40, 1, 1)),
-    )  # fmt: skip
+        np.tile([SPEED, 0.0, 0.0], (40, 1)),
+        np.tile(np.eye(3), (40, 1, 1)),
+    )
     prior = np.diag([sigma**2, sigma**2, 1e-4, 9.0, 9.0, 1e-6, 1e-10, 1e-10, 1e-10])
     return changed(
-        problem, model=model, prior_cov=prior, process_cov=np.zeros((40, 9, 9)), track=track,
+        problem,
+        model=model,
+        prior_cov=prior,
+        process_cov=np.zeros((40, 9, 9)),
+        track=track,
         measurements=np.array([model.predict(k, x) for k, x in enumerate(truth)]),
         channels=tuple(Channel(name, "E", "gradiometer") for name in NAMES),
-    ), truth  # fmt: skip
+    ), truth
 
 
 @pytest.mark.parametrize(

@@ -35,9 +35,10 @@ QUICK = ("ekf", "ukf", "filterpy-ekf", "factor-graph[mode=batch]")
 """Of kernels that other tests compile anyway."""
 EACH = [name if name in QUICK else pytest.param(name, marks=pytest.mark.long) for name in LABELS]
 COMPILED = [
-    label for name, label in zip(LABELS, EACH, strict=True)
+    label
+    for name, label in zip(LABELS, EACH, strict=True)
     if not name.startswith(("rao", "closed", "filterpy"))
-]  # fmt: skip
+]
 SCALE = 3.0
 MATCHED = ("gradiometer", "gravimeter", "keel")
 """Sensors on board that read what a map tells; the names are the case's."""

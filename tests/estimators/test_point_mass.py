@@ -126,10 +126,14 @@ def test_two_hills_that_look_alike_stay_two():
             return 2.0 * np.asarray(x)[..., None]
 
     problem = changed(
-        noisy_problem(0, epochs=3, n=1, m=1), model=Square(), prior_cov=np.array([[9.0]]),
-        measurements=np.full((3, 1), 4.0), noise_cov=np.array([[0.1]]),
-        transition=np.ones((3, 1, 1)), process_cov=np.zeros((3, 1, 1)),
-    )  # fmt: skip
+        noisy_problem(0, epochs=3, n=1, m=1),
+        model=Square(),
+        prior_cov=np.array([[9.0]]),
+        measurements=np.full((3, 1), 4.0),
+        noise_cov=np.array([[0.1]]),
+        transition=np.ones((3, 1, 1)),
+        process_cov=np.zeros((3, 1, 1)),
+    )
     found = PointMass(step=0.05).estimate(problem, rng())
     assert found.mean[-1, 0] == pytest.approx(0.0, abs=1e-6)
     assert found.cov[-1, 0, 0] == pytest.approx(4.0, rel=0.02)

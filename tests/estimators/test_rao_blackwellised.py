@@ -126,10 +126,14 @@ def test_a_cloud_with_two_modes_stays_one_where_readings_are_straight():
             return rows
 
     problem = changed(
-        drifting_position(0, 1, 1000.0), model=Square(), measurements=np.full((20, 1), 0.0),
-        noise_cov=np.eye(1), present=np.ones((20, 1), dtype=bool),
-        transition=np.tile(np.eye(2), (20, 1, 1)), channels=None,
-    )  # fmt: skip
+        drifting_position(0, 1, 1000.0),
+        model=Square(),
+        measurements=np.full((20, 1), 0.0),
+        noise_cov=np.eye(1),
+        present=np.ones((20, 1), dtype=bool),
+        transition=np.tile(np.eye(2), (20, 1, 1)),
+        channels=None,
+    )
     measurements = problem.measurements.copy()
     measurements[0] = 1000.0
     problem = changed(problem, measurements=measurements)

@@ -150,9 +150,11 @@ def test_readings_that_are_missing_are_not_counted():
             return problem.model.jacobian(k, x) * there[k]
 
     silent = changed(
-        problem, model=Silent(), measurements=problem.measurements * rows,
+        problem,
+        model=Silent(),
+        measurements=problem.measurements * rows,
         present=np.broadcast_to(rows, problem.measurements.shape),
-    )  # fmt: skip
+    )
     assert first == 5.0
     assert solver.estimate(silent, rng()).info["accepted_at_s"] >= 15.0
 

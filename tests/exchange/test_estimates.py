@@ -225,9 +225,13 @@ def test_estimates_of_a_changed_scenario_are_refused(folder, tmp_path):
 
 def test_a_run_that_is_not_in_the_file_fails_with_the_reason(folder, tmp_path):
     results = gg.run(
-        folder / "small.toml", str(folder / "ekf.mat"), RUNS + 1, cases=["base"],
-        output=tmp_path / "out", jobs=0,
-    )  # fmt: skip
+        folder / "small.toml",
+        str(folder / "ekf.mat"),
+        RUNS + 1,
+        cases=["base"],
+        output=tmp_path / "out",
+        jobs=0,
+    )
     (reason,) = results.failures()["reason"]
     assert "has no run with these measurements: it has case base" in reason
 

@@ -28,8 +28,13 @@ def test_errors_over_time_are_root_mean_squares_over_runs():
     series = np.random.default_rng(1).uniform(1.0, 3.0, (5, 4, 4))
     kept = np.array([0, 2, 5, 7])
     bound = np.random.default_rng(2).uniform(1.0, 9.0, (8, 2))
-    arrays = {"times": TIMES, "kept": kept, "bound-filter": bound, "bound-batch": 2 * bound,
-              "bound-unfiltered": bound}  # fmt: skip
+    arrays = {
+        "times": TIMES,
+        "kept": kept,
+        "bound-filter": bound,
+        "bound-batch": 2 * bound,
+        "bound-unfiltered": bound,
+    }
     results = SimpleNamespace(
         series=lambda case, label: series if label == "ekf" else np.empty((0, 0, 4)),
         arrays=lambda case: arrays,
@@ -65,15 +70,20 @@ def test_errors_by_case_have_intervals_bound_and_ins():
     )
     (axis,) = figure.axes
     assert [label.get_text() for label in axis.get_yticklabels()] == [
-        "a case", "a case with a name that is\nlong enough to wrap"
-    ]  # fmt: skip
+        "a case",
+        "a case with a name that is\nlong enough to wrap",
+    ]
     drawn = [line.get_xdata() for line in axis.get_lines() if len(line.get_xdata()) == 2]
     assert [list(curve.rms) for curve in curves.values()] == [list(found) for found in drawn[:2]]
     segments = [found.get_segments() for found in axis.collections]
     assert segments[0][0][:, 0] == pytest.approx([curves["ekf"].low[0], curves["ekf"].high[0]])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        "ekf", "ukf", "bound of filters", "bound of smoothers", "INS"
-    ]  # fmt: skip
+        "ekf",
+        "ukf",
+        "bound of filters",
+        "bound of smoothers",
+        "INS",
+    ]
     without = panel._replace(smoothing_bound=np.full(2, np.nan))
     assert "bound of smoothers" not in answer.over_cases(["a", "b"], without, FAMILIES).series
     lost = panel._replace(curves=curves | {"ukf": a_curve(2, 0.5)})
@@ -231,11 +241,18 @@ def test_a_legend_has_as_many_columns_as_there_is_room_for(longest, columns):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.0, "0"), (1234.5, "1234"), (99_999.0, "99999"), (1e5, "1.0e+05"), (123.4, "123"),
-        (12.34, "12.3"), (1.234, "1.23"), (-0.1234, "-0.123"), (0.001234, "0.00123"),
+        (0.0, "0"),
+        (1234.5, "1234"),
+        (99_999.0, "99999"),
+        (1e5, "1.0e+05"),
+        (123.4, "123"),
+        (12.34, "12.3"),
+        (1.234, "1.23"),
+        (-0.1234, "-0.123"),
+        (0.001234, "0.00123"),
         (0.000999, "1.0e-03"),
     ],
-)  # fmt: skip
+)
 def test_numbers_have_three_digits(value, text):
     """Three significant digits, all digits before the point; powers of ten at both ends."""
     assert short(value) == text

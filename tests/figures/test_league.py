@@ -17,14 +17,20 @@ FAMILIES = {"ins": "inertial", "ekf": "kalman", "mine": "own", "batch": "smoothe
 RATIOS = np.array([[3.0, 1.0, np.inf, 1.0], [30.0, 1.1, 2.0, np.nan]])
 TEXTS = np.array([["3.00", "1.00", "lost\n94%‡", "1.00"], ["30", "1.10", "2.00", "–"]])
 FRAMED = np.array([[False, True, False, False], [False, False, False, False]])
-TO_BEST = {
-    "ins": np.array([3.0, 40.0]), "ekf": np.ones(2), "mine": np.array([np.nan, 2.0]),
-}  # fmt: skip
+TO_BEST = {"ins": np.array([3.0, 40.0]), "ekf": np.ones(2), "mine": np.array([np.nan, 2.0])}
 
 
 def drawn(**changes):
     """The figure of two cases and four estimators, the last one a smoother."""
-    held = League(["narrow (5 m)", "wide (9 m)"], [*FAMILIES], 1, RATIOS, TEXTS, FRAMED, TO_BEST)
+    held = League(
+        cases=["narrow (5 m)", "wide (9 m)"],
+        estimators=[*FAMILIES],
+        smoothers=1,
+        ratios=RATIOS,
+        texts=TEXTS,
+        framed=FRAMED,
+        to_best=TO_BEST,
+    )
     return league.league(held._replace(**changes), FAMILIES)
 
 
@@ -85,9 +91,12 @@ def test_texts_fit_their_cells_at_800_pixels(count):
     """Fifteen estimators, one in a hundred pixels or in thirty-six."""
     longest = np.full((2, count), "lost\n>99%‡")
     figure = drawn(
-        estimators=[f"ekf-{n}" for n in range(count)], ratios=np.full((2, count), np.inf),
-        texts=longest, framed=np.zeros((2, count), dtype=bool), to_best={},
-    )  # fmt: skip
+        estimators=[f"ekf-{n}" for n in range(count)],
+        ratios=np.full((2, count), np.inf),
+        texts=longest,
+        framed=np.zeros((2, count), dtype=bool),
+        to_best={},
+    )
     figure.canvas.draw()
     grid, _ = figure.axes
     assert figure.get_figwidth() * 110.0 <= 804.0

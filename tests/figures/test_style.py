@@ -42,9 +42,13 @@ def changed_by(code: str) -> set[str]:
     )
     environment = {k: v for k, v in os.environ.items() if k != "MPLBACKEND"}
     done = subprocess.run(
-        [sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True,
-        env=environment, cwd=tempfile.gettempdir(),
-    )  # fmt: skip
+        [sys.executable, "-P", "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+        cwd=tempfile.gettempdir(),
+    )
     return set(ast.literal_eval(done.stdout.splitlines()[-1]))
 
 

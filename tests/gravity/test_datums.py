@@ -67,7 +67,15 @@ def test_a_grid_mapping_is_heeded(name, unit, tmp_path):
     """In netCDF files of heights and of gravity."""
     attributes, said = CONTRADICTIONS[name]
     file = tmp_path / "a.nc"
-    write_grid(file, "z", unit, np.add.outer(np.arange(20.0), np.arange(20.0)), 45.0, 7.0, 0.1)
+    write_grid(
+        file,
+        "z",
+        unit,
+        np.add.outer(np.arange(20.0), np.arange(20.0)),
+        south=45.0,
+        west=7.0,
+        step=0.1,
+    )
     with netCDF4.Dataset(file, "a") as opened:
         opened.createVariable("crs", "i4").setncatts(attributes)
         opened["z"].grid_mapping = "crs"
@@ -86,9 +94,14 @@ def test_a_grid_of_icgem_on_another_ellipsoid_is_refused(tmp_path):
     """Undulations above another ellipsoid are other numbers; EGM96's radius is near enough."""
     for radius, taken in (("6378137.0 m", True), ("6378136.3 m", True), ("6378245.0 m", False)):
         head = [
-            "functional geoid", "latitude_parallels 16", "longitude_parallels 16", "unit meter",
-            f"radiusrefsys {radius}", "longitude latitude geoid", "end_of_head ==",
-        ]  # fmt: skip
+            "functional geoid",
+            "latitude_parallels 16",
+            "longitude_parallels 16",
+            "unit meter",
+            f"radiusrefsys {radius}",
+            "longitude latitude geoid",
+            "end_of_head ==",
+        ]
         rows = [f"{7 + 0.1 * j:.1f} {45 - 0.1 * i:.1f} 40.0" for i in range(16) for j in range(16)]
         file = tmp_path / "a.gdf"
         file.write_text("\n".join([*head, *rows, ""]))

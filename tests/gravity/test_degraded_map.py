@@ -135,8 +135,10 @@ def test_white_noise_is_independent_at_each_node(plane):
     assert np.abs(np.corrcoef(values.T) - np.eye(6)).max() < limit
     grid = noise.tensor / 0.5
     for axis in range(3):
-        a, b = (np.take(grid, np.arange(grid.shape[axis])[part], axis)
-                for part in (slice(1, None), slice(None, -1)))  # fmt: skip
+        a, b = (
+            np.take(grid, np.arange(grid.shape[axis])[part], axis)
+            for part in (slice(1, None), slice(None, -1))
+        )
         assert abs(np.mean(a * b)) < limit
     np.testing.assert_array_equal(noise.gravity_disturbance, 0.0)
 
@@ -195,8 +197,13 @@ def test_noise_is_added_after_the_smoothing(noisy):
 def test_a_scenarios_error_is_that_of_its_map(tmp_path):
     """[field.error] in kilometres and E is the degraded map; the truth keeps the right one."""
     path = rough_map(tmp_path / "rough.nc")
-    error = {"resolution_km": 2.0, "density_factor": 1.2, "correlated_noise_eotvos": 1.0,
-             "correlation_km": 4.0, "seed": 9}  # fmt: skip
+    error = {
+        "resolution_km": 2.0,
+        "density_factor": 1.2,
+        "correlated_noise_eotvos": 1.0,
+        "correlation_km": 4.0,
+        "seed": 9,
+    }
     case = small_case({"field.source": path, "model.field.error": error})
     right, wrong = (make_field(case.side(name).field) for name in ("truth", "model"))
     expected = degrade(
@@ -228,8 +235,11 @@ def test_what_is_no_map_has_its_sentence(tmp_path):
     with pytest.raises(MapError, match=r"odd.nc is not a gradient map"):
         make_field(small_case({"field.source": str(path)}).field)
     rough = {"field.source": rough_map(tmp_path / "rough.nc")}
-    for key, value in (("density_kg_m3", 2000.0), ("relief_smoothing_deg", 0.1),
-                       ("land_correction", False)):  # fmt: skip
+    for key, value in (
+        ("density_kg_m3", 2000.0),
+        ("relief_smoothing_deg", 0.1),
+        ("land_correction", False),
+    ):
         case = small_case(rough | {f"truth.field.{key}": value})
         with pytest.raises(MapError, match=f"field.{key} is {value}, which means nothing for"):
             make_field(case.side("truth").field)

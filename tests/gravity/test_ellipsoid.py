@@ -141,10 +141,12 @@ def test_derivatives_of_normal_gravity():
     """∂γ/∂L and ∂γ/∂h are the slopes of γ, the instability of the vertical channel included."""
     for latitude, _, height in positions(50, seed=1):
         _, d_latitude, d_height = ellipsoid.normal_gravity(latitude, height)
-        along_latitude = difference(lambda d, p=(latitude, height): ellipsoid.normal_gravity(
-            p[0] + d, p[1])[0], 1e-2)  # fmt: skip
-        along_height = difference(lambda d, p=(latitude, height): ellipsoid.normal_gravity(
-            p[0], p[1] + d)[0], 1e4)  # fmt: skip
+        along_latitude = difference(
+            lambda d, p=(latitude, height): ellipsoid.normal_gravity(p[0] + d, p[1])[0], 1e-2
+        )
+        along_height = difference(
+            lambda d, p=(latitude, height): ellipsoid.normal_gravity(p[0], p[1] + d)[0], 1e4
+        )
         assert d_latitude == pytest.approx(along_latitude, rel=1e-9, abs=1e-12)
         assert d_height == pytest.approx(along_height, rel=1e-9)
         assert -3.12e-6 < d_height < -2.9e-6

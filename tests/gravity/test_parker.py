@@ -52,9 +52,14 @@ def prisms(points, x, y, surface, base, size, densities):
                 if abs(top - base) < 1e-6:
                     continue
                 box = (
-                    x[i] - size / 2, x[i] + size / 2, y[j] - size / 2, y[j] + size / 2,
-                    min(top, base), max(top, base), densities[0] if top > base else -densities[1],
-                )  # fmt: skip
+                    x[i] - size / 2,
+                    x[i] + size / 2,
+                    y[j] - size / 2,
+                    y[j] + size / 2,
+                    min(top, base),
+                    max(top, base),
+                    densities[0] if top > base else -densities[1],
+                )
                 out[p, 0] += gravity_ee(e, n, u, *box)
                 out[p, 1] += gravity_en(e, n, u, *box)
                 out[p, 2] += gravity_eu(e, n, u, *box)
@@ -89,7 +94,15 @@ def prism_field(terrain, latitude_deg, longitude_deg, level, base, size, densiti
     at_north, at_east = (a.ravel() for a in np.meshgrid(latitude_deg, longitude_deg, indexing="ij"))
     here, there = to_plane(at_north, at_east), to_plane(at_north + 1e-4, at_east)
     points = np.column_stack((*here, np.full(at_north.size, level)))
-    field = prisms(points, x, y, surface.reshape(grid_x.shape), base, size, np.array(densities))
+    field = prisms(
+        points=points,
+        x=x,
+        y=y,
+        surface=surface.reshape(grid_x.shape),
+        base=base,
+        size=size,
+        densities=np.array(densities),
+    )
 
     turn = np.arctan2(*(there - here))  # from plane north to true north
     c, s, zero, one = np.cos(turn), np.sin(turn), np.zeros_like(turn), np.ones_like(turn)
@@ -140,7 +153,15 @@ def rms(difference):
 def assert_agrees_with_prisms(terrain, level, base, size, densities=(2670.0, 2670.0)):
     lat, lon = inside(terrain)
     tensor, vector = terrain_field(terrain, np.radians(lat), np.radians(lon), [level])
-    expected, expected_vector = prism_field(terrain, lat, lon, level, base, size, densities)
+    expected, expected_vector = prism_field(
+        terrain=terrain,
+        latitude_deg=lat,
+        longitude_deg=lon,
+        level=level,
+        base=base,
+        size=size,
+        densities=densities,
+    )
     # The field is one that matters, and the difference is the 0.05 E that is asked for at most.
     assert rms(expected).min() > 5.0 and rms(expected).max() > 15.0
     assert rms(tensor[:, :, 0] - expected).max() < 0.05

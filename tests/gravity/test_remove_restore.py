@@ -38,7 +38,15 @@ def grid_of(model, kind: str, height: float, south: float, shape=SHAPE) -> Gravi
         "disturbance": -outwards,
         "anomaly": -outwards + vertical / gamma * disturbing,  # fundamental equation of geodesy
     }[kind]
-    return GravityGrid(kind, south, 101.0, STEP, STEP, values, height)
+    return GravityGrid(
+        kind=kind,
+        south_deg=south,
+        west_deg=101.0,
+        latitude_step_deg=STEP,
+        longitude_step_deg=STEP,
+        values=values,
+        height_m=height,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +127,15 @@ def test_the_field_of_waves_is_the_derivative_of_its_potential(height):
     latitude whose convergence was taken, as far as the waves are harmonic on an ellipsoid: to 4e-3.
     """
     rng = np.random.default_rng(3)
-    grid = GravityGrid("disturbance", 30.0, 105.0, 0.25, 0.25, rng.normal(size=(25, 31)), height)
+    grid = GravityGrid(
+        kind="disturbance",
+        south_deg=30.0,
+        west_deg=105.0,
+        latitude_step_deg=0.25,
+        longitude_step_deg=0.25,
+        values=rng.normal(size=(25, 31)),
+        height_m=height,
+    )
     nothing = random_model(2, 1)
     residual = Residual(grid, nothing)
     latitude, longitude = np.radians([31.9, 32.7, 33.5]), np.radians([106.2, 108.0, 110.1])
@@ -136,7 +152,17 @@ def test_the_field_of_waves_is_the_derivative_of_its_potential(height):
 def test_a_map_of_the_south_china_sea_serves_a_ship():
     """At the sea's surface, between nodes: interpolation costs less than 0.01 E rms."""
     source = "egm2008_south_china_sea"
-    recipe = MapRecipe(source, 15.0, 16.5, 112.0, 114.0, 0.0, 4000.0, 1.25, 1000.0)
+    recipe = MapRecipe(
+        source=source,
+        south_deg=15.0,
+        north_deg=16.5,
+        west_deg=112.0,
+        east_deg=114.0,
+        min_height_m=0.0,
+        max_height_m=4000.0,
+        spacing_arcmin=1.25,
+        height_spacing_m=1000.0,
+    )
     built = build(recipe)
     nodes = [
         first + step * np.arange(count)
@@ -162,7 +188,15 @@ def test_a_map_of_the_south_china_sea_serves_a_ship():
 
 def test_the_sea_map_is_refused_where_its_spacing_would_not_do():
     source = "egm2008_south_china_sea"
-    fine = MapRecipe(source, 15.0, 16.0, 112.0, 113.0, 0.0, 9000.0)
+    fine = MapRecipe(
+        source=source,
+        south_deg=15.0,
+        north_deg=16.0,
+        west_deg=112.0,
+        east_deg=113.0,
+        min_height_m=0.0,
+        max_height_m=9000.0,
+    )
     for change, message in (
         ({"spacing_arcmin": 2.5}, r"a quarter of that height above sources 9270 m deep"),
         ({"height_spacing_m": 2000.0}, r"at most 1158\.75 is allowed"),

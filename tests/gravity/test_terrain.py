@@ -33,9 +33,15 @@ CORNERS = from_origin(WEST - STEP / 2, LATITUDES[-1] + STEP / 2, STEP, STEP)
 
 def write_raster(path, heights=HEIGHTS[::-1], tags=None, scales=None, units=None, **profile):
     profile = {
-        "driver": "GTiff", "count": 1, "dtype": "float64", "crs": "EPSG:4326",
-        "transform": CORNERS, "height": heights.shape[0], "width": heights.shape[1], **profile,
-    }  # fmt: skip
+        "driver": "GTiff",
+        "count": 1,
+        "dtype": "float64",
+        "crs": "EPSG:4326",
+        "transform": CORNERS,
+        "height": heights.shape[0],
+        "width": heights.shape[1],
+        **profile,
+    }
     with rasterio.open(path, "w", **profile) as dataset:
         for band in range(1, profile["count"] + 1):
             dataset.write(heights.astype(profile["dtype"]), band)
@@ -237,9 +243,12 @@ def test_voids_of_a_projected_raster_count_where_they_are_needed(tmp_path):
     heights = np.full((60, 60), 500.0)
     heights[:20, :20] = -9999.0
     path = write_raster(
-        tmp_path / "utm.tif", heights, crs="EPSG:32632", nodata=-9999.0,
+        tmp_path / "utm.tif",
+        heights,
+        crs="EPSG:32632",
+        nodata=-9999.0,
         transform=from_origin(500000.0, 5000000.0, 100.0, 100.0),
-    )  # fmt: skip
+    )
     with pytest.raises(TerrainError, match="has 400 voids"):
         read_terrain(path)
     terrain = read_terrain(path, Area(45.11, 45.13, 9.03, 9.06))
@@ -518,10 +527,20 @@ def test_a_huge_file_is_refused_before_it_is_read(tmp_path):
     # A sparse raster of 40 gigabytes takes no room on the disk.
     path = tmp_path / "globe.tif"
     with rasterio.open(
-        path, "w", driver="GTiff", width=100_000, height=50_000, count=1, dtype="float64",
-        crs="EPSG:4326", transform=from_origin(-180, 90, 0.0036, 0.0036), sparse_ok=True,
-        compress="deflate", tiled=True, bigtiff="yes",
-    ):  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        width=100_000,
+        height=50_000,
+        count=1,
+        dtype="float64",
+        crs="EPSG:4326",
+        transform=from_origin(-180, 90, 0.0036, 0.0036),
+        sparse_ok=True,
+        compress="deflate",
+        tiled=True,
+        bigtiff="yes",
+    ):
         pass
     with pytest.raises(TerrainError, match=r"50000 x 100000 cells; at most 1e\+08 are allowed"):
         read_terrain(path)

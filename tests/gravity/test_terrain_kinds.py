@@ -42,9 +42,16 @@ def write_raster(
 ) -> Path:
     corner = (6.95, 46.15) if step < 1.0 else (5e5, 5e6)
     with rasterio.open(
-        path, "w", driver="GTiff", count=1, dtype="float32", crs=crs,
-        height=12, width=16, transform=from_origin(*corner, step, step),
-    ) as dataset:  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        count=1,
+        dtype="float32",
+        crs=crs,
+        height=12,
+        width=16,
+        transform=from_origin(*corner, step, step),
+    ) as dataset:
         dataset.write(heights[::-1].astype(np.float32), 1)
         dataset.update_tags(1, **tags)
         if unit:
@@ -171,9 +178,12 @@ def test_a_missing_database_of_proj_is_named(tmp_path):
     for variable, value in (("PROJ_LIB", str(tmp_path)), ("PROJ_DATA", "/elsewhere")):
         environment = {k: v for k, v in os.environ.items() if k not in ("PROJ_LIB", "PROJ_DATA")}
         ended = subprocess.run(
-            [sys.executable, "-c", code], env=environment | {variable: value},
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+            [sys.executable, "-c", code],
+            env=environment | {variable: value},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert "PROJ's database proj.db, which is not found" in ended.stderr
         assert f"{variable} = {value!r} leads to another installation: unset it" in ended.stderr
 

@@ -51,9 +51,14 @@ def prism_sums(places, west, east, south, north, surface, base, above, below):
                     continue
                 density = above if top > base else -below
                 box = (
-                    west[p, j, i], east[p, j, i], south[p, j, i], north[p, j, i],
-                    min(top, base), max(top, base), density,
-                )  # fmt: skip
+                    west[p, j, i],
+                    east[p, j, i],
+                    south[p, j, i],
+                    north[p, j, i],
+                    min(top, base),
+                    max(top, base),
+                    density,
+                )
                 up = places[p]
                 out[p, 0] += gravity_ee(0.0, 0.0, up, *box)
                 out[p, 1] += gravity_en(0.0, 0.0, up, *box)
@@ -81,7 +86,15 @@ def direct(terrain, points, base=0.0, above=2670.0, below=2670.0):
         west[p], east[p] = (parallel * (lon - longitude + side) for side in (-half_lon, half_lon))
         south[p], north[p] = (middle + side * meridian for side in (-half_lat, half_lat))
     found = prism_sums(
-        points[:, 2], west, east, south, north, terrain.height_m.astype(float), base, above, below
+        places=points[:, 2],
+        west=west,
+        east=east,
+        south=south,
+        north=north,
+        surface=terrain.height_m.astype(float),
+        base=base,
+        above=above,
+        below=below,
     )
     return found[:, :6] / EOTVOS, found[:, 6:]
 
@@ -131,11 +144,16 @@ def test_the_field_is_that_of_harmonica():
         [
             sign * layer.prism_layer.gravity((*places, points[:, 2]), field=name, parallel=False)
             for name, sign in (
-                ("g_ee", 1), ("g_en", 1), ("g_ez", -1), ("g_nn", 1), ("g_nz", -1), ("g_zz", 1),
+                ("g_ee", 1),
+                ("g_en", 1),
+                ("g_ez", -1),
+                ("g_nn", 1),
+                ("g_nz", -1),
+                ("g_zz", 1),
             )
         ],
         axis=-1,
-    )  # fmt: skip
+    )
     tensor, _ = masses.field(points, RATIO)
     rms = np.sqrt(np.mean(expected**2, axis=0))
     off = np.sqrt(np.mean((tensor - expected) ** 2, axis=0))

@@ -28,10 +28,14 @@ def field(tmp_path_factory) -> Field:
 def flown(field):
     """A minute over it, and the increments of accelerometers that feel it."""
     truth = fly(
-        position=START, speed=150.0, heading=1.2, pitch=0.02, roll=0.0,
+        position=START,
+        speed=150.0,
+        heading=1.2,
+        pitch=0.02,
+        roll=0.0,
         segments=[Segment(30.0, turn_rate=np.radians(2.0)), Segment(30.0, acceleration=0.5)],
         dt=0.05,
-    )  # fmt: skip
+    )
     middle = 0.5 * (truth.positions[1:] + truth.positions[:-1])
     felt = field.gravity_disturbance(*middle.T)
     assert np.ptp(felt, axis=0).max() > 1e-4

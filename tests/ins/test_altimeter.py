@@ -36,8 +36,9 @@ def test_the_vertical_channel_has_two_poles_at_the_time_constant(time_constant):
 
     To 1e-3.
     """
-    flight = small_flight({"altimeter.noise_m_per_sqrt_hz": 1.0,
-                           "altimeter.time_constant_s": time_constant})  # fmt: skip
+    flight = small_flight(
+        {"altimeter.noise_m_per_sqrt_hz": 1.0, "altimeter.time_constant_s": time_constant}
+    )
     truth, dt = flight.trajectory, flight.trajectory.dt
     gains = strapdown.altimeter_gains(time_constant)
     duration = float(truth.times[-1])
@@ -45,14 +46,20 @@ def test_the_vertical_channel_has_two_poles_at_the_time_constant(time_constant):
     def end(height: float, velocity: float) -> np.ndarray:
         up = np.array([0.0, 0.0, 1.0])
         track = strapdown.navigate(
-            truth.positions[0] + height * up, truth.velocities[0] + velocity * up,
-            truth.attitudes[0], flight.delta_angles, flight.delta_velocities, dt,
-            truth.mean_heights, gains,
-        )  # fmt: skip
+            position=truth.positions[0] + height * up,
+            velocity=truth.velocities[0] + velocity * up,
+            c_nb=truth.attitudes[0],
+            delta_angles=flight.delta_angles,
+            delta_velocities=flight.delta_velocities,
+            dt=dt,
+            heights=truth.mean_heights,
+            gains=gains,
+        )
         return np.array([track[0][-1, 2], track[1][-1, 2]])
 
-    flown = np.stack([(end(5.0, 0.0) - end(-5.0, 0.0)) / 10.0,
-                      (end(0.0, 0.5) - end(0.0, -0.5)) / 1.0], axis=-1)  # fmt: skip
+    flown = np.stack(
+        [(end(5.0, 0.0) - end(-5.0, 0.0)) / 10.0, (end(0.0, 0.5) - end(0.0, -0.5)) / 1.0], axis=-1
+    )
     plain = dense_model.system_matrices(
         truth.positions, truth.velocities, truth.attitudes, flight.delta_velocities, dt
     )
@@ -83,9 +90,15 @@ def test_a_biased_accelerometer_leads_to_what_the_error_model_says_with_a_coarse
     def end(up: float) -> np.ndarray:
         felt = truth.attitudes[0].T @ [0.0, 0.0, up * truth.dt]
         track = strapdown.navigate(
-            truth.positions[0], truth.velocities[0], truth.attitudes[0], flight.delta_angles,
-            flight.delta_velocities + felt, truth.dt, truth.mean_heights, gains,
-        )  # fmt: skip
+            position=truth.positions[0],
+            velocity=truth.velocities[0],
+            c_nb=truth.attitudes[0],
+            delta_angles=flight.delta_angles,
+            delta_velocities=flight.delta_velocities + felt,
+            dt=truth.dt,
+            heights=truth.mean_heights,
+            gains=gains,
+        )
         return np.array([track[0][600, 2], track[1][600, 2]])
 
     height, velocity = end(bias) - end(0.0)

@@ -180,9 +180,11 @@ def test_fewer_orders_do_where_errors_are_slow():
         q = np.einsum("smi,smj->sij", factors[..., 0], factors[..., 0])
         deviation = np.sqrt(np.diag(q[1])) + 1e-30
         np.testing.assert_allclose(
-            q[0] / deviation / deviation[:, None], q[1] / deviation / deviation[:, None],
-            rtol=0.0, atol=1e-12,
-        )  # fmt: skip
+            q[0] / deviation / deviation[:, None],
+            q[1] / deviation / deviation[:, None],
+            rtol=0.0,
+            atol=1e-12,
+        )
     assert longest > 0.08  # an ordinary IMU's interval
 
 
@@ -411,9 +413,12 @@ def test_process_noise_is_the_scatter_of_real_runs(flown):
         short[0].positions, short[0].velocities, short[0].attitudes, short[2], truth.dt
     )
     phi, q = dense_model.transitions(
-        matrices, short[0].positions, epochs, truth.dt,
+        matrices,
+        short[0].positions,
+        epochs,
+        truth.dt,
         error_model.noise_psd(accelerometer**2, gyro**2),
-    )  # fmt: skip
+    )
     covariance = (phi[1] @ q[0] @ phi[1].T + q[1])[:9, :9]
     rng = np.random.default_rng(5)
     runs = 400

@@ -133,7 +133,15 @@ def test_a_bias_of_the_shortest_time_is_exact_over_an_interval():
     """
     dt = 0.1
     time = FEWEST_STEPS * dt
-    imu = Imu(GYRO, ACCELEROMETER, 0.0, 0.0, False, time, time)
+    imu = Imu(
+        gyro_bias=GYRO,
+        accelerometer_bias=ACCELEROMETER,
+        gyro_root_psd=0.0,
+        accelerometer_root_psd=0.0,
+        fixed_biases=False,
+        gyro_bias_time=time,
+        accelerometer_bias_time=time,
+    )
     matrices, noise = dense_model.completed(np.zeros((1, 15, 15)), imu)
     here = np.array([[0.6, 0.1, 1e3]] * 2)
     transition, process_cov = dense_model.transitions(matrices, here, np.array([1]), dt, noise)
@@ -236,8 +244,12 @@ def test_a_triad_is_distorted_as_a_whole():
         assert 0.0 < np.abs(matrix - np.eye(3)).max() < 4.0 * size
     # Row i of what is drawn is axis i, with its lean towards the others beside its scale.
     drawn = imu.gyro_errors.draw(np.random.default_rng(5))
-    np.testing.assert_allclose(imu.distort(np.eye(3), np.eye(3), np.random.default_rng(5))[0],
-                               np.transpose(drawn), rtol=0.0, atol=1e-15)  # fmt: skip
+    np.testing.assert_allclose(
+        imu.distort(np.eye(3), np.eye(3), np.random.default_rng(5))[0],
+        np.transpose(drawn),
+        rtol=0.0,
+        atol=1e-15,
+    )
 
 
 ERRORS: dict[str, tuple[dict[str, Any], int]] = {

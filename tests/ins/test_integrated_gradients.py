@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_cases import QUIET, rough_map, small_flight
+from small_cases import QUIET, small_flight
 
 from ggbench.ins.known_gravity import extrapolate, of_readings
 from ggbench.ins.strapdown import navigate
@@ -22,15 +22,8 @@ INTEGRATED = QUIET | {
 MGAL = 1e-5
 
 
-@pytest.fixture(scope="module")
-def rough(tmp_path_factory) -> dict[str, object]:
-    """A field that changes by tens of mGal along the flight."""
-    path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc", rms=300.0)
-    return {"field": {"source": path, "gravity_disturbance": True}}
-
-
-def flight(rough: dict[str, object], **changes: object) -> Flight:
-    return small_flight(INTEGRATED | rough | changes)
+def flight(rough_gravity: dict[str, object], **changes: object) -> Flight:
+    return small_flight(INTEGRATED | rough_gravity | changes)
 
 
 def change(made: Flight) -> np.ndarray:
@@ -39,21 +32,21 @@ def change(made: Flight) -> np.ndarray:
     return felt[made.epochs] - felt[0]
 
 
-def test_without_errors_the_integral_is_the_change_of_the_disturbance(rough):
+def test_without_errors_the_integral_is_the_change_of_the_disturbance(rough_gravity):
     """To a hundredth of it, trapezia and the flatness of a random map taken together."""
-    made = flight(rough)
+    made = flight(rough_gravity)
     left = made.unknown_gravity - made.unknown_to_a_map + change(made)
     print(np.abs(left).max(), np.abs(change(made)).max())
     assert np.abs(change(made)).max() > 10.0 * MGAL
     assert np.abs(left).max() < 0.01 * np.abs(change(made)).max()
 
 
-def test_readings_that_are_missing_are_bridged(rough):
+def test_readings_that_are_missing_are_bridged(rough_gravity):
     """By a trapezium over the gap, as if they lay on the line between their neighbours.
 
     What stands in the place of a missing reading does not matter. The vehicle hardly accelerates.
     """
-    made = flight(rough)
+    made = flight(rough_gravity)
     exact = made.noise_free[np.newaxis] @ made.model.gradiometer.channels.T
     missing = np.zeros((1, exact.shape[1]), dtype=bool)
     missing[0, [5, 11, 12]] = True
@@ -77,9 +70,14 @@ def integral(made: Flight, gradients: np.ndarray, missing: np.ndarray) -> np.nda
     gravity = made.added_gravity(made.model_field, (gradients, missing))
     truth = made.trajectory
     navigate(
-        truth.positions[0], truth.velocities[0], truth.attitudes[0], made.delta_angles,
-        made.delta_velocities, truth.dt, gravity=gravity,
-    )  # fmt: skip
+        truth.positions[0],
+        truth.velocities[0],
+        truth.attitudes[0],
+        made.delta_angles,
+        made.delta_velocities,
+        truth.dt,
+        gravity=gravity,
+    )
     return np.asarray(gravity.readings.total[made.epochs, :, 0])
 
 
@@ -96,9 +94,9 @@ def test_between_two_readings_the_last_one_is_held_to_the_middle_of_the_step():
     np.testing.assert_allclose(disturbance[0, :, 0], expected, rtol=1e-14)
 
 
-def test_errors_of_the_velocity_are_integrated_as_f_says(rough):
+def test_errors_of_the_velocity_are_integrated_as_f_says(rough_gravity):
     """Five metres per second off: what is left changes by −T δv dt, in Φ to a tenth of it."""
-    made = flight(rough, **{"initial_error.velocity_mps": 5.0})
+    made = flight(rough_gravity, **{"initial_error.velocity_mps": 5.0})
     problem, truth = simulate(made, 1, 0)
     moved = truth.error_state[-1, 15:18] - truth.error_state[0, 15:18]
     predicted = truth.error_state[0]
@@ -119,13 +117,13 @@ def test_errors_of_the_velocity_are_integrated_as_f_says(rough):
 
 
 @pytest.mark.long
-def test_noise_of_the_readings_adds_up_to_the_walk_that_q_has(rough):
+def test_noise_of_the_readings_adds_up_to_the_walk_that_q_has(rough_gravity):
     """Over 400 runs the variance of each component is Q's, which is the most of any direction.
 
     A component's own noise: of the five numbers that a tensor has, six channels tell each with two
     thirds to all of a channel's variance. False alarms of the upper side: 1e-4.
     """
-    made = flight(rough, **{"gradiometer.noise_eotvos": 50.0})
+    made = flight(rough_gravity, **{"gradiometer.noise_eotvos": 50.0})
     block, truth = simulate_block(made, 2, range(400))
     grown = truth.error_state[:, -1, 15:18] - truth.error_state[:, 0, 15:18]
     variance = grown.var(axis=0)

@@ -34,9 +34,12 @@ def position_rate(position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     latitude, _, height = position
     meridian, prime_vertical = ellipsoid.radii_of_curvature(latitude)
     return np.array(
-        [velocity[1] / (meridian + height),
-         velocity[0] / ((prime_vertical + height) * math.cos(latitude)), velocity[2]]
-    )  # fmt: skip
+        [
+            velocity[1] / (meridian + height),
+            velocity[0] / ((prime_vertical + height) * math.cos(latitude)),
+            velocity[2],
+        ]
+    )
 
 
 def velocity_rate(position: np.ndarray, velocity: np.ndarray, force: np.ndarray) -> np.ndarray:
@@ -72,19 +75,25 @@ def test_an_ins_track_is_that_of_the_readable_mechanization(wang):
     biases = streams["imu/biases"].standard_normal((2, 3))
     noise = [streams["imu/"].standard_normal(wang.delta_angles.shape) for _ in range(2)]
     angles = (
-        wang.delta_angles + imu.gyro_bias * biases[0] * dt
+        wang.delta_angles
+        + imu.gyro_bias * biases[0] * dt
         + imu.gyro_root_psd * math.sqrt(dt) * noise[0]
-    )  # fmt: skip
+    )
     velocities = (
-        wang.delta_velocities + imu.accelerometer_bias * biases[1] * dt
+        wang.delta_velocities
+        + imu.accelerometer_bias * biases[1] * dt
         + imu.accelerometer_root_psd * math.sqrt(dt) * noise[1]
-    )  # fmt: skip
+    )
     north, east = ellipsoid.metres_per_radian(truth.positions[0])
     start = truth.positions[0] + [error[1] / north, error[0] / east, error[2]]
     track = navigate(
-        start, truth.velocities[0] + error[3:6], turn(-error[6:9]) @ truth.attitudes[0],
-        angles, velocities, dt,
-    )  # fmt: skip
+        start,
+        truth.velocities[0] + error[3:6],
+        turn(-error[6:9]) @ truth.attitudes[0],
+        angles,
+        velocities,
+        dt,
+    )
     _, found = simulate_block(wang, SEED, range(RUN - 2, RUN + 6))
     expected = []
     for indicated, true in zip(track[wang.epochs], truth.positions[wang.epochs], strict=True):

@@ -36,11 +36,16 @@ def campaign(
         run = np.arange(len(squares))
         failed = np.isin(run, lost)
         columns = {
-            "assumption": assumption, "case": case, "problem": problem, "estimator": label,
+            "assumption": assumption,
+            "case": case,
+            "problem": problem,
+            "estimator": label,
             "name": label,
-            "seed": 1, "run": run, "status": np.where(failed, "failed", "ok"),
+            "seed": 1,
+            "run": run,
+            "status": np.where(failed, "failed", "ok"),
             "diverged": np.isin(run, diverged),
-        }  # fmt: skip
+        }
         squares = np.where(failed, np.nan, squares)
         for window in WINDOWS:
             columns |= {f"{window}_position_ms": squares, f"{window}_velocity_ms": squares / 100.0}
@@ -138,8 +143,10 @@ def test_an_estimator_that_fails_always_is_worse():
     after = campaign({"a": squares(1, 20)}, lost=range(20))
     result = compare(before, after, 0.5)
     assert verdicts(result) == {
-        "position": "undecided", "velocity": "undecided", UNFINISHED: "worse",
-    }  # fmt: skip
+        "position": "undecided",
+        "velocity": "undecided",
+        UNFINISHED: "worse",
+    }
     assert result.worse
     rows = result.rows.set_index("quantity")
     assert tuple(rows.loc[UNFINISHED, ["before", "after"]]) == (0, 20)

@@ -33,13 +33,19 @@ def test_a_fix_is_judged_at_its_own_epoch_east_and_north():
     truth[1, :3], truth[3, :3] = (30.0, 20.0, 500.0), (4.0, 6.0, 500.0)
     first, second = fix_metrics.judge(FOUND, truth, TIMES)
     assert first == {
-        "time_s": 20.0, "error_m": 20.0, "nees": 1.0,
-        "statistic": -np.finfo(float).max, "accepted": False,
-    }  # fmt: skip
+        "time_s": 20.0,
+        "error_m": 20.0,
+        "nees": 1.0,
+        "statistic": -np.finfo(float).max,
+        "accepted": False,
+    }
     assert second == {
-        "time_s": 40.0, "error_m": 5.0, "nees": pytest.approx(25.0 / 4.0), "statistic": 12.5,
+        "time_s": 40.0,
+        "error_m": 5.0,
+        "nees": pytest.approx(25.0 / 4.0),
+        "statistic": 12.5,
         "accepted": True,
-    }  # fmt: skip
+    }
 
 
 def test_the_nees_knows_of_correlations():
@@ -83,10 +89,13 @@ def table(*rows: tuple[int, float, float, float, bool]) -> pd.DataFrame:
 
 
 TRIED = table(
-    (0, 20.0, 900.0, 1.0, False), (0, 40.0, 10.0, 15.0, True), (0, 60.0, 800.0, 11.0, True),
-    (1, 20.0, 700.0, 13.0, True), (1, 40.0, 30.0, 30.0, True),
+    (0, 20.0, 900.0, 1.0, False),
+    (0, 40.0, 10.0, 15.0, True),
+    (0, 60.0, 800.0, 11.0, True),
+    (1, 20.0, 700.0, 13.0, True),
+    (1, 40.0, 30.0, 30.0, True),
     (2, 20.0, 600.0, -np.finfo(float).max, False),
-)  # fmt: skip
+)
 
 
 def test_runs_are_counted_by_the_first_fix_that_they_accept():
@@ -185,8 +194,9 @@ def test_fixes_go_with_the_record_that_they_are_of(tmp_path):
     store.add([Result("k", finished(1, fixes=1), fixes=fixes[1:])])
     found = store.fixes({"k", "none", "other"}, 9)
     assert {key: table["run"].tolist() for key, table in found.items()} == {
-        "k": [0, 0, 1], "none": []
-    }  # fmt: skip
+        "k": [0, 0, 1],
+        "none": [],
+    }
     assert found["k"].columns.tolist() == ["run", *fix_metrics.ROWS]
     assert found["k"].iloc[1:, 1:].to_dict("records") == [fixes[1], fixes[1]]
     store.close()

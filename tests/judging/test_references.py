@@ -76,9 +76,12 @@ def test_the_oracle_of_a_linear_problem_is_the_exact_estimate(kind, ahead):
     """To 1e-9 of the prior: filter, fixed lag and batch, whatever the true states are."""
     problem = changed(linear_problem(seed=8), prior_mean=np.zeros(5))
     bound = posterior_bound(
-        problem.transition, problem.process_cov, problem.prior_cov, problem.model.rows,
+        problem.transition,
+        problem.process_cov,
+        problem.prior_cov,
+        problem.model.rows,
         problem.noise_cov,
-    )  # fmt: skip
+    )
     units = np.sqrt(np.diag(problem.prior_cov))
     truth = units * np.random.default_rng(2).normal(size=(2, problem.epochs, 5))
     h = np.einsum("kmn,rkn->rkm", problem.model.rows, truth)
@@ -101,9 +104,13 @@ def test_the_oracle_of_a_flight_is_linearised_at_its_truth(kind, ahead):
     rows = jacobian_along(problem.model, at, x)
     bound = CaseBound(made, flight_bound(made))
     bound.bound = posterior_bound(
-        problem.transition, problem.process_cov, problem.prior_cov, rows, problem.noise_cov,
+        problem.transition,
+        problem.process_cov,
+        problem.prior_cov,
+        rows,
+        problem.noise_cov,
         made.ticks,
-    )  # fmt: skip
+    )
     (found,) = compared_with(kind, made, bound, block, truth.error_state)
     noise = problem.measurements - predict_along(problem.model, at, x)
     read = noise + np.einsum("kmn,kn->km", rows, x)

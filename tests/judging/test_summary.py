@@ -36,9 +36,16 @@ def judged(errors: np.ndarray, cov: np.ndarray | None) -> Evaluation:
     epochs, n = errors.shape
     zero = np.zeros((epochs, n, n))
     problem = Problem(
-        np.arange(1.0, epochs + 1.0), np.zeros((epochs, 1)), np.eye(1), zero + np.eye(n), zero,
-        np.zeros(n), np.eye(n), LinearModel(np.zeros((epochs, 1, n))), (),
-    )  # fmt: skip
+        times=np.arange(1.0, epochs + 1.0),
+        measurements=np.zeros((epochs, 1)),
+        noise_cov=np.eye(1),
+        transition=zero + np.eye(n),
+        process_cov=zero,
+        prior_mean=np.zeros(n),
+        prior_cov=np.eye(n),
+        model=LinearModel(np.zeros((epochs, 1, n))),
+        layout=(),
+    )
     truth = Truth(problem.times, np.full((epochs, n), 7.0))
     return evaluate(problem, Estimate(7.0 - errors, cov, "batch"), truth)
 
@@ -201,23 +208,39 @@ def test_the_bound_goes_with_the_causality(causality, lag):
 def record(run: int, position: float, diverged: bool = False, status: str = "ok") -> dict:
     """A row of a table of runs."""
     metrics_of = {
-        "position_ms": position, "velocity_ms": 0.01 * position, "nees": 6.0, "nis": 1.0,
-        "coverage": 0.95, "bound_position_ms": 4.0, "bound_velocity_ms": 0.04,
-        "oracle_position_ms": position / 1.21, "oracle_velocity_ms": 1.0,
-    }  # fmt: skip
+        "position_ms": position,
+        "velocity_ms": 0.01 * position,
+        "nees": 6.0,
+        "nis": 1.0,
+        "coverage": 0.95,
+        "bound_position_ms": 4.0,
+        "bound_velocity_ms": 0.04,
+        "oracle_position_ms": position / 1.21,
+        "oracle_velocity_ms": 1.0,
+    }
     row = BLANK | {
-        "case": "c", "estimator": "e[a=1]", "name": "e", "parameters": "a=1",
-        "causality": "filter", "run": run, "status": status, "diverged": diverged,
-        "false_fix": False, "map_evaluations": math.nan,
-    }  # fmt: skip
+        "case": "c",
+        "estimator": "e[a=1]",
+        "name": "e",
+        "parameters": "a=1",
+        "causality": "filter",
+        "run": run,
+        "status": status,
+        "diverged": diverged,
+        "false_fix": False,
+        "map_evaluations": math.nan,
+    }
     if status == "ok":
         row |= {
-            "seconds": 0.1 * (run + 1), "map_evaluations": 10, "required_m": 2.5,
-            "final_position_error_m": math.sqrt(position), "final_ins_error_m": 9.0,
+            "seconds": 0.1 * (run + 1),
+            "map_evaluations": 10,
+            "required_m": 2.5,
+            "final_position_error_m": math.sqrt(position),
+            "final_ins_error_m": 9.0,
             "converged_s": 3.0 + run if position <= 6.25 else math.nan,
             "false_fix": position > 6.25,
             **{f"{window}_{name}": v for window in WINDOWS for name, v in metrics_of.items()},
-        }  # fmt: skip
+        }
     return row
 
 
@@ -274,8 +297,10 @@ def test_a_wrong_model_has_no_efficiency():
 
 def test_errors_over_the_ins_are_of_common_runs():
     """The INS flew runs 0 to 3, of which the estimator has two."""
-    ins = [record(run, 16.0 * (run + 1)) | {"estimator": "ins", "causality": "none"}
-           for run in range(4)]  # fmt: skip
+    ins = [
+        record(run, 16.0 * (run + 1)) | {"estimator": "ins", "causality": "none"}
+        for run in range(4)
+    ]
     table = table_of([*ins, record(2, 12.0), record(3, 16.0), record(9, 1e9)])
     found = table.set_index(["estimator", "window"])["times_ins"]
     assert found["e[a=1]", "settled"] == pytest.approx(0.5)
@@ -307,8 +332,11 @@ def test_the_time_of_a_run_is_that_of_warm_processes():
 def test_an_interval_does_not_depend_on_the_company():
     """Cells that share their draws have the intervals that each has alone."""
     generator = np.random.default_rng(8)
-    squares = {"one": generator.chisquare(3, 30), "two": generator.chisquare(9, 30),
-               "few": generator.chisquare(3, 35)}  # fmt: skip
+    squares = {
+        "one": generator.chisquare(3, 30),
+        "two": generator.chisquare(9, 30),
+        "few": generator.chisquare(3, 35),
+    }
     cells = [
         record(run, float(value)) | {"case": case}
         for case, values in squares.items()
@@ -390,9 +418,7 @@ def test_noise_that_does_not_fit_is_said():
     sizes = {"c": {"whole": (20, 5), "settled": (10, 1), "last20": (5, 1)}}
     records = [record(run, 4.0) | {"settled_nis": 1.0 + 0.1 * (run % 3 - 1)} for run in range(20)]
     table = table_of(records, {}, sizes).set_index("window")
-    assert table["noise_fit"].to_dict() == {
-        "whole": "R does not fit", "settled": "", "last20": ""
-    }  # fmt: skip
+    assert table["noise_fit"].to_dict() == {"whole": "R does not fit", "settled": "", "last20": ""}
     assert table.loc["whole", "nis"] == 1.0
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import json
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -62,10 +63,12 @@ def run(*words):
 
 def build(folder, *words):
     return run(
-        "map", "build", "-o", folder / "map.nc", "--terrain", folder / "dem.npz", "--drape",
-        "--spacing-arcsec", 4, "--south", 45.01, "--north", 45.025, "--west", 7.01, "--east",
-        7.025, "--clearance-to", 200, *words,
-    )  # fmt: skip
+        *("map", "build", "-o", folder / "map.nc"),
+        *("--terrain", folder / "dem.npz", "--drape"),
+        *shlex.split("--south 45.01 --north 45.025 --west 7.01 --east 7.025"),
+        *shlex.split("--spacing-arcsec 4 --clearance-to 200"),
+        *words,
+    )
 
 
 @pytest.mark.parametrize("spacing", [1.5, 4.0, 12.0])
@@ -260,9 +263,10 @@ def test_nothing_beyond_the_terrain_leaves_its_cells_alone(folder):
 def test_a_terrain_alone_is_draped_not_a_gravity_model(folder, tmp_path):
     write_gfc(tmp_path / "model.gfc", 60)
     code, output = run(
-        "map", "build", "-o", tmp_path / "m.nc", "--coefficients", tmp_path / "model.gfc",
-        "--drape", "--south", 45, "--north", 46, "--west", 7, "--east", 8,
-    )  # fmt: skip
+        *("map", "build", "-o", tmp_path / "m.nc"),
+        *("--coefficients", tmp_path / "model.gfc"),
+        *shlex.split("--drape --south 45 --north 46 --west 7 --east 8"),
+    )
     assert code == 2 and "--drape goes with --terrain" in output
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import shlex
 
 import numpy as np
 import pyshtools
@@ -83,8 +84,11 @@ def test_of_several_intervals_that_of_the_epoch_counts(tmp_path):
 BAD = {
     "no epoch": (text(), None, "vary with time .lines acos, asin, gfct, trnd.: give .* --epoch"),
     "an epoch of a static model": (
-        "\n".join(line for line in text().splitlines() if line[:4] not in ("trnd", "acos", "asin"))
-        .replace("gfct", "gfc "), EPOCH, "does not vary with time",
+        "\n".join(
+            line for line in text().splitlines() if line[:4] not in ("trnd", "acos", "asin")
+        ).replace("gfct", "gfc "),
+        EPOCH,
+        "does not vary with time",
     ),
     "outside": (text(intervals=True), datetime.date(1999, 1, 1), "in no interval of gfct of deg"),
     "no gfct": (text(extra="trnd 4 1 1e-10 1e-10 0 0\n"), EPOCH, "trnd of degree 4, .* no gfct"),
@@ -93,7 +97,7 @@ BAD = {
     "a word": (text(extra="trnd 4 one 1e-10 1e-10\n"), EPOCH, "trnd 4 one .* cannot be read"),
     "no period": (text(extra="acos 3 1 1e-10 1e-10 0 0 0\n"), EPOCH, "acos 3 1 .* cannot be re"),
     "gfc besides": (text(extra="gfc 3 1 1e-10 1e-10 0 0\n"), EPOCH, "degree 3 and order 1 more th"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -110,8 +114,11 @@ def test_the_command_takes_an_epoch(tmp_path):
     file, out = tmp_path / "model.gfc", tmp_path / "map.nc"
     file.write_text(text())
     bounds = "--south 40 --north 41 --west 10 --east 11 --lowest 900000 --highest 1000000"
-    command = ["map", "build", "--coefficients", str(file), "-o", str(out), *bounds.split(),
-               "--spacing-arcmin", "20", "--height-spacing", "25000"]  # fmt: skip
+    command = [
+        *("map", "build", "--coefficients", str(file), "-o", str(out)),
+        *bounds.split(),
+        *shlex.split("--spacing-arcmin 20 --height-spacing 25000"),
+    ]
     failed = CliRunner().invoke(main, command)
     assert failed.exit_code == 2 and "--epoch" in failed.output
     built = CliRunner().invoke(main, [*command, "--epoch", "2024-05-01"])

@@ -27,7 +27,7 @@ from ggbench.maps.gravity_grid import elevation_at, read_grid
 def test_longitudes_from_180_on_are_western(west, expected, tmp_path):
     """Grids say 275° or −85° E; maps and flights say −85°. One across 180° stays in one piece."""
     path = tmp_path / "grid.nc"
-    write_grid(path, "geoid", "", np.ones((20, 25)), 30.0, west, 0.1)
+    write_grid(path, "geoid", "", np.ones((20, 25)), south=30.0, west=west, step=0.1)
     grid = read_grid(path, "geoid")
     assert grid.west_deg == pytest.approx(expected)
     assert grid.longitude_deg[-1] == pytest.approx(expected + 2.4)
@@ -55,7 +55,7 @@ def test_the_value_that_marks_a_gap_is_none(tmp_path):
 def test_nodes_must_be_regular(tmp_path):
     """A node a tenth of a step off its place is no grid."""
     path = tmp_path / "grid.nc"
-    write_grid(path, "geoid", "", np.ones((20, 20)), 30.0, 5.0, 0.1)
+    write_grid(path, "geoid", "", np.ones((20, 20)), south=30.0, west=5.0, step=0.1)
     read_grid(path, "geoid")
     with netCDF4.Dataset(path, "a") as file:
         file.variables["lon"][7] += 0.01
@@ -76,9 +76,16 @@ def test_a_raster_is_in_metres_or_milligal(kind, unit, tmp_path):
 def write_raster(path, values, unit=""):
     """A GeoTIFF of 20 by 24 nodes, from 45° N and 7° E on."""
     with rasterio.open(
-        path, "w", driver="GTiff", count=1, dtype=values.dtype, crs="EPSG:4326", height=20,
-        width=24, transform=from_origin(6.95, 46.95, 0.1, 0.1),
-    ) as dataset:  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        count=1,
+        dtype=values.dtype,
+        crs="EPSG:4326",
+        height=20,
+        width=24,
+        transform=from_origin(6.95, 46.95, 0.1, 0.1),
+    ) as dataset:
         dataset.write(values[::-1], 1)
         if unit:
             dataset.units = [unit]
@@ -91,14 +98,21 @@ VALUES = np.add.outer(np.arange(20.0), 0.1 * np.arange(24.0))
 @pytest.mark.parametrize(
     ("unit", "factor"),
     [
-        ("mGal", 1e-5), ("MGAL", 1e-5), ("µGal", 1e-8), ("\u03bcGal", 1e-8), ("uGal", 1e-8),
-        ("Gal", 1e-2), ("m/s²", 1.0), ("m/s^2", 1.0), ("m s-2", 1.0),
+        ("mGal", 1e-5),
+        ("MGAL", 1e-5),
+        ("µGal", 1e-8),
+        ("\u03bcGal", 1e-8),
+        ("uGal", 1e-8),
+        ("Gal", 1e-2),
+        ("m/s²", 1.0),
+        ("m/s^2", 1.0),
+        ("m s-2", 1.0),
     ],
-)  # fmt: skip
+)
 def test_the_unit_of_gravity_is_the_one_of_the_file(unit, factor, tmp_path):
     """In rasters and netCDF alike, without a remark that something was assumed."""
     written = VALUES * 1e-5 / factor
-    write_grid(tmp_path / "a.nc", "g", unit, written, 45.0, 7.0, 0.1)
+    write_grid(tmp_path / "a.nc", "g", unit, written, south=45.0, west=7.0, step=0.1)
     for path in (write_raster(tmp_path / "a.tif", written, unit), tmp_path / "a.nc"):
         grid = read_grid(path, "anomaly")
         np.testing.assert_allclose(grid.values, 1e-5 * VALUES, rtol=1e-6)
@@ -108,14 +122,14 @@ def test_the_unit_of_gravity_is_the_one_of_the_file(unit, factor, tmp_path):
 
 @pytest.mark.parametrize("unit", ["ft", "m", "mm", "E"])
 def test_what_is_no_unit_of_gravity_is_refused_by_name(unit, tmp_path):
-    write_grid(tmp_path / "a.nc", "g", unit, VALUES, 45.0, 7.0, 0.1)
+    write_grid(tmp_path / "a.nc", "g", unit, VALUES, south=45.0, west=7.0, step=0.1)
     for path in (write_raster(tmp_path / "a.tif", VALUES, unit), tmp_path / "a.nc"):
         with pytest.raises(MapError, match=f"gravity in '{unit}'; mGal, µGal, Gal or m/s² are"):
             read_grid(path, "disturbance")
 
 
 def test_gravity_without_a_unit_is_said_to_be_milligal(tmp_path):
-    write_grid(tmp_path / "a.nc", "g", "", VALUES, 45.0, 7.0, 0.1)
+    write_grid(tmp_path / "a.nc", "g", "", VALUES, south=45.0, west=7.0, step=0.1)
     for path in (write_raster(tmp_path / "a.tif", VALUES), tmp_path / "a.nc"):
         grid = read_grid(path, "anomaly")
         np.testing.assert_allclose(grid.values, 1e-5 * VALUES)
@@ -128,7 +142,7 @@ def test_undeclared_marks_of_gaps_are_gaps(tmp_path):
     for mark, unit, gap in ((9999.0, "mGal", True), (9999.0, "µGal", False), (3e38, "µGal", True)):
         values = VALUES.copy()
         values[3, 4] = mark
-        write_grid(tmp_path / "a.nc", "g", unit, values, 45.0, 7.0, 0.1)
+        write_grid(tmp_path / "a.nc", "g", unit, values, south=45.0, west=7.0, step=0.1)
         if gap:
             with pytest.raises(MapError, match="has gaps: 1 nodes"):
                 read_grid(tmp_path / "a.nc", "anomaly")
@@ -140,9 +154,10 @@ def write_byn(path):
     """Canada's format: a header of 80 bytes, bounds in seconds, then integers from the north."""
     south, north, west, east, step = (round(3600 * x) for x in (45.0, 46.9, 7.0, 9.3, 0.1))
     head = struct.pack(
-        "<4i4hd8h2d2hfh6x", south, north, west, east, step, step, 0, 1, 1000.0, 4, 0, 0, 0, 0, 1,
-        0, 0, 0.0, 0.0, 0, 0, 0.0, 0,
-    )  # fmt: skip
+        "<4i4hd8h2d2hfh6x",
+        *(south, north, west, east, step, step),
+        *(0, 1, 1000.0, 4, 0, 0, 0, 0, 1, 0, 0, 0.0, 0.0, 0, 0, 0.0, 0),
+    )
     path.write_bytes(head + np.rint(1000 * VALUES[::-1]).astype(">i4").tobytes())
 
 
@@ -166,11 +181,23 @@ def test_grids_of_other_programs(driver, name, tmp_path):
 def test_a_geoid_of_the_international_service(tmp_path):
     """ISG 1.0: a header of words, then rows from north to south."""
     head = [
-        "begin_of_head", "model name : made", "model type : gravimetric", "units : meters",
-        "reference : WGS84", "lat min = 44.95", "lat max = 46.95", "lon min = 6.95",
-        "lon max = 9.35", "delta lat = 0.10", "delta lon = 0.10", "nrows = 20", "ncols = 24",
-        "nodata = -9999.0000", "ISG format = 1.0", "end_of_head",
-    ]  # fmt: skip
+        "begin_of_head",
+        "model name : made",
+        "model type : gravimetric",
+        "units : meters",
+        "reference : WGS84",
+        "lat min = 44.95",
+        "lat max = 46.95",
+        "lon min = 6.95",
+        "lon max = 9.35",
+        "delta lat = 0.10",
+        "delta lon = 0.10",
+        "nrows = 20",
+        "ncols = 24",
+        "nodata = -9999.0000",
+        "ISG format = 1.0",
+        "end_of_head",
+    ]
     rows = [" ".join(f"{value:.4f}" for value in row) for row in VALUES[::-1]]
     (tmp_path / "a.isg").write_text("\n".join([*head, *rows, ""]))
     grid = read_grid(tmp_path / "a.isg", "geoid")
@@ -208,10 +235,15 @@ def write_icgem(path, functional, unit):
 
 
 KINDS = {
-    "geoid": "geoid", "height_anomaly": "geoid", "height_anomaly_ell": "geoid",
-    "gravity_anomaly": "anomaly", "gravity_anomaly_cl": "anomaly", "gravity_anomaly_sa": "anomaly",
-    "gravity_disturbance": "disturbance", "gravity_disturbance_sa": "disturbance",
-}  # fmt: skip
+    "geoid": "geoid",
+    "height_anomaly": "geoid",
+    "height_anomaly_ell": "geoid",
+    "gravity_anomaly": "anomaly",
+    "gravity_anomaly_cl": "anomaly",
+    "gravity_anomaly_sa": "anomaly",
+    "gravity_disturbance": "disturbance",
+    "gravity_disturbance_sa": "disturbance",
+}
 
 
 @pytest.mark.parametrize("functional", KINDS)
@@ -245,7 +277,7 @@ def test_other_functionals_of_icgem_are_refused_by_name(kind, tmp_path):
 
 
 def test_bouguer_anomalies_in_netcdf_are_refused(tmp_path):
-    write_grid(tmp_path / "a.nc", "bouguer_anomaly", "mGal", VALUES, 45.0, 7.0, 0.1)
+    write_grid(tmp_path / "a.nc", "bouguer_anomaly", "mGal", VALUES, south=45.0, west=7.0, step=0.1)
     with pytest.raises(
         MapError, match=r"holds 'bouguer_anomaly': that is a Bouguer.*; free-air anomalies"
     ):
@@ -268,7 +300,7 @@ OTHER_QUANTITIES = {
 
 def described(folder, text, values=VALUES):
     """The same grid as GMT's netCDF, its unit in the description alone, and as a raster."""
-    write_grid(folder / "a.nc", "z", "", values, 45.0, 7.0, 0.1)
+    write_grid(folder / "a.nc", "z", "", values, south=45.0, west=7.0, step=0.1)
     with netCDF4.Dataset(folder / "a.nc", "a") as file:
         file["z"].long_name = text
     raster = write_raster(folder / "a.tif", values)
@@ -386,7 +418,7 @@ def test_a_grid_may_cross_the_date_line(tmp_path):
 def test_a_grid_around_the_earth_is_cut_opposite_to_the_map(west, area, tmp_path):
     longitude = west + 0.5 * np.arange(720)
     path = tmp_path / "grid.nc"
-    write_grid(path, "g", "m", wave(longitude), 30.0, west, 0.5)
+    write_grid(path, "g", "m", wave(longitude), south=30.0, west=west, step=0.5)
     grid = read_grid(path, "geoid", area=area)
     here = area.about(float(grid.longitude_deg.mean()))
     assert grid.longitude_deg[0] + 170.0 < here.west < here.east < grid.longitude_deg[-1] - 170.0
@@ -400,7 +432,7 @@ def test_gaps_count_only_where_values_are_needed(tmp_path):
     path = tmp_path / "grid.nc"
     values = np.arange(1600.0).reshape(40, 40) / 100.0
     values[:5] = np.nan
-    write_grid(path, "g", "m", values, 30.0, 5.0, 0.1)
+    write_grid(path, "g", "m", values, south=30.0, west=5.0, step=0.1)
     with pytest.raises(MapError, match=r"200 nodes without a value .* the first at 30° N, 5° E"):
         read_grid(path, "geoid")
     grid = read_grid(path, "geoid", area=Area(31.05, 33.0, 365.55, 368.0))

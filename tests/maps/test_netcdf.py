@@ -115,9 +115,10 @@ def test_a_crop_serves_the_region_as_the_whole_map_does(tmp_path):
     grid = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"))
     smooth = 30.0 * np.sin(0.3 * grid[0]) * np.cos(0.25 * grid[1]) * np.exp(-0.05 * grid[2])
     large = dataclasses.replace(
-        some_map(), tensor=smooth[..., None] * np.array([1.0, 1.0, 1.0, -0.5, 1.0, -0.5]),
+        some_map(),
+        tensor=smooth[..., None] * np.array([1.0, 1.0, 1.0, -0.5, 1.0, -0.5]),
         gravity_disturbance=np.repeat(1e-5 * smooth[..., None], 3, -1),
-    )  # fmt: skip
+    )
     path = tmp_path / "large.nc"
     netcdf.write(path, large)
     cropped = read(path, (33.2, 33.3, 108.0, 108.2))
@@ -136,9 +137,10 @@ def test_a_crop_keeps_nodes_beyond_each_of_its_sides(side, tmp_path):
     grid = np.stack(np.meshgrid(*map(np.arange, (60, 70, 5)), indexing="ij"))
     rough = 10.0 * np.sin(grid[0] + 0.4) * np.cos(grid[1] + 0.1)
     large = dataclasses.replace(
-        some_map(), tensor=rough[..., None] * [1.0, 1.0, 1.0, 1.0, 1.0, -2.0],
+        some_map(),
+        tensor=rough[..., None] * [1.0, 1.0, 1.0, 1.0, 1.0, -2.0],
         gravity_disturbance=np.repeat(1e-5 * rough[..., None], 3, -1),
-    )  # fmt: skip
+    )
     path = tmp_path / "large.nc"
     netcdf.write(path, large)
     region = (33.205, 33.305, 108.01, 108.21)  # between nodes: at one, every spline is right

@@ -134,8 +134,11 @@ def test_bounds_that_are_none_are_refused_with_a_sentence(bounds, message):
 def test_near_the_ground_nodes_are_wider_apart_than_a_quarter():
     """Up to 100 m across and 50 m upwards; from 400 m and 200 m on a quarter, as elsewhere."""
     for distance, across, upwards in (
-        (50.0, 50.0, 25.0), (100.0, 100.0, 50.0), (300.0, 100.0, 75.0), (800.0, 200.0, 200.0),
-    ):  # fmt: skip
+        (50.0, 50.0, 25.0),
+        (100.0, 100.0, 50.0),
+        (300.0, 100.0, 75.0),
+        (800.0, 200.0, 200.0),
+    ):
         held = [reach((46, 46.1, 8, 8.1), lowest_m=800.0 + distance, sources_m=800.0, ground="it")]
         nodes, _ = nodes_for(held, GridRequest())
         assert np.diff(nodes.height_m) == pytest.approx(upwards)
@@ -159,9 +162,13 @@ def hills(path: Path) -> Path:
     heights = 400.0 * (1.0 + np.sin(0.3 * rows) * np.cos(0.2 * columns))
     heights[30, 60] = 800.0
     np.savez(
-        path, south_deg=47.0, west_deg=8.0, latitude_step_deg=0.02, longitude_step_deg=0.02,
+        path,
+        south_deg=47.0,
+        west_deg=8.0,
+        latitude_step_deg=0.02,
+        longitude_step_deg=0.02,
         height_m=heights,
-    )  # fmt: skip
+    )
     return path
 
 
@@ -197,9 +204,13 @@ def low_hills(path: Path) -> Path:
         for top, i, j in ((120.0, 30, 90), (80.0, 70, 30))
     )
     np.savez(
-        path, south_deg=46.0, west_deg=8.0, latitude_step_deg=step, longitude_step_deg=step,
+        path,
+        south_deg=46.0,
+        west_deg=8.0,
+        latitude_step_deg=step,
+        longitude_step_deg=step,
         height_m=heights,
-    )  # fmt: skip
+    )
     return path
 
 
@@ -223,9 +234,14 @@ def test_the_field_between_the_default_nodes_is_that_of_the_terrain(tmp_path):
     axes = np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m
     steps = [float(axis[1] - axis[0]) for axis in axes]
     field = Field.from_map(
-        GradientMap(*(float(axis[0]) for axis in axes), *steps, tensor.astype(float),
-                    vector.astype(float), "test")
-    )  # fmt: skip
+        GradientMap(
+            *(float(axis[0]) for axis in axes),
+            *steps,
+            tensor.astype(float),
+            vector.astype(float),
+            "test",
+        )
+    )
     between = [axis[3:-3:4] + 0.45 * step for axis, step in zip(axes[:2], steps[:2], strict=True)]
     at = float(axes[2][0] + 0.5 * steps[2])
     exact, _ = terrain_field(read_terrain(path), *between, [nodes.height_m[0], at])

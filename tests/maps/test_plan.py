@@ -18,7 +18,16 @@ from ggbench.maps.gravity_model import read_model
 from ggbench.maps.nodes import GridRequest
 from ggbench.maps.plan import Inputs, plan
 
-BOX = GridRequest(40.0, 41.0, 7.0, 8.0, 3000.0, 6000.0, 0.25, 1000.0)
+BOX = GridRequest(
+    south_deg=40.0,
+    north_deg=41.0,
+    west_deg=7.0,
+    east_deg=8.0,
+    lowest_m=3000.0,
+    highest_m=6000.0,
+    spacing_deg=0.25,
+    height_spacing_m=1000.0,
+)
 
 
 @pytest.fixture
@@ -31,7 +40,7 @@ def coefficients(tmp_path) -> Path:
 def geoid_of_nothing(folder: Path) -> Path:
     """Write a geoid of zero metres, 36° to 46° N, 2° to 12° E."""
     path = folder / "grid.nc"
-    write_grid(path, "geoid", "m", np.zeros((101, 101)), 36.0, 2.0, 0.1)
+    write_grid(path, "geoid", "m", np.zeros((101, 101)), south=36.0, west=2.0, step=0.1)
     return path
 
 
@@ -83,7 +92,7 @@ def test_harmonics_of_higher_degree_need_less_of_a_grids_edge(coefficients, tmp_
 def test_what_was_assumed_of_a_grid_is_said(tmp_path):
     """A grid of gravity without a unit, and a geoid that is taken for the height anomaly."""
     path = tmp_path / "grid.nc"
-    write_grid(path, "gravity", "", np.zeros((101, 101)), 36.0, 2.0, 0.1)
+    write_grid(path, "gravity", "", np.zeros((101, 101)), south=36.0, west=2.0, step=0.1)
     made = plan(Inputs(grid=path, grid_kind="anomaly", max_degree=60), BOX, "test")
     assert "grid.nc: no unit given, mGal assumed" in made.remarks
     made = plan(Inputs(grid=geoid_of_nothing(tmp_path), max_degree=60), BOX, "test")
@@ -93,7 +102,7 @@ def test_what_was_assumed_of_a_grid_is_said(tmp_path):
 def test_height_anomalies_need_no_correction_of_land(tmp_path):
     """Nothing advises it, and it is refused, as it would be made twice."""
     path = tmp_path / "grid.nc"
-    write_grid(path, "height_anomaly", "m", np.zeros((101, 101)), 36.0, 2.0, 0.1)
+    write_grid(path, "height_anomaly", "m", np.zeros((101, 101)), south=36.0, west=2.0, step=0.1)
     made = plan(Inputs(grid=path, max_degree=60), BOX, "test")
     assert not any("land-correction" in remark for remark in made.remarks)
     with pytest.raises(MapError, match="holds height anomalies: leave out --land-correction"):

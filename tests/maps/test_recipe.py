@@ -30,8 +30,24 @@ from ggbench.maps.shipped import SOURCES
 from ggbench.numerics.cache import CACHE_VARIABLE
 
 SOURCE = "egm2008_qinling"
-RECIPE = MapRecipe(SOURCE, 32.5, 34.5, 107.0, 110.0, 8500.0, 11500.0)
-SMALL = MapRecipe(SOURCE, 33.4, 33.6, 108.0, 108.2, 9000.0, 11000.0)
+RECIPE = MapRecipe(
+    source=SOURCE,
+    south_deg=32.5,
+    north_deg=34.5,
+    west_deg=107.0,
+    east_deg=110.0,
+    min_height_m=8500.0,
+    max_height_m=11500.0,
+)
+SMALL = MapRecipe(
+    source=SOURCE,
+    south_deg=33.4,
+    north_deg=33.6,
+    west_deg=108.0,
+    east_deg=108.2,
+    min_height_m=9000.0,
+    max_height_m=11000.0,
+)
 
 
 @pytest.fixture(scope="module")

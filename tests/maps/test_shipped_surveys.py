@@ -73,10 +73,16 @@ def test_the_map_of_a_recipe_is_the_field_of_the_masses(name):
     at = lines.samples(5)[20:120]
     latitude, longitude = lines.latitude_deg[at], lines.longitude_deg[at]
     recipe = MapRecipe(
-        name, latitude.min() - 0.01, latitude.max() + 0.01, longitude.min() - 0.01,
-        longitude.max() + 0.01, np.floor(lines.height_m[at].min() - 60.0),
-        lines.height_m[at].max() + 60.0, 0.06, 60.0,
-    )  # fmt: skip
+        source=name,
+        south_deg=latitude.min() - 0.01,
+        north_deg=latitude.max() + 0.01,
+        west_deg=longitude.min() - 0.01,
+        east_deg=longitude.max() + 0.01,
+        min_height_m=np.floor(lines.height_m[at].min() - 60.0),
+        max_height_m=lines.height_m[at].max() + 60.0,
+        spacing_arcmin=0.06,
+        height_spacing_m=60.0,
+    )
     made = build(recipe)
     here = np.radians(latitude), np.radians(longitude), lines.height_m[at]
     found = Field.from_map(made).tensor(*here) - Field.normal().tensor(*here)

@@ -117,9 +117,8 @@ def test_a_spline_of_the_maps_spacing_stands_for_the_field(small_terrain):
     latitude, longitude = inside(small_terrain, 9)
     bounds = np.degrees([latitude[[0, -1]], longitude[[0, -1]]]) + np.array([-0.008, 0.008])
     recipe = MapRecipe(
-        "jacksboro", *bounds.ravel(), 1150.0, 1350.0,
-        spacing_arcmin=0.05, height_spacing_m=50.0,
-    )  # fmt: skip
+        "jacksboro", *bounds.ravel(), 1150.0, 1350.0, spacing_arcmin=0.05, height_spacing_m=50.0
+    )
     field = Field.from_map(build(recipe))
     height = np.array([1200.0, 1225.0])
     where = np.meshgrid(latitude, longitude, height, indexing="ij")
@@ -141,9 +140,11 @@ def test_a_smoothed_hill_is_a_wider_hill(monkeypatch):
     smoothing_deg = math.degrees(smoothing_m / 6356800.0)
     where = np.radians([-0.01, 0.0, 0.012]), np.radians([-0.02, 0.001]), np.array([1200.0])
     geometry = {
-        "south_deg": -60 * STEP, "west_deg": -60 * STEP,
-        "latitude_step_deg": STEP, "longitude_step_deg": STEP,
-    }  # fmt: skip
+        "south_deg": -60 * STEP,
+        "west_deg": -60 * STEP,
+        "latitude_step_deg": STEP,
+        "longitude_step_deg": STEP,
+    }
     shipped(monkeypatch, **geometry, height_m=hill(width, top))
     smoothed = disturbing_field("hill", *where, relief_smoothing_deg=smoothing_deg)[0]
     rough = disturbing_field("hill", *where)[0]
@@ -178,9 +179,16 @@ def test_parkers_series_serves_the_lowest_height_of_a_terrain(name):
 
 
 JACKSBORO = MapRecipe(
-    "jacksboro", 36.2, 36.3, -84.3, -84.2, 1150.0, 1300.0,
-    spacing_arcmin=0.05, height_spacing_m=50.0,
-)  # fmt: skip
+    source="jacksboro",
+    south_deg=36.2,
+    north_deg=36.3,
+    west_deg=-84.3,
+    east_deg=-84.2,
+    min_height_m=1150.0,
+    max_height_m=1300.0,
+    spacing_arcmin=0.05,
+    height_spacing_m=50.0,
+)
 
 
 @pytest.mark.parametrize(
@@ -223,13 +231,23 @@ def test_positions_that_the_series_cannot_serve_are_refused(small_terrain):
     "arrays",
     [
         {"height_m": np.zeros((9, 9))},
-        {"south_deg": 0.0, "west_deg": 0.0, "latitude_step_deg": STEP, "longitude_step_deg": STEP,
-         "height_m": np.full((9, 9), np.nan)},
-        {"south_deg": 0.0, "west_deg": "x", "latitude_step_deg": STEP, "longitude_step_deg": STEP,
-         "height_m": np.zeros((9, 9))},
+        {
+            "south_deg": 0.0,
+            "west_deg": 0.0,
+            "latitude_step_deg": STEP,
+            "longitude_step_deg": STEP,
+            "height_m": np.full((9, 9), np.nan),
+        },
+        {
+            "south_deg": 0.0,
+            "west_deg": "x",
+            "latitude_step_deg": STEP,
+            "longitude_step_deg": STEP,
+            "height_m": np.zeros((9, 9)),
+        },
     ],
     ids=["incomplete", "no numbers", "text"],
-)  # fmt: skip
+)
 def test_a_damaged_data_file_is_named(arrays, monkeypatch):
     """An installation that lost data says which file, and what to do."""
     shipped(monkeypatch, **arrays)

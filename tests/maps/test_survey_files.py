@@ -18,9 +18,13 @@ ROWS = [
     for k in range(5)
 ]
 RENAMED = {
-    "time_s": "Time", "latitude_deg": "Lat", "longitude_deg": "Lon", "height_m": "Alt",
-    "xx": "Txx", "xz": "Txz",
-}  # fmt: skip
+    "time_s": "Time",
+    "latitude_deg": "Lat",
+    "longitude_deg": "Lon",
+    "height_m": "Alt",
+    "xx": "Txx",
+    "xz": "Txz",
+}
 
 
 def csv(folder):

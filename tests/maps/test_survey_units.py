@@ -17,8 +17,13 @@ LATITUDES = -33.0 + 0.001 * np.tile(np.arange(6), 3)
 LONGITUDES = 142.5 + 0.01 * np.repeat(np.arange(3), 6)
 HEIGHTS = 400.0 + np.arange(COUNT)
 VALUES = np.round(20.0 * np.sin(np.arange(COUNT)), 2)
-PLACES = {"line": "LINE", "time_s": "FID", "latitude_deg": "LAT", "longitude_deg": "LONG",
-          "height_m": "HGT"}  # fmt: skip
+PLACES = {
+    "line": "LINE",
+    "time_s": "FID",
+    "latitude_deg": "LAT",
+    "longitude_deg": "LONG",
+    "height_m": "HGT",
+}
 DISTURBANCE = {"disturbance": "GRAV"} | PLACES
 
 
@@ -32,7 +37,7 @@ def fields(unit="", name="GRAV", values=VALUES, null="", height_unit="m", height
         ("LONG", "F14.8", 14, "UNIT=degrees", [f"{v:.8f}" for v in LONGITUDES]),
         ("HGT", "F9.2", 9, f"UNIT={height_unit}", [f"{v:.2f}" for v in heights]),
         (name, "F14.3", 14, value_attributes, [f"{v:.3f}" for v in values]),
-    ]  # fmt: skip
+    ]
 
 
 def defined(style, name, form, attributes):
@@ -41,12 +46,12 @@ def defined(style, name, form, attributes):
         "standard": f"ST=RECD,RT=DATA; {name}: {form}: {attributes}",
         "record": f"ST=RECORD,RT=DATA;{name}:{form}:{attributes}",
         "identifier": f"ST=RECD,RT=;RT:A4;{name}:{form}:{attributes}",
-        "colons": f"ST=RECORD,RT=;{name}:{form}:" + attributes.replace(",", ":").replace(
-            "UNIT=", "UNIT:"),
+        "colons": f"ST=RECORD,RT=;{name}:{form}:"
+        + attributes.replace(",", ":").replace("UNIT=", "UNIT:"),
         "comma": f"ST=RECD,RT=DATA;{name}:{form.lower()},{attributes}",
         "units": f"ST=RECD,RT=; {name} : {form} : " + attributes.replace("UNIT=", "UNITS = "),
         "described": f"ST=RECD,RT=;{name}:{form}:{name} ,{attributes},a description",
-    }[style]  # fmt: skip
+    }[style]
 
 
 STYLES = ("standard", "record", "identifier", "colons", "comma", "units", "described")
@@ -125,10 +130,16 @@ def test_rows_that_fit_neither_widths_nor_words_get_a_sentence(tmp_path):
 @pytest.mark.parametrize(
     ("unit", "factor"),
     [
-        ("mGal", 1.0), ("micrometres_per_second_squared", 0.1), ("um/s^2", 0.1), ("µm/s²", 0.1),
-        ("gu", 0.1), ("uGal", 1e-3), ("m/s2", 1e5), ("", 1.0),
+        ("mGal", 1.0),
+        ("micrometres_per_second_squared", 0.1),
+        ("um/s^2", 0.1),
+        ("µm/s²", 0.1),
+        ("gu", 0.1),
+        ("uGal", 1e-3),
+        ("m/s2", 1e5),
+        ("", 1.0),
     ],
-)  # fmt: skip
+)
 def test_the_unit_of_gravity_is_obeyed(unit, factor, tmp_path):
     """In a definition, and in brackets of CSV and XYZ; without one an assumption is remarked."""
     written = VALUES / factor
@@ -163,10 +174,11 @@ def test_units_of_places_and_times_are_obeyed(tmp_path):
     [
         ("disturbance", "nT", "disturbance", "FIELD"),
         ("disturbance", "Eotvos", "disturbance", "FIELD"),
-        ("gradient", "mGal", "zz", "FIELD"), ("gradient", "nT", "zz", "FIELD"),
+        ("gradient", "mGal", "zz", "FIELD"),
+        ("gradient", "nT", "zz", "FIELD"),
         ("gradient", "furlong", "zz", "FIELD"),
     ],
-)  # fmt: skip
+)
 def test_a_unit_of_another_quantity_is_refused(kind, unit, key, name, tmp_path):
     path = gdf2(tmp_path, fields(unit, name))
     with pytest.raises(MapError, match=f"the column {name} is in '{unit}', and {key} may be in"):
@@ -190,8 +202,9 @@ def test_values_too_small_for_any_instrument_need_their_unit(quantity, factor, t
     table[-1] = (*table[-1][:-1], [f"{factor * v:.14f}" for v in VALUES])
     path = gdf2(tmp_path, table, separator=" ")
     key, unit, si = {
-        "gradient": ("zz", "E", "s^-2"), "disturbance": ("disturbance", "mGal", "m/s2"),
-    }[quantity]  # fmt: skip
+        "gradient": ("zz", "E", "s^-2"),
+        "disturbance": ("disturbance", "mGal", "m/s2"),
+    }[quantity]
     with pytest.raises(MapError, match=r"too small for any instrument: is it in"):
         read_lines(path, PLACES | {key: "FIELD"}, quantity=quantity)
     found = read_lines(path, PLACES | {key: f"FIELD [{si}]"}, quantity=quantity)
@@ -212,12 +225,15 @@ def test_a_unit_at_the_end_of_a_name_is_obeyed(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("BA_TC", "", "Bouguer or isostatic"), ("GRAV", "NAME=Complete Bouguer", "Bouguer"),
-        ("GBA267", "", "Bouguer or isostatic"), ("FREE_AIR", "", "--quantity anomaly --column"),
+        ("BA_TC", "", "Bouguer or isostatic"),
+        ("GRAV", "NAME=Complete Bouguer", "Bouguer"),
+        ("GBA267", "", "Bouguer or isostatic"),
+        ("FREE_AIR", "", "--quantity anomaly --column"),
         ("GRAV", "NAME=Free air anomaly", "--quantity anomaly --column anomaly=GRAV"),
-        ("OBS_GRAV", "", "observed gravity"), ("TMI", "", "magnetic"),
+        ("OBS_GRAV", "", "observed gravity"),
+        ("TMI", "", "magnetic"),
     ],
-)  # fmt: skip
+)
 def test_a_column_of_another_quantity_is_no_disturbance(name, text, said, tmp_path):
     path = gdf2(tmp_path, fields("mGal", name, null=text))
     with pytest.raises(MapError, match=said):
@@ -254,8 +270,9 @@ def test_marks_of_missing_values_that_are_not_declared(mark, tmp_path):
             gdf2(tmp_path, table, separator=" "), DISTURBANCE, quantity="disturbance"
         )
         assert found.dropped == 2 and len(found.values) == COUNT - 2
-        assert any(f"undeclared {mark} taken for missing values, 2 times" in r
-                   for r in found.remarks)  # fmt: skip
+        assert any(
+            f"undeclared {mark} taken for missing values, 2 times" in r for r in found.remarks
+        )
 
 
 def test_marks_that_are_declared_and_values_of_nines(tmp_path):
@@ -287,8 +304,14 @@ def csv(folder, change=lambda rows: rows, head="Line,Fid,Lat,Lon,Height,Tzz,kind
     return path
 
 
-OF_CSV = {"line": "Line", "time_s": "Fid", "latitude_deg": "Lat", "longitude_deg": "Lon",
-          "height_m": "Height", "zz": "Tzz"}  # fmt: skip
+OF_CSV = {
+    "line": "Line",
+    "time_s": "Fid",
+    "latitude_deg": "Lat",
+    "longitude_deg": "Lon",
+    "height_m": "Height",
+    "zz": "Tzz",
+}
 
 
 @pytest.mark.parametrize(("column", "name"), [(0, "Line"), (6, "kind")])
@@ -343,8 +366,14 @@ def test_coordinates_of_a_projection_need_its_name(tmp_path):
     table = fields("mGal")
     table[2] = ("LAT", "F14.3", 14, "UNIT=m", [f"{v:.3f}" for v in north])
     table[3] = ("LONG", "F14.3", 14, "UNIT=m", [f"{v:.3f}" for v in east])
-    names = {"easting_m": "LONG", "northing_m": "LAT", "line": "LINE", "height_m": "HGT",
-             "time_s": "FID", "disturbance": "GRAV"}  # fmt: skip
+    names = {
+        "easting_m": "LONG",
+        "northing_m": "LAT",
+        "line": "LINE",
+        "height_m": "HGT",
+        "time_s": "FID",
+        "disturbance": "GRAV",
+    }
     path = gdf2(tmp_path, table)
     found = read_lines(path, names, quantity="disturbance", crs="EPSG:32754")
     np.testing.assert_allclose(found.latitude_deg, LATITUDES, atol=1e-7)

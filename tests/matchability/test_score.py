@@ -100,9 +100,7 @@ def test_tracks_are_straight_and_as_long_as_asked():
     cell = Cell(33.0, 33.5, 108.0, 108.5)
     design = dataclasses.replace(DESIGN, track_m=10e3)
     for heading, track in tracks(cell, design):
-        ends = (track[-1] - track[0])[1::-1] * (
-            math.cos(math.radians(33.25)) * 6.389e6, 6.363e6
-        )  # fmt: skip
+        ends = (track[-1] - track[0])[1::-1] * (math.cos(math.radians(33.25)) * 6.389e6, 6.363e6)
         assert np.hypot(*ends) == pytest.approx(10e3, rel=2e-3)
         assert math.degrees(math.atan2(*ends)) % 360.0 == pytest.approx(heading, abs=0.2)
         np.testing.assert_allclose(track.mean(axis=0)[:2], np.radians([33.25, 108.25]), atol=1e-9)

@@ -81,8 +81,10 @@ class Place:
         calls = "\n".join(f"print(repr(functions.{call}))" for call in calls)
         return subprocess.Popen(
             [sys.executable, "-P", "-c", COUNTED.format(folder=str(self.folder), calls=calls)],
-            env=environment, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
 
     def run(self, *calls: str) -> list[str]:
         return printed(self.start(*calls))

@@ -57,7 +57,9 @@ def test_a_gain_is_that_of_kalman():
     root, rows = rng.normal(size=(LANES, 4, 4)), rng.normal(size=(LANES, 3, 4))
     p = root @ root.transpose(0, 2, 1)
     hp, lower, half, gain = unfilled(3, 4), unfilled(3, 3), unfilled(3, 4), unfilled(3, 4)
-    lane_algebra.kalman_gain(in_lanes(rows), in_lanes(p), 3, hp, lower, half, gain)
+    lane_algebra.kalman_gain(
+        rows=in_lanes(rows), p=in_lanes(p), m=3, hp=hp, lower=lower, half=half, gain=gain
+    )
     s = rows @ p @ rows.transpose(0, 2, 1) + np.eye(3)
     expected = np.linalg.solve(s, rows @ p)
     np.testing.assert_allclose(out_of_lanes(gain, LANES), expected, rtol=1e-9, atol=1e-12)

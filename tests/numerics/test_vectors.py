@@ -39,10 +39,13 @@ def field(x, y, z):
     height = 1e4 * y
     slopes = normal_gradient_slopes_of(sine, cosine, height)
     return (
-        normal_gradient_of(sine, cosine, height)[2], slopes[1], slopes[6],
-        normal_gravity_of(sine, cosine, height)[1], metres_per_radian_of(sine, cosine, height)[1],
+        normal_gradient_of(sine, cosine, height)[2],
+        slopes[1],
+        slopes[6],
+        normal_gravity_of(sine, cosine, height)[1],
+        metres_per_radian_of(sine, cosine, height)[1],
         sine,
-    )  # fmt: skip
+    )
 
 
 @inlined

@@ -27,7 +27,7 @@ from ggbench.ins.system_matrix import (
     TURN,
     VELOCITY,
     entries_between,
-)  # fmt: skip
+)
 from ggbench.ins.transitions import as_row, compose, unit_columns
 from ggbench.numerics.kernels import compiled
 from ggbench.numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
@@ -124,9 +124,15 @@ def _matrices(
     increments = np.hstack([np.zeros((count, 3)), delta_velocities])
     entries = unfilled(count, ENTRIES)
     entries_between(
-        in_lanes(states[np.newaxis]), in_lanes(increments[np.newaxis]), 0, count, dt,
-        np.zeros(ENTRIES), gravity, entries,
-    )  # fmt: skip
+        track=in_lanes(states[np.newaxis]),
+        increments=in_lanes(increments[np.newaxis]),
+        first=0,
+        last=count,
+        dt=dt,
+        constant=np.zeros(ENTRIES),
+        gravity=gravity,
+        out=entries,
+    )
     return dense(out_of_lanes(entries, 1)[0])
 
 
@@ -154,9 +160,14 @@ def transitions(
     start = 0
     for k, end in enumerate(epochs):
         compose(
-            entries[start:end], dt, roots, _metres(positions[start]), _metres(positions[end]),
-            transition[:, k], process_cov[:, k],
-        )  # fmt: skip
+            entries=entries[start:end],
+            dt=dt,
+            noise=roots,
+            start=_metres(positions[start]),
+            end=_metres(positions[end]),
+            transition=transition[:, k],
+            process_cov=process_cov[:, k],
+        )
         start = end
     return transition[0], process_cov[0]
 
@@ -174,9 +185,13 @@ def delayed_rows(
     for k, (epoch, delay) in enumerate(zip(epochs, delays, strict=True)):
         first, part, nearest = intervals_of(delay, epoch, dt)
         _delayed(
-            entries[first:epoch], part, dt, _metres(positions[nearest]), _metres(positions[epoch]),
+            entries[first:epoch],
+            part,
+            dt,
+            _metres(positions[nearest]),
+            _metres(positions[epoch]),
             rows[:, k],
-        )  # fmt: skip
+        )
     return rows[0]
 
 

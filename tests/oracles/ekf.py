@@ -29,7 +29,15 @@ def estimate(filter: ExtendedKalmanFilter, problem: Problem) -> Estimate:
         ekf.F, ekf.Q = problem.transition[k], problem.process_cov[k]
         ekf.predict()
         believed = noise.of(problem.noise_of(k))
-        update = Gated(problem, k, ekf.x, ekf.P, believed, filter.loss, threshold)
+        update = Gated(
+            problem,
+            k,
+            mean=ekf.x,
+            cov=ekf.P,
+            noise=believed,
+            loss=filter.loss,
+            threshold=threshold,
+        )
         if filter.iterations > 1:
             update.minimise(filter.iterations)
         linearisations += update.linearisations

@@ -125,9 +125,13 @@ class IteratedSmoother:
             weight = np.sqrt(weights(residuals, self.loss, self.threshold))
             rows *= weight[:, :, None]
             *solution, filtered_cov = smooth(
-                self.transition, self.process_cov, self.prior_mean, self.prior_cov,
-                rows, weight * target,
-            )  # fmt: skip
+                self.transition,
+                self.process_cov,
+                self.prior_mean,
+                self.prior_cov,
+                rows,
+                weight * target,
+            )
             full = Trajectory(*solution)
             before, promise = cost, self._promise(trajectory, full, rows, weight * target)
             if promise < CONVERGED:  # the last step is not judged

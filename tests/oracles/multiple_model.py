@@ -63,7 +63,15 @@ def _filtered(
     for k in range(problem.epochs):
         phi, noise = larger.transition[k], larger.noise_of(k)
         x, cov = phi @ x, phi @ cov @ phi.T + larger.process_cov[k]
-        update = Update(larger, k, x, cov, noise, loss, threshold)
+        update = Update(
+            problem=larger,
+            k=k,
+            predicted=x,
+            cov=cov,
+            noise_cov=noise,
+            loss=loss,
+            threshold=threshold,
+        )
         innovation, spread = update.innovation()
         s = spread + noise
         cost = 0.5 * innovation @ np.linalg.solve(s, innovation)

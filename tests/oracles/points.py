@@ -55,9 +55,10 @@ def attitude_rate(
     frame_rates(position[0], position[2], velocity, omega_ie, omega_en)
     for i in range(3):
         body = (
-            c_nb[i, 0] * angular_rate[0] + c_nb[i, 1] * angular_rate[1]
+            c_nb[i, 0] * angular_rate[0]
+            + c_nb[i, 1] * angular_rate[1]
             + c_nb[i, 2] * angular_rate[2]
-        )  # fmt: skip
+        )
         out[i] = body - omega_ie[i] - omega_en[i]
 
 

@@ -32,7 +32,15 @@ def extended(problem: Problem, iterations: int, loss: Loss, threshold: float) ->
     linearisations = 0
     for k, (phi, q) in enumerate(zip(problem.transition, problem.process_cov, strict=True)):
         x, cov = phi @ x, phi @ cov @ phi.T + q
-        update = Update(problem, k, x, cov, problem.noise_of(k), loss, threshold)
+        update = Update(
+            problem=problem,
+            k=k,
+            predicted=x,
+            cov=cov,
+            noise_cov=problem.noise_of(k),
+            loss=loss,
+            threshold=threshold,
+        )
         if iterations > 1:
             update.minimise(iterations)
         linearisations += update.linearisations

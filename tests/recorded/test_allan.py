@@ -67,9 +67,13 @@ def test_the_keys_are_those_of_the_simulation(names, tmp_path):
     assert spec.period_s == pytest.approx(PERIOD)
     for white, bias, time, expected in (
         (spec.gyro_noise_deg_per_sqrt_h, spec.gyro_bias_deg_per_h, spec.gyro_bias_time_s, GYRO),
-        (spec.accelerometer_noise_ug_per_sqrt_hz, spec.accelerometer_bias_ug,
-         spec.accelerometer_bias_time_s, FORCE),
-    ):  # fmt: skip
+        (
+            spec.accelerometer_noise_ug_per_sqrt_hz,
+            spec.accelerometer_bias_ug,
+            spec.accelerometer_bias_time_s,
+            FORCE,
+        ),
+    ):
         assert white == pytest.approx(expected[0], rel=0.03)
         assert bias == pytest.approx(expected[1], rel=0.15)
         assert time == pytest.approx(expected[2], rel=0.30)

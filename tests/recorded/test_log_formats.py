@@ -91,18 +91,24 @@ def test_good_gyros_in_degrees_show_the_rotation_of_the_earth(unit, factor, tmp_
 
 OTHERS = {
     "euroc": (
-        "timestamp [ns]", *(f"w_RS_S_{a} [rad s^-1]" for a in "xyz"),
-        *(f"a_RS_S_{a} [m s^-2]" for a in "xyz"), 1e9,
+        "timestamp [ns]",
+        *(f"w_RS_S_{a} [rad s^-1]" for a in "xyz"),
+        *(f"a_RS_S_{a} [m s^-2]" for a in "xyz"),
+        1e9,
     ),
     "px4": (
-        "timestamp", *(f"gyro_rad[{n}]" for n in range(3)),
-        *(f"accelerometer_m_s2[{n}]" for n in range(3)), 1e6,
+        "timestamp",
+        *(f"gyro_rad[{n}]" for n in range(3)),
+        *(f"accelerometer_m_s2[{n}]" for n in range(3)),
+        1e6,
     ),
     "ros": (
-        "%time", *(f"field.angular_velocity.{a}" for a in "xyz"),
-        *(f"field.linear_acceleration.{a}" for a in "xyz"), 1e9,
+        "%time",
+        *(f"field.angular_velocity.{a}" for a in "xyz"),
+        *(f"field.linear_acceleration.{a}" for a in "xyz"),
+        1e9,
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("preset", OTHERS)
@@ -117,8 +123,12 @@ def test_names_of_other_programs_have_presets(preset, head, plain, tmp_path):
 
 def test_names_and_units_of_a_log_are_given_by_options(plain, tmp_path):
     """A log of Xsens: remarks behind //, tabs, ticks of 0.1 ms, and a counter."""
-    names = ("PacketCounter", "SampleTimeFine", *(f"Gyr_{a}" for a in "XYZ"),
-             *(f"Acc_{a}" for a in "XYZ"))  # fmt: skip
+    names = (
+        "PacketCounter",
+        "SampleTimeFine",
+        *(f"Gyr_{a}" for a in "XYZ"),
+        *(f"Acc_{a}" for a in "XYZ"),
+    )
     rows = [
         "\t".join([f"{n:05d}", f"{round(1e4 * t)}", *(f"{v:.9g}" for v in row)])
         for n, (t, row) in enumerate(zip(TIMES, VALUES, strict=True))
@@ -213,8 +223,10 @@ def test_records_of_a_flight_may_have_other_names_and_units(tmp_path):
         table["height_m"] /= 0.3048
         speeds = [name for name in table if name.startswith("velocity")]
         table[speeds] *= 3600.0 / 1852.0
-        return table.rename(columns={"time_s": "Stamp", "height_m": "Alt[0]"} | {
-            name: name.upper() for name in speeds})  # fmt: skip
+        return table.rename(
+            columns={"time_s": "Stamp", "height_m": "Alt[0]"}
+            | {name: name.upper() for name in speeds}
+        )
 
     edit_rows(path.parent / "gnss.csv", renamed)
     names = {"time_s": "stamp [ms]", "height_m": "Alt[0] [ft]"}

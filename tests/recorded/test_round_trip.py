@@ -21,9 +21,7 @@ from ggbench.recorded.flight import read_flight
 from ggbench.recorded.inertial import RATES
 from ggbench.simulation.runs import simulate
 
-LABELS = (
-    "ekf", "ekf", "factor-graph[mode=batch]", "closed-loop[interval_s=5]",
-)  # fmt: skip
+LABELS = ("ekf", "ekf", "factor-graph[mode=batch]", "closed-loop[interval_s=5]")
 SAME = 1e-9
 """In units of the prior's deviations: a receiver's degrees say where it is to 1e-9 m.
 
@@ -157,10 +155,20 @@ def test_the_command_gives_them_too(tmp_path, source):
     (tmp_path / "everything.toml").write_text(_scenario(source | EVERYTHING), encoding="utf-8")
     command = str(Path(sys.executable).parent / "ggbench")
     for arguments in (
-        ["record", "everything.toml", "--case", "base", "--run", str(RUN), "-s", str(SEED),
-         "-o", "log"],
+        [
+            "record",
+            "everything.toml",
+            "--case",
+            "base",
+            "--run",
+            str(RUN),
+            "-s",
+            str(SEED),
+            "-o",
+            "log",
+        ],
         ["estimate", "log/flight.toml", "-e", "ekf", "-e", "factor-graph[mode=batch]", "-o", "out"],
-    ):  # fmt: skip
+    ):
         done = subprocess.run(
             [command, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False
         )

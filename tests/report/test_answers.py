@@ -23,10 +23,13 @@ def stated(mine=(), **changes):
     )
     return answer(
         scenario(
-            scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,
+            scenario=scenario(),
+            metrics=lambda: table,
+            cases=lambda: named,
+            runs=lambda: runs,
             own=[*mine],
         )
-    )  # fmt: skip
+    )
 
 
 def test_the_answer_counts_all_recommendations():
@@ -67,8 +70,11 @@ def test_the_answer_is_of_a_case_that_the_table_shows():
     runs = pd.DataFrame([run])
     found = answer(
         scenario(
-            scenario=scenario(), metrics=lambda: table, cases=lambda: named, runs=lambda: runs,
+            scenario=scenario(),
+            metrics=lambda: table,
+            cases=lambda: named,
+            runs=lambda: runs,
             own=[],
         )
-    )  # fmt: skip
+    )
     assert (found["label"], found["count"], found["lead"]["case"]) == ("ekf", 12, "c7")

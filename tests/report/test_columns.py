@@ -26,15 +26,27 @@ def test_every_defined_column_has_a_definition():
 @pytest.mark.parametrize(
     ("key", "value", "text"),
     [
-        ("rms_m", 3.3249, "3.32"), ("rms_m", 0.0099999, "0.0100"), ("rms_m", 12345.6, "12300"),
-        ("rms_m", 2.5e7, "2.50e+07"), ("rms_m", 0.0, "0"), ("rms_m", math.nan, "–"),
-        ("rms_m", math.inf, "∞"), ("efficiency", 1.004, "1.00"), ("efficiency", 17.24, "17"),
-        ("success", 1.0, "100%"), ("success", 0.999, ">99%"), ("success", 0.05, "5.0%"),
-        ("seconds_per_run", 0.0123, "10 ms"), ("seconds_per_run", 14.0, "10 s"),
-        ("runs", 40, "40"), ("right_model", np.True_, "yes"), ("case", "null", "null"),
-        ("p", 1e-5, "< 0.001"), ("a_counter", 12.34, "12.3"),
+        ("rms_m", 3.3249, "3.32"),
+        ("rms_m", 0.0099999, "0.0100"),
+        ("rms_m", 12345.6, "12300"),
+        ("rms_m", 2.5e7, "2.50e+07"),
+        ("rms_m", 0.0, "0"),
+        ("rms_m", math.nan, "–"),
+        ("rms_m", math.inf, "∞"),
+        ("efficiency", 1.004, "1.00"),
+        ("efficiency", 17.24, "17"),
+        ("success", 1.0, "100%"),
+        ("success", 0.999, ">99%"),
+        ("success", 0.05, "5.0%"),
+        ("seconds_per_run", 0.0123, "10 ms"),
+        ("seconds_per_run", 14.0, "10 s"),
+        ("runs", 40, "40"),
+        ("right_model", np.True_, "yes"),
+        ("case", "null", "null"),
+        ("p", 1e-5, "< 0.001"),
+        ("a_counter", 12.34, "12.3"),
     ],
-)  # fmt: skip
+)
 def test_numbers_have_their_digits(key, value, text):
     """Metres three, ratios and shares two, times one; no value is a dash."""
     assert columns.cell(key, value) == text

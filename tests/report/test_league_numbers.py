@@ -33,8 +33,9 @@ def test_cells_are_over_the_oracle_else_over_the_bound():
     assert found.ratios[:, 1].tolist() == [1.25, 1.25]
     assert found.ratios[0, 2] == math.inf and math.isnan(found.ratios[1, 3])
     assert found.texts.tolist() == [
-        ["25", "1.25", "lost\n95%‡", "1.00", "1.00"], ["25", "1.25†", "1.26", "failed", "1.00"]
-    ]  # fmt: skip
+        ["25", "1.25", "lost\n95%‡", "1.00", "1.00"],
+        ["25", "1.25†", "1.26", "failed", "1.00"],
+    ]
     assert found.framed.tolist() == [[False, True, False, False, False]] * 2
     assert list(found.cases) == ["case 0 (4.00\u00a0m)", "case 1 (8.00\u00a0m)"]
 

@@ -127,9 +127,10 @@ def test_figures_have_the_estimators_of_ones_own_in_their_colour(with_own):
     labels = views.drawn_estimators(results.metrics(), results.cases(), results.own)
     league = draw_league(league_of(results.metrics(), results.cases()), results.families)
     figures = [
-        pictures.of_answer(results).figure, league,
+        pictures.of_answer(results).figure,
+        league,
         pictures.over_time(results, ["base"], labels).figure,
-    ]  # fmt: skip
+    ]
     for figure in figures:
         colour = figure.series["mine-filter"][0].get_color()
         assert colour == COLOURS["own"] != figure.series["ekf"][0].get_color()
@@ -214,9 +215,17 @@ def data_of(page: Path) -> dict:
 @pytest.mark.long
 def test_a_page_has_its_parts_in_order(page):
     """Answer, figure, table, conditions, command; the notes' place is before the command."""
-    marks = ["<!-- ggbench page", "# A short flight", "**Answer.**", "](small/answer.png)",
-             "|case|bound [m]|", "## Published numbers", "## Conditions", "## Again",
-             "`ggbench run small.toml -n 6"]  # fmt: skip
+    marks = [
+        "<!-- ggbench page",
+        "# A short flight",
+        "**Answer.**",
+        "](small/answer.png)",
+        "|case|bound [m]|",
+        "## Published numbers",
+        "## Conditions",
+        "## Again",
+        "`ggbench run small.toml -n 6",
+    ]
     places = [page.index(mark) for mark in marks]
     assert places == sorted(places)
 

@@ -51,8 +51,10 @@ def test_a_target_is_reached_where_a_power_law_reaches_it():
     loaded = grid(NOISE, targets=(10.0**0.5, 1e3, 1e-3))
     found = sweeps.reached(loaded, pd.DataFrame(rows, columns=[*METRICS]), cases(3))
     assert found[["bound", "EKF"]].to_numpy().tolist() == [
-        ["none", "none"], ["0.063 E", "0.032 E (0.029–0.035)"], ["any", "any"]
-    ]  # fmt: skip
+        ["none", "none"],
+        ["0.063 E", "0.032 E (0.029–0.035)"],
+        ["any", "any"],
+    ]
 
 
 def test_targets_have_a_column_of_ones_own_estimator():

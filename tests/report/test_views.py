@@ -69,8 +69,12 @@ def test_a_cell_says_where_the_ins_succeeds_as_often():
 def test_the_recommended_ekf_is_one_column():
     shown = views.answer_table(metrics(), pairs(), cases())
     assert list(shown) == [
-        "case", "bound_m", "INS", "EKF (recommended)", "best smoother: `factor-graph[mode=batch]`"
-    ]  # fmt: skip
+        "case",
+        "bound_m",
+        "INS",
+        "EKF (recommended)",
+        "best smoother: `factor-graph[mode=batch]`",
+    ]
     assert shown["EKF (recommended)"].tolist() == ["5.00 (×1.25)", "10.0 (×1.25)"]
 
 
@@ -123,9 +127,13 @@ def test_many_estimators_of_ones_own_have_rows():
     table = metrics(5, ERRORS | dict.fromkeys(own, 6.0))
     shown = views.answer_table(table, pairs(), cases(5, recommended="gaussian-sum"), own)
     assert shown["RMS error [m]"].tolist() == [
-        "bound", "INS", "EKF", *(f"`{label}`" for label in own[:5]),
-        "recommended: `gaussian-sum`", "best smoother: `factor-graph[mode=batch]`",
-    ]  # fmt: skip
+        "bound",
+        "INS",
+        "EKF",
+        *(f"`{label}`" for label in own[:5]),
+        "recommended: `gaussian-sum`",
+        "best smoother: `factor-graph[mode=batch]`",
+    ]
     assert shown["case 1"].tolist()[:4] == ["8.00", "200", "10.0 (×1.25)", "12.0 (×1.50)"]
     assert tables.text(shown)
 
@@ -146,8 +154,12 @@ def test_published_errors_are_set_against_those_of_ones_own():
     table.loc[gone, "failed"] = 40
     shown = published_table(table, {"c0": "first"}, ["mine", "wrong"])
     assert shown["RMS error [m]"].tolist()[3:] == [
-        "`ins`", "`wrong`", "`ekf`, `mine`, `ukf`", "`factor-graph[mode=batch]`", "`gaussian-sum`"
-    ]  # fmt: skip
+        "`ins`",
+        "`wrong`",
+        "`ekf`, `mine`, `ukf`",
+        "`factor-graph[mode=batch]`",
+        "`gaussian-sum`",
+    ]
     assert shown["first: settled"].tolist()[4:6] == ["failed", "5.00"]
 
 
@@ -241,8 +253,14 @@ def test_published_errors_are_set_against_the_bound():
     assert allowed(table)["allowed"].tolist() == [False, True]
     shown = published_table(table, {"c0": "first"})
     assert shown["first: whole"].tolist() == [
-        "7.00 (below the bound)", "8.00", "4.00", "200", "4.00", "8.00", "10.0"
-    ]  # fmt: skip
+        "7.00 (below the bound)",
+        "8.00",
+        "4.00",
+        "200",
+        "4.00",
+        "8.00",
+        "10.0",
+    ]
     assert shown["RMS error [m]"].tolist()[-2:] == ["`gaussian-sum`", "`ekf`, `ukf`"]
 
 
@@ -276,6 +294,4 @@ def test_claims_on_pairs_follow_the_verdict(relation, verdict, needed, row):
     )
     (found,) = claimed(results).to_dict("records")
     assert asked == [("c0", "ukf", "ekf")]
-    assert found == {
-        "claim": "A", "first": "`ukf`", "second": "`ekf`", "error_ratio": 0.5
-    } | row  # fmt: skip
+    assert found == {"claim": "A", "first": "`ukf`", "second": "`ekf`", "error_ratio": 0.5} | row

@@ -128,8 +128,10 @@ def test_a_study_is_read_without_the_run_of_its_case(tmp_path):
     )
     runs = found.runs()
     assert set(zip(runs["assumption"], runs["case"], strict=True)) == {
-        ("", "noisy"), ("louder", "base"), ("without-effect", "base"),
-    }  # fmt: skip
+        ("", "noisy"),
+        ("louder", "base"),
+        ("without-effect", "base"),
+    }
 
 
 def test_records_are_of_the_cases_or_of_one_study(results):
@@ -138,15 +140,21 @@ def test_records_are_of_the_cases_or_of_one_study(results):
     for name in ("louder", "without-effect"):
         studied = list(results.records(name))
         assert [(r["case"], r["estimator"], r["run"]) for r in studied] == [
-            ("base", "ekf", 0), ("base", "ekf", 1),
-        ]  # fmt: skip
+            ("base", "ekf", 0),
+            ("base", "ekf", 1),
+        ]
     assert list(results.records("other")) == []
 
 
 def test_the_files_of_a_folder_are_its_tables(results, flown):
     """Row by row and column by column; what was not studied or judged has no file."""
-    tables = {"pairs": results.pairs(), "failures": results.failures(), "cases": results.cases(),
-              "assumptions": results.studies(), "metrics": results.metrics()}  # fmt: skip
+    tables = {
+        "pairs": results.pairs(),
+        "failures": results.failures(),
+        "cases": results.cases(),
+        "assumptions": results.studies(),
+        "metrics": results.metrics(),
+    }
     assert tuple(tables["metrics"].columns) == METRICS
     for name, table in tables.items():
         file = pd.read_csv(results.folder / f"{name}.csv")
@@ -341,10 +349,15 @@ def test_failures_are_listed_with_reason_and_command(copied):
     copied.store.add([Result(key, failed(1, name="ekf", reason="it was tired"))])
     failures = Results(copied.folder, copied.store).failures()
     assert failures.to_dict("index") == {
-        0: {"assumption": "", "case": "noisy", "estimator": "ekf", "run": 1,
+        0: {
+            "assumption": "",
+            "case": "noisy",
+            "estimator": "ekf",
+            "run": 1,
             "reason": "it was tired",
-            "command": "ggbench run small.toml --case noisy -e ekf --seed 5 --run 1"}
-    }  # fmt: skip
+            "command": "ggbench run small.toml --case noisy -e ekf --seed 5 --run 1",
+        }
+    }
 
 
 def test_runs_beyond_those_asked_for_are_not_shown(results):
@@ -426,7 +439,15 @@ def test_a_scenario_in_a_folder_that_is_no_utf8_is_run_and_reported(tmp_path):
     folder = tmp_path / os.fsdecode(b"r\xe9s")
     folder.mkdir()
     loaded = small(folder)
-    work = Campaign(loaded, str(folder / "small.toml"), ("ins",), 2, 1, False, folder / "out")
+    work = Campaign(
+        scenario=loaded,
+        argument=str(folder / "small.toml"),
+        labels=("ins",),
+        runs=2,
+        seed=1,
+        assumptions=False,
+        folder=folder / "out",
+    )
     running.fly(work, jobs=0).store.close()
     found = Results(folder / "out")
     assert "$'" in found.runs()["command"].iloc[0]

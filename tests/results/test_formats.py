@@ -11,15 +11,25 @@ from ggbench.results.formats import flaw_of_arrays
 
 EPOCHS = 6
 ARRAYS = {
-    "times": np.arange(1.0, 7.0), "kept": np.array([0, 3, 5]), "track": np.ones((EPOCHS, 3)),
-    "bound-filter": np.ones((EPOCHS, 2)), "bound-batch": np.ones((EPOCHS, 2)),
-    "bound-fixed-lag-3": np.ones((EPOCHS, 2)), "present": np.linspace(0.0, 1.0, EPOCHS),
-    "vertical": np.ones(EPOCHS), "noisy": np.ones(EPOCHS), "filtered": np.ones(EPOCHS),
-    "filtered_true": np.ones(EPOCHS), "gradient_times": np.arange(1.0, 7.0),
-    "channels": np.full(EPOCHS, 5.0), "response": np.ones((EPOCHS, 9)),
-    "gravity": np.ones((EPOCHS, 8)), "map_latitude": np.ones(4),
-    "map_longitude": np.ones(7), "map_vertical": np.ones((4, 7)),
-}  # fmt: skip
+    "times": np.arange(1.0, 7.0),
+    "kept": np.array([0, 3, 5]),
+    "track": np.ones((EPOCHS, 3)),
+    "bound-filter": np.ones((EPOCHS, 2)),
+    "bound-batch": np.ones((EPOCHS, 2)),
+    "bound-fixed-lag-3": np.ones((EPOCHS, 2)),
+    "present": np.linspace(0.0, 1.0, EPOCHS),
+    "vertical": np.ones(EPOCHS),
+    "noisy": np.ones(EPOCHS),
+    "filtered": np.ones(EPOCHS),
+    "filtered_true": np.ones(EPOCHS),
+    "gradient_times": np.arange(1.0, 7.0),
+    "channels": np.full(EPOCHS, 5.0),
+    "response": np.ones((EPOCHS, 9)),
+    "gravity": np.ones((EPOCHS, 8)),
+    "map_latitude": np.ones(4),
+    "map_longitude": np.ones(7),
+    "map_vertical": np.ones((4, 7)),
+}
 
 
 @pytest.mark.parametrize(

@@ -27,14 +27,24 @@ def same(one: object, other: object) -> bool:
 
 
 UNDEFINED = dict.fromkeys(
-    ("settled_nees", "settled_nis", "settled_coverage", "settled_oracle_position_ms",
-     "settled_oracle_velocity_ms", "converged_s"), math.nan,
-)  # fmt: skip
+    (
+        "settled_nees",
+        "settled_nis",
+        "settled_coverage",
+        "settled_oracle_position_ms",
+        "settled_oracle_velocity_ms",
+        "converged_s",
+    ),
+    math.nan,
+)
 RECORDS = [
-    failed(0, info={"rounds": 7}), failed(1, seconds=0.5, traceback="a\nb"), finished(2),
+    failed(0, info={"rounds": 7}),
+    failed(1, seconds=0.5, traceback="a\nb"),
+    finished(2),
     finished(3, cold=True, remark="far \N{EURO SIGN} \0", false_fix=True, seed=2**63 - 1),
-    finished(4, **UNDEFINED), finished(5, whole_position_ms=math.inf, whole_nees=1.0 / 3.0),
-]  # fmt: skip
+    finished(4, **UNDEFINED),
+    finished(5, whole_position_ms=math.inf, whole_nees=1.0 / 3.0),
+]
 """An estimate without a covariance has no NEES, a flight without measurements no NIS; a run whose
 model is wrong has no oracle; one that does not converge has no time; one that diverges ends
 anywhere."""
@@ -70,13 +80,29 @@ def test_tables_have_their_types_whatever_they_hold(store):
 
 
 FLAWS = [
-    {"run": -1}, {"run": None}, {"seed": -1}, {"seconds": -0.1}, {"seconds": math.inf},
-    {"map_evaluations": -1}, {"map_evaluations": 2.5}, {"final_position_error_m": "far"},
-    {"causality": "future"}, {"status": "tired"}, {"diverged": 2}, {"required_m": -1.0},
-    {"required_m": math.inf}, {"converged_s": "soon"}, {"false_fix": None}, {"bound": None},
-    {"whole_bound_position_ms": -1.0}, {"last20_velocity_ms": math.nan}, {"name": None},
-    {"settled_nis": "none"}, {"reason": None}, {"fixes": -1},
-]  # fmt: skip
+    {"run": -1},
+    {"run": None},
+    {"seed": -1},
+    {"seconds": -0.1},
+    {"seconds": math.inf},
+    {"map_evaluations": -1},
+    {"map_evaluations": 2.5},
+    {"final_position_error_m": "far"},
+    {"causality": "future"},
+    {"status": "tired"},
+    {"diverged": 2},
+    {"required_m": -1.0},
+    {"required_m": math.inf},
+    {"converged_s": "soon"},
+    {"false_fix": None},
+    {"bound": None},
+    {"whole_bound_position_ms": -1.0},
+    {"last20_velocity_ms": math.nan},
+    {"name": None},
+    {"settled_nis": "none"},
+    {"reason": None},
+    {"fixes": -1},
+]
 
 
 @pytest.mark.parametrize("flaw", FLAWS, ids=str)
@@ -96,9 +122,14 @@ def test_a_failed_run_has_no_metrics(extra, store):
 
 @pytest.mark.parametrize(
     "change",
-    ["records SET whole_nees = 'six'", "records SET run = -1", "records SET status = NULL",
-     "curves SET series = x'0011'", "curves SET series = substr(series, 5)"],
-)  # fmt: skip
+    [
+        "records SET whole_nees = 'six'",
+        "records SET run = -1",
+        "records SET status = NULL",
+        "curves SET series = x'0011'",
+        "curves SET series = substr(series, 5)",
+    ],
+)
 def test_a_row_that_was_spoilt_is_found(change, store):
     """The database refuses the change; made without its checks, the folder is refused."""
     store.add([Result("k", finished(), np.ones((2, 4)), np.ones((2, 18)))])

@@ -44,16 +44,24 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
 def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
     """What was lost at a limit stays lost at that limit; a higher one leaves it to be run again."""
     store = Store(tmp_path / "out", create=True)
-    store.add([Result("k", failed(0)), Result("k", failed(1), retry_above=60.0),
-               Result("k", failed(2), retry_above=60.0),
-               Result("lost", failed(0), retry_above=0.0)])  # fmt: skip
+    store.add(
+        [
+            Result("k", failed(0)),
+            Result("k", failed(1), retry_above=60.0),
+            Result("k", failed(2), retry_above=60.0),
+            Result("lost", failed(0), retry_above=0.0),
+        ]
+    )
     kept = {
         limit: {key: runs.tolist() for key, runs in store.finished(limit).items()}
         for limit in (1.0, 60.0, 60.5, np.inf)
     }
     assert kept == {
-        1.0: {"k": [0, 1, 2]}, 60.0: {"k": [0, 1, 2]}, 60.5: {"k": [0]}, np.inf: {"k": [0]}
-    }  # fmt: skip
+        1.0: {"k": [0, 1, 2]},
+        60.0: {"k": [0, 1, 2]},
+        60.5: {"k": [0]},
+        np.inf: {"k": [0]},
+    }
     store.add([Result("k", failed(1), series=np.ones((3, 4)))])  # it takes the lost one's place
     assert store.finished()["k"].tolist() == [0, 1]
     np.testing.assert_array_equal(store.series_of("k", 1), 1.0)

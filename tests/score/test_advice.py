@@ -79,10 +79,14 @@ def test_every_sensor_has_its_limits(tmp_path):
     case = small(tmp_path, text).cases[0]
     halves = dict(advice.halved(case))
     assert {
-        "noise of the GNSS receiver", "noise of the barometer", "bias of the barometer",
-        "noise of the bow", "noise of the altimeter", "initial uncertainty",
+        "noise of the GNSS receiver",
+        "noise of the barometer",
+        "bias of the barometer",
+        "noise of the bow",
+        "noise of the altimeter",
+        "initial uncertainty",
         "errors of the inertial sensors",
-    } <= set(halves)  # fmt: skip
+    } <= set(halves)
     receiver = halves["noise of the GNSS receiver"].sensor["gnss"]
     assert (receiver.position_noise_m, receiver.velocity_noise_mps) == (2.5, 0.05)
     assert halves["noise of the bow"].sensor["bow"].noise_mps == 0.05

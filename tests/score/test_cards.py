@@ -29,9 +29,17 @@ def card(seed: int = 1, factor: float = 1.0, **changes) -> Card:
     for case in CASES:
         errors = factor * np.sqrt(generator.chisquare(3, RUNS))
         other = Opponent(
-            label="ekf", role="ekf", runs=RUNS, rms_m=1.7, error_ratio=1.0, lo=0.9, hi=1.1,
-            only_scored=0, only_other=0, verdict="as good",
-        )  # fmt: skip
+            label="ekf",
+            role="ekf",
+            runs=RUNS,
+            rms_m=1.7,
+            error_ratio=1.0,
+            lo=0.9,
+            hi=1.1,
+            only_scored=0,
+            only_other=0,
+            verdict="as good",
+        )
         questions.append(
             Question(
                 case=case,
@@ -45,11 +53,17 @@ def card(seed: int = 1, factor: float = 1.0, **changes) -> Card:
             )
         )
     values = {
-        "format": cards.FORMAT, "ggbench": "0", "results_version": 1, "suite": "ab", "seed": 3700,
-        "public": True, "runs": RUNS, "judged": "all",
+        "format": cards.FORMAT,
+        "ggbench": "0",
+        "results_version": 1,
+        "suite": "ab",
+        "seed": 3700,
+        "public": True,
+        "runs": RUNS,
+        "judged": "all",
         "estimator": CardEstimator(label="a.py", name="a", parameters={}, source="cd"),
         "questions": questions,
-    }  # fmt: skip
+    }
     return Card(**(values | changes))
 
 
@@ -98,8 +112,13 @@ def leaves(value: object, path: tuple[str | int, ...] = ()) -> Iterator[tuple[st
         yield path
 
 
-EDITS = {str: lambda text: f"{text}x", bool: lambda truth: not truth, int: lambda n: n + 1,
-         float: lambda x: 1.001 * x, type(None): lambda none: 0.5}  # fmt: skip
+EDITS = {
+    str: lambda text: f"{text}x",
+    bool: lambda truth: not truth,
+    int: lambda n: n + 1,
+    float: lambda x: 1.001 * x,
+    type(None): lambda none: 0.5,
+}
 
 
 def test_every_edit_of_a_card_is_found(tmp_path):

@@ -93,7 +93,8 @@ def test_the_command_writes_the_page_and_says_what_is_refused(folder):
 def test_a_folder_without_cards_is_refused(tmp_path):
     """So is a page of another suffix."""
     for arguments, said in (
-        (["cards", "."], "holds no cards"), (["cards", ".", "-o", "a.txt"], "must be named *.html")
-    ):  # fmt: skip
+        (["cards", "."], "holds no cards"),
+        (["cards", ".", "-o", "a.txt"], "must be named *.html"),
+    ):
         done = invoke(arguments, tmp_path)
         assert (done.returncode, said in done.stderr) == (2, True), done.stderr

@@ -133,7 +133,17 @@ def test_pairs_of_points_are_the_odd_and_the_even_part_of_h(block, states):
         points=point_scratch(2 * n),
     )
     expand(model, group, RUNS, k, centre, at)
-    read_sigma_points(model, group, RUNS, k, centre, lower, spread, at, pairs)
+    read_sigma_points(
+        model=model,
+        group=group,
+        count=RUNS,
+        k=k,
+        x=centre,
+        lower=lower,
+        spread=spread,
+        at=at,
+        out=pairs,
+    )
     odds, evens = out_of_lanes(pairs.odd, RUNS), out_of_lanes(pairs.even, RUNS)
     bent = 0.0
     for run in range(RUNS):

@@ -34,8 +34,11 @@ from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
 
 LOST = np.array([3e5, -3e5, 1e4])  # a position error [m] that leads out of the map
-TREATMENTS = {"unfiltered": ("none", "whitened"), "whitened": ("butterworth", "whitened"),
-          "delayed": ("butterworth", "delayed")}  # fmt: skip
+TREATMENTS = {
+    "unfiltered": ("none", "whitened"),
+    "whitened": ("butterworth", "whitened"),
+    "delayed": ("butterworth", "delayed"),
+}
 
 
 @pytest.fixture(scope="module", params=list(TREATMENTS))

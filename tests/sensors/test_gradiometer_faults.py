@@ -177,9 +177,12 @@ def test_a_strapdown_reading_at_a_wrong_time_has_the_attitude_of_then():
     truth, n = right.trajectory, right.epochs[9]
     step = Rotation.from_matrix(truth.attitudes[n - 1].T @ truth.attitudes[n + 1]).as_rotvec()
     rate = readings(
-        right.field, truth.positions[[n, n]], right.times[[9, 9]],
-        np.stack([truth.attitudes[n - 1], truth.attitudes[n + 1]]), "strapdown",
-    )  # fmt: skip
+        right.field,
+        truth.positions[[n, n]],
+        right.times[[9, 9]],
+        np.stack([truth.attitudes[n - 1], truth.attitudes[n + 1]]),
+        "strapdown",
+    )
     rate = (rate[1] - rate[0]) / (2.0 * truth.dt)
     change = late[9] - clean[9]
     delay = (change @ rate) / (rate @ rate)

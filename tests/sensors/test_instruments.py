@@ -10,7 +10,7 @@ from conftest import local_axes, square
 from problems import estimator, propagated
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from small_cases import rough_map, small_flight
+from small_cases import small_flight
 
 from ggbench.gravity import ellipsoid
 from ggbench.judging.references import CaseBound
@@ -39,12 +39,6 @@ FILTERS: dict[str, dict[str, Any]] = {
         "gradiometer.filter_order": 2,
     },
 }
-
-
-@pytest.fixture(scope="module")
-def rough(tmp_path_factory) -> str:
-    """A map of 10 E over 3 km."""
-    return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
 
 
 def mounted(instrument: str, **changes: Any) -> Flight:
@@ -82,8 +76,9 @@ def test_a_reading_is_the_tensor_seen_from_the_mount(instrument, rough):
 def test_the_mount_changes_no_invariant(rough):
     """One tensor has one trace and one set of eigenvalues, whatever the axes it is read in."""
     tensors = [mounted(name, field__source=rough).noise_free for name in INSTRUMENTS]
-    eigenvalues = [np.linalg.eigvalsh(tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])
-                   for tensor in tensors]  # fmt: skip
+    eigenvalues = [
+        np.linalg.eigvalsh(tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]) for tensor in tensors
+    ]
     for other in eigenvalues[1:]:
         np.testing.assert_allclose(other, eigenvalues[0], rtol=0.0, atol=1e-9)
     for one, other in ((0, 1), (1, 2), (0, 2)):
@@ -95,9 +90,16 @@ def test_channels_are_components_and_half_differences():
     tensor = np.array([3.0, 5.0, 7.0, 11.0, 13.0, 17.0])
     values = {name: float(channel(name) @ tensor) for name in (*COMPONENTS, *DIFFERENCES)}
     assert values == {
-        "xx": 3.0, "xy": 5.0, "xz": 7.0, "yy": 11.0, "yz": 13.0, "zz": 17.0,
-        "xx-yy": -4.0, "yy-zz": -3.0, "zz-xx": 7.0,
-    }  # fmt: skip
+        "xx": 3.0,
+        "xy": 5.0,
+        "xz": 7.0,
+        "yy": 11.0,
+        "yz": 13.0,
+        "zz": 17.0,
+        "xx-yy": -4.0,
+        "yy-zz": -3.0,
+        "zz-xx": 7.0,
+    }
 
 
 def test_a_channel_has_the_noise_it_has_beside_any_others():
@@ -221,8 +223,9 @@ def test_a_filtered_strapdown_reading_is_set_beside_the_attitude_of_then(treatme
     assert np.square(left).mean() < 0.06**2 * np.square(whole).mean()
 
 
-@pytest.mark.parametrize(("instrument", "turns"), [("local-level", False), ("platform", False),
-                                                   ("strapdown", True)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("instrument", "turns"), [("local-level", False), ("platform", False), ("strapdown", True)]
+)
 def test_only_a_strapdown_gradiometer_depends_on_the_attitude(instrument, turns):
     """A stabilised one neither reads nor predicts another tensor in another attitude."""
     straight, rolled = (

@@ -53,7 +53,13 @@ def read(instrument, errors, tensor, force, rate, vibration=None, samples=6000) 
     if vibration is not None:
         added = np.array(shaking(vibration, instrument, times))
     sum_signal = signal(
-        instrument, errors, tensor, force + added[0], rate + added[1], added[2], times
+        instrument=instrument,
+        errors=errors,
+        tensor=tensor,
+        specific_force=force + added[0],
+        angular_rate=rate + added[1],
+        angular_acceleration=added[2],
+        times=times,
     )
     indicated = rate + np.array(errors.angular_rate_error)
     return demodulate(instrument, sum_signal, times) + centrifugal_channels(indicated)
@@ -88,7 +94,13 @@ def test_a_perfect_instrument_feels_neither_force_nor_angular_acceleration(instr
         tensor, force, rate = motion(rng)
         shaken = force + shaking(VIBRATION, instrument, times)[0]
         sum_signal = signal(
-            instrument, RotatingErrors(), tensor, shaken, rate, rng.normal(size=3), times
+            instrument=instrument,
+            errors=RotatingErrors(),
+            tensor=tensor,
+            specific_force=shaken,
+            angular_rate=rate,
+            angular_acceleration=rng.normal(size=3),
+            times=times,
         )
         reading = demodulate(instrument, sum_signal, times) + centrifugal_channels(rate)
         # 1e-6 E: what rounding leaves of 10 m/s² over the baseline.
@@ -100,7 +112,15 @@ def test_an_angular_rate_enters_as_the_inertial_tensor():
     skew = np.array([[0, -rate[2], rate[1]], [rate[2], 0, -rate[0]], [-rate[1], rate[0], 0]])
     inertial = -skew @ skew * 1e9
     times = reading_times(WHOLE, 3000)
-    sum_signal = signal(WHOLE, RotatingErrors(), np.zeros(6), np.zeros(3), rate, np.zeros(3), times)
+    sum_signal = signal(
+        instrument=WHOLE,
+        errors=RotatingErrors(),
+        tensor=np.zeros(6),
+        specific_force=np.zeros(3),
+        angular_rate=rate,
+        angular_acceleration=np.zeros(3),
+        times=times,
+    )
     expected = [(inertial[0, 0] - inertial[1, 1]) / 2.0, inertial[0, 1]]
     np.testing.assert_allclose(demodulate(WHOLE, sum_signal, times), expected, rtol=1e-12)
 
@@ -122,9 +142,11 @@ def test_the_signal_is_that_of_masses_moved_through_inertial_space():
     tilt -= tilt.mean()
     errors = RotatingErrors(baseline=0.1, rotation_rate=0.05, demodulation_phase=0.3)
     for name, four in (
-        ("scale_factor", scale), ("radial_misalignment", lean),
-        ("axial_misalignment", tilt), ("quadratic", square),
-    ):  # fmt: skip
+        ("scale_factor", scale),
+        ("radial_misalignment", lean),
+        ("axial_misalignment", tilt),
+        ("quadratic", square),
+    ):
         values = {
             name: four.mean(),
             f"{name}_pair12": four[0] - four[1],
@@ -158,7 +180,15 @@ def test_the_signal_is_that_of_masses_moved_through_inertial_space():
             total += sign * ((1.0 + scale[n]) * along + square[n] * along**2)
         expected.append(total)
     rates = (start + growth * times)[:, None] * direction
-    found = signal(instrument, errors, tensor, force, rates, growth * direction, times)
+    found = signal(
+        instrument=instrument,
+        errors=errors,
+        tensor=tensor,
+        specific_force=force,
+        angular_rate=rates,
+        angular_acceleration=growth * direction,
+        times=times,
+    )
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-8)
 
 
@@ -316,10 +346,12 @@ def test_noise_of_a_channel(instrument, samples, readings):
     times = reading_times(instrument, samples)
     still = (np.zeros(6), np.zeros(3), np.zeros(3), np.zeros(3))
     silent = demodulate(instrument, signal(instrument, errors, *still, times), times)
-    noise = np.array([
-        demodulate(instrument, signal(instrument, errors, *still, times, rng), times) - silent
-        for _ in range(readings)
-    ])  # fmt: skip
+    noise = np.array(
+        [
+            demodulate(instrument, signal(instrument, errors, *still, times, rng), times) - silent
+            for _ in range(readings)
+        ]
+    )
     sigma = channel_noise_eotvos(instrument, errors.accelerometer_root_psd)
     low, high = chi2.ppf([5e-7, 1.0 - 5e-7], readings)
     for channel in noise.T:

@@ -79,9 +79,15 @@ def test_noise_of_the_channels_is_that_of_the_demodulated_accelerometers():
     readings = []
     for _ in range(400):
         output = signal(
-            disk, RotatingErrors(accelerometer_root_psd=root_psd), np.zeros(6), nothing, nothing,
-            nothing, times, rng,
-        )  # fmt: skip
+            instrument=disk,
+            errors=RotatingErrors(accelerometer_root_psd=root_psd),
+            tensor=np.zeros(6),
+            specific_force=nothing,
+            angular_rate=nothing,
+            angular_acceleration=nothing,
+            times=times,
+            rng=rng,
+        )
         pair = np.mean(2.0 * output * np.sin(phase)), np.mean(-2.0 * output * np.cos(phase))
         readings.append(np.array(pair) / (2.0 * 0.5) * 1e9)
     low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 800)

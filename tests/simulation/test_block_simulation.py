@@ -61,7 +61,7 @@ FAULTS: dict[str, dict[str, Any]] = {
     },
     "disks": ROTATING | {"truth.gradiometer.rotating.scale_factor_ppm": 10.0},
     "worse truth": {"truth.gradiometer.noise_eotvos": 3.0, "truth.initial_error.position_m": 30.0},
-}  # fmt: skip
+}
 
 
 def arrays(block: ProblemBlock, truth: Truth, run: int) -> dict[str, np.ndarray]:
@@ -172,20 +172,40 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
     start = np.concatenate([truth.positions[0], truth.velocities[0], truth.attitudes[0].ravel()])
     track = lanes(len(exact) + 1, 15)
     navigate_lanes(
-        in_lanes(start.reshape(1, 1, 15)), increments, dt, lanes(0, 1), (0.0, 0.0),
-        gravity, track,
-    )  # fmt: skip
+        initial=in_lanes(start.reshape(1, 1, 15)),
+        increments=increments,
+        dt=dt,
+        heights=lanes(0, 1),
+        gains=(0.0, 0.0),
+        gravity=gravity,
+        track=track,
+    )
     # Delays that reach before the start, to it, into an interval, over several, two into the same.
     epochs = np.array([1, 7, 8, 12, 13, 20, 30])
     delays = dt * np.array([1.4, 7.0, 0.0, 0.3, 3.0, 8.9, 19.6])
     transition, process_cov = np.empty((2, 3, len(epochs), model.dimension, model.dimension))
     rows = np.empty((3, len(epochs), 6, 15))
-    model.along(track, increments, epochs, delays, dt, gravity, transition, process_cov, rows)
+    model.along(
+        track=track,
+        increments=increments,
+        epochs=epochs,
+        delays=delays,
+        dt=dt,
+        gravity=gravity,
+        transition=transition,
+        process_cov=process_cov,
+        rows=rows,
+    )
     for run in range(3):
         one = navigate(
-            truth.positions[0], truth.velocities[0], truth.attitudes[0],
-            increments[:, :3, run], increments[:, 3:, run], dt, gravity=gravity,
-        )  # fmt: skip
+            truth.positions[0],
+            truth.velocities[0],
+            truth.attitudes[0],
+            increments[:, :3, run],
+            increments[:, 3:, run],
+            dt,
+            gravity=gravity,
+        )
         np.testing.assert_array_equal(one[0], track[:, :3, run])
         plain = dense_model.system_matrices(*one, increments[:, 3:, run], dt, gravity)
         matrices, noise = dense_model.completed(plain, model.imu, model.altimeter)

@@ -14,23 +14,47 @@ from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 
 AREA = {
-    "field.source": "jacksboro", "field.drape": True, "field.south_deg": 36.285,
-    "field.north_deg": 36.30, "field.west_deg": -84.275, "field.east_deg": -84.25,
-    "field.lowest_m": 50.0, "field.highest_m": 350.0, "field.height_spacing_m": 50.0,
+    "field.source": "jacksboro",
+    "field.drape": True,
+    "field.south_deg": 36.285,
+    "field.north_deg": 36.30,
+    "field.west_deg": -84.275,
+    "field.east_deg": -84.25,
+    "field.lowest_m": 50.0,
+    "field.highest_m": 350.0,
+    "field.height_spacing_m": 50.0,
     "field.spacing_arcmin": 0.08,
-}  # fmt: skip
-RECIPE = MapRecipe("jacksboro", 36.285, 36.30, -84.275, -84.25, 50.0, 350.0, 0.08, 50.0, drape=True)
+}
+RECIPE = MapRecipe(
+    source="jacksboro",
+    south_deg=36.285,
+    north_deg=36.30,
+    west_deg=-84.275,
+    east_deg=-84.25,
+    min_height_m=50.0,
+    max_height_m=350.0,
+    spacing_arcmin=0.08,
+    height_spacing_m=50.0,
+    drape=True,
+)
 
 
 def draped_case(**changes):
     flight = {
-        "trajectory.latitude_deg": 36.29, "trajectory.longitude_deg": -84.268,
-        "trajectory.height_m": None, "trajectory.speed_mps": 40.0, "trajectory.heading_deg": 70.0,
+        "trajectory.latitude_deg": 36.29,
+        "trajectory.longitude_deg": -84.268,
+        "trajectory.height_m": None,
+        "trajectory.speed_mps": 40.0,
+        "trajectory.heading_deg": 70.0,
         "trajectory.segment": [
-            {"kind": "terrain-following", "terrain": "jacksboro_dem_3arcsec.npz",
-             "clearance_m": 150.0, "duration_s": 30.0}
+            {
+                "kind": "terrain-following",
+                "terrain": "jacksboro_dem_3arcsec.npz",
+                "clearance_m": 150.0,
+                "duration_s": 30.0,
+            }
         ],
-    }  # fmt: skip
+    }
     return small_case(AREA | flight | changes)
 
 

@@ -46,9 +46,11 @@ def test_a_map_that_is_written_anew_is_read_anew(tmp_path):
 @pytest.mark.parametrize("source", ["normal", "map.nc"])
 def test_how_a_map_is_built_means_nothing_without_building_one(key, source):
     value = {
-        "land_correction": False, "relief_smoothing_deg": 0.1, "density_kg_m3": 2500.0,
+        "land_correction": False,
+        "relief_smoothing_deg": 0.1,
+        "density_kg_m3": 2500.0,
         "drape": True,
-    }[key]  # fmt: skip
+    }[key]
     with pytest.raises(MapError, match=rf"field.{key} is {value}, which means nothing for source"):
         make_field(FieldSpec.model_validate({"source": source, key: value}))
 

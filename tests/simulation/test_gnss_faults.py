@@ -87,17 +87,25 @@ WRONG = {
     "a ramp of nothing": ({"truth.gnss.ramp_from_s": 5.0}, "give ramp_mps"),
     "a jump of nothing": ({"truth.gnss.jump_until_s": 5.0}, "give jump_m"),
     "a jump that ends first": (
-        {"truth.gnss.jump_m": [1.0, 0.0, 0.0], "truth.gnss.jump_from_s": 5.0,
-         "truth.gnss.jump_until_s": 4.0}, "jump_until_s must be later than jump_from_s",
+        {
+            "truth.gnss.jump_m": [1.0, 0.0, 0.0],
+            "truth.gnss.jump_from_s": 5.0,
+            "truth.gnss.jump_until_s": 4.0,
+        },
+        "jump_until_s must be later than jump_from_s",
     ),
     "a bias of no positions": (
-        {"sensor.roof.kind": "gnss", "sensor.roof.period_s": 1.0,
-         "sensor.roof.velocity_noise_mps": 0.1, "sensor.roof.position_bias_m": 3.0},
+        {
+            "sensor.roof.kind": "gnss",
+            "sensor.roof.period_s": 1.0,
+            "sensor.roof.velocity_noise_mps": 0.1,
+            "sensor.roof.position_bias_m": 3.0,
+        },
         "needs position_noise_m",
     ),
     "a time of no bias": ({"gnss.position_bias_time_s": 3.0}, "needs position_bias_m"),
     "two axes": ({"truth.gnss.jump_m": [1.0, 0.0]}, "jump_m"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", WRONG)

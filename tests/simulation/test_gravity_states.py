@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_cases import GRAVIMETER, ON_BOARD, QUIET, rough_map, small_flight
+from small_cases import GRAVIMETER, ON_BOARD, QUIET, small_flight
 
 from ggbench.errors import GGBenchError
 from ggbench.simulation.flight_bounds import flight_bound
@@ -19,13 +19,6 @@ INTEGRATED = {
     "gradiometer.instrument": "local-level",
 }
 STATES = {"model.disturbance.horizontal_mgal": 40.0, "model.disturbance.vertical_mgal": 20.0}
-
-
-@pytest.fixture(scope="module")
-def rough(tmp_path_factory) -> dict[str, object]:
-    """A field with tens of mGal that are felt."""
-    path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc", rms=300.0)
-    return {"field": {"source": path, "gravity_disturbance": True}}
 
 
 def test_what_the_ins_does_not_know_is_its_error():
@@ -44,11 +37,11 @@ def test_what_the_ins_does_not_know_is_its_error():
     )
 
 
-def test_the_truth_of_the_states_is_what_is_felt_and_not_added(rough):
+def test_the_truth_of_the_states_is_what_is_felt_and_not_added(rough_gravity):
     """Of the map and a constant; less the estimators' map at the same place if that is added."""
     extra = {"truth.field.constant_disturbance_mgal": [10.0, 0.0, 0.0]}
     for compensate in (False, True):
-        changes = rough | STATES | extra | {"model.field.compensate": compensate}
+        changes = rough_gravity | STATES | extra | {"model.field.compensate": compensate}
         flight = small_flight(changes)
         problem, truth = simulate(flight, 1, 0)
         block = next(b for b in problem.layout if b.name == "gravity disturbance ENU")
@@ -68,14 +61,14 @@ def test_the_truth_of_the_states_is_what_is_felt_and_not_added(rough):
     [{"gradiometer": None}, {"gradiometer": None, "model.field.compensate": True}, INTEGRATED],
     ids=["nothing", "map", "gradients"],
 )
-def test_a_gravimeter_reads_the_states(rough, known):
+def test_a_gravimeter_reads_the_states(rough_gravity, known):
     """Its residual at the truth is its noise, within 4 deviations of the mean of 30 runs.
 
     What the INS adds of a map is read from it at the place, what it has integrated is known, and
     what it does not know is the state.
     """
     vector = {"gravimeter.components": ["east", "north", "scalar"], "gravimeter.bias_mgal": 0.0}
-    changes = rough | STATES | GRAVIMETER | vector | {"initial_error.attitude_arcmin": 0.1}
+    changes = rough_gravity | STATES | GRAVIMETER | vector | {"initial_error.attitude_arcmin": 0.1}
     flight = small_flight(changes | known)
     block, truth = simulate_block(flight, 3, range(30))
     squares = []
@@ -107,24 +100,32 @@ def test_the_bound_knows_the_states():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"truth.field.constant_disturbance_mgal": [1.0, 2.0, 3.0]},
-         "constant_disturbance_mgal is felt only with field.gravity_disturbance = true"),
+        (
+            {"truth.field.constant_disturbance_mgal": [1.0, 2.0, 3.0]},
+            "constant_disturbance_mgal is felt only with field.gravity_disturbance = true",
+        ),
         (CONSTANT | {"truth.field.constant_disturbance_mgal": [1.0, 2.0]}, "at least 3 items"),
         (CONSTANT | {"model.disturbance.distance_km": 5.0}, "horizontal_mgal' is missing"),
         (CONSTANT | STATES | {"model.disturbance.distance_km": 0.0}, "must lie between"),
-        (CONSTANT | STATES | INTEGRATED | {"model.disturbance.distance_km": 5.0},
-         "distance_km must not be given"),
+        (
+            CONSTANT | STATES | INTEGRATED | {"model.disturbance.distance_km": 5.0},
+            "distance_km must not be given",
+        ),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer": None} | ON_BOARD, "none is on board"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.instrument": "platform"}, "local-level"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.filter": "butterworth"}, "without delay"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for th"),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "zz"]},
-         "whole tensor, and xx, zz leave some of it open"),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "xy", "xz", "yz"]},
-         "leave some of it open"),
+        (
+            CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "zz"]},
+            "whole tensor, and xx, zz leave some of it open",
+        ),
+        (
+            CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "xy", "xz", "yz"]},
+            "leave some of it open",
+        ),
         (STATES | INTEGRATED, "accelerometers feel none"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused_with_a_sentence(changes, said):
     with pytest.raises(GGBenchError, match=said):
         small_flight(changes)

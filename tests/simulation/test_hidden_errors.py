@@ -75,11 +75,12 @@ def test_the_noise_grows_with_the_motion():
     On a circle of 3°/s at 50 m/s the acceleration is 2.6 m/s²; flown straight, nothing changes.
     """
     circle = {
-        "trajectory.vehicle": "ship", "trajectory.speed_mps": 50.0,
+        "trajectory.vehicle": "ship",
+        "trajectory.speed_mps": 50.0,
         "trajectory.segment": [
             {"kind": "turn", "by_heading_deg": 60.0, "turn_rate_deg_per_s": 3.0}
         ],
-    }  # fmt: skip
+    }
     limits = {
         "truth.gradiometer.noise_doubles_at_deg_per_s": 6.0,
         "truth.gradiometer.noise_doubles_at_mps2": 1.3,

@@ -31,9 +31,16 @@ def test_it_is_what_an_estimator_without_measurements_would_claim():
     np.testing.assert_allclose(found.deviations[0], 50.0)
     np.testing.assert_allclose(found.deviations[-1], np.sqrt(np.diag(cov)[:3]), rtol=0.01)
     assert found.times[-1] == flight.times[-1]
-    aided = small_flight({"initial_error.position_m": 50.0, "gnss.period_s": 1.0,
-                          "gnss.position_noise_m": 3.0, "barometer.period_s": 1.0,
-                          "barometer.noise_m": 3.0, "barometer.bias_m": 5.0})  # fmt: skip
+    aided = small_flight(
+        {
+            "initial_error.position_m": 50.0,
+            "gnss.period_s": 1.0,
+            "gnss.position_noise_m": 3.0,
+            "barometer.period_s": 1.0,
+            "barometer.noise_m": 3.0,
+            "barometer.bias_m": 5.0,
+        }
+    )
     again = ins_error(aided.true, aided.trajectory)
     np.testing.assert_array_equal(again.deviations, found.deviations)
 

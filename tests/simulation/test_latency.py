@@ -38,9 +38,12 @@ def test_a_late_reading_is_the_tensor_of_then(rough, instrument):
     right, late = small_flight(flown), small_flight(flown | {UNKNOWN: 0.3})
     truth, samples = right.trajectory, right.epochs - 3
     then = readings(
-        right.field, truth.positions[samples], truth.times[samples], truth.attitudes[samples],
+        right.field,
+        truth.positions[samples],
+        truth.times[samples],
+        truth.attitudes[samples],
         instrument,
-    )  # fmt: skip
+    )
     on_time, delayed = (simulate(f, 5, 2)[0].measurements for f in (right, late))
     assert np.abs(then - right.noise_free).max() > 0.5
     np.testing.assert_allclose(delayed - on_time, then - right.noise_free, rtol=0.0, atol=1e-8)

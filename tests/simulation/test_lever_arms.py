@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles import assert_as_the_oracle
-from problems import estimator, rng
+from problems import estimator, final_nees, rng
 from small_cases import ON_BOARD, residuals_at_the_truth, rough_map, small_case, small_flight
 
 from ggbench.block import ProblemBlock
@@ -212,14 +212,6 @@ def flown(changes: dict[str, object]) -> tuple[ProblemBlock, Truth]:
     return simulate_block(small_flight(WINDING | changes), 5, range(RUNS))
 
 
-def nees(block: ProblemBlock, truth: Truth, states: list[int]) -> np.ndarray:
-    """NEES of some states at the end of each run (R,), by the EKF."""
-    found = estimator("ekf").estimate_block(block)
-    off = (found.mean - truth.error_state[..., : block.dimension])[:, -1][:, states]
-    cov = found.cov[:, -1][:, states][:, :, states]
-    return np.einsum("ri,ri->r", off, np.linalg.solve(cov, off[..., np.newaxis])[..., 0])
-
-
 def test_a_filter_with_the_states_is_consistent_and_finds_the_arm():
     """Position and arm after turns: NEES within 4 deviations of χ², false alarms 6e-5.
 
@@ -228,7 +220,7 @@ def test_a_filter_with_the_states_is_consistent_and_finds_the_arm():
     """
     states = [0, 1, 2, *range(15, 18)]
     block, truth = flown(UNKNOWN)
-    mean = nees(block, truth, states).mean()
+    mean = final_nees(block, truth, states).mean()
     assert abs(mean - 6.0) < 4.0 * np.sqrt(12.0 / RUNS)
     found = estimator("ekf").estimate_block(block)
     off = (found.mean - truth.error_state)[:, -1, ARM_STATES]
@@ -238,7 +230,7 @@ def test_a_filter_with_the_states_is_consistent_and_finds_the_arm():
     assert np.sqrt((off[:, :2] ** 2).mean()) < 1.0 and (sigma[:, :2] < 1.0).all()
     np.testing.assert_allclose(sigma, np.tile(np.sqrt(np.diag(bound)), (RUNS, 1)), rtol=0.02)
     fooled, truth = flown(UNKNOWN | {"model.gnss.lever_arm_sigma_m": 0.0})
-    assert nees(fooled, truth, [0, 1, 2]).mean() > 3.0 + 4.0 * np.sqrt(6.0 / RUNS)
+    assert final_nees(fooled, truth, [0, 1, 2]).mean() > 3.0 + 4.0 * np.sqrt(6.0 / RUNS)
 
 
 @pytest.mark.parametrize("label", ["ekf", "ukf"])

@@ -79,8 +79,10 @@ def test_a_reading_reaches_the_problem_as_it_was_measured(folder, keys):
 def test_coloured_noise_is_whitened_behind_it(folder, keys):
     """What estimators receive is the whitening of the same readings."""
     white = prepare(small_case(keys).of_run(0))
-    noise = {"gradiometer.noise_eotvos": None,
-             "gradiometer.coloured_noise": str(folder / "noise.json")}  # fmt: skip
+    noise = {
+        "gradiometer.noise_eotvos": None,
+        "gradiometer.coloured_noise": str(folder / "noise.json"),
+    }
     flight = prepare(small_case(keys | noise).of_run(0))
     whitening = NOISE.whitening(flight.times, flight.absent)
     np.testing.assert_array_equal(
@@ -113,8 +115,10 @@ def test_a_missing_reading_is_no_reading(folder, keys, tmp_path):
     rows[gap] = ",".join([*cells[:7], "", *cells[8:]])
     (tmp_path / "gap.csv").write_text("\n".join(rows))
     with_gap = keys | {"trajectory.file": str(tmp_path / "gap.csv"), "trajectory.lines": ["10"]}
-    noise = {"gradiometer.noise_eotvos": None,
-             "gradiometer.coloured_noise": str(folder / "noise.json")}  # fmt: skip
+    noise = {
+        "gradiometer.noise_eotvos": None,
+        "gradiometer.coloured_noise": str(folder / "noise.json"),
+    }
     flight = prepare(small_case(with_gap | noise))
     problem, _ = simulate(flight, 5, 0)
     assert np.flatnonzero(~problem.present.all(axis=1)).tolist() == [9]
@@ -131,8 +135,11 @@ def test_all_lines_are_flown_by_their_times_with_turns_between(folder, keys, tmp
     """Readings on lines only, the turns smooth, of the speeds of the lines' ends; one cluster."""
     rows = (folder / "lines.csv").read_text().splitlines()
     lines = read_lines(str(folder / "lines.csv")).values()
-    day = {"trajectory.lines": [*LINES][::-1], "trajectory.made_up_turns": True,
-           "trajectory.smoothing_s": 4.0}  # fmt: skip
+    day = {
+        "trajectory.lines": [*LINES][::-1],
+        "trajectory.made_up_turns": True,
+        "trajectory.smoothing_s": 4.0,
+    }
     whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
     sooner = [row.split(",") for row in rows[1:]]  # lines 200 s apart instead of 1000 s
     for cells in sooner:
@@ -190,8 +197,10 @@ def test_a_key_is_of_the_content_of_the_files(folder, keys, tmp_path):
     noise = {"gradiometer.noise_eotvos": None}
 
     def key(place: Path, change: dict[str, Any] | None = None) -> str:
-        files = {"trajectory.file": str(place / "lines.csv"),
-                 "gradiometer.coloured_noise": str(place / "noise.json")}  # fmt: skip
+        files = {
+            "trajectory.file": str(place / "lines.csv"),
+            "gradiometer.coloured_noise": str(place / "noise.json"),
+        }
         case = small_case(keys | noise | files | (change or {}))
         assert {file["name"] for file in input_files([case])} >= {"lines.csv", "noise.json"}
         return result_keys.problem_key(case, 5)
@@ -212,9 +221,11 @@ def gravity(keys, tmp_path):
     path.write_text("\n".join(",".join(both) for both in zip(rows, read, strict=True)))
     flown = {key: value for key, value in keys.items() if not key.startswith("gradiometer")}
     sensor = {"period_s": 2.0, "noise_mgal": 0.5, "bias_mgal": 3.0, "readings": "measured"}
-    return flown | {"gradiometer": None, "trajectory.file": str(path)} | {
-        f"gravimeter.{key}": value for key, value in sensor.items()
-    }  # fmt: skip
+    return (
+        flown
+        | {"gradiometer": None, "trajectory.file": str(path)}
+        | {f"gravimeter.{key}": value for key, value in sensor.items()}
+    )
 
 
 def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
@@ -227,9 +238,13 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
     assert other_conditions([measured]) == "gravimeter measured every 2 s"
     assert "with its real errors" in map_conditions(measured)
     exact = small_case(
-        gravity | {"gravimeter.readings": "simulated", "gravimeter.noise_mgal": 1e-6,
-                   "truth.gravimeter.bias_mgal": 0.0}
-    )  # fmt: skip
+        gravity
+        | {
+            "gravimeter.readings": "simulated",
+            "gravimeter.noise_mgal": 1e-6,
+            "truth.gravimeter.bias_mgal": 0.0,
+        }
+    )
     flight, plain = (prepare(case.of_run(0)) for case in (measured, exact))
     rows = read_lines(gravity["trajectory.file"])["10"]
     read = rows.readings["disturbance"][rows.middle(MIDDLE)][2::2]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from oracles import assert_as_the_oracle
-from problems import estimator, rng
-from small_cases import GRAVIMETER, ON_BOARD, TINY, rough_map, small_case, small_flight
+from problems import estimator, final_nees, rng
+from small_cases import GRAVIMETER, ON_BOARD, TINY, small_case, small_flight
 
 from ggbench.block import ProblemBlock
 from ggbench.errors import GGBenchError
@@ -24,11 +22,6 @@ TURNING = {
 }
 MOUNTS = ("local-level", "platform", "strapdown")
 RUNS = 24
-
-
-@pytest.fixture(scope="module")
-def rough(tmp_path_factory) -> str:
-    return rough_map(tmp_path_factory.mktemp("map") / Path("rough.nc"))
 
 
 def flown(rough: str, mount: str, changes: dict[str, object]) -> Flight:
@@ -139,14 +132,6 @@ LEFT = {
 """RMS error of the angles at the end, over that of the prior."""
 
 
-def nees(block: ProblemBlock, truth: Truth, states: list[int]) -> np.ndarray:
-    """NEES of some states at the end of each run (R,), by the EKF."""
-    found = estimator("ekf").estimate_block(block)
-    off = (found.mean - truth.error_state[..., : block.dimension])[:, -1][:, states]
-    cov = found.cov[:, -1][:, states][:, :, states]
-    return np.einsum("ri,ri->r", off, np.linalg.solve(cov, off[..., np.newaxis])[..., 0])
-
-
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_a_filter_with_the_states_is_consistent_and_finds_the_angles(rough, mount):
     """Position and angles: NEES within 4 deviations of χ², false alarms 6e-5.
@@ -157,7 +142,7 @@ def test_a_filter_with_the_states_is_consistent_and_finds_the_angles(rough, moun
     """
     flight = flown(rough, mount, NOISY)
     block, truth = simulate_block(flight, 5, range(RUNS))
-    mean = nees(block, truth, [0, 1, 2, *range(15, 18)]).mean()
+    mean = final_nees(block, truth, [0, 1, 2, *range(15, 18)]).mean()
     assert abs(mean - 6.0) < 4.0 * np.sqrt(12.0 / RUNS)
     found = estimator("ekf").estimate_block(block)
     sigma = np.sqrt(np.diagonal(found.cov, axis1=2, axis2=3))[:, -1, ANGLES]
@@ -169,7 +154,7 @@ def test_a_filter_with_the_states_is_consistent_and_finds_the_angles(rough, moun
     np.testing.assert_allclose(sigma.mean(axis=0), bound, rtol=0.05)
     believed = flown(rough, mount, NOISY | {"model.gradiometer.mounting_sigma_arcmin": 0.0})
     fooled = simulate_block(believed, 5, range(RUNS))
-    assert nees(*fooled, [0, 1, 2]).mean() > 3.0 + 4.0 * np.sqrt(6.0 / RUNS)
+    assert final_nees(*fooled, [0, 1, 2]).mean() > 3.0 + 4.0 * np.sqrt(6.0 / RUNS)
 
 
 EVERYTHING = (
@@ -191,8 +176,10 @@ def test_engines_carry_the_states_as_the_frameworks_do(rough, label, mount):
     block, _ = simulate_block(flown(rough, mount, EVERYTHING | NOISY | field), 5, range(2))
     names = [b.name for b in block.layout]
     assert names[5:8] == [
-        "gravity disturbance ENU", "gradiometer mounting error", "gradiometer bias",
-    ]  # fmt: skip
+        "gravity disturbance ENU",
+        "gradiometer mounting error",
+        "gradiometer bias",
+    ]
     assert_as_the_oracle(label, block)
 
 

@@ -54,8 +54,11 @@ def test_channels_and_biases_are_in_the_order_of_the_kinds_then_of_the_names():
     sensors = list(dict.fromkeys(channel.sensor for channel in problem.channels))
     assert sensors == ["gradiometer", *KINDS[:3], *NAMES]
     assert [block.name for block in problem.layout][5:] == [
-        "velocity log bias", "barometer bias", "sea level bias", "water track bias",
-    ]  # fmt: skip
+        "velocity log bias",
+        "barometer bias",
+        "sea level bias",
+        "water track bias",
+    ]
     assert list(flight.case.periods) == sensors
     for sensor, period in flight.case.periods.items():
         there = problem.present[:, places(problem, sensor)].all(axis=1)
@@ -83,10 +86,12 @@ def test_a_bias_is_felt_by_its_own_sensor_alone():
     felt = {
         name: jacobian[places(problem, sensor)]
         for name, sensor in (
-            ("velocity log bias", "velocity_log"), ("barometer bias", "barometer"),
-            ("sea level bias", "sea_level"), ("water track bias", "water_track"),
+            ("velocity log bias", "velocity_log"),
+            ("barometer bias", "barometer"),
+            ("sea level bias", "sea_level"),
+            ("water track bias", "water_track"),
         )
-    }  # fmt: skip
+    }
     assert not jacobian[places(problem, "stern") + places(problem, "bow_2")].any()
     for name, rows in felt.items():
         own = slice(blocks[name].start - biases.start, blocks[name].stop - biases.start)
@@ -150,9 +155,9 @@ def test_two_logs_alike_have_biases_outliers_and_dropouts_of_their_own():
     log |= {"velocity_log.period_s": 0.5}
     struck = {"dropout_share": 0.5, "outlier_share": 0.5, "outlier_mps": 1e6}
     faults = {f"truth.velocity_log.{key}": x for key, x in struck.items()}
-    twin = {
-        key.replace("velocity_log", "sensor.twin"): x for key, x in (log | faults).items()
-    } | {"sensor.twin.kind": "velocity_log"}  # fmt: skip
+    twin = {key.replace("velocity_log", "sensor.twin"): x for key, x in (log | faults).items()} | {
+        "sensor.twin.kind": "velocity_log"
+    }
     problem, truth = simulate(small_flight(log | faults | twin), 1, 0)
     blocks = {block.name: truth.error_state[:, block.slice] for block in problem.layout}
     apart = np.abs(blocks["velocity log bias"] - blocks["twin bias"])
@@ -250,8 +255,10 @@ def test_two_receivers_alike_are_worth_one_of_less_noise():
         apart = (found - expected) / (sigma[:, :, None] * sigma[:, None, :])
         assert np.abs(apart).max() < 1e-9
     alone = flight_bound(small_flight(own))
-    assert (np.trace(alone.filtering[:, :3, :3], axis1=1, axis2=2)
-            > 1.1 * np.trace(two.filtering[:, :3, :3], axis1=1, axis2=2)).all()  # fmt: skip
+    assert (
+        np.trace(alone.filtering[:, :3, :3], axis1=1, axis2=2)
+        > 1.1 * np.trace(two.filtering[:, :3, :3], axis1=1, axis2=2)
+    ).all()
 
 
 # The file.

@@ -209,8 +209,9 @@ def test_gravity_disturbance_drives_the_ins(wang):
             update={"field": wang.case.field.model_copy(update={"gravity_disturbance": True})}
         )
     )
-    normal = dataclasses.replace(real, delta_velocities=wang.delta_velocities,
-                                 delta_angles=wang.delta_angles)  # fmt: skip
+    normal = dataclasses.replace(
+        real, delta_velocities=wang.delta_velocities, delta_angles=wang.delta_angles
+    )
     drift = simulate(real, 1, 0)[1].error_state - simulate(normal, 1, 0)[1].error_state
     felt = real.field.gravity_disturbance(*real.trajectory.positions[real.epochs].T)
     # The INS attributes the missing gravity to itself: δv' = −δg, integrated twice.
@@ -314,8 +315,14 @@ def leaks(problem: Problem, flight: Flight, truth: Truth) -> list[str]:
         "gyro increments": flight.delta_angles,
     }
     fingerprints = {name: set(np.ravel(a).tolist()) - {0.0} for name, a in fingerprints.items()}
-    forbidden = (Truth, Flight, Trajectory, np.random.Generator, np.random.BitGenerator,
-                 np.random.SeedSequence)  # fmt: skip
+    forbidden = (
+        Truth,
+        Flight,
+        Trajectory,
+        np.random.Generator,
+        np.random.BitGenerator,
+        np.random.SeedSequence,
+    )
     found = []
     for item in reachable(problem):
         if isinstance(item, forbidden):

@@ -50,16 +50,19 @@ def test_a_case_survives_the_store():
     cases += [
         small_case(ROTATING),
         small_case(
-            ROTATING | {"truth.gradiometer.rotating.scale_factor_ppm": 10.0,
-                        "gradiometer.rotating.spin_axes": ["y", "z"]}
+            ROTATING
+            | {
+                "truth.gradiometer.rotating.scale_factor_ppm": 10.0,
+                "gradiometer.rotating.spin_axes": ["y", "z"],
+            }
         ),
         small_case({"truth.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1}),
         small_case({"field.source": "a.nc", "model.field.error": {"density_factor": 1.1}}),
         small_case(
-            SEVERAL | {"truth.sensor.stern.dropouts_s": [[1.0, 2.0]],
-                       "model.sensor.sea_level.bias_m": 0.0}
+            SEVERAL
+            | {"truth.sensor.stern.dropouts_s": [[1.0, 2.0]], "model.sensor.sea_level.bias_m": 0.0}
         ),
-    ]  # fmt: skip
+    ]
     for case in cases:
         again = CaseSpec.model_validate_json(case.model_dump_json())
         assert again == case
@@ -119,19 +122,21 @@ OF_THE_MODEL: dict[str, tuple[dict[str, Any], str]] = {
     "bias": ({"model.gradiometer.bias_eotvos": 0.1}, "prior_cov"),
     "drift": ({"model.gradiometer.drift_eotvos_per_sqrt_h": 1.0}, "process_cov"),
     "noise behind the filter": (
-        {"model.gradiometer.noise_behind_filter_eotvos": 0.01}, "noise_cov",
+        {"model.gradiometer.noise_behind_filter_eotvos": 0.01},
+        "noise_cov",
     ),
     "gyro bias": ({"model.imu.gyro_bias_deg_per_h": 0.1}, "prior_cov"),
     "gyro noise": ({"model.imu.gyro_noise_deg_per_sqrt_h": 0.05}, "process_cov"),
     "accelerometer bias": ({"model.imu.accelerometer_bias_ug": 5000.0}, "prior_cov"),
     "accelerometer noise": (
-        {"model.imu.accelerometer_noise_ug_per_sqrt_hz": 1000.0}, "process_cov",
+        {"model.imu.accelerometer_noise_ug_per_sqrt_hz": 1000.0},
+        "process_cov",
     ),
     "gyro drift": ({"model.imu.gyro_bias_time_s": 10.0}, "transition"),
     "accelerometer drift": ({"model.imu.accelerometer_bias_time_s": 10.0}, "process_cov"),
     "position": ({"model.initial_error.position_m": 50.0}, "prior_cov"),
     "height": ({"model.initial_error.height_m": 50.0}, "prior_cov"),
-}  # fmt: skip
+}
 BELIEFS = ("noise_cov", "prior_mean", "prior_cov", "transition", "process_cov")
 
 
@@ -231,10 +236,12 @@ def test_each_statement_of_the_noise_replaces_the_other(side, tmp_path):
     )
     assert reverse.side(side).gradiometer.noise_eotvos == 0.3
     path = tmp_path / "small.toml"
-    path.write_text(SMALL + f"{side}.gradiometer.noise_eotvos = 0.3\n[[case]]\n"
-                    'name = "density"\ntitle = "as a density"\n'
-                    "gradiometer.noise_density_eotvos_per_sqrt_hz = 0.4\n"
-                    f"{side}.gradiometer.noise_density_eotvos_per_sqrt_hz = 0.5\n")  # fmt: skip
+    path.write_text(
+        SMALL + f"{side}.gradiometer.noise_eotvos = 0.3\n[[case]]\n"
+        'name = "density"\ntitle = "as a density"\n'
+        "gradiometer.noise_density_eotvos_per_sqrt_hz = 0.4\n"
+        f"{side}.gradiometer.noise_density_eotvos_per_sqrt_hz = 0.5\n"
+    )
     noisy, density_case = scenario.load(str(path)).cases[1:]
     assert noisy.side(side).gradiometer.noise_eotvos == 0.3
     assert density_case.gradiometer.noise_density_eotvos_per_sqrt_hz == 0.4
@@ -431,8 +438,13 @@ def test_a_problem_is_its_maps_content_wherever_they_lie(tmp_path):
 def test_every_error_of_a_model_map_is_another_problem():
     """Two maps from one file that are degraded differently are not confused."""
     base = {"field.source": "egm2008_qinling"}
-    errors = ({}, {"density_factor": 1.1}, {"white_noise_eotvos": 1.0},
-              {"white_noise_eotvos": 1.0, "seed": 2}, {"resolution_km": 1.0})  # fmt: skip
+    errors = (
+        {},
+        {"density_factor": 1.1},
+        {"white_noise_eotvos": 1.0},
+        {"white_noise_eotvos": 1.0, "seed": 2},
+        {"resolution_km": 1.0},
+    )
     cases = [
         small_case(base | ({f"{side}.field.error": error} if error else {}))
         for side in ("truth", "model")

@@ -9,88 +9,33 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
-from types import SimpleNamespace
 from typing import Any, get_args, get_origin
 
 import astropy.units as u
 import numpy as np
 import pytest
-from astropy.constants import g0
+from key_units import E, si, unit_of
 from pydantic import BaseModel
 from small_cases import (
     GRAVIMETER,
     ON_BOARD,
     ROTATING,
-    blank_map,
-    rough_map,
-    small_case,
     small_flight,
 )
-from small_noise import survey
+from test_units_of_flights import ERROR, FIELD, MOVES, SEGMENT, SIDES, TRACK, TRAJECTORY
 from thinning import thinned
 
-from ggbench.gravity import parker
-from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.ins.error_model import added_by
 from ggbench.ins.system_matrix import DECAY
-from ggbench.judging import convergence
-from ggbench.judging.run_errors import window_mask
-from ggbench.maps import recipe
 from ggbench.sensors.aiding import Motion, position_error
-from ggbench.simulation import field_source
 from ggbench.simulation.error_free_flight import Flight, gradiometer_places
 from ggbench.simulation.runs import simulate
 from ggbench.simulation.sensor_suite import SensorSuite
 from ggbench.spec.aiding import KINDS
 from ggbench.spec.axes import SweepSpec
 from ggbench.spec.campaign import CampaignSpec
-from ggbench.spec.case import CaseSpec, WindowsSpec
+from ggbench.spec.case import CaseSpec
 from ggbench.spec.named_sensors import NamedSensors
-from ggbench.spec.segments import SegmentSpec
-from ggbench.spec.trajectory import TrajectorySpec
-from ggbench.trajectory import moved_track
-
-EOTVOS = 1e-9 / u.s**2
-SUFFIXES = {
-    "kg_m3": u.kg / u.m**3,
-    "deg_per_sqrt_h": u.deg / u.hour**0.5,
-    "deg_per_h": u.deg / u.hour,
-    "deg_per_s": u.deg / u.s,
-    "ug_per_sqrt_hz": 1e-6 * g0 / u.Hz**0.5,
-    "ng_per_sqrt_hz": 1e-9 * g0 / u.Hz**0.5,
-    "eotvos_per_sqrt_hz": EOTVOS / u.Hz**0.5,
-    "eotvos_per_sqrt_h": EOTVOS / u.hour**0.5,
-    "m_per_sqrt_hz": u.m / u.Hz**0.5,
-    "ppm_per_sqrt_h": 1e-6 / u.hour**0.5,
-    "arcmin": u.arcmin,
-    "mgal": 1e-5 * u.m / u.s**2,
-    "eotvos": EOTVOS,
-    "ppm": 1e-6 * u.one,
-    "mps2": u.m / u.s**2,
-    "mps": u.m / u.s,
-    "deg": u.deg,
-    "hz": u.Hz,
-    "ug": 1e-6 * g0,
-    "km": u.km,
-    "m": u.m,
-    "s": u.s,
-}
-"""Endings of keys, the longer ones first."""
-
-
-def unit_of(key: str) -> Any:
-    """The unit that a key names, None if it names none."""
-    return next((unit for end, unit in SUFFIXES.items() if key.endswith(f"_{end}")), None)
-
-
-def si(key: str, value: Any) -> Any:
-    """A value of a key, or a list of values, in SI units, by astropy."""
-    return (value * unit_of(key)).si.value
-
-
-E = 1e-9
-"""What the package's numbers of gradients are in SI: they alone are kept in another unit."""
-
 
 # Sensors and initial errors: what a flight has.
 
@@ -118,8 +63,10 @@ def noise(f: Flight, e: SensorSuite) -> float:
 
 def walk(f: Flight, e: SensorSuite) -> float:
     """The root of what Q adds to a bias of the gradiometer in a second."""
-    still = Motion(*(a[:11] for a in (f.trajectory.positions, f.trajectory.velocities)),
-                   f.trajectory.attitudes[:11])  # fmt: skip
+    still = Motion(
+        *(a[:11] for a in (f.trajectory.positions, f.trajectory.velocities)),
+        f.trajectory.attitudes[:11],
+    )
     _, q = e.system(still, np.zeros((10, 3)), np.array([10]), 0.1)
     return E * math.sqrt(q[0, 15, 15])
 
@@ -213,7 +160,9 @@ SHARED: dict[str, Row] = {
     "gradiometer.noise_eotvos": (0.7, noise),
     # N² = D² f / 2, f = 1 Hz.
     "gradiometer.noise_density_eotvos_per_sqrt_hz": (
-        0.3, lambda f, e: noise(f, e) * math.sqrt(2.0), DENSITY,
+        0.3,
+        lambda f, e: noise(f, e) * math.sqrt(2.0),
+        DENSITY,
     ),
     "gradiometer.bias_eotvos": (0.9, lambda f, e: E * math.sqrt(e.prior_cov[15, 15])),
     "gradiometer.drift_eotvos_per_sqrt_h": (6.0, walk),
@@ -221,11 +170,14 @@ SHARED: dict[str, Row] = {
     "gradiometer.noise_behind_filter_eotvos": (0.004, behind, FILTERED),
     "gradiometer.latency_s": (0.3, lambda f, e: e.gradiometer.latency),
     "gradiometer.filter_cutoff_hz": (
-        0.3, lambda f, e: e.gradiometer.lowpass.cutoff_hz, FILTERED,
+        0.3,
+        lambda f, e: e.gradiometer.lowpass.cutoff_hz,
+        FILTERED,
     ),
     "gradiometer.rotating.baseline_m": (0.3, lambda f, e: f.disks.instrument.baseline),
     "gradiometer.rotating.rotation_hz": (
-        1.5, lambda f, e: f.disks.instrument.rotation_rate_hz,
+        1.5,
+        lambda f, e: f.disks.instrument.rotation_rate_hz,
     ),
     "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz": (0.2, accelerometer, ROTATING),
     "gnss.period_s": (2.0, sensor("gnss", lambda s: s.period), ON_BOARD),
@@ -234,7 +186,9 @@ SHARED: dict[str, Row] = {
     "gnss.velocity_noise_mps": (0.07, channel("velocity U"), ON_BOARD),
     "gnss.position_bias_m": (2.5, bias("gnss bias"), ON_BOARD),
     "gnss.position_bias_time_s": (
-        45.0, sensor("gnss", lambda s: s.bias_time), ON_BOARD | {"gnss.position_bias_m": 2.5},
+        45.0,
+        sensor("gnss", lambda s: s.bias_time),
+        ON_BOARD | {"gnss.position_bias_m": 2.5},
     ),
     "gnss.lever_arm_m": ([1.0, 2.0, 3.0], sensor("gnss", lambda s: s.lever), ON_BOARD),
     "gnss.lever_arm_sigma_m": (1.5, bias("gnss lever arm error"), ON_BOARD),
@@ -250,7 +204,7 @@ SHARED: dict[str, Row] = {
     "gravimeter.noise_mgal": (0.8, channel("gravity scalar"), WEIGHING),
     "gravimeter.bias_mgal": (0.6, bias("gravimeter bias"), WEIGHING),
     "gravimeter.bias_time_s": (80.0, sensor("gravimeter", lambda s: s.bias_time), WEIGHING),
-}  # fmt: skip
+}
 """Value, where it is in use, and what must be said besides."""
 
 DISKS = ROTATING | {"truth.gradiometer.rotating.scale_factor_mismatch_ppm": 1.0}
@@ -361,9 +315,7 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
             yield prefix + name
 
 
-KEYS = {
-    *keys_of(CaseSpec), *keys_of(CampaignSpec, "campaign."), *keys_of(SweepSpec, "sweep."),
-}  # fmt: skip
+KEYS = {*keys_of(CaseSpec), *keys_of(CampaignSpec, "campaign."), *keys_of(SweepSpec, "sweep.")}
 NAMED = {
     f"{side}sensor.{OWN}{key}": (f"{side}{key}", row, sides)
     for rows, ways in (
@@ -382,11 +334,6 @@ SENSORS = {
     **{f"truth.{key}": (row, ("true",)) for key, row in OF_THE_TRUTH.items()},
     **{f"model.{key}": (row, ("model",)) for key, row in OF_THE_MODEL.items()},
 }
-
-
-@pytest.fixture(scope="module")
-def rough(tmp_path_factory) -> str:
-    return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
 
 
 @thinned("key", SENSORS)
@@ -476,214 +423,6 @@ def test_constant_disturbance():
     assert found == pytest.approx([si(key, value) for value in (10.0, -20.0, 30.0)])
 
 
-# The flight.
-
-TRAJECTORY: dict[str, tuple[float, Callable[[Any], float]]] = {
-    "trajectory.latitude_deg": (34.0, lambda t: t.positions[0, 0]),
-    "trajectory.longitude_deg": (-107.0, lambda t: t.positions[0, 1]),
-    "trajectory.height_m": (9000.0, lambda t: t.positions[0, 2]),
-    "trajectory.speed_mps": (120.0, lambda t: float(np.linalg.norm(t.velocities[0]))),
-    "trajectory.heading_deg": (50.0, lambda t: math.atan2(*t.velocities[0, :2])),
-    "trajectory.pitch_deg": (4.0, lambda t: math.asin(t.attitudes[0, 2, 1])),
-    "trajectory.roll_deg": (
-        -6.0, lambda t: math.atan2(-t.attitudes[0, 2, 0], t.attitudes[0, 2, 2]),
-    ),
-}  # fmt: skip
-MOVES = ["trajectory.shift_east_km", "trajectory.shift_north_km", "trajectory.turn_deg"]
-TRACK = {"trajectory.max_gap_s": "gap", "trajectory.max_acceleration_mps2": "acceleration",
-         "trajectory.smoothing_s": "smoothing"}  # fmt: skip
-TURN = {"kind": "turn", "by_heading_deg": 90.0}
-CLIMB = {"kind": "climb", "by_height_m": 100.0, "climb_angle_deg": 3.0}
-TERRAIN = {"kind": "terrain-following", "terrain": "t", "clearance_m": 90.0, "duration_s": 60.0}
-WAYPOINT = {"kind": "waypoint", "bank_deg": 10.0}
-SEGMENT: dict[str, tuple[float, dict[str, Any], str]] = {
-    "duration_s": (33.0, {"kind": "cruise"}, "duration"),
-    "distance_km": (12.0, {"kind": "cruise"}, "distance"),
-    "turn_rate_deg_per_s": (2.0, {"duration_s": 10.0}, "turn_rate"),
-    "acceleration_mps2": (0.4, {"duration_s": 10.0}, "acceleration"),
-    "climb_rate_deg_per_s": (0.3, {"duration_s": 10.0}, "climb_rate"),
-    "to_height_m": (500.0, CLIMB | {"by_height_m": None}, "to"),
-    "by_height_m": (-50.0, CLIMB, "by"),
-    "climb_angle_deg": (4.0, CLIMB, "angle"),
-    "vertical_speed_mps": (2.5, CLIMB | {"climb_angle_deg": None}, "vertical_speed"),
-    "max_vertical_acceleration_mps2": (1.5, CLIMB, "vertical_acceleration"),
-    "to_heading_deg": (200.0, {"kind": "turn", "bank_deg": 10.0}, "to"),
-    "by_heading_deg": (-75.0, {"kind": "turn", "bank_deg": 10.0}, "by"),
-    "bank_deg": (15.0, TURN, "bank"),
-    "radius_m": (4000.0, TURN, "radius"),
-    "latitude_deg": (48.0, {**WAYPOINT, "longitude_deg": 11.0}, "latitude"),
-    "longitude_deg": (11.0, {**WAYPOINT, "latitude_deg": 48.0}, "longitude"),
-    "to_speed_mps": (70.0, {"kind": "speed", "acceleration_mps2": 1.0}, "to"),
-    "clearance_m": (80.0, TERRAIN, "clearance"),
-    "lowest_m": (450.0, TERRAIN, "lowest"),
-    "geoid_height_m": (-31.0, TERRAIN, "zero_level"),
-    "max_climb_angle_deg": (8.0, TERRAIN, "climb_angle"),
-}
-"""Value, the other keys of a segment, and the attribute of the manoeuvre that is flown."""
-SEGMENT_TWICE: dict[str, tuple[float, dict[str, Any], str]] = {
-    "turn_rate_deg_per_s": (3.0, TURN, "rate"),
-    "acceleration_mps2": (0.7, {"kind": "speed", "to_speed_mps": 70.0}, "acceleration"),
-    "duration_s": (50.0, TERRAIN, "duration"),
-    "distance_km": (9.0, TERRAIN | {"duration_s": None}, "distance"),
-    "max_vertical_acceleration_mps2": (1.2, TERRAIN, "vertical_acceleration"),
-}
-"""Keys that another kind of segment has, too."""
-
-
-@pytest.mark.parametrize("key", TRAJECTORY)
-def test_start(key):
-    value, read = TRAJECTORY[key]
-    flight = small_flight({key: value})
-    assert read(flight.trajectory) == pytest.approx(si(key, value), rel=1e-9)
-
-
-@pytest.mark.parametrize("key", TRACK)
-def test_tracks(key):
-    limits = TrajectorySpec(file="track.csv", **{key.partition(".")[2]: 3.5}).track_limits()
-    assert getattr(limits, TRACK[key]) == pytest.approx(si(key, 3.5))
-
-
-@pytest.mark.parametrize("key", MOVES)
-def test_moves_of_a_track(key, tmp_path, monkeypatch):
-    """The move, in metres and radians, that a track is given."""
-    times = range(0, 40, 2)
-    rows = (f"{t},{46.0 + 1e-3 * t:.4f},8.0,1000" for t in times)
-    path = tmp_path / "track.csv"
-    path.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows]))
-    moves: list[tuple[float, ...]] = []
-    monkeypatch.setattr(moved_track, "moved_track", lambda track, *move: moves.append(move))
-    TrajectorySpec(file=str(path), **{key.partition(".")[2]: 3.5}).track()
-    (move,) = moves
-    assert move[MOVES.index(key)] == pytest.approx(si(key, 3.5))
-    assert np.count_nonzero(move) == 1
-
-
-def test_the_middle_of_survey_lines(tmp_path):
-    path = survey(tmp_path / "lines.csv")
-    spec = TrajectorySpec(file=path, lines=("30",), middle_s=7.0)
-    assert spec.duration_s == pytest.approx(si("trajectory.middle_s", 7.0))
-
-
-@pytest.mark.parametrize(
-    ("key", "row"), [*SEGMENT.items(), *SEGMENT_TWICE.items()], ids=lambda x: str(x)[:30]
-)
-def test_segments(key, row):
-    value, others, attribute = row
-    given = {name: x for name, x in (others | {key: value}).items() if x is not None}
-    manoeuvre = SegmentSpec(**given).manoeuvre()
-    assert getattr(manoeuvre, attribute) == pytest.approx(si(key, value), rel=1e-12)
-
-
-# Maps.
-
-MAP = {
-    "field.source": "jacksboro", "field.south_deg": 36.20, "field.north_deg": 36.30,
-    "field.west_deg": -84.30, "field.east_deg": -84.20, "field.lowest_m": 1200.0,
-    "field.highest_m": 1500.0, "field.spacing_arcmin": 0.05, "field.height_spacing_m": 50.0,
-    "field.relief_smoothing_deg": 0.001, "field.density_kg_m3": 2500.0,
-}  # fmt: skip
-FIELD: dict[str, Callable[[Any], float]] = {
-    "south_deg": lambda made: made.latitude[0],
-    "north_deg": lambda made: made.latitude[-1],
-    "west_deg": lambda made: made.longitude[0],
-    "east_deg": lambda made: made.longitude[-1],
-    "lowest_m": lambda made: made.height[0],
-    "highest_m": lambda made: made.height[-1],
-    "spacing_arcmin": lambda made: made.latitude[1] - made.latitude[0],
-    "height_spacing_m": lambda made: made.height[1] - made.height[0],
-    "relief_smoothing_deg": lambda made: made.smoothing,
-    "density_kg_m3": lambda made: made.density,
-}
-ERROR: dict[str, tuple[float, str, float]] = {
-    "resolution_km": (2.0, "resolution_m", 1.0),
-    "white_noise_eotvos": (0.3, "white_noise_eotvos", E),
-    "correlated_noise_eotvos": (0.4, "correlated_noise_eotvos", E),
-    "correlation_km": (5.0, "correlation_m", 1.0),
-}
-"""Value, where it is in use, and what that is in SI units."""
-SIDES = ("", "truth.", "model.")
-
-
-@pytest.mark.parametrize("side", SIDES)
-def test_maps(side, monkeypatch):
-    """What the masses of a terrain are asked for: nodes, density, and the smoothing of its relief.
-
-    A Gaussian of the terrain's own steps, whose length is that of its latitudes.
-    """
-    case = small_case({side + key if side else key: value for key, value in MAP.items()})
-    made = SimpleNamespace()
-
-    def record(terrain, latitude, longitude, height, options, *_):
-        made.latitude, made.longitude, made.height = latitude, longitude, height
-        made.density = options.density
-        shape = (len(latitude), len(longitude))
-        made.smoothing = made.sigma * math.radians(terrain.latitude_step_deg)
-        for _ in height:
-            yield np.zeros((*shape, 6)), np.zeros((*shape, 3))
-
-    def smooth(heights, sigma, mode):
-        made.sigma = sigma[0]
-        return heights
-
-    monkeypatch.setattr(parker, "terrain_layers", record)
-    monkeypatch.setattr("scipy.ndimage.gaussian_filter", smooth)
-    for name in ("truth", "model"):
-        if side in ("", f"{name}."):
-            recipe.build(field_source.map_recipe(case.side(name).field))
-            for key, read in FIELD.items():
-                expected = si(key, MAP[f"field.{key}"])
-                assert read(made) == pytest.approx(expected, rel=1e-9), key
-
-
-@pytest.mark.parametrize("side", SIDES)
-def test_errors_of_maps(side, monkeypatch, tmp_path):
-    """What a map is degraded by."""
-    path = tmp_path / "map.nc"
-    recipe.write(path, blank_map())
-    error = {key: value for key, (value, *_) in ERROR.items()}
-    case = small_case({"field.source": str(path), f"{side}field.error": error})
-    seen = []
-    monkeypatch.setattr(field_source, "degrade", lambda found, d: seen.append(d) or found)
-    for name in ("truth", "model"):
-        field_source._make.cache_clear()
-        field_source.make_field(case.side(name).field)
-    assert len(seen) == (1 if side else 2)
-    for degradation in seen:
-        for key, (value, attribute, unit) in ERROR.items():
-            found = unit * getattr(degradation, attribute)
-            assert found == pytest.approx(si(key, value), rel=1e-12), key
-
-
-def test_draws():
-    """The farthest of 1000 tracks from the declared start and heading is that of the limits."""
-    drawn = {"start_km": 2.0, "heading_deg": 30.0}
-    case = small_case(
-        {f"draw.{key}": value for key, value in drawn.items()} | {"draw.tracks": 1000}
-    )
-    declared = case.trajectory.start()
-    starts = [case.of_run(run).trajectory.start() for run in range(1000)]
-    metres = metres_per_radian(declared.position)
-    moved = [np.abs((s.position - declared.position)[:2] * metres).max() for s in starts]
-    turned = [abs(s.heading - declared.heading) for s in starts]
-    assert max(moved) == pytest.approx(si("start_km", 2.0), rel=0.01)
-    assert max(turned) == pytest.approx(si("heading_deg", 30.0), rel=0.01)
-
-
-# Judging.
-
-
-def test_windows():
-    """Which epochs count, and which errors have converged."""
-    times = np.arange(1, 1001) * 0.1
-    windows = WindowsSpec(settled_from_s=40.0, last_s=12.0, required_m=30.0)
-    settled, last = (times[window_mask(times, windows, name)] for name in ("settled", "last20"))
-    assert settled[0] == pytest.approx(si("settled_from_s", 40.0))
-    assert last[0] == pytest.approx(times[-1] - si("last_s", 12.0) + 0.1)
-    errors = si("required_m", 30.0) * np.array([[0.999], [1.001]]) * np.ones((1, 1000))
-    found, _ = convergence.judge(errors, np.full((2, 3), np.nan), times, windows.required_m)
-    assert np.isfinite(found).tolist() == [True, False]
-
-
 # Completeness.
 
 ONLY_SHOWN = {"reference.position_mrse_m", "reference.velocity_mrse_mps", "sweep.targets_m"}
@@ -706,17 +445,24 @@ WITHOUT_UNIT = {
 def test_every_number_has_a_row():
     """A key that is new names its unit, and has a row above, or is said to have none."""
     rows = {
-        *SENSORS, *TRAJECTORY, *TRACK, *MOVES, "trajectory.middle_s",
+        *SENSORS,
+        *TRAJECTORY,
+        *TRACK,
+        *MOVES,
+        "trajectory.middle_s",
         *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *KINDS)),
         "truth.field.constant_disturbance_mgal",
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
-        "draw.start_km", "draw.heading_deg",
+        "draw.start_km",
+        "draw.heading_deg",
         *(f"windows.{key}" for key in ("settled_from_s", "last_s", "required_m")),
-        *ONLY_SHOWN, *IN_SECONDS, *NAMED,
+        *ONLY_SHOWN,
+        *IN_SECONDS,
+        *NAMED,
         *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in KINDS),
-    }  # fmt: skip
+    }
     assert rows | WITHOUT_UNIT == KEYS
     assert [key for key in rows if unit_of(key) is None] == []
     assert [key for key in WITHOUT_UNIT if unit_of(key) is not None] == []

@@ -15,11 +15,19 @@ PAGE = Path(__file__).parents[2] / "docs" / "howto" / "own_sensor.md"
 ROWS = re.findall(r"^- [a-z ]+ in (\S+): (\S+), `(\w+)`$", PAGE.read_text(), re.MULTILINE)
 HOUR, G = 3600.0, 9.80665
 SI = {
-    "°/s/√Hz": math.radians(1.0), "°/h/√Hz": math.radians(1.0) / HOUR, "rad/s/√Hz": 1.0,
-    "°/s": math.radians(1.0), "mrad/s": 1e-3, "m/s/√h": 1.0 / math.sqrt(HOUR), "m/s²/√Hz": 1.0,
-    "ft/s/√h": 0.3048 / math.sqrt(HOUR), "mg": 1e-3 * G, "m/s²": 1.0, "mGal": 1e-5,
+    "°/s/√Hz": math.radians(1.0),
+    "°/h/√Hz": math.radians(1.0) / HOUR,
+    "rad/s/√Hz": 1.0,
+    "°/s": math.radians(1.0),
+    "mrad/s": 1e-3,
+    "m/s/√h": 1.0 / math.sqrt(HOUR),
+    "m/s²/√Hz": 1.0,
+    "ft/s/√h": 0.3048 / math.sqrt(HOUR),
+    "mg": 1e-3 * G,
+    "m/s²": 1.0,
+    "mGal": 1e-5,
     "s⁻²/√Hz": 1.0,
-}  # fmt: skip
+}
 OF_KEY = {
     "gyro_noise_deg_per_sqrt_h": math.radians(1.0) / math.sqrt(HOUR),
     "gyro_bias_deg_per_h": math.radians(1.0) / HOUR,

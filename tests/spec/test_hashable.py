@@ -183,7 +183,11 @@ def test_a_case_is_the_same_in_another_process(tmp_path):
     )
     seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     printed = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, text=True, capture_output=True, check=True,
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        check=True,
         env=os.environ | {"PYTHONHASHSEED": seed},
-    ).stdout  # fmt: skip
+    ).stdout
     assert int(printed) != hash(case)

@@ -42,8 +42,10 @@ def noises(gradiometer) -> tuple[float | None, float | None, float | None]:
 def test_one_way_to_state_the_noise_replaces_the_others():
     """A case that states its noise in another way than the base has that one alone."""
     assert noises(with_case(f"gradiometer.{DENSITY} = 0.2").case("third").gradiometer) == (
-        None, 0.2, None,
-    )  # fmt: skip
+        None,
+        0.2,
+        None,
+    )
     disks = "gradiometer.rotating = { baseline_m = 0.5, rotation_hz = 0.5"
     third = with_case(f"{disks}, accelerometer_noise_ng_per_sqrt_hz = 2.0 }}").case("third")
     assert noises(third.gradiometer) == (None, None, 2.0)
@@ -130,7 +132,9 @@ def test_values_of_an_axis_increase():
 
 LIMITS = {
     "time constant of a gyro bias": (
-        {"imu.gyro_bias_time_s": 1.0}, {"imu.gyro_bias_time_s": 0.99}, "at least 10 times",
+        {"imu.gyro_bias_time_s": 1.0},
+        {"imu.gyro_bias_time_s": 0.99},
+        "at least 10 times",
     ),
     "time constant of the altimeter": (
         {"altimeter": {"noise_m_per_sqrt_hz": 1.0, "time_constant_s": 1.0}},
@@ -139,25 +143,34 @@ LIMITS = {
     ),
     "a gap in the readings": (
         {"truth.gradiometer.dropouts_s": [[3.0, 3.5]]},
-        {"truth.gradiometer.dropouts_s": [[3.0, 3.0]]}, "from < to",
+        {"truth.gradiometer.dropouts_s": [[3.0, 3.0]]},
+        "from < to",
     ),
     "two readings": ({"gradiometer.period_s": 10.0}, {"gradiometer.period_s": 10.1}, "too short"),
     "the settled window": (
         {"gradiometer.period_s": 3.0, "windows.settled_from_s": 18.0},
-        {"gradiometer.period_s": 3.0, "windows.settled_from_s": 18.1}, "the last reading, at 18 s",
+        {"gradiometer.period_s": 3.0, "windows.settled_from_s": 18.1},
+        "the last reading, at 18 s",
     ),
     "a disturbance that is felt": (
         {"truth.field.source": "x.nc", "truth.field.gravity_disturbance": True},
-        {"model.field.source": "x.nc", "truth.field.gravity_disturbance": True}, "needs a map",
+        {"model.field.source": "x.nc", "truth.field.gravity_disturbance": True},
+        "needs a map",
     ),
     "a disturbance that is compensated": (
         {"field.source": "x.nc", "field.gravity_disturbance": True, "model.field.compensate": True},
-        {"field.source": "x.nc", "model.field.compensate": True}, "the accelerometers feel none",
+        {"field.source": "x.nc", "model.field.compensate": True},
+        "the accelerometers feel none",
     ),
     "a map to compensate from": (
         {"field.source": "x.nc", "field.gravity_disturbance": True, "model.field.compensate": True},
-        {"truth.field.source": "x.nc", "truth.field.gravity_disturbance": True,
-         "model.field.source": "normal", "model.field.compensate": True}, "has no disturbance to",
+        {
+            "truth.field.source": "x.nc",
+            "truth.field.gravity_disturbance": True,
+            "model.field.source": "normal",
+            "model.field.compensate": True,
+        },
+        "has no disturbance to",
     ),
     "readings of a filter": (
         {"truth.gradiometer.dropout_share": 0.1},
@@ -166,18 +179,20 @@ LIMITS = {
     ),
     "the cut-off": (
         {"gradiometer.filter": "butterworth", "gradiometer.filter_cutoff_hz": 0.49},
-        {"gradiometer.filter": "butterworth", "gradiometer.filter_cutoff_hz": 0.5}, "Nyquist",
+        {"gradiometer.filter": "butterworth", "gradiometer.filter_cutoff_hz": 0.5},
+        "Nyquist",
     ),
     "outliers": (
         {"truth.gradiometer.outlier_share": 0.1, "truth.gradiometer.outlier_eotvos": 3.0},
-        {"truth.gradiometer.outlier_share": 0.1}, "go together",
+        {"truth.gradiometer.outlier_share": 0.1},
+        "go together",
     ),
     "the clock": (
         {"truth.gradiometer.clock_error_s": 0.1},
         {"truth.gradiometer.clock_error_s": 0.1, "gradiometer.instrument": "strapdown"},
         "a platform knows",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("rule", LIMITS)
@@ -193,12 +208,18 @@ def test_everything_that_changes_a_result_changes_the_hash():
     """Truth, model, windows, instruments; not the name, the title or the published numbers."""
     plain = small_case()
     changes = (
-        {"truth.imu.gyro_bias_deg_per_h": 9.0}, {"model.imu.gyro_bias_deg_per_h": 9.0},
+        {"truth.imu.gyro_bias_deg_per_h": 9.0},
+        {"model.imu.gyro_bias_deg_per_h": 9.0},
         {"truth.gradiometer.outlier_share": 0.1, "truth.gradiometer.outlier_eotvos": 3.0},
-        {"windows.last_s": 4.0}, {"windows.required_m": 9.0}, {"trajectory.repeat": 2},
-        {"altimeter.noise_m_per_sqrt_hz": 1.0}, {"initial_error.height_m": 9.0},
-        {"imu.biases": "fixed"}, {"field.source": "x.nc"}, {"gradiometer.components": ["xx"]},
-    )  # fmt: skip
+        {"windows.last_s": 4.0},
+        {"windows.required_m": 9.0},
+        {"trajectory.repeat": 2},
+        {"altimeter.noise_m_per_sqrt_hz": 1.0},
+        {"initial_error.height_m": 9.0},
+        {"imu.biases": "fixed"},
+        {"field.source": "x.nc"},
+        {"gradiometer.components": ["xx"]},
+    )
     hashes = [small_case(change).content_hash for change in changes]
     assert len({plain.content_hash, *hashes}) == 1 + len(changes)
     renamed = plain.model_copy(update={"name": "n", "title": "t", "reference": None})
@@ -227,8 +248,15 @@ def test_manoeuvres_are_in_si_units():
     terrain = {"kind": "terrain-following", "terrain": "x.nc", "clearance_m": 90.0}
     follow = made(distance_km=3.0, max_climb_angle_deg=8.0, lowest_m=200.0, **terrain)
     assert list(vars(follow).values()) == [
-        "x.nc", 90.0, 200.0, None, 3000.0, math.radians(8), 2.0, 0.0
-    ]  # fmt: skip
+        "x.nc",
+        90.0,
+        200.0,
+        None,
+        3000.0,
+        math.radians(8),
+        2.0,
+        0.0,
+    ]
     assert made(duration_s=9.0, **terrain).lowest == -math.inf
 
 

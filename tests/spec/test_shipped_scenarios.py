@@ -106,8 +106,13 @@ def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
     """
     flight = flown(name, case)
     problem, truth = simulate(flight, seed=1, run=0)
-    for array in (problem.measurements, problem.transition, problem.process_cov, problem.prior_cov,
-                  truth.error_state):  # fmt: skip
+    for array in (
+        problem.measurements,
+        problem.transition,
+        problem.process_cov,
+        problem.prior_cov,
+        truth.error_state,
+    ):
         assert np.isfinite(array).all()
     assert np.isfinite(CaseBound(flight, flight_bound(flight)).final_m)
     spec = flight.case
@@ -120,9 +125,11 @@ def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
     if not told:
         return
     left = np.array(
-        [z - problem.model.predict(k, x)
-         for k, (z, x) in enumerate(zip(problem.measurements, truth.error_state, strict=True))]
-    )  # fmt: skip
+        [
+            z - problem.model.predict(k, x)
+            for k, (z, x) in enumerate(zip(problem.measurements, truth.error_state, strict=True))
+        ]
+    )
     total = np.einsum("ki,ij,kj->", left, np.linalg.inv(problem.noise_cov), left)
     low, high = chi2.ppf([5e-5, 1.0 - 5e-5], np.count_nonzero(problem.present))
     assert low < total < high

@@ -62,8 +62,11 @@ def test_a_grid_becomes_ordinary_cases(tmp_path):
     """Every point is the base with the changes of its coordinates, and says where it lies."""
     loaded = load(tmp_path, BASE + SWEEP)
     assert [case.name for case in loaded.cases] == [
-        "noise-0.0001_rate-0.5", "noise-0.0001_rate-1", "noise-0.01_rate-0.5", "noise-0.01_rate-1",
-    ]  # fmt: skip
+        "noise-0.0001_rate-0.5",
+        "noise-0.0001_rate-1",
+        "noise-0.01_rate-0.5",
+        "noise-0.01_rate-1",
+    ]
     assert loaded.cases[2].title == "noise 0.01 E, rate 0.5 Hz"
     for case in loaded.cases:
         noise, rate = loaded.sweep.points[case.name].indices
@@ -112,29 +115,36 @@ KEY = 'key = "gradiometer.noise_eotvos"'
 CHANGES = "changes = [{ gradiometer.period_s = 2.0 }, { gradiometer.period_s = 1.0 }]"
 BAD = {
     "unknown key": (
-        KEY, 'key = "gradiometer.noise_eotovs"',
+        KEY,
+        'key = "gradiometer.noise_eotovs"',
         r"sweep at noise 0.0001 E, rate 0.5 Hz: unknown key 'gradiometer.noise_eotovs' "
         r"\(did you mean 'noise_eotvos'\?\)",
     ),
     "unknown table": (KEY, 'key = "gradiometre.noise"', r"unknown key 'gradiometre' \(did you m"),
     "key that is a table": (KEY, 'key = "imu"', r"rate 0.5 Hz: imu is 0.0001 and must be a table"),
     "axes of a table and its key": (
-        KEY, 'key = "gradiometer"', r"axes 'noise' and 'rate' both change gradiometer",
+        KEY,
+        'key = "gradiometer"',
+        r"axes 'noise' and 'rate' both change gradiometer",
     ),
     "key that is no value": (KEY, 'key = "name"', r"axis 'noise' changes 'name', which says noth"),
     "neither key nor changes": (KEY, "", r"axis 'noise' needs exactly one of 'key' and 'changes'"),
     "key and changes": (CHANGES, CHANGES + '\nkey = "imu.period_s"', r"axis 'rate' needs exactly"),
     "too few changes": (
-        CHANGES, "changes = [{ gradiometer.period_s = 2.0 }]",
+        CHANGES,
+        "changes = [{ gradiometer.period_s = 2.0 }]",
         r"axis 'rate' has 2 values and 1 changes; give one change for each value",
     ),
     "value that is impossible": (
-        CHANGES, CHANGES.replace("2.0", "0.25"),
+        CHANGES,
+        CHANGES.replace("2.0", "0.25"),
         r"sweep at noise 0.0001 E, rate 0.5 Hz: gradiometer.period_s \(0.25 s\) must be a whole mu",
     ),
     "axes of one name": ('"rate"', '"noise"', r"sweep: axis 'noise' is defined twice"),
     "axes of one key": (
-        CHANGES, KEY, r"axes 'noise' and 'rate' both change gradiometer.noise_eotvos",
+        CHANGES,
+        KEY,
+        r"axes 'noise' and 'rate' both change gradiometer.noise_eotvos",
     ),
     "values that fall": ("[1e-4, 0.01]", "[0.01, 1e-4]", r"axis 'noise' must increase strictly"),
     "values that repeat": ("[1e-4, 0.01]", "[0.01, 0.01]", r"axis 'noise' must increase strictly"),
@@ -152,17 +162,21 @@ BAD = {
         r"sweep: has 12000 grid points; at most 10000 are allowed",
     ),
     "a name too long": (
-        SWEEP, SWEEP.replace('"noise"', '"noiseOfEachReading"').replace('"rate"', '"updateRate"')
-        .replace("[0.5, 1]", "[0.51234567890123, 1]").replace("1e-4", "0.0012345678901234"),
+        SWEEP,
+        SWEEP.replace('"noise"', '"noiseOfEachReading"')
+        .replace('"rate"', '"updateRate"')
+        .replace("[0.5, 1]", "[0.51234567890123, 1]")
+        .replace("1e-4", "0.0012345678901234"),
         r"name is 'noiseOf\S+' and must have at most 60 characters",
     ),
     "an assumption beside it": (
-        "[sweep]", '[[assumption]]\nname = "a"\ntitle = "b"\n[sweep]',
+        "[sweep]",
+        '[[assumption]]\nname = "a"\ntitle = "b"\n[sweep]',
         r"\[\[assumption\]\] cannot be given with \[sweep\]",
     ),
     "a case without a name": ("[sweep]", '[[case]]\ntitle = "b"\n[sweep]', r"case\[0\]: needs"),
     "a limit of no time": ("[campaign]", "[campaign]\ntime_limit_s = 0.0", r"time_limit_s is 0.0"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", BAD)

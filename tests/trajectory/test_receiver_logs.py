@@ -38,12 +38,15 @@ LOGS = {
     "time stamps": [f"2024-02-29 23:59:{n % 60:02d}.123 {s}" for n, s in enumerate(SENTENCES)],
     "brackets": [f"[{1709251192 + n}.5]: {s}" for n, s in enumerate(SENTENCES)],
     "GnssLogger": [
-        "# ", "# Header Description:", "# Version: v3.0.6.4 Platform: 13", "#" * 5000,
+        "# ",
+        "# Header Description:",
+        "# Version: v3.0.6.4 Platform: 13",
+        "#" * 5000,
         *(f"NMEA,{s},{1709251192000 + 1000 * n}" for n, s in enumerate(SENTENCES)),
         "Raw,1,2,3,,,4",
     ],
     "several on a line": ["".join(SENTENCES[n : n + 2]) for n in range(0, COUNT, 2)],
-}  # fmt: skip
+}
 
 
 def is_the_flight(rows, kept=slice(None)):
@@ -73,10 +76,12 @@ def test_binary_messages_between_sentences_are_passed_over():
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
-        (lambda s: s[:40], "checksum"), (lambda s: s.replace("GGA,2", "GGA,1"), "checksum"),
-        (lambda s: s[:30] + s[35:], "checksum"), (lambda s: s[:20] + "$GPTXT,01", "checksum"),
+        (lambda s: s[:40], "checksum"),
+        (lambda s: s.replace("GGA,2", "GGA,1"), "checksum"),
+        (lambda s: s[:30] + s[35:], "checksum"),
+        (lambda s: s[:20] + "$GPTXT,01", "checksum"),
     ],
-)  # fmt: skip
+)
 def test_one_damaged_sentence_is_left_out_and_counted(damage, reason):
     """A share of more than a tenth is refused."""
     lines = [*SENTENCES]
@@ -101,8 +106,11 @@ def test_qualities_that_are_no_fix_are_none(quality, what):
     assert is_the_flight(rows, np.r_[0:5, 8:COUNT])
     assert rows.remark == f"of its GGA sentences these are left out: 3 {what}"
     with pytest.raises(TrajectoryError, match=rf"no GGA sentence with a fix.* \(only 20 {what}\)"):
-        rows_of("\n".join(s.replace(",1,08,", f",{quality},08,") for s in SENTENCES).encode()
-                .replace(b"*", b"\n"))  # fmt: skip
+        rows_of(
+            "\n".join(s.replace(",1,08,", f",{quality},08,") for s in SENTENCES)
+            .encode()
+            .replace(b"*", b"\n")
+        )
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -136,10 +144,14 @@ def multitrack(mode="<altitudeMode>absolute</altitudeMode>", own=""):
     """Two tracks of one flight, as My Tracks and OpenTracks write them."""
 
     def part(points):
-        return f"<gx:Track>{own}" + "".join(
-            f"<when>{iso(t)}</when><gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>"
-            for t, a, o, h in points
-        ) + "</gx:Track>"  # fmt: skip
+        return (
+            f"<gx:Track>{own}"
+            + "".join(
+                f"<when>{iso(t)}</when><gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>"
+                for t, a, o, h in points
+            )
+            + "</gx:Track>"
+        )
 
     return (
         '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'

@@ -86,9 +86,10 @@ def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch, gro
 def test_behind_a_hill_the_flight_comes_down_again(over_ridges, monkeypatch):
     """It ends, level, at the clearance over the plain."""
     monkeypatch.setattr(
-        terrain_following, "heights",
+        terrain_following,
+        "heights",
         lambda name, lat, lon: np.where(np.abs(lon - math.radians(108.2)) < 5e-4, 2000.0, 50.0),
-    )  # fmt: skip
+    )
     flight = trajectory_of(spec(over_ridges), 0.1)
     assert flight.positions[:, 2].max() > 2150.0
     assert 200.0 <= flight.positions[-1, 2] < 201.0
@@ -168,9 +169,10 @@ def test_a_plateau_is_climbed_as_steeply_as_is_allowed(
 ):
     """The angle is that of the path, its sine over its cosine, not its sine alone."""
     monkeypatch.setattr(
-        terrain_following, "heights",
+        terrain_following,
+        "heights",
         lambda name, lat, lon: np.where(lon > math.radians(108.3), 4500.0, 50.0),
-    )  # fmt: skip
+    )
     limits = {"max_climb_angle_deg": angle, "max_vertical_acceleration_mps2": acceleration}
     flight = trajectory_of(spec(over_ridges | limits), 0.05)
     over_ground = np.hypot(flight.velocities[:, 0], flight.velocities[:, 1])

@@ -291,18 +291,27 @@ SAME = {
     "remarks above": "# a flight\n\n" + text(),
     "empty lines below": text() + "\n\n",
     "column of names": text([row + ",CALL-SIGN" for row in ROWS], NAMES + ",call"),
-    "other order": text([",".join(row.split(",")[::-1]) for row in ROWS],
-                        ",".join(NAMES.split(",")[::-1])),
+    "other order": text(
+        [",".join(row.split(",")[::-1]) for row in ROWS], ",".join(NAMES.split(",")[::-1])
+    ),
     "units in brackets": text(names="time [s],Latitude (deg),lon[°],alt [m]"),
-    "feet in brackets": text([f"{r.rpartition(',')[0]},{float(r.rpartition(',')[2]) / 0.3048:.9f}"
-                              for r in ROWS], "time [s],lat [deg],lon [deg],alt (ft)"),
+    "feet in brackets": text(
+        [f"{r.rpartition(',')[0]},{float(r.rpartition(',')[2]) / 0.3048:.9f}" for r in ROWS],
+        "time [s],lat [deg],lon [deg],alt (ft)",
+    ),
     "units behind a #": "# time [s],lat [deg],lon [deg],alt [m]\n" + text()[len(NAMES) + 1 :],
-    "dates": text([f"2024-02-29T23:59:{50 + t}Z,{r.partition(',')[2]}" if t < 10 else
-                   f"2024-03-01 00:00:{t - 10:02}.000,{r.partition(',')[2]}"
-                   for t, r in enumerate(ROWS)]),
-    "another clock": text([f"{1.7e9 + t:.0f}," + row.partition(",")[2]
-                           for t, row in enumerate(ROWS)]),
-}  # fmt: skip
+    "dates": text(
+        [
+            f"2024-02-29T23:59:{50 + t}Z,{r.partition(',')[2]}"
+            if t < 10
+            else f"2024-03-01 00:00:{t - 10:02}.000,{r.partition(',')[2]}"
+            for t, r in enumerate(ROWS)
+        ]
+    ),
+    "another clock": text(
+        [f"{1.7e9 + t:.0f}," + row.partition(",")[2] for t, row in enumerate(ROWS)]
+    ),
+}
 
 
 @pytest.mark.parametrize("kind", SAME)
@@ -325,8 +334,12 @@ def test_degrees_near_zero_are_degrees(tmp_path):
     path.write_text(text([row.replace(",1.6", ",1.5") for row in rows], "time_s,lat,lon,height_m"))
     with pytest.raises(TrajectoryError, match="could be radians"):
         trajectory_of(read(str(path)), 0.1)
-    path.write_text(text([row.replace(",1.6", ",1.5").replace(",3.0", ",3.2") for row in rows],
-                         "time_s,lat,lon,height_m"))  # fmt: skip
+    path.write_text(
+        text(
+            [row.replace(",1.6", ",1.5").replace(",3.0", ",3.2") for row in rows],
+            "time_s,lat,lon,height_m",
+        )
+    )
     assert np.degrees(trajectory_of(read(str(path)), 0.1).positions[0, 0]) == pytest.approx(1.5)
 
 
@@ -345,11 +358,13 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     ),
     "feet": (text(names="t,lat,lon,altitude_ft"), r"no column height_m \(found: .*altitude_ft\)"),
     "unit in brackets": (
-        text(names="t,lat,lon,alt [fl]"), r"line 1 .* 'alt' in 'fl'; units of height_m .*: m, ",
+        text(names="t,lat,lon,alt [fl]"),
+        r"line 1 .* 'alt' in 'fl'; units of height_m .*: m, ",
     ),
     "two units": (text(names="t,lat,lon,alt_m [ft]"), r"'alt_m' in 'ft': which is right\?"),
     "heading in radians": (
-        text([r + ",1.0" for r in ROWS], NAMES + ",heading_rad"), "'heading_rad'; .* in degrees",
+        text([r + ",1.0" for r in ROWS], NAMES + ",heading_rad"),
+        "'heading_rad'; .* in degrees",
     ),
     "column twice": (text(names="time,lat,latitude,h"), "latitude_deg twice, 'lat' and 'latitude'"),
     "field missing": (with_row("3,33.003,108.003"), "line 5 has 3 fields and line 1 names 4"),
@@ -376,7 +391,8 @@ BAD: dict[str, tuple[str | bytes, str]] = {
         "line 12: .* seconds of the day begin at 0 there: add 86400 from there on",
     ),
     "names behind a # of a bad row": (
-        "#" + with_row("3,33.003,E108,3000"), "line 5: longitude_deg is 'E108'",
+        "#" + with_row("3,33.003,E108,3000"),
+        "line 5: longitude_deg is 'E108'",
     ),
     "open quote": (with_row('3,33.003,"108.003,3000'), "line 5: its quotes .*ends on"),
     "quoted decimal comma": (with_row('3,"33,003",108.003,3000'), "line 5: .* a decimal comma"),
@@ -392,7 +408,7 @@ BAD: dict[str, tuple[str | bytes, str]] = {
         text([f"{r},{200 * (n > 7)}" for n, r in enumerate(ROWS)], NAMES + ",heading"),
         "line 10: heading_deg turns by 160° from the row before",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", BAD)

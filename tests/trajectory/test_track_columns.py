@@ -15,35 +15,47 @@ from ggbench.trajectory.track_formats import rows_of
 SECONDS = np.arange(COUNT) + 1.7e9
 FILES = {
     "GPSLogger": (
-        "time,lat,lon,elevation,accuracy", SECONDS, 1.0, 1.0, 1.0,
+        "time,lat,lon,elevation,accuracy",
+        SECONDS,
+        (1.0, 1.0, 1.0),
         {"height_m": "elevation"},
     ),
     "OpenSky": (
-        "time,lat,lon,geoaltitude,heading_unknown", SECONDS, 1.0, 1.0, 1.0,
+        "time,lat,lon,geoaltitude,heading_unknown",
+        SECONDS,
+        (1.0, 1.0, 1.0),
         {"height_m": "geoaltitude"},
     ),
-    "ULog": ("timestamp,lat,lon,alt_ellipsoid,fix", SECONDS * 1e6, 1e7, 1e7, 1e3, "px4"),
+    "ULog": ("timestamp,lat,lon,alt_ellipsoid,fix", SECONDS * 1e6, (1e7, 1e7, 1e3), "px4"),
     "ULog, newer": (
-        "timestamp,latitude_deg,longitude_deg,altitude_ellipsoid_m,fix", SECONDS * 1e6, 1.0, 1.0,
-        1.0, "px4",
+        "timestamp,latitude_deg,longitude_deg,altitude_ellipsoid_m,fix",
+        SECONDS * 1e6,
+        (1.0, 1.0, 1.0),
+        "px4",
     ),
     "AirData": (
         "time(millisecond),latitude,longitude,height_above_takeoff(feet),altitude(feet)",
-        SECONDS * 1e3, 1.0, 1.0, 1.0 / 0.3048, {"height_m": "height_above_takeoff"},
+        SECONDS * 1e3,
+        (1.0, 1.0, 1.0 / 0.3048),
+        {"height_m": "height_above_takeoff"},
     ),
     "rostopic": (
-        "%time,field.latitude,field.longitude,field.altitude,field.header.seq", SECONDS * 1e9, 1.0,
-        1.0, 1.0, "ros",
+        "%time,field.latitude,field.longitude,field.altitude,field.header.seq",
+        SECONDS * 1e9,
+        (1.0, 1.0, 1.0),
+        "ros",
     ),
     "radians": (
-        "t,phi,lambda,h,n", SECONDS, np.pi / 180.0, np.pi / 180.0, 1.0,
+        "t,phi,lambda,h,n",
+        SECONDS,
+        (np.pi / 180.0, np.pi / 180.0, 1.0),
         {"latitude_deg": "phi [rad]", "longitude_deg": "lambda [rad]"},
     ),
-}  # fmt: skip
+}
 
 
 def written(name):
-    head, times, *factors, _ = FILES[name]
+    head, times, factors, _ = FILES[name]
     rows = np.column_stack(
         [times, LATITUDES * factors[0], LONGITUDES * factors[1], HEIGHTS * factors[2], SECONDS]
     )

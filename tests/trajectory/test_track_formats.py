@@ -41,8 +41,9 @@ def test_a_flight_is_the_same_in_every_format(name):
     assert not rows.remark
 
 
-@pytest.mark.parametrize("text", [gpx(geoid=False), kml(), kml_points(),
-                                  pos().replace("ellipsoidal", "geodetic")])  # fmt: skip
+@pytest.mark.parametrize(
+    "text", [gpx(geoid=False), kml(), kml_points(), pos().replace("ellipsoidal", "geodetic")]
+)
 def test_heights_above_sea_level_become_ellipsoidal(text):
     """They are raised by the geoid, 46.6 to 46.9 m at Munich, and the remark says so."""
     rows = rows_of(text.encode())
@@ -75,14 +76,16 @@ BAD = {
     "GPX without times": (gpx(time=False), "track point 1 has no time; every point needs <time>"),
     "GPX without heights": (gpx().replace("ele>", "eel>"), "track point 1 has no height"),
     "GPX of waypoints": (
-        '<gpx version="1.1"><wpt lat="1" lon="2"/></gpx>', "has waypoints or routes and no track",
+        '<gpx version="1.1"><wpt lat="1" lon="2"/></gpx>',
+        "has waypoints or routes and no track",
     ),
     "GPX without end": (gpx()[:-40], "is no GPX file that can be read"),
     "GPX, no number": (gpx().replace("48.003", "nan", 1), "is no GPX|no number"),
     "KML on the ground": (kml("clampToGround"), "altitudeMode is 'clampToGround'; .*'absolute'"),
     "KML of a line": (
         "<kml><Placemark><LineString><coordinates>1,2,3 4,5,6</coordinates></LineString>"
-        "</Placemark></kml>", "has no times; a track is a gx:Track",
+        "</Placemark></kml>",
+        "has no times; a track is a gx:Track",
     ),
     "KML, a time less": (kml().replace(f"<when>{iso(START)}</when>", ""), "19 times and 20 places"),
     "KML, a word": (kml().replace("11.503000", "east"), "place 4 is 'east,48.003"),
@@ -99,9 +102,10 @@ BAD = {
     "RTKLIB, short": (pos() + "2024/03/01 00:01:00 48.1", "line 23 is '2024/03/01 00:01:00 48.1'"),
     "four positions": ("\n".join(pos().splitlines()[:6]), "has 4 positions; a track needs at"),
     "time backwards": (
-        kml().replace("23:59:55", "23:59:50"), "place 4: time_s is .* in the row before",
+        kml().replace("23:59:55", "23:59:50"),
+        "place 4: time_s is .* in the row before",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -117,9 +121,15 @@ def test_a_mistake_has_its_sentence(name, tmp_path):
 def test_dates_are_those_of_iso_8601():
     """With a zone, without, with fractions of any length; what is none is no number."""
     texts = [
-        "1970-01-01T00:00:10Z", "1970-01-01 01:00:10.25+01:00", "1970-01-01T00:00:10.1234567",
-        "19700101T000010Z", "2100-01-01T00:00:00Z", "24-01-01T00:00:00", "today", "",
-    ]  # fmt: skip
+        "1970-01-01T00:00:10Z",
+        "1970-01-01 01:00:10.25+01:00",
+        "1970-01-01T00:00:10.1234567",
+        "19700101T000010Z",
+        "2100-01-01T00:00:00Z",
+        "24-01-01T00:00:00",
+        "today",
+        "",
+    ]
     expected = [10.0, 10.25, 10.123456, 10.0, 4102444800.0, np.nan, np.nan, np.nan]
     np.testing.assert_allclose(iso_seconds(texts), expected, atol=1e-9)
 

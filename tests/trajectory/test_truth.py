@@ -91,7 +91,15 @@ def test_a_climb_begins_below_the_ellipsoid_too():
 def test_a_climb_that_its_sampling_spoils_has_its_sentence(climb, speed, sentence):
     """Rounded to intervals of seven seconds there is no time for it."""
     with pytest.raises(TrajectoryError, match=rf"segment\[0\]: {sentence}"):
-        fly(np.array([0.5, 1.0, 3000.0]), speed, 0.0, 0.0, 0.0, [climb], 7.0)
+        fly(
+            position=np.array([0.5, 1.0, 3000.0]),
+            speed=speed,
+            heading=0.0,
+            pitch=0.0,
+            roll=0.0,
+            segments=[climb],
+            dt=7.0,
+        )
 
 
 TURNS = [
@@ -116,9 +124,12 @@ def test_a_turn_ends_at_its_heading_level_and_coordinated(turn, angle, bank):
     if bank:
         assert np.abs(leaning).max() == pytest.approx(bank, abs=0.1)
     _, increments = strapdown.error_free_increments(
-        flight.positions, flight.velocities, flight.attitudes,
-        np.zeros((len(flight.times) - 1, 3)), flight.dt,
-    )  # fmt: skip
+        flight.positions,
+        flight.velocities,
+        flight.attitudes,
+        np.zeros((len(flight.times) - 1, 3)),
+        flight.dt,
+    )
     # But for the Coriolis acceleration, and the difference between 9.81 and gravity.
     assert np.abs(increments[:, 0] / flight.dt).max() < 0.06
 
@@ -132,7 +143,15 @@ def test_a_small_turn_is_rolled_in_and_out():
 def test_a_turn_that_accelerates_leans_ever_more():
     """tan(bank) = speed · turn rate / g with the speed at that moment."""
     asked = Segment(40.0, turn_rate=0.02, acceleration=5.0)
-    flight = fly(np.array([0.5, 1.0, 0.0]), 100.0, 0.0, 0.0, 0.0, [asked], 0.1)
+    flight = fly(
+        position=np.array([0.5, 1.0, 0.0]),
+        speed=100.0,
+        heading=0.0,
+        pitch=0.0,
+        roll=0.0,
+        segments=[asked],
+        dt=0.1,
+    )
     rate = np.gradient(np.radians(headings(flight)), 0.1)
     lean = np.tan(np.radians(banks(flight)))
     np.testing.assert_allclose(lean[60:-60], (speed_of(flight) * rate / 9.81)[60:-60], rtol=1e-6)
@@ -210,7 +229,15 @@ def test_positions_follow_by_the_mechanizations_rule():
 
 def test_rounding_of_short_segments_does_not_add_up():
     """A flight lasts round(total duration / dt) intervals, however many its segments are."""
-    flight = fly(np.array([0.5, 1.0, 0.0]), 10.0, 0.0, 0.0, 0.0, [Segment(0.37)] * 100, 0.1)
+    flight = fly(
+        position=np.array([0.5, 1.0, 0.0]),
+        speed=10.0,
+        heading=0.0,
+        pitch=0.0,
+        roll=0.0,
+        segments=[Segment(0.37)] * 100,
+        dt=0.1,
+    )
     assert flight.times[-1] == pytest.approx(37.0)
 
 
@@ -224,7 +251,15 @@ def test_a_segment_too_short_to_be_rolled_into_is_one_smooth_swing():
 
 def test_the_attitude_of_level_flight_is_no_climb():
     """Nose up by 0.1 rad and leaning by 0.2 rad, an aircraft flies on at its height."""
-    flight = fly(np.array([0.5, 1.0, 3000.0]), 100.0, 0.0, 0.1, 0.2, [Segment(20.0)], 0.1)
+    flight = fly(
+        position=np.array([0.5, 1.0, 3000.0]),
+        speed=100.0,
+        heading=0.0,
+        pitch=0.1,
+        roll=0.2,
+        segments=[Segment(20.0)],
+        dt=0.1,
+    )
     assert np.abs(flight.positions[:, 2] - 3000.0).max() < 1e-9
     np.testing.assert_allclose(flight.attitudes[:, 2, 1], math.sin(0.1))
     np.testing.assert_allclose(banks(flight), math.degrees(0.2))
@@ -256,9 +291,14 @@ def test_rates_integrate_to_what_is_asked_whatever_the_sampling(dt):
     """A segment that is no whole number of samples still turns and climbs by rate times time."""
     asked = Segment(10.04, turn_rate=0.02, acceleration=0.5, climb_rate=0.001)
     flight = fly(
-        position=np.array([0.6, 1.9, 3000.0]), speed=200.0, heading=0.3, pitch=0.0, roll=0.0,
-        segments=[asked, Segment(5.0)], dt=dt,
-    )  # fmt: skip
+        position=np.array([0.6, 1.9, 3000.0]),
+        speed=200.0,
+        heading=0.3,
+        pitch=0.0,
+        roll=0.0,
+        segments=[asked, Segment(5.0)],
+        dt=dt,
+    )
     assert headings(flight)[-1] == pytest.approx(math.degrees(0.3 + 0.02 * 10.04), abs=1e-9)
     assert speed_of(flight)[-1] == pytest.approx(200.0 + 0.5 * 10.04, abs=1e-9)
 
@@ -363,7 +403,16 @@ def test_a_repetition_that_cannot_be_flown_is_told_as_one():
     with pytest.raises(
         TrajectoryError, match=r"segment\[0\] \(repetition 2\): already flies at 5000"
     ):
-        fly(np.array([0.5, 1.0, 3000.0]), 200.0, 0.0, 0.0, 0.0, [climb] * 2, 0.1, size=1)
+        fly(
+            position=np.array([0.5, 1.0, 3000.0]),
+            speed=200.0,
+            heading=0.0,
+            pitch=0.0,
+            roll=0.0,
+            segments=[climb] * 2,
+            dt=0.1,
+            size=1,
+        )
 
 
 def test_a_dump_says_the_same():

@@ -101,8 +101,12 @@ POINTS = "".join(
     [
         ("route.gpx", GPX_ROUTE),
         ("points.gpx", re.sub("</?rte>", "", GPX_ROUTE.replace("rtept", "wpt"))),
-        ("track.gpx", GPX_ROUTE.replace("rtept", "trkpt").replace("<rte>", "<trk><trkseg>")
-         .replace("</rte>", "</trkseg></trk>")),
+        (
+            "track.gpx",
+            GPX_ROUTE.replace("rtept", "trkpt")
+            .replace("<rte>", "<trk><trkseg>")
+            .replace("</rte>", "</trkseg></trk>"),
+        ),
         ("line.kml", KML_LINE),
         ("points.kml", f"<kml><Document>{POINTS}</Document></kml>"),
         ("places.csv", CSV_PLACES),
@@ -110,7 +114,7 @@ POINTS = "".join(
         ("empty.csv", "lat [deg],lon,time\n46.12,8.15,\n46.25,8.2,\n46.27,8.35,x\n"),
         ("twice.csv", "lat,lon\n46.12,8.15\n46.12,8.15\n46.25,8.2\n46.27,8.35\n"),
     ],
-)  # fmt: skip
+)
 def test_waypoints_are_read(name, content, tmp_path):
     (tmp_path / name).write_text(content)
     np.testing.assert_allclose(read_waypoints(tmp_path / name), ROUTE)
