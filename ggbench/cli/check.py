@@ -50,10 +50,10 @@ def check(estimator: str, time_limit: float) -> None:
         _tell(asked, verdict, text)
     passed, failed, refused = (verdicts[verdict] for verdict in _SHOWN)
     if not passed and not failed:
-        raise CheckError(f"{estimator} refuses all problems of the contract")
+        raise CheckError(f"{estimator} refuses every problem of the contract")
     left = len(CHECKS) - verdicts.total()
-    unasked = f", {refused} not asked" if refused else ""
-    untried = f"; {left} not tried without an estimate" if left else ""
+    unasked = f", {refused} not applicable" if refused else ""
+    untried = f"; {left} not run, because there is no estimate" if left else ""
     click.echo(
         f"{passed} of {counted(len(CHECKS), 'check')} passed, {failed} failed{unasked}{untried}."
     )

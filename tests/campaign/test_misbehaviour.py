@@ -166,7 +166,7 @@ def test_what_a_run_prints_belongs_to_it(wild, capfd):
     assert sorted(native.splitlines()) == ["said by C", "said by Python", "said by a child"]
     assert last.startswith("this is the end")
     shown = invoke(["show", "out"], wild)
-    assert "It had printed: this is the end" in shown.stdout
+    assert "Output of the run: this is the end" in shown.stdout
     assert "\x1b" not in shown.stdout and "\x1b" not in capfd.readouterr().out
 
 

@@ -211,7 +211,7 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
     run = ["run", "small.toml", "-n", "2", "-j", "0", "-e", "bad.py", "-e", "ekf", "-o", "bad"]
     done = invoke(run, folder)
     assert (done.returncode, done.stderr) == (1, "")
-    assert "Every run of bad.py failed." in done.stdout
+    assert "All runs of bad.py failed." in done.stdout
     table = pd.read_csv(folder / "bad" / "metrics.csv").set_index("name")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
 

@@ -217,7 +217,7 @@ BAD = {
     "nothing": ([], "a map needs a source: give --terrain, --coefficients"),
     "two grids": (["--geoid", GEOID, "--anomaly", "x.nc"], "give one of them"),
     "two spacings": (
-        ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1], "give one of them"
+        ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1], "give either"
     ),
     "no coefficients": (["--terrain", DEM, "--max-degree", 9], "are for --coefficients"),
     "missing file": (["--terrain", "gone.tif"], "cannot read gone.tif: No such file"),
@@ -326,7 +326,7 @@ def test_cells_of_a_map_are_scored():
     best = table.sort_values("track_m").iloc[0]
     sentence = " ".join(output.split())
     assert f"allows an RMS position error of {short(best['track_m'])} m" in sentence
-    assert "A match at a wrong place, more than 750 m off, has a probability of" in sentence
+    assert "The probability of a wrong match, more than 750 m off, is at most" in sentence
     for unfit in ("nepers", "√tr", "e-", "unsuitable"):
         assert unfit not in output.replace("score.csv", "")
     assert np.isfinite(table.drop(columns="grade").to_numpy()).all()

@@ -47,7 +47,7 @@ def test_tracks_are_ranked_and_drawn(tmp_path):
     done = invoke(command, tmp_path, columns=120)
     assert done.returncode == 0, done.stderr
     assert "the best of 17 tracks" in done.stdout
-    assert "The present flight has a bound of" in done.stdout
+    assert "The track of the case has a bound of" in done.stdout
     assert "17 tracks of 17 allow" in done.stdout
     assert len(pd.read_csv(tmp_path / "tracks.csv")) == 17
     assert imread(tmp_path / "tracks.png").shape[1] > 400

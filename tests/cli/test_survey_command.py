@@ -142,7 +142,7 @@ def test_an_error_that_cannot_be_computed_is_neither_stated_nor_stored():
 
 def test_what_the_standard_error_leaves_out_is_said_and_stored():
     said = run("--lines", "s.csv", *SETTINGS, "-o", "m.nc")
-    assert "It leaves out the unknown constant of each line" in said
+    assert "It excludes the unknown constant of each line" in said
     with netCDF4.Dataset("m.nc") as file:
         assert "leave out the unknown constant of each line" in file.comment
 
@@ -155,7 +155,7 @@ def test_what_the_standard_error_leaves_out_is_said_and_stored():
         (["--components", "zz"], "no column 'zz'"),
         (["--column", "xx"], "must be written NAME=COLUMN"),
         (["--quantity", "disturbance"], "no column 'disturbance'"),
-        (["--terrain", "dem.asc"], "--lines and --terrain are two sources"),
+        (["--terrain", "dem.asc"], "--lines excludes --terrain"),
         (["--noise", "n.txt"], "must be named *.json"),
         (["--depth", "500", "--lowest", "-700"], "lies below the sources"),
     ],
@@ -166,4 +166,4 @@ def test_a_mistake_gets_a_sentence(words, said):
 
 def test_options_of_lines_need_lines():
     said = run("--terrain", "dem.asc", "--leave-out", "1", "-o", "m.nc", code=2)
-    assert "--leave-out goes with --lines" in said
+    assert "--leave-out requires --lines" in said

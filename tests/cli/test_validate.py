@@ -239,9 +239,9 @@ def uniform_track(path: Path, height_m: float, seconds_per_row: float) -> str:
 @pytest.mark.parametrize(
     ("height_m", "seconds_per_row", "said"),
     [
-        (40_020.0, 1.0, "if its heights are feet, these are 12198 m"),
-        (3000.0, 1000.0, "if its times are milliseconds, this is 60.1 m/s"),
-        (3000.0, 1.0 / 60.0, "if its times are minutes, this is 60.1 m/s"),
+        (40_020.0, 1.0, "as feet the heights would be 12198 m"),
+        (3000.0, 1000.0, "with times in milliseconds the speed would be 60.1 m/s"),
+        (3000.0, 1.0 / 60.0, "with times in minutes the speed would be 60.1 m/s"),
         (12_200.0, 1.0, ""),
         (3000.0, 0.1, ""),
     ],

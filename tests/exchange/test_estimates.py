@@ -185,14 +185,16 @@ def test_a_filter_that_uses_later_readings_is_refused(folder, tmp_path):
                 tmp_path / "whole.mat", cut=tmp_path / "cut.mat", output=tmp_path / "out", jobs=0
             )
             continue
-        with pytest.raises(GGBenchError, match="use later readings: without those after 12 s"):
+        with pytest.raises(
+            GGBenchError, match="use later measurements: without the measurements after 12 s"
+        ):
             exchange.judge_estimates(tmp_path / "whole.mat", cut=tmp_path / "cut.mat")
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda mean: -mean, "with the other sign"),
+        (lambda mean: -mean, "with opposite sign"),
         (lambda mean: ned(mean), "as north, east, down"),
         (lambda mean: 1e-3 * mean, "in km and km/s"),
         (lambda mean: mean, ""),

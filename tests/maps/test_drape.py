@@ -212,7 +212,7 @@ def test_show_draws_a_clearance(folder):
     assert "clearance: 60 m to 200 m" in output and "base surface: " in output
     for words, said in (
         (("--height", 100), "give --clearance, 60 to 200 m"),
-        (("--clearance", 900), "--clearance 900 is not in"),
+        (("--clearance", 900), "--clearance 900 is outside"),
     ):
         code, output = run("map", "show", folder / "map.nc", *words)
         assert code == 2 and said in output

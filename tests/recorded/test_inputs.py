@@ -200,12 +200,12 @@ KEYS = {
     "unknown key of a named sensor": (
         "sensor", {"sensor.stern.noise_m": 1.0}, "unknown key 'sensor.stern.noise_m'"),
     "name that is taken": (
-        "sensor", {"sensor.reference": {"kind": "barometer"}}, "sensor.reference: a sensor"),
+        "sensor", {"sensor.reference": {"kind": "barometer"}}, "sensor.reference: this name"),
     "gravimeter without a map": (
         "sensor", {"sensor.g": {"kind": "gravimeter", "file": "g.csv", "period_s": 1.0,
                                   "noise_mgal": 1.0}}, "sensor.g needs a map"),
-    "no INS": ("solution", {"ins": None}, "exactly one of [ins]", "[imu_record]"),
-    "both": ("increments", {"ins": {"file": "x.csv", "frame": "ENU"}}, "exactly one of [ins]"),
+    "no INS": ("solution", {"ins": None}, "give either [ins]", "[imu_record]"),
+    "both": ("increments", {"ins": {"file": "x.csv", "frame": "ENU"}}, "give either [ins]"),
     "no sensor": ("solution", {"gnss": None}, "no sensor is on board"),
     "no file": ("solution", {"gnss.file": None}, "'gnss.file' is missing"),
     "file that is not there": ("solution", {"gnss.file": "gone.csv"}, "gone.csv: cannot be read"),
@@ -223,7 +223,7 @@ KEYS = {
                                            "imu_record.start.c_nb": None}, "give heading_deg"),
     "no rotation": ("increments", {"imu_record.start.c_nb": [1.0, 0.0, 0.0] * 3},
                     "c_nb is no rotation"),
-    "felt": ("solution", {"field.gravity_disturbance": True}, "is of a simulated truth"),
+    "felt": ("solution", {"field.gravity_disturbance": True}, "is for simulated truth only"),
     "compensate without a map": ("solution", {"field.compensate": True}, "needs a map"),
     "gradients of a solution": (
         "solution", {"gradiometer": LEVEL, "disturbance": INTEGRATED}, "needs [imu_record]"),
@@ -231,7 +231,7 @@ KEYS = {
         "increments", {"gradiometer": LEVEL | {"components": ["zz"]}, "disturbance": INTEGRATED},
         "needs a gradiometer that tells the whole tensor, and zz leave some of it open"),
     "no gradients": (
-        "increments", {"disturbance": INTEGRATED}, "needs a gradiometer, and none is on board"),
+        "increments", {"disturbance": INTEGRATED}, "needs a gradiometer"),
     "map that is not there": ("solution", {"field.source": "gone.nc"}, "gone.nc"),
     "heights of a solution": (
         "solution", {"altimeter": {"noise_m_per_sqrt_hz": 1.0, "file": "x.csv"}}, "is not read"),

@@ -71,7 +71,7 @@ def test_gyros_in_degrees_are_warned_of(noise, tmp_path):
     gyros = np.random.default_rng(2).normal(0.0, noise, (COUNT, 3))
     path = log(tmp_path / "a.csv", np.hstack([gyros, FORCES]))
     result = run(path)
-    assert "lies beyond any grade" in result.stderr and "°/s" in result.stderr
+    assert "is larger than that of any grade" in result.stderr and "°/s" in result.stderr
     options = [f"--column={name}={name} [deg/s]" for name in RATES[:3]]
     right = run(path, *options)
     assert "Warning" not in right.stderr

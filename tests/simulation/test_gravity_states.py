@@ -108,13 +108,13 @@ def test_the_bound_knows_the_states():
     ("changes", "said"),
     [
         ({"truth.field.constant_disturbance_mgal": [1.0, 2.0, 3.0]},
-         "constant_disturbance_mgal is felt only with field.gravity_disturbance = true"),
+         "constant_disturbance_mgal requires field.gravity_disturbance = true"),
         (CONSTANT | {"truth.field.constant_disturbance_mgal": [1.0, 2.0]}, "at least 3 items"),
         (CONSTANT | {"model.disturbance.distance_km": 5.0}, "horizontal_mgal' is missing"),
         (CONSTANT | STATES | {"model.disturbance.distance_km": 0.0}, "must lie between"),
         (CONSTANT | STATES | INTEGRATED | {"model.disturbance.distance_km": 5.0},
          "distance_km must not be given"),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer": None} | ON_BOARD, "none is on board"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer": None} | ON_BOARD, "needs a gradiometer"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.instrument": "platform"}, "local-level"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.filter": "butterworth"}, "without delay"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for th"),
@@ -122,7 +122,7 @@ def test_the_bound_knows_the_states():
          "whole tensor, and xx, zz leave some of it open"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "xy", "xz", "yz"]},
          "leave some of it open"),
-        (STATES | INTEGRATED, "accelerometers feel none"),
+        (STATES | INTEGRATED, "accelerometers measure none"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_with_a_sentence(changes, said):

@@ -245,7 +245,7 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"gravimeter.components": ["east"]}, 'of components = ["scalar"]'),
+        ({"gravimeter.components": ["east"]}, 'requires components = ["scalar"]'),
         ({"truth.gravimeter.noise_mgal": 1.0}, "already contain their errors"),
         ({"gravimeter.period_s": 1.5}, "and gravimeter.period_s is 1.5"),
     ],
@@ -262,7 +262,7 @@ def test_gravity_that_cannot_be_read_is_refused_in_a_sentence(gravity, changes, 
         ({"gradiometer.components": ["xx", "xy"]}, "has no column xy"),
         ({"trajectory.lines": ["31.1"]}, "there is no line '31.1'; its lines: 10, 20.1, 30"),
         ({"trajectory.lines": ["10", "10"]}, "lines: names a line twice"),
-        ({"trajectory.lines": []}, "'middle_s' belongs to survey lines"),
+        ({"trajectory.lines": []}, "'middle_s' applies to survey lines"),
         ({"trajectory.middle_s": 26.0}, f"line 10 lasts {SECONDS} s, and middle_s is 26"),
         ({"trajectory.middle_s": 19.5}, "must be a multiple of the interval"),
         ({"gradiometer.period_s": 1.5}, "has a sample every 1 s, and gradiometer.period_s is 1.5"),

@@ -299,7 +299,7 @@ BAD = {
     ),
     "outliers without a size": (
         GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 0.1\n{GRADIOMETER}",
-        r"truth.gradiometer: outlier_share and outlier_eotvos go together",
+        r"truth.gradiometer: outlier_share and outlier_eotvos must be given together",
     ),
     "all outliers": (
         GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 1.0\n{GRADIOMETER}",
@@ -316,7 +316,7 @@ BAD = {
     "dropouts behind a filter": (
         GRADIOMETER,
         f'[truth.gradiometer]\ndropout_share = 0.1\n{GRADIOMETER}\nfilter = "butterworth"',
-        r"truth.gradiometer: readings can only drop out of an instrument without a filter",
+        r"truth.gradiometer: measurements can be missing only without a filter",
     ),
     "both noises of the truth": (
         GRADIOMETER,
@@ -334,7 +334,7 @@ BAD = {
     ),
     "errors of disks that are not there": (
         GRADIOMETER, f"[truth.gradiometer.rotating]\nscale_factor_ppm = 1.0\n{GRADIOMETER}",
-        r"truth.gradiometer.rotating gives errors of an instrument that",
+        r"truth.gradiometer.rotating requires the instrument in",
     ),
     "components of a rotating instrument": (
         GRADIOMETER,

@@ -121,7 +121,7 @@ BAD = {
     "axes of a table and its key": (
         KEY, 'key = "gradiometer"', r"axes 'noise' and 'rate' both change gradiometer",
     ),
-    "key that is no value": (KEY, 'key = "name"', r"axis 'noise' changes 'name', which says noth"),
+    "key that is no value": (KEY, 'key = "name"', r"axis 'noise' changes 'name', which does not"),
     "neither key nor changes": (KEY, "", r"axis 'noise' needs exactly one of 'key' and 'changes'"),
     "key and changes": (CHANGES, CHANGES + '\nkey = "imu.period_s"', r"axis 'rate' needs exactly"),
     "too few changes": (
