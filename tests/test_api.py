@@ -178,7 +178,7 @@ def test_a_figure_that_cannot_be_drawn(results, scenario, lazy):
     assert "returned str" in failed.failures()["reason"][0]
     with pytest.raises(gg.GGBenchError, match="in run 0 of case base"):
         failed.plot_errors()
-    with pytest.raises(gg.GGBenchError, match="case base flies over the normal field"):
+    with pytest.raises(gg.GGBenchError, match="case base uses the normal field"):
         failed.plot_field()
 
 
@@ -289,13 +289,13 @@ def test_an_estimator_that_no_worker_could_find(scenario, lazy, tmp_path):
             cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
             return gg.Estimate(np.zeros((problem.epochs, problem.dimension)), cov, "none")
 
-    with pytest.raises(gg.GGBenchError, match="put it into a file and give the path"):
+    with pytest.raises(gg.GGBenchError, match="put it into a file and give its path"):
         gg.run(scenario, [Own()])
     problem, truth = gg.simulate(scenario.case("base"))
     assert gg.judge(problem, gg.estimate(problem, Own()), truth).position_mrse_m > 0.0
     old = gg.estimator(lazy)
     (tmp_path / "lazy.py").write_text(LAZY + "\nCHANGED = True\n")
-    with pytest.raises(gg.GGBenchError, match="its file has changed"):
+    with pytest.raises(gg.GGBenchError, match="the file has changed"):
         gg.run(scenario, old)
 
 

@@ -82,5 +82,5 @@ class CapturedOutput:
         text = found.decode(errors="replace").strip()
         shown = printable(text[-LONGEST_TEXT:])[-LONGEST_TEXT:]
         if count > len(found) or len(text) > LONGEST_TEXT:
-            return f"({count} bytes; their end:) {shown}"
+            return f"({count} bytes, ending with) {shown}"
         return shown

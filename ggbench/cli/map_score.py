@@ -136,9 +136,9 @@ def _print_scored(scored: Any) -> None:
     console.out(
         f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {design.height_m:g} m: "
         f"{design.instrument.kind}, {design.instrument.noise:g} {design.instrument.unit}; nodes "
-        f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1000.0:.3g} km with "
-        f"{counted(design.readings, 'reading')}; prior position {design.sigma_m / 1000.0:g} km "
-        f"(1 σ), correct fixes within {design.right_m / 1000.0:g} km"
+        f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1e3:.3g} km with "
+        f"{counted(design.readings, 'reading')}; prior position {design.sigma_m / 1e3:g} km "
+        f"(1 σ), correct fixes within {design.right_m / 1e3:g} km"
     )
     if scored.components is None:
         console.out("Too few cells for principal components: no index, no classes.")
@@ -188,7 +188,7 @@ def _print_scored(scored: Any) -> None:
     found = ordered.iloc[0]
     mean, least = (short(found[name]) for name in ("track_m", "best_track_m"))
     console.out(
-        f"In the best cell a track of {design.track_m / 1000.0:.3g} km allows an RMS position "
+        f"In the best cell a track of {design.track_m / 1e3:.3g} km allows an RMS position "
         f"error of {mean} m on average over headings, and of {least} m on heading "
         f"{found['best_heading_deg']:g}°. The probability of a wrong match, more than "
         f"{design.right_m:g} m off, is at most {_share(found['false_fix'])}."

@@ -80,8 +80,8 @@ class ExternalProgram(BlockEstimator):
             found = estimate_files.read(estimates)
         if found.causality != self.causes:
             raise ExchangeError(
-                f"{self.path} wrote estimates that are '{found.causality}', and causes says "
-                f"'{self.causes}'"
+                f"{self.path} wrote estimates of causality '{found.causality}', but "
+                f"'{self.causes}' is declared"
             )
         if not np.array_equal(
             found.problem["fingerprints"], problem_files.fingerprints(block.measurements)
@@ -149,7 +149,7 @@ def estimator_of(text: str) -> type[ExternalProgram]:
     """
     path = Path(text.removeprefix(PROGRAM))
     if not path.is_file():
-        raise ExchangeError(f"{text}: there is no program {path}")
+        raise ExchangeError(f"{text}: program {path} not found")
     if not os.access(path, os.X_OK):
         raise ExchangeError(f"{text}: {path} cannot be executed; set its x bit (chmod +x)")
     space: dict[str, Any] = {"path": path, "name": f"{PROGRAM}{path.name}", "__module__": __name__}

@@ -177,7 +177,7 @@ def test_run_and_report(folder, tmp_path):
     assert again.returncode == 0
     assert "runs to do" not in again.stdout
     other = invoke([*run, "-s", "4"], tmp_path)
-    assert "out holds 12 results that are not part of this" in other.stdout
+    assert "out contains 12 results of another seed" in other.stdout
     assert "12 of 12 runs" in other.stdout
     again = invoke(run, tmp_path)
     assert "runs to do" not in again.stdout

@@ -272,7 +272,7 @@ def test_a_flight_into_the_ground_or_out_of_a_draped_map_is_refused(tmp_path):
     words = ["new", "scenario", "low", "--map", "deep.nc"]
     done = invoke([*words, "--terrain", "dem.npz", "--clearance", "5"], tmp_path)
     said = " ".join(done.stderr.split())
-    assert done.returncode == 2 and "build it with --clearance-from " in said, said
+    assert done.returncode == 2 and "build the map with --clearance-from " in said, said
     for more, wanted in (
         ([], "give the same --terrain"),
         (["--waypoints", "way.csv"], "flights through waypoints are level"),
@@ -313,7 +313,7 @@ def test_a_scenario_that_is_begun_runs(tmp_path):
         (["estimator", "2fast"], "'2fast' is not allowed as a name"),
         (["estimator", "filter.py"], "; .py is added to it; -o DIR chooses"),
         (["scenario", "naïve"], "'na\\xefve' is not allowed as a name"),
-        (["estimator", "a" * 61], "60 at most"),
+        (["estimator", "a" * 61], "at most 60"),
         (["estimator", "none"], "would be a class None: choose another name"),
         (["estimator", "estimator"], "would be a class Estimator: choose another name"),
         (["estimator", "there"], "there.py exists and is not overwritten"),

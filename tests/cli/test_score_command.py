@@ -93,7 +93,7 @@ def test_a_filter_that_became_worse_is_found(folder):
         (["ekv"], "ekv"),
         (["missing.py"], "missing.py"),
         (["ekf", "--quick", "-n", "30"], "give either --quick"),
-        (["ekf", "-n", "201"], "201 runs are asked for; of each case 200 are stored"),
+        (["ekf", "-n", "201"], "201 runs requested, but only 200 of each case are stored"),
         (["ekf", "-c", "air"], "has no case 'air'"),
         (["--check", "none.json"], "cannot read the card none.json"),
         (["--check", "none.json", "--quick"], "--check repeats the runs of a card"),
@@ -149,7 +149,7 @@ def test_a_card_of_other_cases_is_no_gate(tmp_path):
     (tmp_path / "card.json").write_text(json.dumps(stated("ekf", "outliers")))
     done = invoke(["score", "ekf", "-c", "air-narrow", "--against", "card.json"], tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
-    assert "no question of the card is flown by this score" in done.stderr
+    assert "this score flies no question of the card" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["card.json"]
     arguments = ["-c", "air-narrow", "-n", "2", "-j", "0", "--against", "card.json"]
     (tmp_path / "card.json").write_text(json.dumps(stated("ekf")))

@@ -107,7 +107,7 @@ def test_a_survey_that_no_field_fits_gets_a_warning(spoil):
     expected = {
         turned: "fit best with --axes east-north-down",
         exchanged: "fit best with axes x north, y east, z up",
-        marked: "Check the axes (--axes), the signs, the units and marks of missing values",
+        marked: "Check axes (--axes), signs, units and void values",
     }
     assert expected[spoil] in warning
 
@@ -150,7 +150,7 @@ def test_what_the_standard_error_leaves_out_is_said_and_stored():
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["--leave-out", "11x"], "no line is called '11x'"),
+        (["--leave-out", "11x"], "no line has the name or kind '11x'"),
         (["--components", "xx,zx"], "allowed are xx, xy"),
         (["--components", "zz"], "no column 'zz'"),
         (["--column", "xx"], "must be written NAME=COLUMN"),

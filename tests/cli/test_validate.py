@@ -190,7 +190,7 @@ def test_the_first_words_come_before_anything_is_loaded(arguments, tmp_path):
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment
     )
     assert done.returncode == 7, done.stderr
-    assert done.stdout.startswith("First use of this version here: its code is compiled")
+    assert done.stdout.startswith("First use of this version: the code is compiled")
     assert str(tmp_path / "cache") in done.stdout
 
 

@@ -211,5 +211,5 @@ def test_a_file_that_is_none_is_refused(tmp_path):
     with pytest.raises(ColouredNoiseError, match="cannot read the noise model"):
         read_noise(tmp_path / "gone.json")
     (tmp_path / "text.json").write_text("{")
-    with pytest.raises(ColouredNoiseError, match="is no JSON text"):
+    with pytest.raises(ColouredNoiseError, match="is not JSON"):
         read_noise(tmp_path / "text.json")

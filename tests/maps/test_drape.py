@@ -164,7 +164,7 @@ def test_only_the_short_waves_of_a_terrain_are_added_to_harmonics(tmp_path):
 def test_a_file_keeps_the_base(folder):
     code, output = build(folder, "--clearance-from", 80, "--geoid-height", 0)
     assert code == 0, output
-    assert "m above a base surface" in output and "err by at most" in output
+    assert "m above a base surface" in output and "the error is at most" in output
     whole = read(folder / "map.nc")
     nodes, attributes, layers = netcdf_reader.read_layers(folder / "map.nc")
     assert whole.height0 == 80.0 and whole.base is not None
@@ -222,9 +222,9 @@ def test_show_draws_a_clearance(folder):
     ("words", "said"),
     [
         (("--lowest", 3000), "--lowest 3000 is a height above the ellipsoid"),
-        (("--clearance", 300), "without --clearance"),
-        (("--clearance-from", 700), "must ascend"),
-        (("--clearance-from", 0), "must ascend"),
+        (("--clearance", 300), "in place of --clearance"),
+        (("--clearance-from", 700), "below --clearance-to"),
+        (("--clearance-from", 0), "below --clearance-to"),
         (("--tolerance", 0), "--tolerance 0 E must be positive"),
         (("--height-spacing", -5), "--height-spacing -5 must be positive"),
     ],
@@ -240,7 +240,7 @@ def test_what_does_not_go_with_a_drape_is_refused(folder, words, said):
         (("--clearance-to", 300), "give --drape"),
         (("--tolerance", 1.0), "give --drape"),
         (("--beyond", "nothing"), "give --drape"),
-        (("--lowest", 1000), "--drape makes a map whose layers follow the ground"),
+        (("--lowest", 1000), "--drape builds a map whose layers follow the ground"),
     ],
 )
 def test_a_level_map_leads_to_the_drape(folder, words, said):
@@ -263,7 +263,7 @@ def test_a_terrain_alone_is_draped_not_a_gravity_model(folder, tmp_path):
         "map", "build", "-o", tmp_path / "m.nc", "--coefficients", tmp_path / "model.gfc",
         "--drape", "--south", 45, "--north", 46, "--west", 7, "--east", 8,
     )  # fmt: skip
-    assert code == 2 and "--drape goes with --terrain" in output
+    assert code == 2 and "--drape requires --terrain" in output
 
 
 def test_the_zero_level_of_a_draped_terrain_is_the_geoid(folder):
@@ -283,7 +283,7 @@ def test_a_level_map_says_where_sea_level_is(folder):
     inputs = Inputs(terrain=folder / "dem.npz")
     (said,) = [each for each in plan(inputs, GridRequest(), "test").remarks if "sea" in each]
     height = geoid_heights([45.02], [7.02])[0]
-    assert f"--geoid-height {height:.1f} makes them so" in said
+    assert f"--geoid-height {height:.1f} to match heights of receivers" in said
     given = dataclasses.replace(inputs, geoid_height_m=0.0)
     assert not any("sea" in each for each in plan(given, GridRequest(), "test").remarks)
 

@@ -84,7 +84,7 @@ BAD = {
     "no epoch": (text(), None, "vary with time .lines acos, asin, gfct, trnd.: give .* --epoch"),
     "an epoch of a static model": (
         "\n".join(line for line in text().splitlines() if line[:4] not in ("trnd", "acos", "asin"))
-        .replace("gfct", "gfc "), EPOCH, "does not vary with time",
+        .replace("gfct", "gfc "), EPOCH, "is constant in time",
     ),
     "outside": (text(intervals=True), datetime.date(1999, 1, 1), "in no interval of gfct of deg"),
     "no gfct": (text(extra="trnd 4 1 1e-10 1e-10 0 0\n"), EPOCH, "trnd of degree 4, .* no gfct"),

@@ -295,17 +295,20 @@ def put_everywhere(name, change):
 @thinned(
     ("change", "message"),
     [
-        (put_everywhere("gradient_uu", lambda v: v + 0.01), r"EE \+ NN \+ UU is up to 0.01 E and"),
+        (put_everywhere("gradient_uu", lambda v: v + 0.01), r"EE \+ NN \+ UU reaches 0.01 E and"),
         (
             put_everywhere("gradient_ee", lambda v: 1.001 * v),
-            r"EE \+ NN \+ UU is up to .* rounding m",
+            r"EE \+ NN \+ UU reaches .* rounding m",
         ),
         (
             put_everywhere("gradient", lambda v: 1e300 * v),
             r"largest gradient is .*e\+300 E; .*10000 E",
         ),
-        (put_everywhere("gradient", lambda v: 5e3 * v), r"at most 10000 E: mend its values or"),
-        (put_everywhere("gradient", lambda v: 1e-9 * v), r"s⁻² that is taken for E: multiply"),
+        (
+            put_everywhere("gradient", lambda v: 5e3 * v),
+            r"at most 10000 E: are allowed: correct the values or",
+        ),
+        (put_everywhere("gradient", lambda v: 1e-9 * v), r"seem to be in s⁻²: multiply"),
         (put_everywhere("disturbance", lambda v: 1e5 * v), r"m/s²; .* at most 0.1 m/s².* mGal is"),
     ],
 )

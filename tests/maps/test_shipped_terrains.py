@@ -190,7 +190,7 @@ JACKSBORO = MapRecipe(
         ({"east_deg": -84.0}, r"east_deg = -84.0 lies outside .*-84.4133 to -84.0783 is allowed"),
         ({"min_height_m": 1100.0}, r"min_height_m = 1100.0 lies outside .*1126 to 3000"),
         ({"max_height_m": 3500.0}, r"max_height_m = 3500.0 lies outside .*1126 to 3000"),
-        ({"land_correction": False}, r"land_correction has no meaning for 'jacksboro'"),
+        ({"land_correction": False}, r"land_correction is not allowed for 'jacksboro'"),
         ({"spacing_arcmin": 0.2}, r"spacing_arcmin = 0.2 is too wide .* highest ground, 1076 m"),
         ({"height_spacing_m": 100.0}, r"height_spacing_m = 100.0 is too wide .*: at most 74 is"),
         (

@@ -89,10 +89,10 @@ ROWS = {
     "gap of increments": ("increments", "imu", _drop_rows(50, 60), "a gap of 1.1 s"),
     "increments that shake": (
         "increments", "imu", _times(lambda t: t + 0.03 * np.sin(7.0 * t)),
-        "not those of regular intervals", "give rates",
+        "must come at regular intervals", "give rates",
     ),
     # readings on it
-    "reading before": ("solution", "gnss", _times(lambda t: t - 2.0), "line 2", "outside the INS's",
+    "reading before": ("solution", "gnss", _times(lambda t: t - 2.0), "line 2", "outside the",
                        "clock_offset_s", 'outside = "drop"'),
     "reading behind": ("solution", "gnss", _times(lambda t: t + 2.0), "line 20", "lies outside"),
     "another day": ("solution", "gnss", _times(lambda t: t + 86400.0), "with 20 of 20 readings"),
@@ -103,20 +103,20 @@ ROWS = {
                             "time_s"), "belong to the same sample"),
     "period": ("solution", "gnss", lambda t: t.iloc[::2], "2 s apart", "gnss.period_s is 1 s"),
     "all empty": ("solution", "gnss", lambda t: t.assign(**dict.fromkeys(list(t)[1:], np.nan)),
-                  "holds no reading"),
+                  "has no measurement"),
     # units and frames
     "radians": ("solution", "ins", _scale(np.pi / 180, "latitude_deg", "longitude_deg"),
-                "it fits if latitude and longitude are radians"),
+                "they agree if latitude and longitude are radians"),
     "east is north": ("solution", "ins", _swap("velocity_east_mps", "velocity_north_mps"),
-                      "it fits if the east and north velocities change places"),
+                      "they agree if the east and north velocities are exchanged"),
     "backwards flight": ("solution", "ins", _scale(-1.0, "velocity_east_mps", "velocity_north_mps"),
-                         "both horizontal velocities change their sign"),
+                         "both horizontal velocities have the opposite sign"),
     "km/h": ("solution", "ins",
              _scale(3.6, "velocity_east_mps", "velocity_north_mps", "velocity_up_mps"), "km/h"),
     "latitude is longitude": ("solution", "ins",
                               lambda t: t.assign(latitude_deg=t.longitude_deg - 80.0,
                                                  longitude_deg=t.latitude_deg),
-                              "it fits if latitude and longitude change places"),
+                              "they agree if latitude and longitude are exchanged"),
     "height jumps": ("solution", "ins", _set(range(80, 201), height_m=13000.0),
                      "line 82", "the height jumps by 300"),
     "position jumps": ("solution", "ins", _set(range(80, 201), latitude_deg=33.6),
@@ -127,7 +127,7 @@ ROWS = {
     "speed": ("solution", "ins", _set(3, velocity_up_mps=9000.0), "line 5", "up_mps is 9000"),
     "empty in the INS": ("solution", "ins", _set(3, height_m=np.nan), "line 5", "is empty"),
     "receiver elsewhere": ("solution", "gnss", _scale(-1.0, "latitude_deg"),
-                           "the receiver is 7", "km away from the INS at its first reading"),
+                           "the receiver is 7", "km away from the INS at its first measurement"),
     "receiver in radians": ("solution", "gnss",
                             _scale(np.pi / 180, "latitude_deg", "longitude_deg"),
                             "latitude and longitude are radians"),
@@ -139,14 +139,14 @@ ROWS = {
     "reference elsewhere": ("solution", "reference",
                             lambda t: t.assign(longitude_deg=t.longitude_deg + 20.0), "km away"),
     "reference of another day": ("solution", "reference", _times(lambda t: t + 1e6),
-                                 "lies nowhere within the flight"),
+                                 "lies outside the flight"),
     # the inertial sensors
     "forces in g": ("increments", "imu",
                     _scale(1 / 9.80665, *(f"delta_velocity_{a}_mps" for a in "xyz")),
-                    "as if it were in g"),
+                    "if it is in g"),
     "gyros in degrees": ("increments", "imu",
                          lambda t: t.assign(delta_angle_z_rad=t.delta_angle_z_rad + 2.0),
-                         "are these degrees?"),
+                         "are the values in degrees?"),
     "upside down": ("increments", "imu", _scale(-1.0, "delta_velocity_z_mps"),
                     "-9.", 'axes = "right-forward-up"'),
     "spike": ("increments", "imu", _set(50, delta_velocity_x_mps=500.0),
@@ -165,7 +165,7 @@ ROWS = {
     "part of a reading": ("gradiometer", "gradiometer", _set(4, gradient_xx_eotvos=np.nan),
                           "line 6", "some channels of the gradiometer are empty"),
     "gap behind a filter": ("filtered", "gradiometer", _drop_rows(8, 9),
-                            "the filter of the instrument remembers every one"),
+                            "gaps are allowed only without a filter"),
 }  # fmt: skip
 
 
@@ -188,7 +188,7 @@ KEYS = {
     "no frame": ("solution", {"ins.frame": None}, "'ins.frame' is missing"),
     "unknown frame": ("solution", {"ins.frame": "XYZ"}, "ins.frame is 'XYZ' and must be 'ENU' or"),
     "no frame of velocities": ("solution", {"gnss.frame": None}, "gnss: frame is missing", "NED"),
-    "no frame of a reference": ("solution", {"reference.frame": None}, "say reference.frame"),
+    "no frame of a reference": ("solution", {"reference.frame": None}, "give their frame"),
     "other frame of a reference": (
         "solution", {"reference.frame": "NED"}, "no column velocity_down_mps"),
     "no kind": ("sensor", {"sensor.stern.kind": None}, 'sensor.stern: kind is missing; allowed'),
@@ -229,12 +229,13 @@ KEYS = {
         "solution", {"gradiometer": LEVEL, "disturbance": INTEGRATED}, "needs [imu_record]"),
     "gradients of a part": (
         "increments", {"gradiometer": LEVEL | {"components": ["zz"]}, "disturbance": INTEGRATED},
-        "needs a gradiometer that tells the whole tensor, and zz leave some of it open"),
+        "needs channels that determine the whole tensor; zz do not"),
     "no gradients": (
         "increments", {"disturbance": INTEGRATED}, "needs a gradiometer"),
     "map that is not there": ("solution", {"field.source": "gone.nc"}, "gone.nc"),
     "heights of a solution": (
-        "solution", {"altimeter": {"noise_m_per_sqrt_hz": 1.0, "file": "x.csv"}}, "is not read"),
+        "solution", {"altimeter": {"noise_m_per_sqrt_hz": 1.0, "file": "x.csv"}},
+        "must not be given with [ins]"),
     "no heights": ("altimeter", {"altimeter.file": None}, "altimeter.file is missing"),
     "quick damping": (
         "solution", {"imu.period_s": 0.2, "altimeter": {"noise_m_per_sqrt_hz": 1.0,
@@ -302,7 +303,7 @@ def test_readings_outside_are_dropped_where_the_table_says_so(logs, tmp_path):
     problem, _ = gg.read_flight(edit(path, {"gnss.outside": "drop"}))
     np.testing.assert_array_equal(problem.times, np.arange(1.0, 19.0))
     edit_rows(path.parent / "gnss.csv", _times(lambda t: t + 1e5))
-    with pytest.raises(FlightError, match="no reading lies within the INS's record"):
+    with pytest.raises(FlightError, match="no measurement lies within the record of the INS"):
         read_flight(path)
 
 

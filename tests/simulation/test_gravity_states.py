@@ -119,9 +119,9 @@ def test_the_bound_knows_the_states():
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.filter": "butterworth"}, "without delay"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for th"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "zz"]},
-         "whole tensor, and xx, zz leave some of it open"),
+         "whole tensor; xx, zz do not"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "xy", "xz", "yz"]},
-         "leave some of it open"),
+         "determine the whole tensor"),
         (STATES | INTEGRATED, "accelerometers measure none"),
     ],
 )  # fmt: skip

@@ -375,7 +375,7 @@ BAD = {
     ),
     "an error of the normal field": (
         'source = "normal"', 'source = "normal"\nerror.density_factor = 1.1',
-        r'field.error: source = "normal" has no map that could be wrong',
+        r'field.error: source = "normal" has no map',
     ),
     "a map that is not there": (
         GRADIOMETER, f'[model.field]\nsource = "gone.nc"\n{GRADIOMETER}', r"gone.nc.*No such file",

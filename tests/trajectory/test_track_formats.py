@@ -75,9 +75,9 @@ BAD = {
     "GPX without times": (gpx(time=False), "track point 1 has no time; every point needs <time>"),
     "GPX without heights": (gpx().replace("ele>", "eel>"), "track point 1 has no height"),
     "GPX of waypoints": (
-        '<gpx version="1.1"><wpt lat="1" lon="2"/></gpx>', "has waypoints or routes and no track",
+        '<gpx version="1.1"><wpt lat="1" lon="2"/></gpx>', "has waypoints or routes but no track",
     ),
-    "GPX without end": (gpx()[:-40], "is no GPX file that can be read"),
+    "GPX without end": (gpx()[:-40], "cannot be read as a GPX file"),
     "GPX, no number": (gpx().replace("48.003", "nan", 1), "is no GPX|no number"),
     "KML on the ground": (kml("clampToGround"), "altitudeMode is 'clampToGround'; .*'absolute'"),
     "KML of a line": (

@@ -124,7 +124,7 @@ def test_longitudes_are_those_of_scenarios(tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("lat,lon\n46,8\n", "names no two places"),
+        ("lat,lon\n46,8\n", "has fewer than two waypoints"),
         ("lat,height\n46,8\n", "line 1 names no column longitude_deg (found: lat, height)"),
         ("lat,lon\n0.8,0.1\n0.81,0.1\n", "all of lat and lon could be radians"),
         ("lat,latitude,lon\n46,46,8\n", "names latitude_deg twice"),
@@ -132,9 +132,9 @@ def test_longitudes_are_those_of_scenarios(tmp_path):
         ("lat,lon\n46,8\n146,8\n", "place 2 is at latitude 146°"),
         ("lat,lon\n" + "46,8\n47,8\n" * 501, "has 1002 places"),
         ("<kml><Point><coordinates>8</coordinates></Point></kml>", "place 1 is '8' and must be"),
-        ("<kml></kml>", "names no two places"),
-        ("<gpx></gpx>", "names no two places"),
-        ("$GPGGA,,,", "is a log of a receiver"),
+        ("<kml></kml>", "has fewer than two waypoints"),
+        ("<gpx></gpx>", "has fewer than two waypoints"),
+        ("$GPGGA,,,", "is a receiver log"),
         ("PK\x03", "is a zip archive"),
     ],
 )
