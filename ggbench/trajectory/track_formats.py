@@ -208,7 +208,7 @@ def _kml(text: str) -> tuple[list[Fix], str]:
         )
     seconds = iso_seconds(when for when, _ in whole)
     fixes = [
-        Fix(time, *_degrees(place, number), None, f"place {number}")
+        Fix(time, *_degrees(place, number), None, f"position {number}")
         for number, (time, (_, place)) in enumerate(zip(seconds, whole, strict=True), 1)
     ]
     left_out = len(stamped) - len(whole)

@@ -197,7 +197,7 @@ def test_many_voids_are_refused(tmp_path):
     heights = HEIGHTS[::-1].copy()
     heights[4, 7:10] = -32768.0
     path = write_raster(tmp_path / "holes.tif", heights, nodata=-32768.0)
-    message = r"holes.tif has 3 voids among 192 cells, the first at .* 45.07000, 7.07000: less than"
+    message = r"holes.tif has 3 voids among 192 cells, the first at .* 45.07000, 7.07000; less than"
     with pytest.raises(TerrainError, match=message):
         read_terrain(path)
 
@@ -226,7 +226,7 @@ def test_voids_in_the_area_needed_are_refused_with_their_place(tmp_path):
     path = write_raster(tmp_path / "a.tif", heights, nodata=-9999.0)
     message = (
         r"2 voids among \d+ cells of the area needed, 45° to 45.04° N, 7.09° to 7.15° E, the first "
-        r"at latitude, longitude 45.01000, 7.12000: .* choose bounds without voids"
+        r"at latitude, longitude 45.01000, 7.12000; .* choose bounds without voids"
     )
     with pytest.raises(TerrainError, match=message):
         read_terrain(path, SOUTH_EAST)
@@ -466,19 +466,19 @@ def bad_folder(path):
         (bad_netcdf, "a.nc cannot be read as a netCDF grid"),
         (bad_surfer, "a.grd cannot be read as a raster"),
         (bad_empty_netcdf, "a.nc cannot be read as a netCDF grid"),
-        (bad_variables, r"has 2 grids in latitude and longitude \(slope, roughness\); one"),
+        (bad_variables, r"has 2 grids in latitude and longitude \(slope, roughness\); exactly one"),
         (bad_dimensions, r"has 0 grids in latitude and longitude \(none\)"),
-        (bad_coordinates, "has y in 'm'; degrees are allowed"),
+        (bad_coordinates, "has y in 'm'; degrees are needed"),
         (bad_projection, "coordinate x belongs to a projection; degrees are needed"),
         (bad_spacing, "has latitudes that are not evenly spaced"),
         (bad_order, "has latitudes that are not evenly spaced"),
         (bad_shape, r"heights of shape \(16, 12\), but \(12,\) latitudes and \(16,\) longitudes"),
         (bad_latitude, "latitudes from 90 to 90.11; allowed are -90 to 90 degrees"),
-        (bad_keys, "has the arrays heights; those of a Terrain"),
+        (bad_keys, "has the arrays heights; needed are those of a Terrain"),
         (bad_archive, "a.npz cannot be read as a NumPy archive"),
         (bad_pickle, "a.npz cannot be read as a NumPy archive"),
         (bad_text, "a.npz cannot be read as a NumPy archive"),
-        (bad_size, "has 3 latitudes; at least 4 are allowed"),
+        (bad_size, "has 3 latitudes; at least 4 are needed"),
         (bad_suffix, r"a.docx has an unknown suffix; allowed: .tif"),
         (bad_folder, "is a folder; a terrain is a file"),
     ],

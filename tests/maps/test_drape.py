@@ -237,9 +237,9 @@ def test_what_does_not_go_with_a_drape_is_refused(folder, words, said):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--clearance-to", 300), "give --drape"),
-        (("--tolerance", 1.0), "give --drape"),
-        (("--beyond", "nothing"), "give --drape"),
+        (("--clearance-to", 300), "require --drape"),
+        (("--tolerance", 1.0), "require --drape"),
+        (("--beyond", "nothing"), "require --drape"),
         (("--lowest", 1000), "--drape builds a map whose layers follow the ground"),
     ],
 )
@@ -269,7 +269,7 @@ def test_a_terrain_alone_is_draped_not_a_gravity_model(folder, tmp_path):
 def test_the_zero_level_of_a_draped_terrain_is_the_geoid(folder):
     """So that heights of its map are above the ellipsoid, as those of tracks are."""
     code, output = build(folder)
-    assert code == 0 and "above sea level, 5" in output
+    assert code == 0 and "above sea level, which lies 5" in output
     geoid = json.loads(netcdf_reader.read_layers(folder / "map.nc")[1]["parameters"])
     assert geoid["geoid_height_m"] == pytest.approx(geoid_heights([45.0175], [7.0175])[0], abs=0.1)
     raised = read(folder / "map.nc").base
@@ -283,7 +283,7 @@ def test_a_level_map_says_where_sea_level_is(folder):
     inputs = Inputs(terrain=folder / "dem.npz")
     (said,) = [each for each in plan(inputs, GridRequest(), "test").remarks if "sea" in each]
     height = geoid_heights([45.02], [7.02])[0]
-    assert f"--geoid-height {height:.1f} to match heights of receivers" in said
+    assert f"--geoid-height {height:.1f} (EGM2008" in said
     given = dataclasses.replace(inputs, geoid_height_m=0.0)
     assert not any("sea" in each for each in plan(given, GridRequest(), "test").remarks)
 
@@ -298,7 +298,7 @@ def test_a_map_near_the_edge_of_its_terrain_is_warned_of_what_lies_beyond(folder
     assert "the western edge" in said
     assert f"within {distance / 1e3:.2g} km" in said or "within 0.4" in said
     worth = 2.0 * 6.6743e-11 * 2670.0 * np.std(terrain.height_m) / distance * 1e9
-    found = float(said.split("is worth ")[1].split(" E there")[0])
+    found = float(said.split("causes an error of ")[1].split(" E there")[0])
     assert found == pytest.approx(worth, rel=0.1)
 
 

@@ -245,7 +245,7 @@ def test_other_functionals_of_icgem_are_refused_by_name(kind, tmp_path):
 def test_bouguer_anomalies_in_netcdf_are_refused(tmp_path):
     write_grid(tmp_path / "a.nc", "bouguer_anomaly", "mGal", VALUES, 45.0, 7.0, 0.1)
     with pytest.raises(
-        MapError, match=r"holds 'bouguer_anomaly': that is a Bouguer.*; free-air anomalies"
+        MapError, match=r"holds 'bouguer_anomaly': that is a Bouguer.*; only free-air anomalies"
     ):
         read_grid(tmp_path / "a.nc", "anomaly")
 

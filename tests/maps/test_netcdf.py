@@ -306,7 +306,7 @@ def put_everywhere(name, change):
         ),
         (
             put_everywhere("gradient", lambda v: 5e3 * v),
-            r"at most 10000 E: are allowed: correct the values or",
+            r"at most 10000 E are allowed: correct the values or",
         ),
         (put_everywhere("gradient", lambda v: 1e-9 * v), r"seem to be in s⁻²: multiply"),
         (put_everywhere("disturbance", lambda v: 1e5 * v), r"m/s²; .* at most 0.1 m/s².* mGal is"),
@@ -405,7 +405,7 @@ def test_nothing_is_left_of_a_map_that_could_not_be_finished(tmp_path):
 
     path = tmp_path / "map.nc"
     path.write_bytes(b"what was there before")
-    for bad, message in ((np.nan, "no numbers"), (None, "4 layers were computed")):
+    for bad, message in ((np.nan, "not finite"), (None, "4 layers were computed")):
         with pytest.raises(MapError, match=message):
             netcdf.write_layers(path, nodes, layers(bad), {})
     with pytest.raises(MapError, match="cannot write the map"):

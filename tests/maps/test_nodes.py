@@ -65,7 +65,7 @@ def test_spacings_are_a_quarter_of_the_distance_to_the_sources():
         assert remarks == []
     for factor in (1.01, 4.0):
         _, (remark,) = nodes_for(held, GridRequest(spacing_deg=factor * widest / 3600.0))
-        assert "a quarter of the 9500 m to the sources" in remark
+        assert "a quarter of the distance of 9500 m to the sources" in remark
     assert nodes_for(held, GridRequest(spacing_deg=widest / 3600.0))[1] == []
 
 

@@ -119,7 +119,7 @@ def test_samples_with_missing_values_are_left_out(tmp_path):
         ({"xx": "Tzz"}, ("xx",), "no column 'Tzz'; name it, as in --column xx=COLUMN; it has Time"),
         ({}, ("xx", "yy"), "no column 'yy'"),
         ({"heigth": "Alt"}, (), "--column heigth=... has an unknown key; known: line, kind"),
-        ({}, ("xx", "xx"), "each once"),
+        ({}, ("xx", "xx"), "each at most once"),
         ({"height_m": "Height"}, (), "no column 'Height'"),
     ],
 )

@@ -349,7 +349,7 @@ def test_coordinates_of_a_projection_need_its_name(tmp_path):
     found = read_lines(path, names, quantity="disturbance", crs="EPSG:32754")
     np.testing.assert_allclose(found.latitude_deg, LATITUDES, atol=1e-7)
     np.testing.assert_allclose(found.longitude_deg, LONGITUDES, atol=1e-7)
-    with pytest.raises(MapError, match="LONG is in 'm', and longitude_deg may be in deg"):
+    with pytest.raises(MapError, match="LONG is in 'm'; units of longitude_deg are deg"):
         read_lines(path, DISTURBANCE, quantity="disturbance")
     with pytest.raises(MapError, match="--crs EPSG:0 is not a coordinate reference system"):
         read_lines(path, names, quantity="disturbance", crs="EPSG:0")

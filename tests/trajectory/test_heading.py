@@ -37,7 +37,7 @@ def curve(heading, speed: float = 60.0) -> np.ndarray:
     ("heading", "said"),
     [
         (lambda course: 90.0 - course, "measured counter-clockwise from east"),
-        (lambda course: -course, "mirrored"),
+        (lambda course: -course, "measured counter-clockwise from north"),
         (lambda course: course - 90.0, "measured clockwise from east"),
         (lambda course: 180.0 + course, "of the stern"),
         (lambda course: np.radians(course), "in radians$"),
