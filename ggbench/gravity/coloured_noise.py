@@ -38,7 +38,7 @@ _MOST_ORDER = 64
 _TIMING = 1e-3
 """By how much readings may be off the model's interval [intervals]."""
 _REACH = _MOST_ORDER
-"""How far back a reading behind a gap is predicted from [intervals]; a longer gap starts anew."""
+"""Longest memory of the prediction across a gap [intervals]; a longer gap restarts it."""
 
 
 class ColouredNoiseError(GGBenchError):

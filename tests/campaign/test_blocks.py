@@ -157,7 +157,7 @@ def test_a_block_is_all_that_there_is_to_write(many, tmp_path):
     assert found.info == {"map_evaluations": 7, "first": problem.measurements[0, 0]}
     expected = choose("ekf").estimator.estimate(problem, rng)
     np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12)
-    reason = "a compiled engine needs the package's own model, not LinearModel"
+    reason = "a compiled engine needs the model of ggbench, not LinearModel"
     assert estimator.skip(linear_problem(seed=0)) == reason
     with pytest.raises(TypeError, match=reason):
         estimator.estimate(linear_problem(seed=0), rng)

@@ -53,8 +53,14 @@ def test_heights_above_the_ellipsoid_need_no_geoid(tmp_path):
 
 
 CONTRADICTIONS = {
-    "a meridian": ({"longitude_of_prime_meridian": 2.337}, "meridian at 2.337 degrees; only Greenwich"),
-    "a datum": ({"crs_wkt": CRS.from_epsg(4807).to_wkt()}, r"is in NTF \(Paris\); only WGS 84 is all"),
+    "a meridian": (
+        {"longitude_of_prime_meridian": 2.337},
+        "meridian at 2.337 degrees; only Greenwich",
+    ),
+    "a datum": (
+        {"crs_wkt": CRS.from_epsg(4807).to_wkt()},
+        r"is in NTF \(Paris\); only WGS 84 is all",
+    ),
     "no datum": ({"crs_wkt": "WGS eighty-four"}, "has an invalid reference system"),
     "the same": ({"crs_wkt": CRS.from_epsg(4326).to_wkt()}, ""),
     "no words": ({"grid_mapping_name": "latitude_longitude"}, ""),

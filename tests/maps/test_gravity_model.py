@@ -159,7 +159,9 @@ def test_models_come_packed(tmp_path):
     with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
         archive.write(plain, "a.gfc")
         archive.write(plain, "b.gfc")
-    with pytest.raises(MapError, match=r"archive of 2 files with 2 files \*.gfc; exactly one is allowed"):
+    with pytest.raises(
+        MapError, match=r"archive of 2 files with 2 files \*.gfc; exactly one is allowed"
+    ):
         read_model(tmp_path / "b.zip")
     content = (tmp_path / "a.zip").read_bytes()
     (tmp_path / "a.zip").write_bytes(content[:-30])

@@ -275,7 +275,7 @@ def test_other_files_are_refused(tmp_path):
 
 def test_a_region_that_the_map_does_not_touch_is_refused(file):
     with pytest.raises(
-        MapError, match=r"covers longitudes from 107.5000° to 107.7000°, and nothing"
+        MapError, match=r"covers longitudes from 107.5000° to 107.7000°, and the region"
     ):
         read(file, (33.0, 33.1, 10.0, 11.0))
 

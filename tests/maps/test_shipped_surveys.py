@@ -95,8 +95,14 @@ def test_a_recipe_that_a_survey_cannot_follow_gets_a_sentence():
             "is outside the range of source 'vinton2008'",
         ),
         ({"min_height_m": 60.0, "max_height_m": 300.0, "spacing_arcmin": 0.2}, "too wide"),
-        ({"min_height_m": 0.0, "max_height_m": 500.0, "land_correction": False}, "is not allowed for"),
-        ({"min_height_m": 0.0, "max_height_m": 500.0, "density_kg_m3": 2000.0}, "is not allowed for"),
+        (
+            {"min_height_m": 0.0, "max_height_m": 500.0, "land_correction": False},
+            "is not allowed for",
+        ),
+        (
+            {"min_height_m": 0.0, "max_height_m": 500.0, "density_kg_m3": 2000.0},
+            "is not allowed for",
+        ),
     ):
         usual = {"spacing_arcmin": 0.06, "height_spacing_m": 60.0}
         with pytest.raises(MapError, match=said):

@@ -117,7 +117,7 @@ def test_rows_that_fit_neither_widths_nor_words_get_a_sentence(tmp_path):
     path = gdf2(tmp_path, fields("mGal"), separator=" ")
     path.write_text(path.read_text().replace("10020 ", "10020 north ", 1))
     with pytest.raises(
-        MapError, match=r"6 columns of 69 characters .* rows 6 to 7 words; .*line 1"
+        MapError, match=r"6 columns of 69 characters .* rows have 6 to 7 words; .*line 1"
     ):
         read_lines(path, DISTURBANCE, quantity="disturbance")
 

@@ -345,7 +345,7 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     ),
     "feet": (text(names="t,lat,lon,altitude_ft"), r"no column height_m \(found: .*altitude_ft\)"),
     "unit in brackets": (
-        text(names="t,lat,lon,alt [fl]"), r"line 1 .* 'alt' in 'fl'; allowed units of height_m: m, ",
+        text(names="t,lat,lon,alt [fl]"), r"line 1 .* 'alt' in 'fl'; allowed units .*: m, ",
     ),
     "two units": (text(names="t,lat,lon,alt_m [ft]"), r"'alt_m' in 'ft': the units differ"),
     "heading in radians": (

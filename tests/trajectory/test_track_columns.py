@@ -67,7 +67,10 @@ def test_a_track_of_another_program_is_read_by_its_names(name):
     ("columns", "said"),
     [
         ({"height_m": "alti"}, "line 1 names no column 'alti' for height_m"),
-        ({"height_m": "elevation [deg]"}, "a column 'elevation' in 'deg'; allowed units of height_m"),
+        (
+            {"height_m": "elevation [deg]"},
+            "a column 'elevation' in 'deg'; allowed units of height_m",
+        ),
         ({"hight_m": "elevation"}, "columns.hight_m is not a column of a track; known: time_s"),
         ("px5", "columns is 'px5' and must be euroc, px4, ros"),
         ("ros", "names no column '%time \\[ns\\]' for time_s"),

@@ -84,10 +84,10 @@ BAD = {
         "<kml><Placemark><LineString><coordinates>1,2,3 4,5,6</coordinates></LineString>"
         "</Placemark></kml>", "has no times; a track is a gx:Track",
     ),
-    "KML, a time less": (kml().replace(f"<when>{iso(START)}</when>", ""), "19 times and 20 positions"),
+    "KML, a time less": (kml().replace(f"<when>{iso(START)}</when>", ""), "19 times and 20 pos"),
     "KML, a word": (kml().replace("11.503000", "east"), "position 4 is 'east,48.003"),
-    "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "place 4: its time.* not a number"),
-    "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "place 4: comes 6"),
+    "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "position 4: its time.* not a n"),
+    "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "position 4: comes 6"),
     "zip": ("PK\x03\x04", "is a zip archive; unpack it"),
     "NMEA, checksums": (nmea().replace(",08,0.9,", ",09,0.9,"), "line 2 is a GGA .*checksum.* 20"),
     "NMEA without fixes": ("\n".join([nmea_line("GPGGA,1,,,,,0,,,,,,,,")] * 9), "no GGA sentence"),
@@ -99,7 +99,7 @@ BAD = {
     "RTKLIB, short": (pos() + "2024/03/01 00:01:00 48.1", "line 23 is '2024/03/01 00:01:00 48.1'"),
     "four positions": ("\n".join(pos().splitlines()[:6]), "has 4 positions; a track needs at"),
     "time backwards": (
-        kml().replace("23:59:55", "23:59:50"), "place 4: time_s is .* in the row before",
+        kml().replace("23:59:55", "23:59:50"), "position 4: time_s is .* in the row before",
     ),
 }  # fmt: skip
 
