@@ -27,12 +27,12 @@ _FILTERS = {
 
 @dataclass(frozen=True)
 class ClosedLoop(Estimator):
-    """A Kalman filter with feedback to the mechanization, compiled.
+    """Kalman filter with feedback to the mechanization, compiled.
 
     Parameters
     ----------
     filter : ``ekf``, or ``ukf`` with cubature points.
-    interval_s : time between two corrections of the mechanization [s]; at every epoch at most.
+    interval_s : time between corrections of the mechanization [s]; at least one epoch.
     """
 
     filter: Literal["ekf", "ukf"] = "ekf"

@@ -51,26 +51,26 @@ _FALL = 0.5
 
 @dataclass(frozen=True)
 class Correlation(Estimator):
-    """Matching by differences, and what is made of several candidates.
+    """Matching of measurement differences, with association of several candidates.
 
     Parameters
     ----------
-    association : ``nearest``: the candidate of least J. ``reciprocal``: all, with weights 1/J
-        (Li's PDAF). ``likelihood``: all, with their posterior probabilities; of nodes with
-        exp(−½ χ²), as if the terms of J were independent.
+    association : ``nearest``: the candidate with the smallest J. ``reciprocal``: all candidates,
+        with weights 1/J (Li's PDAF). ``likelihood``: all candidates, with their posterior
+        probabilities; nodes have exp(−½ χ²), as if the terms of J were independent.
     candidates : ``basins``: local minima of J, each refined to the most probable states of the
-        window. ``nodes``, as in the paper: the points of the grid where J is least, as they are.
-    window : number of epochs with readings that are matched at once.
-    differenced : whether differences are matched, or the readings themselves.
-    descending : whether the weights fall along the window, or are equal.
+        window. ``nodes``, as in the paper: the grid points with the smallest J, without refinement.
+    window : number of epochs with measurements in one match.
+    differenced : whether differences of measurements are matched, or the measurements.
+    descending : whether the weights decrease along the window, or are equal.
     fusion : use of the fixes, see :mod:`ggbench.engines.fix_fusion`.
-    keep : how many candidates there are.
-    spacing_m : step of the grid [m]; in the paper it is the map's.
-    most : largest number of its points; where there would be more, the step is made longer.
-    misfit : largest χ² per reading with which a fix is accepted; 1 is expected. Of nodes, of the
+    keep : number of candidates.
+    spacing_m : grid step [m]; in the paper the node spacing of the map.
+    most : largest number of grid points; the step is increased to keep it.
+    misfit : largest χ² per measurement of an accepted fix; 1 is expected. For nodes, χ² of the
         terms of J.
-    odds : least log odds of the likeliest candidate against the next best place with which it is
-        accepted.
+    odds : least log odds of an accepted fix, of the likeliest candidate against the next best
+        position.
     """
 
     association: Literal["nearest", "reciprocal", "likelihood"] = "likelihood"
@@ -190,7 +190,7 @@ class Correlation(Estimator):
 
 @dataclass(frozen=True)
 class _Fix:
-    """A state (n,) at a window's end, its covariance (n, n), and whether it is believed."""
+    """State (n,) at the end of a window, its covariance (n, n), and whether it is accepted."""
 
     mean: np.ndarray
     cov: np.ndarray
@@ -199,17 +199,17 @@ class _Fix:
 
 
 class Sequences(Search):
-    """A search by Li's J = Σ_c r_cᵀ W r_c, with the residuals r_c of each channel c.
+    """Search by Li's J = Σ_c r_cᵀ W r_c, with the residuals r_c of each channel c.
 
-    The weights of all terms add up to one. A channel's differences are those of its consecutive
-    readings, whatever others do in between.
+    The weights of all terms add up to one. Differences are between consecutive measurements of a
+    channel, also if other channels measure in between.
 
     Attributes
     ----------
     form : (m, W, W) the W of each channel.
     terms : number of terms of J.
-    chi_squared : what J is to be multiplied with to be a χ² of so many terms: each has the variance
-        of one reading, or two.
+    chi_squared : factor that converts J to a χ² of as many terms. Each term has the variance of
+        one measurement, or of two.
     """
 
     _kept = (*Search._kept, "_total", "_last")

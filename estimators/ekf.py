@@ -22,12 +22,12 @@ class ExtendedKalmanFilter(GatedUpdate):
 
     Parameters
     ----------
-    iterations : most linearisations of h per epoch. 1 is the plain filter; with more, the update
-        is a Gauss–Newton search for the most probable state (Bell & Cathey 1993), whose steps are
-        halved until the cost falls.
-    noise_memory : number of measurements over which the measurement noise is estimated from the
-        residuals, a variance for each component (Mohamed & Schwarz 1999, with the forgetting of
-        Sage & Husa 1969); 0 keeps the given noise.
+    iterations : largest number of linearisations of h per epoch. 1 is the plain filter. With more,
+        the update is a Gauss–Newton search for the most probable state (Bell & Cathey 1993), whose
+        steps are halved until the cost decreases.
+    noise_memory : number of measurements over which the noise variance of each component is
+        estimated from the residuals (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa
+        1969); 0 keeps the given noise.
     """
 
     iterations: AtLeastOne = 1

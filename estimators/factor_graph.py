@@ -36,10 +36,10 @@ class GraphParameters(RobustLoss):
         it leaves a sliding window (measurements up to ``lag`` later), ``batch`` all nodes from all
         measurements.
     lag : length of the sliding window [s].
-    relinearize_threshold : iSAM2 and the sliding window linearise a node again from a change on, of
-        any one state, that would alone change its measurement by so many standard deviations of the
-        noise, see :func:`noticeable_changes`. States that h does not depend on move freely.
-    max_iterations : limit of the batch optimizer's steps.
+    relinearize_threshold : change of a measurement [standard deviations of the noise] by any one
+        state of a node, from which iSAM2 and the sliding window linearise the node again, see
+        :func:`noticeable_changes`. States without effect on h do not count.
+    max_iterations : largest number of steps of the batch optimizer.
     """
 
     family = "smoother"

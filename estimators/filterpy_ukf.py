@@ -15,9 +15,9 @@ from .ukf import SigmaPoints
 class FilterpyUnscented(SigmaPoints):
     """``filterpy.kalman.UnscentedKalmanFilter`` on any measurement model.
 
-    Its square root of a covariance is a parameter of its sigma points. Cholesky's fails where the
-    paper's negative centre weight has made P indefinite. Here the root is that of the nearest
-    positive part, and repairs are counted.
+    The square root of the covariance is a parameter of filterpy's sigma points. Cholesky's root
+    fails if the negative centre weight of the paper makes P indefinite. This class uses the root of
+    the positive part and counts these repairs.
     """
 
     name = "filterpy-ukf"

@@ -39,12 +39,12 @@ class GaussNewton(RobustLoss, BlockEstimator):
     Parameters
     ----------
     starts : number of initial positions (states in metres) spread over the prior; 1 starts from
-        the prior's mean alone. A filter's track is one more start.
-    refine : how many of them, those of the lowest costs, are refined.
-    window : number of epochs with measurements that are searched on a grid; 0 for none. With one
-        start nothing is searched.
+        the prior's mean alone. The track of a filter is a further start.
+    refine : number of starts with the lowest costs that are refined.
+    window : number of epochs with measurements of a grid search; 0: no search. With one start
+        there is no search.
     spacing_m : step of that grid [m], a quarter of the field's correlation length.
-    max_iterations : limit of Gauss–Newton steps from each start.
+    max_iterations : largest number of Gauss–Newton steps from each start.
     """
 
     starts: Annotated[int, Field(ge=1, le=_MOST_STARTS)] = 1024

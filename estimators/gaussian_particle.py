@@ -37,9 +37,9 @@ class GaussianParticle(Estimator):
 
     Parameters
     ----------
-    particles : drawn at every epoch.
-    proposal : from what: ``prior``, the prediction; ``ekf`` or ``ukf``, the prediction updated by
-        an extended Kalman filter or by one with cubature points.
+    particles : number of samples at every epoch.
+    proposal : density of the samples. ``prior``: the prediction. ``ekf`` or ``ukf``: the prediction
+        updated by an extended Kalman filter or by a cubature Kalman filter.
     """
 
     particles: Annotated[int, Field(ge=2, le=_MOST)] = 3000
@@ -88,7 +88,7 @@ class GaussianParticle(Estimator):
 
 
 class _Step:
-    """One reading, and the Gaussian that was predicted, in units of the prior's deviations."""
+    """One measurement and the predicted Gaussian, in standard deviations of the prior."""
 
     def __init__(
         self,

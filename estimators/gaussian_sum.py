@@ -31,9 +31,9 @@ class GaussianSum(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    spacing_m : distance of the hypotheses [m], some fraction of the field's correlation length.
-        Directions of the position in which the prior is narrower are not split.
-    most : largest number of hypotheses; where the grid would need more, it is made coarser.
+    spacing_m : distance of the hypotheses [m], a fraction of the field's correlation length. The
+        prior is split only in directions in which it is wider.
+    most : largest number of hypotheses; the grid is made coarser to keep it.
     iterations : linearisations of h in each update of a hypothesis (see ``ekf``).
     """
 

@@ -131,7 +131,7 @@ class GtsamSmoother(GraphParameters):
 
 
 class _ScaledProblem:
-    """A problem in units of the prior's standard deviations, and its factors."""
+    """Problem in standard deviations of the prior, and its factors."""
 
     def __init__(self, problem: Problem, loss: Loss, threshold: float) -> None:
         self.problem = problem
@@ -243,9 +243,9 @@ def _gradient_error(
 
 
 class _Reading:
-    """The whitened residual of a reading and its Jacobian at the last state asked for.
+    """Whitened residual of a measurement and its Jacobian at the last state evaluated.
 
-    The components of a reading are asked for one by one, all at the same state.
+    GTSAM evaluates the components of a measurement one by one, all at the same state.
     """
 
     def __init__(self, error: _Error, noise_root: np.ndarray) -> None:

@@ -46,15 +46,14 @@ class Iccp(Estimator):
 
     Parameters
     ----------
-    window : readings of a track that is moved as one piece.
-    transform : ``rigid``, the track is moved and turned; ``similarity``, and stretched. Turn and
-        scale are held to what the INS's velocity error, three deviations of it, can have done.
-    fusion : ``kalman``, windows follow each other and their fixes update what is known; ``none``,
-        the window slides and each answer is that of the last window alone.
-    channel : name of the channel; if not given, the vertical gradient, ``gradient zz``, or a
-        gravimeter's ``gravity scalar``.
-    cell_m : grid on which contours are sought [m], larger where the prior is wide.
-    misfit : largest χ² per reading, of the residuals at rest, with which a fix is accepted.
+    window : number of measurements of a rigid piece of track.
+    transform : ``rigid``: translation and rotation of the track. ``similarity``: also scaling.
+        Rotation and scale are limited to three standard deviations of the INS velocity error.
+    fusion : ``kalman``: consecutive windows, whose fixes update a Kalman filter. ``none``: a
+        sliding window; each estimate uses the last window only.
+    channel : name of the channel [``gradient zz``, else ``gravity scalar``].
+    cell_m : grid step of the contours [m]; larger if the prior is wide.
+    misfit : largest χ² per measurement of an accepted fix, from the residuals at convergence.
     """
 
     window: Annotated[int, Field(ge=3)] = 20
@@ -121,7 +120,7 @@ class Iccp(Estimator):
 
 @dataclass(frozen=True)
 class _Fix:
-    """What a window came to: position error (2,) at its end, and what is to be thought of it."""
+    """Result of a window: position error (2,) at its end, and its acceptance."""
 
     mean: np.ndarray
     cov: np.ndarray
@@ -131,7 +130,7 @@ class _Fix:
 
 
 class _Matcher:
-    """One flight's contours and the track that is moved onto them."""
+    """Contours of one flight and the track to align with them."""
 
     def __init__(self, settings: Iccp, problem: Problem, channel: int) -> None:
         self.settings, self.problem, self.channel = settings, problem, channel

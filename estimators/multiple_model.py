@@ -42,14 +42,13 @@ class MultipleModel(BlockEstimator):
 
     Parameters
     ----------
-    noise : whether the noise of gravity and gradient channels may be other than assumed, from a
-        third to ten times.
-    errors : whether these channels may have constant errors, and errors of the map that change
-        along the track.
-    gravity : whether there may be gravity that the INS does not know.
-    outliers : whether the noise may have heavy tails.
-    spacing_m, most : distance [m] and largest number of the Gaussians that a wide prior is split
-        into, as in ``gaussian-sum``. If not given, the distance fits the map.
+    noise : hypotheses of a third to ten times the assumed noise of gravity and gradient channels.
+    errors : hypotheses of constant errors of these channels, and of map errors that vary along the
+        track.
+    gravity : hypotheses of a gravity disturbance that the INS does not compensate.
+    outliers : hypotheses of noise with heavy tails.
+    spacing_m, most : distance [m] and largest number of the Gaussians of a wide prior, as in
+        ``gaussian-sum``. Without it, the distance follows from the map.
     iterations : linearisations of h in each update (see ``ekf``).
     """
 

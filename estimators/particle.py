@@ -45,7 +45,7 @@ Tempering = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 @dataclass(frozen=True)
 class CloudFilter(Estimator):
-    """Base of the particle filters of one cloud."""
+    """Base class of particle filters with one particle cloud."""
 
     family = "sampled"
     causality = "filter"
@@ -80,16 +80,16 @@ class ParticleFilter(CloudFilter):
 
     Parameters
     ----------
-    particles : their number N. A run costs about 0.4 µs per particle and epoch.
+    particles : number N of particles. A run costs about 0.4 µs per particle and epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
     threshold : effective sample size over N below which the cloud is resampled.
-    tempering : a reading that would leave less than this share of N effective is taken in by
-        stages; 0 takes each reading at once. Without one of the following three the stages are
-        exact, and of the first reading.
+    tempering : effective share of N below which an update is split into stages; 0: no stages.
+        Without kernel, roughening and regularisation the stages are exact and apply to the
+        first measurement.
     kernel : bandwidth, 0 to 1, of the kernel of Liu & West (2001) after resampling.
-    roughening : Gordon's K, of noise after resampling in proportion to the cloud's extent.
-    regularisation : bandwidth of a kernel on the position after resampling, over the optimal one
-        of Musso, Oudjane & Le Gland (2001).
+    roughening : Gordon's K: noise after resampling, in proportion to the extent of the cloud.
+    regularisation : bandwidth of a kernel on the position after resampling, relative to the
+        optimal bandwidth of Musso, Oudjane & Le Gland (2001).
     """
 
     particles: Particles = 10_000

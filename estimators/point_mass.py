@@ -46,9 +46,9 @@ class PointMass(Estimator):
 
     Parameters
     ----------
-    step : distance of the points of the first grid, in the unit of the states [m]; not wider than
-        what the first reading can tell apart. Less where the prior is narrow.
-    resolution : cells to a standard deviation, of the prior and of the peak, at least.
+    step : distance of the points of the first grid, in the unit of the states [m]. It must resolve
+        the likelihood of the first measurement. It is smaller if the prior is narrow.
+    resolution : least number of cells per standard deviation, of the prior and of the peak.
     """
 
     step: Positive = 20.0
@@ -96,7 +96,7 @@ class PointMass(Estimator):
 
 
 class _Grid(Lattice):
-    """Masses on a lattice that is cut, halved and doubled."""
+    """Point masses on a lattice that is cropped, refined and coarsened."""
 
     def __init__(self, problem: Problem, steps: np.ndarray, resolution: float) -> None:
         super().__init__(problem.prior_mean, problem.prior_cov, steps, _REACH)

@@ -51,16 +51,16 @@ class RaoBlackwellisedFilter(CloudFilter):
 
     Parameters
     ----------
-    particles : their number N. While there are particles, one costs 0.4 µs per epoch.
+    particles : number N of particles. Each costs 0.4 µs per epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
     threshold : effective sample size over N below which the cloud is resampled.
-    tempering : a reading of a Gaussian's draws that would leave less than this share of N effective
-        is taken in by stages; 0 takes each reading at once.
-    jitter : noise of the position [m²/s] of 4000 particles, which the Kalman part knows; in
-        proportion to N^{−1/2}.
-    straight : variance of h over 4000 particles, over that of the noise, which no straight line
-        explains and below which a Gaussian goes on; in proportion to N^{−1}; 0: never.
-    start : how many times N particles weigh the first reading over which h bends.
+    tempering : effective share of N below which an update of Gaussian samples is split into
+        stages; 0: no stages.
+    jitter : noise density of the position [m²/s] for 4000 particles, in proportion to N^{−1/2}.
+        The Kalman filter part includes it.
+    straight : nonlinear part of the variance of h over 4000 particles, relative to the noise, below
+        which a Gaussian replaces the particles; in proportion to N^{−1}; 0: never.
+    start : factor on N for the first measurement over which h is nonlinear.
     """
 
     particles: Particles = 4000

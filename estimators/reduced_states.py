@@ -46,21 +46,21 @@ FILTERS: Mapping[str, Estimator] = MappingProxyType(
 
 @dataclass(frozen=True)
 class ReducedStates(Estimator):
-    """A filter of some of the states, all others taken as known.
+    """Filter of some states; all others are assumed to be known.
 
     Parameters
     ----------
     filter : ``ekf``, ``ukf`` (with cubature points), ``gaussian-sum``, ``point-mass``,
         ``particle``, ``gaussian-particle``, ``unscented-particle``, or ``strong-tracking``, the
-        unscented particle filter with it.
-    states : ``motion``, position and velocity east and north, or ``position`` alone.
-    noise : density of the white noise that stands for what is left out: of the acceleration
-        [m²/s³] of ``motion``, of the velocity [m²/s] of ``position``; 0 for none.
-    particles : of a filter that has any; if not given, 10,000 of ``particle``, 3000 of
-        ``gaussian-particle`` and 100 of the unscented ones.
-    beta : β of ``strong-tracking``; if not given, 1.
-    weights : how the particles of the unscented filters are weighed, as in
-        :mod:`.unscented_particle`; if not given, ``mixture``.
+        unscented particle filter with strong tracking.
+    states : ``motion``, position and velocity east and north, or only ``position``.
+    noise : density of white noise in place of the omitted states: acceleration [m²/s³] for
+        ``motion``, velocity [m²/s] for ``position``; 0 for none.
+    particles : number of particles [10,000 for ``particle``, 3000 for ``gaussian-particle``, 100
+        for the unscented filters].
+    beta : β of ``strong-tracking`` [1].
+    weights : weights of the unscented particle filters, as in :mod:`.unscented_particle`
+        [``mixture``].
     """
 
     filter: Literal[

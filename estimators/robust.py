@@ -24,8 +24,8 @@ class RobustLoss(Estimator):
 
     Parameters
     ----------
-    loss : ``huber`` or ``cauchy`` weigh down the components of a measurement that fit neither the
-        prediction nor each other.
+    loss : ``huber`` or ``cauchy`` reduces the weight of components of a measurement that agree
+        neither with the prediction nor with each other.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
     """
@@ -49,14 +49,14 @@ class RobustLoss(Estimator):
 class GatedUpdate(RobustLoss, BlockEstimator):
     """Parameters of a gate on innovations and of an underweighted gain.
 
-    Both are remedies against measurements that a linear update would take too much from, see
+    Both limit the influence of single measurements on a linear update, see
     :mod:`ggbench.engines.innovation_gating`.
 
     Parameters
     ----------
-    gate : probability with which a measurement of the assumed noise passes; one whose innovation
-        is beyond that quantile of χ² is rejected. 0 is no gate.
-    underweighting : β of S = (1 + β) H P Hᵀ + R, for the gain alone; 0 is the optimal gain.
+    gate : probability of accepting a measurement with the assumed noise. Innovations beyond this
+        quantile of χ² are rejected. 0: no gate.
+    underweighting : β of S = (1 + β) H P Hᵀ + R, which affects only the gain; 0: optimal gain.
     """
 
     gate: Annotated[float, Field(ge=0.0, lt=1.0)] = field(default=0.0, kw_only=True)

@@ -44,19 +44,19 @@ _MOST = 100_000
 
 @dataclass(frozen=True)
 class Sitan(Estimator):
-    """SITAN: one filter with slopes over a region, or a bank of them of which one is chosen.
+    """SITAN: one filter with stochastic linearisation, or a bank of filters with a choice.
 
     Parameters
     ----------
-    bank : ``none``, one filter; ``auto``, a bank if the prior of the position is wider than three
-        ``sigma_m``, of as many as fill it.
-    sigma_m : standard deviation of the position of each filter of a bank [m], along the directions
-        in which the prior is wider than their distance, three times that.
-    most : largest number of filters; where the grid would need more, it is made coarser.
-    readings : over how many the squared residuals, normalised by their predicted variance, are
-        smoothed; the bank decides after as many at the earliest.
-    largest : what the smoothed square of a channel must not exceed, in the filter that is chosen.
-    ratio : how many times as large it must be, at least, in every filter that is somewhere else.
+    bank : ``none``: one filter. ``auto``: a bank that fills the prior, if the position prior is
+        wider than three ``sigma_m``.
+    sigma_m : standard deviation of the position of each filter of a bank [m]. The filters are three
+        times this apart; directions in which the prior is narrower are not split.
+    most : largest number of filters; the grid is made coarser to keep it.
+    readings : number of measurements over which normalised squared residuals are smoothed. The bank
+        decides after this number at the earliest.
+    largest : largest smoothed square of a channel in the chosen filter.
+    ratio : least ratio of the smoothed square in all filters elsewhere to that of the chosen one.
     """
 
     bank: Literal["none", "auto"] = "none"
@@ -118,7 +118,7 @@ class Sitan(Estimator):
 
 
 class SitanFilters(Bank):
-    """Filters with slopes over a region; the smoothed weighted residual squared (J,) of each."""
+    """Filters with stochastic linearisation and their smoothed squared residuals (J,)."""
 
     def __init__(self, problem: Problem, spacing_m: float, most: int) -> None:
         super().__init__(problem, spacing_m, most, 1.0 / _SPACINGS)

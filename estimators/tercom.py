@@ -43,20 +43,20 @@ _ITERATIONS = 5
 
 @dataclass(frozen=True)
 class Tercom(RobustLoss):
-    """Terrain contour matching by windows of readings.
+    """Terrain contour matching by windows of measurements.
 
     Parameters
     ----------
-    criterion : by which places are compared, see :class:`ggbench.engines.window_search.Search`.
-    window : number of epochs with readings after which a fix is first tried.
-    longest : number to which the window grows, ``window`` by ``window``, while its fix is refused;
-        then its readings are given up, and the next one begins behind them.
+    criterion : cost of a position, see :class:`ggbench.engines.window_search.Search`.
+    window : number of epochs with measurements before the first attempt at a fix.
+    longest : largest window. A window grows in steps of ``window`` while its fix is refused. At the
+        largest it is discarded, and the next window begins behind it.
     fusion : use of the fixes, see :mod:`ggbench.engines.fix_fusion`.
     spacing_m : step of the grid [m], a quarter of the field's correlation length.
-    most : largest number of its points; where there would be more, the step is made longer.
-    refine : how many of the best places are refined.
-    misfit : largest χ² per reading with which a fix is accepted; 1 is expected.
-    odds : least log odds of the best place against the second best with which it is accepted.
+    most : largest number of grid points; the step is increased to keep it.
+    refine : number of the best positions that are refined.
+    misfit : largest χ² per measurement of an accepted fix; 1 is expected.
+    odds : least log odds of an accepted fix, of the best position against the second best.
     """
 
     criterion: Criterion = "msd"
@@ -144,7 +144,7 @@ class Tercom(RobustLoss):
 
 @dataclass(frozen=True)
 class TercomEkf(Tercom):
-    """TERCOM that hands over to an iterated EKF after its first accepted fix."""
+    """TERCOM until the first accepted fix, then an iterated EKF."""
 
     name = "tercom-ekf"
     _hands_over: ClassVar[bool] = True

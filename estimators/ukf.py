@@ -27,9 +27,9 @@ class SigmaPoints(Estimator):
     Parameters
     ----------
     points : ``julier`` for the paper's set, λ = κ; ``merwe`` for the scaled set (van der Merwe);
-        ``cubature`` for the 2n points of Arasaratnam & Haykin 2009, which are the paper's set with
-        κ = 0: its centre then weighs nothing, and no weight is negative.
-    kappa : κ; if not given, the paper's 3 − n for ``julier`` and 0 for ``merwe``.
+        ``cubature`` for the 2n points of Arasaratnam & Haykin 2009, the paper's set with κ = 0. Its
+        centre has no weight, and no weight is negative.
+    kappa : κ [3 − n of the paper for ``julier``, 0 for ``merwe``].
     alpha, beta : spread and prior-knowledge parameters of the scaled set.
     """
 

@@ -58,15 +58,14 @@ class UnscentedParticle(Estimator):
 
     Parameters
     ----------
-    particles : their number.
+    particles : number of particles.
     weights : ``mixture``, ``likelihood`` or ``exact``; see :mod:`.unscented_particle`. ``exact``
         needs process noise in every direction of the state.
-    width_m : with ``mixture``, standard deviation of a particle in directions of the position in
-        which the prior is wider than that [m]; a fraction of the field's correlation length.
-        Particles are then drawn so that they make up the prior together. Otherwise all have the
-        covariance of the prior.
-    kappa : κ of the sigma points (Julier & Uhlmann 2004); if not given, 3 − n.
-    strong_tracking : whether a fading factor keeps the innovations of each particle white.
+    width_m : with ``mixture``, standard deviation of a particle [m] in directions in which the
+        position prior is wider; a fraction of the field's correlation length. The mixture of all
+        particles then equals the prior. Otherwise each particle has the covariance of the prior.
+    kappa : κ of the sigma points (Julier & Uhlmann 2004) [3 − n].
+    strong_tracking : whether each particle has a fading factor that keeps its innovations white.
     rho, beta : ρ and β of :mod:`.strong_tracking`.
     """
 
@@ -121,10 +120,10 @@ class UnscentedParticle(Estimator):
 
 
 class UnscentedCloud:
-    """The particles: states (J, n), covariances (J, n, n), log weights (J,), in prior deviations.
+    """Particles: states (J, n), covariances (J, n, n), log weights (J,), in prior deviations.
 
-    Copies of one Gaussian that nothing drives apart are carried once, with their number (J,).
-    Readings are whitened: their noise has unit variance.
+    Identical Gaussians are stored once, with their number (J,). Measurements are whitened: their
+    noise has unit variance.
     """
 
     def __init__(

@@ -44,18 +44,18 @@ _MOST = 5_000_000
 class Viterbi(Estimator):
     """Hidden Markov model over cells of the position east, north and up.
 
-    Up only where the INS does not know its height better than readings could tell.
+    The axis up is omitted if the INS height is more accurate than the measurements can resolve.
 
     Parameters
     ----------
-    decode : ``path``, the most probable one, each epoch given all readings; ``marginal``, the mean
-        of the cells' probabilities given all readings; ``forward``, given those up to t.
-    cell_m : side of a cell [m]; along an axis that the prior knows better, its deviation.
-    most : largest number of cells; where the prior would need more, they are made larger east and
-        north. Each takes 40 bytes at every epoch at which it may be the true one.
-    drift : factor on the steps that the INS's error may take, by its prior. A drift that lasts
-        is followed at every step again: with a walk of no more than its own size, the forward pass
-        lags by a reading's deviation.
+    decode : ``path``: the most probable path given all measurements. ``marginal``: the mean of the
+        cell probabilities given all measurements. ``forward``: the mean given those up to t.
+    cell_m : side of a cell [m]; along an axis with a narrower prior, the prior's deviation.
+    most : largest number of cells; cells are enlarged east and north to keep it. Each takes 40
+        bytes at every epoch at which its probability is not negligible.
+    drift : factor on the steps of the INS error that follow from its prior. Steps are independent,
+        but a drift persists: with a factor of one the forward pass lags by the deviation of a
+        measurement.
     """
 
     decode: Literal["path", "marginal", "forward"] = "path"

@@ -192,7 +192,7 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
             and np.array_equal(block.model.coefficients, first.model.coefficients)
             and np.array_equal(block.model.combined, first.model.combined)
         ):
-            raise ValueError("blocks of other epochs, maps or gaps cannot be joined")
+            raise ValueError("blocks with different epochs, maps or gaps cannot be joined")
 
     def concatenated(*arrays: np.ndarray, axis: int = 0) -> np.ndarray:
         # As those of a block are: kernels of arrays that can be written would be compiled again.
@@ -280,7 +280,7 @@ def without_kernels(problem: Problem) -> str | None:
     if isinstance(problem.model, CompiledModel):
         return None
     name = type(problem.model).__name__
-    return f"a compiled engine needs the package's own model, not {name}"
+    return f"a compiled engine needs the model of ggbench, not {name}"
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def reduced(problem: Problem, states: Sequence[int], noise: np.ndarray) -> Reduc
     chosen = tuple(int(state) for state in states)
     n, count = problem.dimension, len(chosen)
     if not chosen or len(set(chosen)) < count or not all(0 <= state < n for state in chosen):
-        raise ValueError(f"states must be some of 0 to {n - 1}, each once, not {chosen}")
+        raise ValueError(f"states must be different numbers from 0 to {n - 1}, not {chosen}")
     if noise.shape != (problem.epochs, count, count):
         raise ValueError(f"noise must be ({problem.epochs}, {count}, {count}), not {noise.shape}")
     mean, cov = _unaided(problem)

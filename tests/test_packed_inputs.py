@@ -98,7 +98,7 @@ def test_the_arrays_of_a_results_folder_are_limited(tmp_path, monkeypatch):
     store = Store(tmp_path / "out", create=True)
     store.write_arrays("key", {"times": GRID})
     monkeypatch.setattr(files, "MOST_ARRAYS", LIMIT)
-    with pytest.raises(StoreError, match="what the runs of case base share unpacks to"):
+    with pytest.raises(StoreError, match="the shared data of case base unpacks to"):
         store.arrays("key", "base")
     store.close()
 

@@ -67,7 +67,7 @@ def export(
                 stop = int(np.searchsorted(block.times, until_s, side="right"))
                 if not 0 < stop < block.epochs:
                     raise ExchangeError(
-                        f"until is {until_s:g} s and must leave some of the epochs of {case.name}, "
+                        f"until is {until_s:g} s and must lie between the epochs of {case.name}, "
                         f"{block.times[0]:g} to {block.times[-1]:g} s"
                     )
                 block = block.until(stop)
@@ -134,7 +134,10 @@ def judge_estimates(
     first = stored[0].problem
     for one in stored:
         if (one.problem["scenario"], one.problem["seed"]) != (first["scenario"], first["seed"]):
-            raise ExchangeError(f"{estimates} holds estimates of {stored[0]}, and of {one}")
+            raise ExchangeError(
+                f"{estimates} holds estimates of {stored[0]} and of {one}; give one file for each "
+                "problem"
+            )
     loaded = load(first["scenario"]) if scenario is None else scenario
     loaded = loaded if isinstance(loaded, Scenario) else load(loaded)
     names = list(dict.fromkeys(one.problem["case"] for one in stored))
@@ -143,8 +146,8 @@ def judge_estimates(
         key = result_keys.problem_key(case, first["seed"])
         if any(one.problem["key"] != key for one in stored if one.problem["case"] == case.name):
             raise ExchangeError(
-                f"case {case.name} of {loaded.name} differs from the problem of "
-                f"{estimates}: the case or the version has changed; export it again"
+                f"case {case.name} of {loaded.name} differs from the problem of {estimates}: the "
+                "case or the version of ggbench has changed; export the problem again"
             )
     if cut is not None:
         require_causal(stored, estimate_files.stored_runs(Path(cut)))
@@ -194,7 +197,7 @@ def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> N
             first = whole.times[int((off > _SAME).argmax())]
             raise ExchangeError(
                 f"the estimates of {whole.problem['case']}, run {number}, are declared "
-                f"'{whole.causality}' and use later readings: without those after "
+                f"'{whole.causality}' but use later measurements: without the measurements after "
                 f"{part.times[-1]:g} s they differ by {off.max():.2g} standard deviations, first "
                 f"at {first:g} s"
             )
@@ -232,17 +235,17 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
             mean = one.mean[rows][:, :, :JUDGED]
             ned = mean[:, :, [1, 0, 2, 4, 3, 5]] * np.array([1, 1, -1, 1, 1, -1])
             readings = {
-                "with the other sign (the error of the INS is INS − truth)": -mean,
+                "with opposite sign (the error of the INS is INS − truth)": -mean,
                 "as north, east, down": ned,
-                "as north, east, down with the other sign": -ned,
+                "as north, east, down with opposite sign": -ned,
                 "in km and km/s": 1e3 * mean,
             }
             errors = {name: _rms(true - other) for name, other in readings.items()}
             best = min(errors, key=lambda name: errors[name])
             if errors[best] < _BETTER * _rms(true - mean):
                 sentences.append(
-                    f"the estimates of {one.problem['case']} err by {_rms(true - mean):.3g} m, and "
-                    f"by {errors[best]:.3g} m if read {best}"
+                    f"the estimates of {one.problem['case']} have an error of "
+                    f"{_rms(true - mean):.3g} m, and of {errors[best]:.3g} m if read {best}"
                 )
             break
     return sentences

@@ -137,7 +137,7 @@ def estimator(text: str) -> Estimator:
         If the text, the name, the file or a parameter is wrong; the message says what is allowed.
     """
     if not isinstance(text, str):
-        raise ArgumentError(f"the estimator must be named by a text, not {kind(text)}")
+        raise ArgumentError(f"the estimator must be a text, not {kind(text)}")
     return registry.choose(text).estimator
 
 
@@ -171,14 +171,14 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
     estimated = estimation.estimate(chosen, problem, rng)
     if not isinstance(estimated, Estimate):
         raise registry.EstimatorError(
-            f"{chosen.name}: estimate() returned {kind(estimated)} and must return an Estimate"
+            f"{chosen.name}: estimate() must return an Estimate, not {kind(estimated)}"
         )
     outside = epochs_outside(problem, estimated.mean)
     if estimated.causality != "none" and outside.any():
         warnings.warn(
-            f"{chosen.name} believes to be outside the map at {np.count_nonzero(outside)} of "
+            f"estimates of {chosen.name} leave the map at {np.count_nonzero(outside)} of "
             f"{problem.epochs} epochs, first {problem.times[outside.argmax()]:g} s after the "
-            "start: the border's values go on there",
+            "start; the field is extrapolated from the border",
             stacklevel=2,
         )
     return estimated

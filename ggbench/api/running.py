@@ -79,9 +79,11 @@ def run(
     start = None if seed is None else whole("seed", seed, 0, MOST_SEED)
     processes = None if jobs is None else whole("jobs", jobs, 0, MOST_RUNS)
     if cluster and jobs is not None:
-        raise ArgumentError("jobs and cluster exclude each other: give one of them")
+        raise ArgumentError("give either jobs or cluster")
     if time_limit is not None and not 0.0 < number("time_limit", time_limit) <= _LONGEST_S:
-        raise ArgumentError(f"time_limit is {time_limit} s and must lie above 0, to {_LONGEST_S:g}")
+        raise ArgumentError(
+            f"time_limit is {time_limit} s and must be above 0 and at most {_LONGEST_S:g}"
+        )
     loaded, chosen_cases = scenario_of(scenario)
     texts = [text_of_estimator(item) for item in listed(estimators, str | Estimator, "estimators")]
     temporary = None if output is not None else tempfile.mkdtemp(prefix="ggbench-")

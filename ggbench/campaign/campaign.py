@@ -146,9 +146,8 @@ class Campaign:
         if not unused:
             return []
         return [
-            f"{self.folder} holds {unused} results that are not part of this (another seed, "
-            "source or version; a case or estimator since changed or removed): they are kept "
-            "and not used; --fresh discards them"
+            f"{self.folder} contains {unused} results of another seed, source, version, case or "
+            "estimator: they are kept but not used; --fresh discards them"
         ]
 
     def tasks(self, store: Store) -> Tasks:
@@ -179,15 +178,16 @@ class Campaign:
         require_ours(self.folder)
         if Path(self.argument).absolute() == (self.folder / "scenario.toml").absolute():
             raise StoreError(
-                f"{self.folder} is the folder of the scenario itself, whose file would be "
-                "overwritten; choose another output folder"
+                f"{self.folder} is the folder of the scenario, whose file would be overwritten; "
+                "choose another output folder"
             )
         if (self.folder / "manifest.json").exists() and not self.fresh:
             stored_name = read_manifest(self.folder)["scenario"]
             if stored_name != self.scenario.name:
                 raise StoreError(
-                    f"{self.folder} holds results of the scenario {stored_name}, not of "
-                    f"{self.scenario.name}; choose another output folder, or discard them (--fresh)"
+                    f"{self.folder} contains results of the scenario {stored_name}, not of "
+                    f"{self.scenario.name}; choose another output folder, or discard them "
+                    "(--fresh)"
                 )
 
     def _leave_out(self) -> list[str]:
@@ -220,7 +220,10 @@ class Campaign:
     def _seeking(self) -> list[str]:
         """Return remarks on estimators whose source looks where truth could be found."""
         return [
-            f"{label} uses {', '.join(content['seeks'])}: the report will tell its readers"
+            (
+                f"{label} uses {', '.join(content['seeks'])}, which give access to the truth: the "
+                "report states this"
+            )
             for label, content in self.plan.estimators.items()
             if "seeks" in content
         ]

@@ -82,5 +82,5 @@ class CapturedOutput:
         text = tail.decode(errors="replace").strip()
         excerpt = printable(text[-LONGEST_TEXT:])[-LONGEST_TEXT:]
         if count > len(tail) or len(text) > LONGEST_TEXT:
-            return f"({count} bytes; their end:) {excerpt}"
+            return f"({count} bytes, ending with) {excerpt}"
         return excerpt

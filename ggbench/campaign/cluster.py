@@ -121,7 +121,7 @@ def _on(
                         singles = [replace(task, runs=[run]) for run in task.runs]
                         queue = itertools.chain(singles, queue)
                     else:
-                        reason = "its Dask workers died, again and again"
+                        reason = "its Dask workers ended repeatedly"
                         results = [
                             failure(task, task.runs[0], *pair, reason, retry_above=0.0)
                             for pair in task.estimators

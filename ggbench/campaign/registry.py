@@ -128,10 +128,10 @@ def choose(text: str) -> Choice:
         text.encode()
     except UnicodeEncodeError:  # halves of characters, as file names of other bytes have them
         raise EstimatorError(
-            f"{text!a} names an estimator with characters that are no Unicode: rename its file"
+            f"{text!a} contains characters that are not Unicode: rename the file of the estimator"
         ) from None
     if "\0" in text:
-        raise EstimatorError(f"{text!a} names an estimator with a null character")
+        raise EstimatorError(f"{text!a} contains a null character")
     spec = _parsed(text)
     name = spec.name
     if name.endswith(".py"):
@@ -180,7 +180,7 @@ def _made(cls: type[Estimator], requested: EstimatorSpec) -> tuple[EstimatorSpec
         causality = estimator.causality
     except Exception as error:
         reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        raise EstimatorError(f"{name} cannot be made with '{spec.listed}': {reason}") from error
+        raise EstimatorError(f"{name} does not accept '{spec.listed}': {reason}") from error
     if causality not in typing.get_args(Causality):
         raise EstimatorError(
             f"{name}: causality is {causality!r} and must be one of "
@@ -207,9 +207,8 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
         names = [name for name, point in points.items() if point.value == place]
         if not names:
             raise EstimatorError(
-                f"a campaign's workers cannot find the class {cls.__name__} of {cls.__module__}: "
-                "put it into a file and give the path of that; or simulate, estimate and judge "
-                "runs one by one"
+                f"worker processes cannot import the class {cls.__name__} of {cls.__module__}: "
+                "put it into a file and give its path, or use simulate, estimate and judge"
             )
         name = names[0]
     defaults = {key: parameter.default for key, parameter in parameters_of(cls).items()}
@@ -217,8 +216,8 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
     spec = EstimatorSpec.changed(name, values, defaults)
     if choose(str(spec)).estimator != estimator:
         raise EstimatorError(
-            f"the text '{spec}' does not give the estimator {estimator!r}: its file has changed "
-            "since it was read, or a parameter is no plain number or text"
+            f"the text '{spec}' does not give the estimator {estimator!r}: the file has changed "
+            "since it was read, or a parameter is not a plain number or text"
         )
     return spec
 
@@ -398,6 +397,6 @@ def _from_file(path: Path) -> type[Estimator]:
     if len(classes) != 1:
         raise EstimatorError(
             f"{path} defines {len(classes)} estimators; it must define exactly one class that "
-            "derives from ggbench.problem.Estimator and has causality and estimate"
+            "derives from ggbench.problem.Estimator, with causality and estimate"
         )
     return classes[0]

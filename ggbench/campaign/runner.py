@@ -316,7 +316,7 @@ def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], 
     for name, values in columns.items():
         if values.shape != (runs,) or values.dtype.kind not in "biufU":
             raise ValueError(
-                f"the estimate's info must have a number or a text of each run as its {name}"
+                f"the entry {name} of the estimate's info must be a number or a text for each run"
             )
     if "map_evaluations" not in columns:
         raise ValueError("the estimate's info has no map_evaluations")
@@ -334,10 +334,10 @@ def _require_declared(
 ) -> None:
     """Raise TypeError or ValueError unless an estimate is what its estimator declares."""
     if not isinstance(estimate, kind):
-        raise TypeError(f"{method}() returned {type(estimate).__name__}, not an {kind.__name__}")
+        raise TypeError(f"{method}() must return {kind.__name__}, not {type(estimate).__name__}")
     lag = vars(estimator)["lag"] if estimator.causality == "fixed-lag" else None
     if (estimate.causality, estimate.lag) != (estimator.causality, lag):
         raise ValueError(
-            f"the estimate is '{estimate.causality}' with lag {estimate.lag}, but its estimator "
+            f"the estimate is '{estimate.causality}' with lag {estimate.lag}, but the estimator "
             f"declares '{estimator.causality}' with lag {lag}"
         )

@@ -52,7 +52,7 @@ class MissingRunsError(CampaignError):
 
     def __init__(self, missing: int, results: Results) -> None:
         runs = "1 run" if missing == 1 else f"{missing} runs"
-        super().__init__(f"{runs} gave no result; start the campaign again to continue it")
+        super().__init__(f"{runs} gave no result; the same command resumes the campaign")
         self.results = results
 
 

@@ -108,7 +108,7 @@ class Worker:
             if ended:
                 raise WorkerDiedError(self._how_it_ended()) from None
         except GarbledError:
-            raise WorkerDiedError("it wrote to the connection for results") from None
+            raise WorkerDiedError("the estimator wrote to the connection for results") from None
         except OSError:
             raise WorkerDiedError(self._how_it_ended()) from None
 
@@ -120,7 +120,7 @@ class Worker:
         try:
             code = self._process.wait(timeout=_PATIENCE_S)
         except subprocess.TimeoutExpired:  # it closed its pipe, and lives
-            return "its process broke off the connection"
+            return "its process closed the connection"
         if code < 0:
             return f"its process was killed by {signal.Signals(-code).name}"
         return f"its process ended with exit code {code}"
@@ -243,7 +243,7 @@ def main(descriptor: int, parent: int) -> None:
 def _end_run(results: list[Result], output: int, seam: bytes) -> None:
     """End what runs left running, which their records say, and what they print."""
     if count := orphan_processes.kill_descendants():
-        remark = f"left {count} process{'es' * (count > 1)} running, ended with the run"
+        remark = f"left {count} process{'es' * (count > 1)} running; they were ended with the run"
         for result in results:
             earlier = result.record["remark"]
             result.record["remark"] = f"{earlier}; {remark}" if earlier else remark

@@ -127,7 +127,7 @@ def _print(advice: Advice) -> None:
         change = f"−{100.0 * limit.gain:.0f} %" if limit.gain > _SMALL else "none"
         table.add_row(limit.cause, columns.metres(limit.bound_m), change)
     table.print(console)
-    console.out("Each cause is halved in truth and model together.")
+    console.out("For each cause, truth and model have half the errors.")
 
 
 def _print_target(advice: Advice, target: float) -> bool:
@@ -143,7 +143,7 @@ def _print_target(advice: Advice, target: float) -> bool:
         console.out(f"No gradiometer reaches {target:g} m here: change the track, map or INS.")
         return False
     console.out(
-        f"For {target:g} m the gradiometer's noise may be {columns.metres(advice.noise)} "
-        f"{advice.unit} at most, in truth and model, at the rate of the case."
+        f"{target:g} m need a gradiometer noise of at most {columns.metres(advice.noise)} "
+        f"{advice.unit}, in truth and model, at the rate of the case."
     )
     return True

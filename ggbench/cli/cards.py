@@ -25,7 +25,7 @@ _EXIT_NOT_REPRODUCED = 1
     "estimators",
     multiple=True,
     metavar="FILE",
-    help="Estimator file whose cards are flown; runs its code; repeatable.",
+    help="Estimator file of the cards to repeat; its code is run; repeatable.",
 )
 @click.option(
     "-o",
@@ -41,7 +41,7 @@ _EXIT_NOT_REPRODUCED = 1
     type=click.Path(path_type=Path),
     default=Path("results") / "cards",
     show_default=True,
-    help="Folder of the flights; stored flights are not repeated.",
+    help="Folder for the repeated runs; stored runs are reused.",
 )
 @click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
 def cards(

@@ -50,10 +50,10 @@ def check(estimator: str, time_limit: float) -> None:
         _tell(demand, verdict, text)
     passed, failed, refused = (verdicts[verdict] for verdict in _SHOWN)
     if not passed and not failed:
-        raise CheckError(f"{estimator} refuses all problems of the contract")
+        raise CheckError(f"{estimator} refuses every problem of the contract")
     untested = len(CHECKS) - verdicts.total()
-    unasked = f", {refused} not asked" if refused else ""
-    untried = f"; {untested} not tried without an estimate" if untested else ""
+    unasked = f", {refused} not applicable" if refused else ""
+    untried = f"; {untested} not run, because there is no estimate" if untested else ""
     click.echo(
         f"{passed} of {counted(len(CHECKS), 'check')} passed, {failed} failed{unasked}{untried}."
     )

@@ -86,7 +86,7 @@ def draped_flight(
         west = back * math.sin(math.radians(heading)) / per_east
         table = (
             f"latitude_deg = {middle[0] - south:.5f}\nlongitude_deg = {middle[1] - west:.5f}\n"
-            "# No height_m: it begins as high as the terrain asks for.\n"
+            "# Without height_m the flight starts just high enough above the terrain.\n"
             f"speed_mps = {speed:.3g}\nheading_deg = {heading:.1f}    # clockwise from north\n\n"
             '[[trajectory.segment]]\nkind = "terrain-following"\n'
             f"terrain = {quoted(terrain)}\n"
@@ -106,8 +106,8 @@ def draped_flight(
     )
     raise NewFileError(
         f"a flight {clearance:g} m above the ground of {terrain} is {low:.0f} to {high:.0f} m "
-        f"above the base of {own_map}, whose layers lie from {lowest:g} to {highest:g} m: give "
-        f"another --clearance, or build it with {layers}"
+        f"above the base of {own_map}, and the map has layers from {lowest:g} to {highest:g} m: "
+        f"give another --clearance, or build the map with {layers}"
     )
 
 

@@ -38,7 +38,7 @@ _EXIT_FAILED = 1
     "--until",
     type=click.FloatRange(0.0, min_open=True),
     metavar="SECONDS",
-    help="Omit later epochs. 'judge --cut' then tests for the use of future measurements.",
+    help="Omit later epochs, for 'judge --cut': it tests for the use of future measurements.",
 )
 @click.option(
     "-o",
@@ -81,7 +81,10 @@ def export(
 @click.option(
     "--cut",
     type=click.Path(path_type=Path),
-    help="Estimates of problems exported with --until: tests for the use of future measurements.",
+    help=(
+        "Estimates of problems that were exported with --until; tests for the use of future "
+        "measurements."
+    ),
 )
 @click.option(
     "--scenario", "scenario_name", metavar="SCENARIO", help="Scenario [that of the problem's file]."

@@ -84,7 +84,7 @@ def _ins(each: Examined) -> str:
     """Return how far the INS errs, and from where on filters should not linearise about it."""
     error = each.ins
     text = (
-        f"without aiding it errs by up to {length(float(error.horizontal.max()))} horizontally and "
+        f"unaided INS error up to {length(float(error.horizontal.max()))} horizontally and "
         f"{length(float(error.deviations[:, 2].max()))} in height (1 σ)"
     )
     noises = [
@@ -97,8 +97,8 @@ def _ins(each: Examined) -> str:
     if math.isinf(until):
         return text
     return (
-        f"{text}; from {until:.0f} s on its second order exceeds {allowed:g} m, and filters about "
-        "the open-loop INS leave their linear range: fly closed-loop"
+        f"{text}; from {until:.0f} s on its second-order part exceeds {allowed:g} m, outside the "
+        "linear range of filters about an open-loop INS: use closed-loop"
     )
 
 
@@ -130,8 +130,8 @@ def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
     for position, names in cases.items():
         yield (
             f"in {some(names, most=_NAMED)}, initial_error.position_m = {position:g} is also the "
-            f"standard deviation of the height, because height_m is not given; of a height from a "
-            f"barometer give height_m = {_BAROMETER_M:g}"
+            "standard deviation of the height, because height_m is missing; for a barometric "
+            f"height give height_m = {_BAROMETER_M:g}"
         )
 
 
@@ -155,24 +155,24 @@ def absurdities(flown: FlightExtremes) -> Iterator[str]:
     bank, pitch = math.degrees(flown.bank), math.degrees(flown.pitch)
     if bank > MOST_BANK_DEG:
         yield (
-            f"the flight banks by {bank:.0f}°, {flown.bank_time:.0f} s after the start, and more "
-            f"than {MOST_BANK_DEG:g}° is no flight for a survey: {_remedy(flown, 'roll_deg')}"
+            f"the flight banks by {bank:.0f}°, {flown.bank_time:.0f} s after the start; more "
+            f"than {MOST_BANK_DEG:g}° is unusual for a survey: {_remedy(flown, 'roll_deg')}"
         )
     if pitch > MOST_PITCH_DEG:
         yield (
-            f"the flight pitches by {pitch:.0f}°, and more than {MOST_PITCH_DEG:g}° is aerobatics: "
+            f"the flight pitches by {pitch:.0f}°; more than {MOST_PITCH_DEG:g}° is aerobatics: "
             f"{_remedy(flown, 'pitch_deg')}"
         )
     if flown.vertical > MOST_VERTICAL:
         yield (
-            f"the flight accelerates by {flown.vertical:.1f} m/s² up or down, and more than "
-            f"{MOST_VERTICAL:.1f} m/s² (half a g) is severe turbulence: "
-            f"if none is meant, {_remedy(flown)}"
+            f"the flight accelerates by {flown.vertical:.1f} m/s² up or down; more than "
+            f"{MOST_VERTICAL:.1f} m/s² (half a g) is severe turbulence: if you do not simulate "
+            f"turbulence, {_remedy(flown)}"
         )
     if flown.vehicle == "ship" and flown.across > MOST_ACROSS_SHIP:
         yield (
-            f"the ship accelerates by {flown.across:.1f} m/s² to the side, and no ship turns with "
-            f"more than {MOST_ACROSS_SHIP:.1f} m/s²: {_remedy(flown)}"
+            f"the ship accelerates by {flown.across:.1f} m/s² to the side; ships turn with at "
+            f"most {MOST_ACROSS_SHIP:.1f} m/s²: {_remedy(flown)}"
         )
 
 
@@ -181,9 +181,9 @@ def _unstable_height(each: Examined) -> Iterator[str]:
     worst = float(each.ins.deviations[:, 2].max())
     if each.case.altimeter is None and worst > MOST_HEIGHT_ERROR_M:
         yield (
-            f"the height of the INS errs by up to {worst:.2g} m (1 σ): without an altimeter its "
-            f"error grows e-fold every {SCHULER_HEIGHT_S:.0f} s, and runs will fail: give "
-            "[altimeter], or fly for a shorter time"
+            f"the height error of the INS reaches {worst:.2g} m (1 σ), and runs will fail: "
+            f"without an altimeter it grows e-fold every {SCHULER_HEIGHT_S:.0f} s; add "
+            "[altimeter] or shorten the flight"
         )
 
 
@@ -193,20 +193,21 @@ def _other_units(flown: FlightExtremes) -> Iterator[str]:
     slowest, fastest = SPEEDS_TRACK_MPS
     if height > HIGHEST_TRACK_M:
         yield (
-            f"the track is {height:.0f} m high, and more than {HIGHEST_TRACK_M:.0f} m is unusual: "
-            f"if its heights are feet, these are {0.3048 * height:.0f} m; height_m is in metres"
+            f"the track is {height:.0f} m high; more than {HIGHEST_TRACK_M:.0f} m is unusual: "
+            f"height_m is in metres, and as feet the heights would be {0.3048 * height:.0f} m"
         )
     if speed < slowest:
         yield (
             f"the track moves at {short(speed)} m/s on average, {short(flown.length)} m in "
-            f"{flown.duration:.0f} s, and less than {slowest:g} m/s is unusual: if its times are "
-            f"milliseconds, this is {short(1e3 * speed)} m/s; time_s is in seconds"
+            f"{flown.duration:.0f} s; less than {slowest:g} m/s is unusual: time_s is in "
+            f"seconds, and with times in milliseconds the speed would be {short(1e3 * speed)} "
+            "m/s"
         )
     if speed > fastest:
         yield (
-            f"the track moves at {speed:.0f} m/s on average, and more than {fastest:.0f} m/s is "
-            f"unusual: if its times are minutes, this is {short(speed / 60.0)} m/s; time_s is in "
-            "seconds"
+            f"the track moves at {speed:.0f} m/s on average; more than {fastest:.0f} m/s is "
+            "unusual: time_s is in seconds, and with times in minutes the speed would be "
+            f"{short(speed / 60.0)} m/s"
         )
 
 
@@ -214,5 +215,5 @@ def _remedy(flown: FlightExtremes, column: str = "") -> str:
     """Return what to do, of a track with the column that says what else is taken from it."""
     if not flown.track:
         return "fly its segments more gently"
-    alternative = f", or give it a column {column}" if column else ""
-    return f"its track is noisy; smooth it ([trajectory] smoothing_s){alternative}"
+    alternative = f", or add a column {column}" if column else ""
+    return f"the track is noisy; smooth it ([trajectory] smoothing_s){alternative}"

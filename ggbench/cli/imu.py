@@ -55,7 +55,10 @@ def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
         if key.endswith("_s"):
             continue  # of times none is a grade's
         sensor = "gyros" if "gyro" in key else "accelerometers"
-        warning = f"{key} = {value:.3g} lies beyond any grade ({usual}): {_cause(value, sensor)}"
+        warning = (
+            f"{key} = {value:.3g} is larger than that of any grade ({usual}): "
+            f"{_cause(value, sensor)}"
+        )
         click.echo(f"Warning: {warning}", err=True)
     click.echo(text)
 
@@ -86,7 +89,7 @@ def _lines(noise: ImuNoise, name: str) -> Iterator[str]:
     yield from _keys(
         noise.accelerometers, "accelerometer", ("ug_per_sqrt_hz", micro_g), ("ug", micro_g), "µg"
     )
-    yield "# The constant bias of a start is in no log of one start: see the data sheet."
+    yield "# A log of one start does not show the constant bias: see the data sheet."
 
 
 def _keys(
@@ -97,7 +100,10 @@ def _keys(
     instability = f"bias instability at most {bias[1] * noise.instability:.3g} {unit}"
     if noise.bias == 0.0:
         yield f"{sensor}_bias_{bias[0]} = {bias[1] * noise.instability:.3g}"
-        yield f"# {sensor}: {instability}; no change of the bias is seen, and the key is that limit"
+        yield (
+            f"# {sensor}: {instability}; the log shows no change of the bias, so the key is that "
+            "limit"
+        )
         return
     walk = noise.bias * math.sqrt(2.0 / noise.time)
     yield f"{sensor}_bias_{bias[0]} = {bias[1] * noise.bias:.3g}"

@@ -124,7 +124,7 @@ def tables() -> dict[str, KeyTable]:
             schemas[name] = schema
     tables_by_name["assumption"] = KeyTable(
         "assumption",
-        "A change that `--assumptions` studies on every case with published numbers.",
+        "A change of every case with published numbers, run by `--assumptions`.",
         tables_by_name["case"].keys,
         listed=True,
     )
@@ -172,9 +172,9 @@ def _below(
         elif path == "sensor":
             kind = {
                 "enum": [*item["additionalProperties"]["discriminator"]["mapping"]],
-                "description": "Kind of the sensor; its other keys are those of its kind's table.",
+                "description": "Kind of the sensor; the table of that kind lists the other keys.",
             }
-            about = "A sensor with a name of its own, of any of the kinds above."
+            about = "A further sensor of any of the kinds above, under its own name."
             sensor = {"description": about, "properties": {"kind": kind}, "required": ["kind"]}
             yield NAMED, sensor, False
 
@@ -275,7 +275,7 @@ def keys(name: str | None, schema: bool) -> None:
     if name is None:
         for each in tables().values():
             _say(each.heading, each.about)
-        _say("", "'ggbench keys TABLE' lists the keys of a table, as in: ggbench keys imu")
+        _say("", "'ggbench keys TABLE' lists the keys of a table, for example: ggbench keys imu")
         return
     table = tables().get(named(name))
     matches = find(name)
@@ -321,7 +321,7 @@ def _say_table(table: KeyTable) -> None:
         _say(head, text)
     within = [t.heading for t in tables().values() if t.name.startswith(f"{table.name}.")]
     if within:
-        _say("", f"Tables within it: {', '.join(within)}.")
+        _say("", f"Subtables: {', '.join(within)}.")
 
 
 def _say_key(key: Key, prefix: str = "", recorded: bool = False) -> None:
@@ -331,7 +331,7 @@ def _say_key(key: Key, prefix: str = "", recorded: bool = False) -> None:
     if key.allowed:
         facts.append(f"allowed: {key.allowed}" + (f", usual: {key.usual}" if key.usual else ""))
     if recorded:
-        facts.append("in the file of a recorded flight alone")
+        facts.append("only in the file of a recorded flight")
     _say(prefix + key.name, "; ".join(facts))
     _say("", key.meaning)
 

@@ -97,9 +97,9 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path) -> None:
     if failed:
         console.out(f"{counted(len(failed), 'scenario')} failed: {', '.join(failed)}.")
     if failed or any(outcome.interrupted for outcome in outcomes):
-        console.print("The same command goes on where it stopped.")
+        console.print("The same command resumes.")
     again = f"ggbench report --all {as_argument(str(output))}"
-    console.out(f"'{again}' writes the reports of what is done.")
+    console.out(f"'{again}' reports the finished runs.")
 
 
 @click.command()
@@ -183,7 +183,5 @@ def _one_for_each(folders: Sequence[Path]) -> tuple[dict[str, Path], list[str], 
     chosen, doubles = {}, []
     for name, group in by_name.items():
         *others, chosen[name] = (path for _, _, path in sorted(group))
-        doubles += [
-            f"{path} is left out: {chosen[name]} is of the same scenario" for path in others
-        ]
+        doubles += [f"{path} is left out: {chosen[name]} has the same scenario" for path in others]
     return chosen, unread, doubles

@@ -105,9 +105,9 @@ def list_command() -> None:
         summary = (cls.__doc__ or "").strip().splitlines()[0]
         table.add_row(name, escape(summary), escape("\n".join(parameters)))
     table.print(console)
-    console.print(f"With the extra of their package: {', '.join(registry.framework_points())}")
+    console.print(f"Frameworks, each with an extra: {', '.join(registry.framework_points())}")
     console.print(
-        "Of your own: a .py file, a file of estimates (.mat, .nc, .txt), exec:PROGRAM", markup=False
+        "Your own: a .py file, a file of estimates (.mat, .nc, .txt), exec:PROGRAM", markup=False
     )
 
 
@@ -167,7 +167,7 @@ def list_command() -> None:
     "one_run",
     type=click.IntRange(0, MOST_RUNS),
     metavar="K",
-    help="Run only number K in this process, show it, and store nothing.",
+    help="Run only run K, in this process; show it and store nothing.",
 )
 def run(
     scenario_name: str | None,
@@ -186,7 +186,7 @@ def run(
     """
     request = _Asked(**options)
     if request.cluster and request.jobs is not None:
-        raise click.UsageError("-j and --cluster exclude each other: give one of them")
+        raise click.UsageError("give either -j or --cluster")
     if request.retry_failed and not request.resume:
         raise click.UsageError("--fresh discards all runs: remove --retry-failed")
     if whole_library and (scenario_name or request.cases or one_run is not None):
@@ -330,17 +330,18 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
         click.echo(took)
     if failed:
         click.echo(
-            f"{counted(failed, 'run')} failed: 'ggbench show {name}' tells why and repeats them."
+            f"{counted(failed, 'run')} failed: 'ggbench show {name}' shows the reasons and the "
+            "commands that repeat them."
         )
     manifest = results.manifest
     for remark in left_out_remarks(manifest["left_out"], manifest["cases"]):
         click.echo(f"Note: {remark}.")
     if outcome.without_success:
-        click.echo(f"Every run of {' and of '.join(outcome.without_success)} failed.")
+        click.echo(f"All runs of {' and of '.join(outcome.without_success)} failed.")
     if interrupted:
         click.echo(
-            f"Interrupted. The runs that finished are in {name}: 'ggbench report {name}' "
-            "reports them, the same command goes on."
+            f"Interrupted. Finished runs are stored in {name}: 'ggbench report {name}' reports "
+            "them, and the same command resumes."
         )
         return outcome
     click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")

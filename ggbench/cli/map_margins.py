@@ -172,10 +172,10 @@ def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iter
         }.get(side, f"from the {side} border of its map")
         names = some([name for name, _ in cases], most=3)
         yield (
-            f"in {names}, the flight is {length(worst.margin)} "
-            f"{where} {worst.time:.0f} s after the start, and {DEVIATIONS:g} standard deviations "
-            f"of the INS's error are {length(worst.needed)} there: estimates that leave the map "
-            "get the values of its border"
+            f"in {names}, the flight is {length(worst.margin)} {where} {worst.time:.0f} s after "
+            f"the start; {DEVIATIONS:g} standard deviations of the INS error are "
+            f"{length(worst.needed)} there: estimates may leave the map, and outside it the "
+            "values of its border are used"
         )
 
 

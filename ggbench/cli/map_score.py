@@ -56,9 +56,11 @@ _LEAST_SHARE = 1e-4
     type=float,
     default=5.0,
     show_default=True,
-    help="Prior standard deviation of the position, per axis; wrong places are sought to three.",
+    help=(
+        "Prior standard deviation of the position, per axis; wrong matches are sought within three."
+    ),
 )
-@click.option("--right-km", type=float, help="Largest error of a right fix [half of --sigma-km].")
+@click.option("--right-km", type=float, help="Largest error of a correct fix [half of --sigma-km].")
 @click.option("--south", type=float, help="Bounds of the cells [deg]; default: the whole map.")
 @click.option("--north", type=float)
 @click.option("--west", type=float)
@@ -135,15 +137,15 @@ def _print_scored(scored: Any) -> None:
         f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {design.height_m:g} m: "
         f"{design.instrument.kind}, {design.instrument.noise:g} {design.instrument.unit}; nodes "
         f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1e3:.3g} km with "
-        f"{counted(design.readings, 'reading')}; position known to "
-        f"{design.sigma_m / 1e3:g} km, a fix right within {design.right_m / 1e3:g} km"
+        f"{counted(design.readings, 'reading')}; prior position {design.sigma_m / 1e3:g} km "
+        f"(1 σ), correct fixes within {design.right_m / 1e3:g} km"
     )
     if scored.components is None:
         console.out("Too few cells for principal components: no index, no classes.")
     else:
         shares = ", ".join(f"{100.0 * share:.0f} %" for share in scored.components.explained)
         console.out(
-            f"principal components explain {shares}; the index has the first "
+            f"principal components explain {shares}; the index uses the first "
             f"{scored.components.kept}"
         )
     ordered = table.sort_values("track_m")
@@ -155,10 +157,10 @@ def _print_scored(scored: Any) -> None:
         "error of a track [m]",
         "best heading [°]",
         "error on it [m]",
-        "wrong place, at most",
+        "wrong match, at most",
     )
     cells_table = ResponsiveTable(
-        "best and worst cells by the accuracy of a track, over its headings",
+        "best and worst cells by the accuracy of a track, averaged over headings",
         [
             ("latitude [°]", "name"),
             ("longitude [°]", "name"),
@@ -186,10 +188,10 @@ def _print_scored(scored: Any) -> None:
     richest = ordered.iloc[0]
     mean, least = (short(richest[name]) for name in ("track_m", "best_track_m"))
     console.out(
-        f"In the best cell a track of {design.track_m / 1e3:.3g} km allows an RMS position error "
-        f"of {mean} m, the mean over headings, and of {least} m on heading "
-        f"{richest['best_heading_deg']:g}°. A match at a wrong place, more than "
-        f"{design.right_m:g} m off, has a probability of {_share(richest['false_fix'])} at most."
+        f"In the best cell a track of {design.track_m / 1e3:.3g} km allows an RMS position "
+        f"error of {mean} m on average over headings, and of {least} m on heading "
+        f"{richest['best_heading_deg']:g}°. The probability of a wrong match, more than "
+        f"{design.right_m:g} m off, is at most {_share(richest['false_fix'])}."
     )
 
 

@@ -97,8 +97,10 @@ map_group.add_command(score)
     "--clearance",
     type=click.FloatRange(0.0, 1e6, min_open=True),
     metavar="M",
-    help="Planned height above the ground [200]. The map begins at most this high above the "
-    "highest ground. A note states the share of the area inside the map.",
+    help=(
+        "Planned height above the ground [200]. The lowest layer lies at most this far above the "
+        "highest ground. A note states the share of the area inside the map."
+    ),
 )
 @click.option(
     "--drape",
@@ -158,9 +160,9 @@ map_group.add_command(score)
 @click.option(
     "--lowest",
     type=float,
-    help="Lowest height above the ellipsoid, and above the highest ground [m].",
+    help="Height of the lowest layer above the ellipsoid [m]; it must be above the highest ground.",
 )
-@click.option("--highest", type=float, help="Highest height above the ellipsoid [m].")
+@click.option("--highest", type=float, help="Height of the highest layer above the ellipsoid [m].")
 @click.option("--height-spacing", type=float, help="Layer spacing [m].")
 @click.option("--spacing-arcsec", type=float, help="Node spacing in latitude and longitude.")
 @click.option("--spacing-arcmin", type=float, help="Node spacing in arc minutes.")
@@ -201,7 +203,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     survey_maps.require_alone(options, [key for key in _SOURCES if key != "lines"])
     if options["lines"] is not None:
         if options["clearance"] is not None or options["drape"]:
-            raise MapError("--clearance and --drape go with terrains, not with --lines.")
+            raise MapError("--clearance and --drape are for terrains, not for --lines.")
         planned = survey_maps.planned(options, request, _command(options))
     else:
         planned = plan.plan(_inputs(options), request, _command(options))
@@ -253,7 +255,7 @@ def _inputs(options: dict[str, Any]) -> Any:
 
     grids = [kind for kind in ("geoid", "anomaly", "disturbance") if options[kind] is not None]
     if len(grids) > 1:
-        raise MapError(f"--{' and --'.join(grids)} are two grids of one field: give one of them.")
+        raise MapError(f"--{' and --'.join(grids)} both give the field: give one of them.")
     kind = grids[0] if grids else "geoid"
     return Inputs(
         terrain=options["terrain"],
@@ -285,7 +287,7 @@ def _request(options: dict[str, Any]) -> Any:
 
     seconds, minutes = options["spacing_arcsec"], options["spacing_arcmin"]
     if seconds is not None and minutes is not None:
-        raise MapError("--spacing-arcsec and --spacing-arcmin are the same: give one of them.")
+        raise MapError("give either --spacing-arcsec or --spacing-arcmin.")
     spacing = minutes / 60.0 if minutes is not None else None
     return GridRequest(
         south_deg=options["south"],
@@ -331,7 +333,9 @@ def show(file: Path, output: Path | None, height: float | None, clearance: float
         )
     height = height if nodes.base_m is None else clearance
     if height is not None and not lowest <= height <= highest:
-        raise MapError(f"--{option} {height:g} is not in {file}: {lowest:g} to {highest:g} m is.")
+        raise MapError(
+            f"--{option} {height:g} is outside {file}, which has {lowest:g} to {highest:g} m."
+        )
     layer_height = nodes.height_m[0] if height is None else height
     drawn = int(abs(nodes.height_m - layer_height).argmin())
     chosen: Any = None

@@ -39,7 +39,7 @@ bias_m = 5.0
 _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
 """Names that the file of an estimator has in use."""
 _SHIPPED = "An aircraft with a gravity gradiometer over the Qinling mountains"
-_SMOOTHING = "over as many seconds, for the noise of a receiver; 0 takes it as it is"
+_SMOOTHING = "smoothing time, for the noise of a receiver; 0: no smoothing"
 
 
 _folder = click.option(
@@ -68,13 +68,16 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 @click.option(
     "--terrain",
     type=_FILE,
-    help="Elevation model: to follow, with --map; for the height of a --track above it.",
+    help=(
+        "Elevation model. With --map the flight follows it; with --track the height above it is "
+        "checked."
+    ),
 )
 @click.option(
     "--clearance",
     type=click.FloatRange(0.0, 1e5, min_open=True),
     metavar="M",
-    help="Minimum height above the terrain [200]; a lower track is refused.",
+    help="Minimum height above the terrain [200]; lower tracks are refused.",
 )
 @click.option(
     "--waypoints",
@@ -84,13 +87,16 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 @click.option(
     "--vehicle",
     type=click.Choice(["aircraft", "helicopter", "drone", "ship"]),
-    help="Usual speed, inertial sensors and gradiometer of it, with --map or --track.",
+    help=(
+        "Sets the usual speed, inertial sensors and gradiometer of a vehicle, with --map or "
+        "--track."
+    ),
 )
 @click.option(
     "--speed",
     type=click.FloatRange(0.1, 1000.0),
     metavar="M/S",
-    help="Speed of the flight, with --map; else the vehicle's, or slower if turns need it.",
+    help="Speed of the flight, with --map [that of the vehicle, less in tight turns].",
 )
 @_folder
 def scenario(
@@ -111,17 +117,19 @@ def scenario(
     its speed is limited by the turns, unless --speed states it.
     """
     if waypoints is not None and (own_map is None or track is not None or terrain is not None):
-        raise click.UsageError("--waypoints goes with --map, and without --track and --terrain")
+        raise click.UsageError("--waypoints requires --map and excludes --track and --terrain")
     if terrain is not None and own_map is None and track is None:
-        raise click.UsageError("--terrain goes with --map or with --track")
+        raise click.UsageError("--terrain requires --map or --track")
     if clearance is not None and terrain is None:
-        raise click.UsageError("--clearance goes with --terrain")
+        raise click.UsageError("--clearance requires --terrain")
     if vehicle is not None and own_map is None and track is None:
-        raise click.UsageError("--vehicle goes with --map or with --track")
+        raise click.UsageError("--vehicle requires --map or --track")
     if speed is not None and (own_map is None or track is not None):
-        raise click.UsageError("--speed goes with --map, and without --track, which has its own")
+        raise click.UsageError(
+            "--speed requires --map and excludes --track, which has its own speed"
+        )
     if vehicle == "ship" and terrain is not None:
-        raise click.UsageError("a ship follows no terrain: leave out --vehicle or --terrain")
+        raise click.UsageError("a ship cannot follow terrain: remove --vehicle ship or --terrain")
     pace = Pace(speed, vehicle)
     tables, remark = {}, ""
     if track is not None:
@@ -143,7 +151,7 @@ def scenario(
         noise = VEHICLES[vehicle].noise_eotvos
         if vehicle == "ship":
             tables["trajectory"] = f'vehicle = "ship"\n{tables["trajectory"]}'
-    flown = "A flight of my own" if tables else _SHIPPED
+    flown = "My own flight" if tables else _SHIPPED
     path = _begun(
         ".toml",
         name,
@@ -198,7 +206,7 @@ class Pace(NamedTuple):
         if self.speed is not None:
             if self.speed > allowed:
                 raise NewFileError(
-                    f"{self.speed:g} m/s is too fast: {why}, which allows {allowed:.3g} m/s"
+                    f"{self.speed:g} m/s is too fast: {why}, and the limit is {allowed:.3g} m/s"
                 )
             return self.speed
         return min(usual if self.vehicle is None else VEHICLES[self.vehicle].speed_mps, allowed)
@@ -226,8 +234,7 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float, pace: Pa
     if nodes.base_m is not None:
         if terrain is None:
             raise NewFileError(
-                f"the layers of {own_map} follow the ground: give the --terrain that they follow, "
-                "and so does the flight"
+                f"the layers of {own_map} follow the ground: give the same --terrain for the flight"
             )
         return draped_flight(nodes, attributes, own_map, terrain, clearance, pace.at_most)
     south, north = map(float, nodes.latitude_deg[[0, -1]])
@@ -244,7 +251,7 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float, pace: Pa
     flown = _height_line(_third_way_up(nodes))
     segment = f"duration_s = {_FLIGHT_S:g}     # straight and level\n"
     if terrain is not None:
-        flown = "# No height_m: it begins as high as the terrain asks for.\n"
+        flown = "# Without height_m the flight starts just high enough above the terrain.\n"
         segment = (
             f'kind = "terrain-following"\nterrain = {quoted(terrain)}\n'
             f"clearance_m = {clearance:g}    # above the ground, at least\n"
@@ -275,8 +282,8 @@ def _flight_through(waypoints: Path, own_map: Path, pace: Pace) -> str:
     nodes = netcdf_reader.read_layers(own_map)[0]
     if nodes.base_m is not None:
         raise NewFileError(
-            f"waypoints are flown level, and the layers of {own_map} follow the ground: use "
-            "--terrain, or a map of level layers"
+            f"flights through waypoints are level, but the layers of {own_map} follow the "
+            "ground: use --terrain, or a map with level layers"
         )
     height = _third_way_up(nodes)
     legs = [
@@ -286,7 +293,10 @@ def _flight_through(waypoints: Path, own_map: Path, pace: Pace) -> str:
     shortest = min(length for _, length in legs)
     pull = BANK_GRAVITY * math.tan(math.radians(_BANK_DEG))
     allowed = math.sqrt(0.25 * shortest * pull)
-    room = f"the radius of a turn at {_BANK_DEG:g}° of bank is to be a quarter of the shortest leg"
+    room = (
+        f"the radius of a turn at {_BANK_DEG:g}° of bank must be at most a quarter of the "
+        "shortest leg"
+    )
     speed = pace.at_most(allowed, 250.0, room)
     turn = f"bank_deg = {_BANK_DEG:g}"
     if pace.vehicle == "ship":
@@ -327,10 +337,10 @@ def _begun(
     written.
     """
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
-        ending = f"; the ending {suffix} is added to it" if name.endswith(suffix) else ""
+        ending = f"; {suffix} is added to it" if name.endswith(suffix) else ""
         raise NewFileError(
-            f"{name!a} is no name: a letter, then letters, digits, - and _, {_LONGEST} at most"
-            f"{ending}; -o DIR chooses the folder"
+            f"{name!a} is not allowed as a name: give a letter, then letters, digits, - and _, "
+            f"at most {_LONGEST}{ending}; -o DIR chooses the folder"
         )
     path = folder / f"{name}{suffix}"
     (template,) = _TEMPLATES.glob(f"*{suffix}.txt")
@@ -346,7 +356,7 @@ def _begun(
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise NewFileError(f"{path} exists already and is not overwritten") from None
+        raise NewFileError(f"{path} exists and is not overwritten") from None
     except OSError as error:
         with contextlib.suppress(OSError):
             path.unlink()  # else half of it would be there

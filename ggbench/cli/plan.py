@@ -36,7 +36,7 @@ _SHOWN = 10
     type=click.IntRange(1, 15),
     default=1,
     show_default=True,
-    help="Number of starts along each side of a square grid around the start.",
+    help="Starts along each side of a square grid around the start of the case.",
 )
 @click.option(
     "--step",
@@ -119,13 +119,15 @@ def _print(tracks: pd.DataFrame, title: str, target: float | None) -> None:
         present = able[able["present"]]
         if len(present):
             rank, bound = int(present.index[0]) + 1, present["bound_m"].iloc[0]
-            console.out(f"The present flight has a bound of {bound:.3g} m, number {rank} of them.")
+            console.out(f"The track of the case has a bound of {bound:.3g} m and rank {rank}.")
     unable = tracks[tracks["reason"] != ""]
     if len(unable):
         console.out(
-            f"{counted(len(unable), 'track')} cannot be flown, the first because: "
+            f"{counted(len(unable), 'track')} cannot be flown; reason of the first: "
             f"{unable['reason'].iloc[0]}"
         )
     if target is not None:
         count = int((able["bound_m"] <= target).sum())
-        console.out(f"{counted(count, 'track')} of {len(tracks)} allow {target:g} m.")
+        console.out(
+            f"{counted(count, 'track')} of {len(tracks)} have a bound of at most {target:g} m."
+        )

@@ -57,7 +57,7 @@ def overview(results: Results) -> None:
         f"{counted(results.run_count, 'run')} per case: {failed} failed, {diverged} diverged"
     )
     for label, names in results.seeking.items():
-        console.out(f"{label} uses {names}, and may have seen the truth")
+        console.out(f"{label} uses {names}, which give access to the truth")
     failures = results.failures()
     for _, row in failures.head(_MOST_LISTED).iterrows():
         console.out(
@@ -90,8 +90,8 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
         request = f"run {run}" if run is not None else "run"
         request += f" of case {case}" if case else ""
         raise ResultsError(
-            f"{results.folder} holds no {request}; asked for were runs 0 to "
-            f"{results.run_count - 1} of {', '.join(results.manifest['cases'])}"
+            f"{results.folder} holds no {request}; available: runs 0 to {results.run_count - 1} of "
+            f"{', '.join(results.manifest['cases'])}"
         )
     failed = table[table["status"] != "ok"]
     if len(failed):
@@ -183,7 +183,7 @@ def _print(
             if view.record["traceback"]:
                 console.out(view.record["traceback"].rstrip())
             if view.record["output"]:
-                console.out(f"It had printed: {view.record['output']}")
+                console.out(f"Output of the run: {view.record['output']}")
         if view.record["remark"]:
             console.out(f"{view.label} {view.record['remark']}")
         if view.record["info"]:
@@ -191,7 +191,7 @@ def _print(
     _print_errors(times, bound, views)
     commands = [view for view in views if view.command]
     if commands:
-        console.print("To repeat it, without storing anything:")
+        console.print("Command that repeats it and stores nothing:")
         for view in commands:
             console.out(f"  {view.command}")
 

@@ -39,7 +39,7 @@ _COLOURS = {"better": "green", "worse": "red"}
     "-s",
     "--seed",
     type=click.IntRange(0, MOST_SEED),
-    help="Seed of new tracks, maps and noises, for all estimators [the public one].",
+    help="Seed of new tracks, map errors and noise for all estimators [public seed].",
 )
 @click.option(
     "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to fly; repeatable."
@@ -49,21 +49,21 @@ _COLOURS = {"better": "green", "worse": "red"}
     type=click.Choice(["all", "odd", "even"]),
     default="all",
     show_default=True,
-    help="Runs to judge: tune on even ones, report odd ones.",
+    help="Runs to judge. Tune on even runs and report odd runs.",
 )
 @click.option(
     "--check",
     "checked",
     type=click.Path(path_type=Path),
     metavar="CARD",
-    help="Repeat a card; runs the ESTIMATOR's code; exit code 1 if not reproduced.",
+    help="Repeat a card. Runs the ESTIMATOR's code. Exit code 1 if not reproduced.",
 )
 @click.option(
     "--against",
     "before",
     type=click.Path(path_type=Path),
     metavar="CARD",
-    help="Compare with an older card; exit code 1 if a case is significantly worse.",
+    help="Compare with an older card. Exit code 1 if a case is significantly worse.",
 )
 @click.option(
     "-o",
@@ -95,9 +95,11 @@ def score(
     Exit code 1 if a card is not reproduced or is significantly worse than an older one.
     """
     if quick and runs:
-        raise click.UsageError("--quick flies 20 runs of each case: give it or -n")
+        raise click.UsageError("give either --quick, which flies 20 runs of each case, or -n")
     if checked and (quick or runs or cases or seed is not None or before):
-        raise click.UsageError("--check flies a card's runs: no --quick, -n, -s, -c, --against")
+        raise click.UsageError(
+            "--check repeats the runs of a card: remove --quick, -n, -s, -c and --against"
+        )
     start = Moment.now()
     first = tell_first_use("ins/strapdown.py", "in a minute or two")
     from ..score import card as cards
@@ -108,18 +110,18 @@ def score(
         estimator, runs, seed = estimator or _installed(old), old.runs, old.seed
         cases, judge = tuple(question.case for question in old.questions), old.judged
     if estimator is None:
-        raise click.UsageError("name an ESTIMATOR, or a card by --check")
+        raise click.UsageError("give an ESTIMATOR, or a card with --check")
     name = re.sub(r"\W+", "-", estimator).strip("-") + ("-again" if checked else "")
     folder = output or Path("results") / "score" / name
     if checked and _same(checked, folder / _CARD):
         raise click.UsageError(
-            f"{folder} has the runs of {checked}, and --check flies them again: name another "
-            "folder by -o"
+            f"{folder} holds the runs of {checked}, which --check repeats: choose another folder "
+            "with -o"
         )
     if before and _same(before, folder / _CARD):
         raise click.UsageError(
-            f"--against {before} is the card that this command writes: compare with a copy of it "
-            "elsewhere, or name another folder by -o"
+            f"--against {before} is the card that this command overwrites: copy it first, or "
+            "choose another folder with -o"
         )
     previous = cards.read(before) if before else None
     if previous is not None:
@@ -142,9 +144,7 @@ def score(
             progress=progress.tell,
         )
     if scored.card is None:
-        click.echo(
-            f"Interrupted. The runs that finished are in {folder}; the same command goes on."
-        )
+        click.echo(f"Interrupted. Finished runs are stored in {folder}; the same command resumes.")
         sys.exit(_EXIT_INTERRUPTED)
     _print_card(scored.card)
     _print_failures(scored)
@@ -162,8 +162,7 @@ def _installed(card: Card) -> str:
     label = card.estimator.label
     if registry.is_own(label):
         raise click.UsageError(
-            f"the card is of {label}, which is not installed: name the ESTIMATOR whose code is to "
-            "be run"
+            f"the card is of {label}, which is not installed: give the ESTIMATOR to run"
         )
     return label
 
@@ -218,7 +217,9 @@ def _verdict(card: Card, old: Card | None, previous: Card | None) -> int:
         both = {question.case for question in previous.questions if not question.skipped}
         count = counted(len(both & {question.case for question in card.questions}), "question")
         click.echo(
-            f"{count} compared, none is worse." if not differences else "Worse than the older card:"
+            f"{count} compared, none significantly worse."
+            if not differences
+            else "Worse than the older card:"
         )
     else:
         return 0

@@ -75,7 +75,7 @@ _OPTIONS = (
         "--noise",
         type=_FILE,
         metavar="JSON",
-        help="Also write a model of the coloured noise, from held-back lines.",
+        help="Also write a model of the coloured noise, fitted to held-back lines.",
     ),
 )
 _WITH_LINES = (
@@ -104,13 +104,13 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
     if options["lines"] is None:
         with_lines = [key for key in _WITH_LINES if options[key]]
         if with_lines:
-            raise MapError(f"--{with_lines[0].replace('_', '-')} goes with --lines.")
+            raise MapError(f"--{with_lines[0].replace('_', '-')} requires --lines.")
         return
     mixed = [key for key in others if options[key] is not None]
     if mixed:
         raise MapError(
-            f"--lines and --{mixed[0].replace('_', '-')} are two sources: "
-            "a map of survey lines has no other source."
+            f"--lines excludes --{mixed[0].replace('_', '-')}: a map of survey lines has no "
+            "other source."
         )
 
 
@@ -156,14 +156,14 @@ def _print_errors(errors: Any, quantity: str) -> None:
     text = ", ".join(
         f"{names[k]} {_error(factor * errors[0][k], errors[1][k], unit)}" for k in columns
     )
-    click.echo(f"Standard error of the map, and the distance of its correlation: {text}.")
+    click.echo(f"Standard error of the map and its correlation length: {text}.")
     click.echo(
-        "It leaves out the unknown constant of each line, which residuals without a mean do not "
-        "show and which may be much larger."
+        "It excludes the unknown constant of each line, which may be much larger: the mean of "
+        "the residuals is removed."
     )
     if not all(math.isfinite(errors[0][k]) for k in columns):
         click.echo(
-            "Where it is not known, lines held back have no larger residuals than lines in the map."
+            "It is unknown where held-back lines have no larger residuals than lines in the map."
         )
 
 
@@ -181,7 +181,7 @@ def _write_noise(path: Path, inputs: Any, fit: Any) -> None:
     model, scores = noise_of(fit)
     for order, score in scores.items():
         click.echo(
-            f"noise of order {order}: log-likelihood {score:.4f} a sample of lines held back"
+            f"noise of order {order}: log-likelihood {score:.4f} per sample of the held-back lines"
         )
     replace(model, provenance=provenance_of(inputs, fit, model.order)).write(path)
     click.echo(f"Wrote {path}, order {model.order}, largest root {model.spectral_radius:.3f}.")

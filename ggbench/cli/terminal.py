@@ -134,9 +134,10 @@ def print_comparison(compared: Comparison, console: Console) -> None:
 def _adjustment(tests: int) -> str:
     """Return the meaning of the p-values of a comparison with a number of tests."""
     if not tests:
-        return "Nothing differs: there was nothing to test."
+        return "All results are equal: no test was made."
     false_alarms = (
-        "where nothing changed, 5 % of comparisons at most say 'worse' anywhere, and 5 % 'better'."
+        "if nothing has changed, at most 5 % of comparisons report 'worse' anywhere, and at most "
+        "5 % 'better'."
     )
     if tests == 1:
         return f"One quantity differs, so p needs no adjustment: {false_alarms}"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     "--estimators",
     "with_estimators",
     is_flag=True,
-    help="Also load the estimator files that FILE names; runs their code.",
+    help="Also load the estimator files named in FILE; their code is run.",
 )
 def validate(file: str, with_estimators: bool) -> None:
     """Check the scenario FILE and describe its flights.
@@ -51,8 +51,8 @@ def validate(file: str, with_estimators: bool) -> None:
     )
     if own:
         click.echo(
-            f"Not loaded: {', '.join(map(line_of, own))}; --estimators loads them, which runs "
-            "their code"
+            f"Not loaded: {', '.join(map(line_of, own))}; --estimators loads them and runs their "
+            "code"
         )
     flight_summary.print_flights(examinations)
     flight_summary.warn(examinations)

@@ -76,10 +76,10 @@ def clearance_of(
     place = f"least {flown.times[least]:.0f} s after the start"
     if clearance is not None and above[least] < clearance:
         raise NewFileError(
-            f"{track} is {above[least]:.0f} m above the ground of {terrain}, {place}, and "
-            f"--clearance asks for {clearance:g} m: raise the track"
+            f"{track} is {above[least]:.0f} m above the ground of {terrain}, {place}; "
+            f"--clearance is {clearance:g} m: raise the track"
         )
     return (
         f"The track is {above.min():.0f} to {above.max():.0f} m above the ground of {terrain}, "
-        f"{place}; the geoid counts with {geoid:.0f} m"
+        f"{place}; geoid height {geoid:.0f} m"
     )

@@ -101,7 +101,7 @@ def _exact(estimator: Estimator) -> _Asked:
         return
     for seed in range(2):
         for epochs, m in ((40, 2), (40, 1), (2, 1)):
-            where = f"on a linear problem of {epochs} readings of {m}"
+            where = f"on a linear problem of {epochs} measurements of {m}"
             problem = linear_sensor_problem(seed, epochs, m)
             yield where, partial(demands.as_exact, estimator, problem)
 
@@ -120,66 +120,66 @@ def _exact_or_any(problems: Mapping[str, Callable[[], Problem]]) -> Callable[[Es
 CHECKS = (
     Check(
         "estimate",
-        "it returns an Estimate of the declared causality, with a finite mean (K, n) and a "
+        "returns an Estimate of the declared causality with a finite mean (K, n) and a "
         "covariance (K, n, n) or None",
-        "a campaign takes nothing else: a run with another answer is a failed run.",
+        "a campaign counts any other result as a failed run.",
         _on_both(demands.answer),
     ),
     Check(
         "covariance",
-        "every covariance is symmetric and positive definite",
-        "errors are judged by its inverse; a run with another covariance is a failed run.",
+        "all covariances are symmetric and positive definite",
+        "the NEES needs the inverse; a run with another covariance fails.",
         _on_both(
             lambda estimator, problem: demands.real_covariance(demands.answer(estimator, problem))
         ),
     ),
     Check(
         "repeatable",
-        "the same problem and generator give the same answer, bit for bit",
-        "a result that cannot be made again counts for nothing.",
+        "the same problem and generator give the same result, bit for bit",
+        "results must be reproducible.",
         _on_both(demands.repeatable),
     ),
     Check(
         "inputs",
-        "the problem is left as it was",
-        "the same problem goes to every estimator.",
+        "the problem is unchanged",
+        "all estimators receive the same problem.",
         _on_both(demands.inputs_kept),
     ),
     Check(
         "causality",
-        "no estimate depends on readings that its causality does not let it see",
-        "a filter that sees the future is compared with filters that do not.",
+        "no estimate depends on measurements that its causality excludes",
+        "a filter that uses later measurements cannot be compared with filters that do not.",
         _on_both(demands.causal, partial(demands.causal, exactly=False)),
     ),
     Check(
         "exact",
-        "on a linear problem with Gaussian noises it finds the exact answer (or is near it, with "
+        "on a linear Gaussian problem the result is exact (or near, with "
         "exact_if_linear_gaussian = False)",
-        "there is one right answer to it; a filter that misses it has a mistake somewhere.",
+        "the posterior is known exactly; a deviation is a mistake in the estimator.",
         _exact,
     ),
     Check(
         "noise",
-        "a reading counts for as much as the noise that is declared for its own epoch",
+        "each measurement is weighted by the noise of its own epoch",
         "noise_cov may be (K, m, m): problem.noise_of(k) is R of epoch k.",
         _exact_or_any({"with noise that varies": lambda: graded(linear_sensor_problem(6))}),
     ),
     Check(
         "gaps",
-        "a channel that delivers nothing changes nothing",
-        "sensors fail: where present is false, the measurement, h and H are zero.",
+        "a missing channel has no effect",
+        "sensors fail. Where present is false, the measurement, h and H are zero.",
         _exact_or_any(
             {"with readings missing": lambda: with_sensor_model(gappy(linear_problem(3)))}
         ),
     ),
     Check(
         "short",
-        "a problem of a single reading, and of a single channel, is one like any other",
-        "squeezed arrays of one element lose their axes.",
+        "problems of a single measurement and of a single channel are handled",
+        "squeezing an array of one element loses its axes.",
         _exact_or_any(
             {
-                "of a single reading of 1": lambda: linear_sensor_problem(1, 1, 1),
-                "of a single reading of 2": lambda: linear_sensor_problem(2, 1, 2),
+                "of a single measurement of 1": lambda: linear_sensor_problem(1, 1, 1),
+                "of a single measurement of 2": lambda: linear_sensor_problem(2, 1, 2),
             }
         ),
     ),

@@ -56,7 +56,7 @@ def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Es
         estimator = dataclasses.replace(estimator, threshold=np.inf)  # type: ignore[call-arg]
     reason = estimator.skip(problem)
     if reason is not None and not isinstance(reason, str):
-        raise Broken(f"skip() returned {_kind(reason)}, not a reason or None")
+        raise Broken(f"skip() must return a text or None, not {_kind(reason)}")
     if reason:
         raise Refused(reason)
     estimate = dataclasses.replace(estimator).estimate(problem, generator())
@@ -67,15 +67,15 @@ def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Es
 def declared(estimate: Any, estimator: Estimator, problem: Problem) -> None:
     """Demand shapes, finite real numbers, and the causality and lag that are declared."""
     if not isinstance(estimate, Estimate):
-        raise Broken(f"estimate() returned {_kind(estimate)}, not an Estimate")
+        raise Broken(f"estimate() must return an Estimate, not {_kind(estimate)}")
     if estimate.causality != estimator.causality:
         raise Broken(
-            f"the estimate's causality is '{estimate.causality}', that of its estimator "
+            f"the causality of the estimate is '{estimate.causality}', that of the estimator "
             f"'{estimator.causality}'"
         )
     lag = vars(estimator).get("lag") if estimator.causality == "fixed-lag" else None
     if estimate.lag != lag:
-        raise Broken(f"the estimate's lag is {estimate.lag}, and its estimator's is {lag}")
+        raise Broken(f"the lag of the estimate is {estimate.lag}, that of the estimator {lag}")
     epochs, n = problem.epochs, problem.dimension
     _require_numbers("mean", estimate.mean, (epochs, n))
     if estimate.cov is not None:
@@ -92,10 +92,10 @@ def _require_numbers(name: str, values: Any, shape: tuple[int, ...]) -> None:
     if array.shape != shape:
         hint = ""
         if array.size == np.prod(shape):
-            hint = "; it has as many numbers, so reshape or ravel what goes into it"
-        raise Broken(f"{name} has the shape {array.shape}, and must have {shape}{hint}")
+            hint = "; the number of elements is right, so reshape or ravel the array"
+        raise Broken(f"{name} has the shape {array.shape} and must have {shape}{hint}")
     if array.dtype.kind not in "fiu":
-        raise Broken(f"{name} has elements of type {array.dtype}, and must have real numbers")
+        raise Broken(f"{name} has elements of type {array.dtype} and must have real numbers")
     bad = ~np.isfinite(array.reshape(shape[0], -1)).all(axis=1)
     if bad.any():
         raise Broken(f"{name} is not finite at {bad.sum()} epochs, first at epoch {bad.argmax()}")
@@ -113,8 +113,8 @@ def real_covariance(estimate: Estimate) -> None:
     if (variances <= 0.0).any():
         epoch, state = np.argwhere(variances <= 0.0)[0]
         raise Broken(
-            f"the variance of state {state} at epoch {epoch} is {variances[epoch, state]:.2g}, and "
-            "must be positive; Joseph's form of the update keeps it so"
+            f"the variance of state {state} at epoch {epoch} is {variances[epoch, state]:.2g} "
+            "and must be positive; Joseph's form of the update keeps it positive"
         )
     sigma = np.sqrt(variances)
     correlation = cov / (sigma[:, :, np.newaxis] * sigma[:, np.newaxis, :])
@@ -139,13 +139,17 @@ def repeatable(estimator: Estimator, problem: Problem, first: Estimate | None = 
     for name in ("mean", "cov"):
         one, other = getattr(first, name), getattr(again, name)
         if (one is None) != (other is None):
-            raise Broken(f"of the same problem and generator, {name} is there once and once not")
+            raise Broken(
+                f"with the same problem and generator, {name} is present in one call and missing "
+                "in the other"
+            )
         if one is None or np.asarray(one).tobytes() == np.asarray(other).tobytes():
             continue
         differs = (np.asarray(one) != np.asarray(other)).reshape(len(one), -1).any(axis=1)
         raise Broken(
-            f"the same problem and generator gave another {name} the second time, first at epoch "
-            f"{differs.argmax()}: draw from rng alone, and keep no state between calls"
+            f"two calls with the same problem and generator gave different values of {name}, "
+            f"first at epoch {differs.argmax()}: draw only from rng, and keep no state between "
+            "calls"
         )
 
 
@@ -161,7 +165,10 @@ def inputs_kept(estimator: Estimator, problem: Problem) -> None:
     for key, (array, content) in before.items():
         if array.tobytes() != content:
             what = named.get(key, f"an array {array.shape} of the model")
-            raise Broken(f"{what} was changed: it goes to every estimator, so work on a copy")
+            raise Broken(
+                f"{what} was changed: work on a copy, because all estimators receive the same "
+                "problem"
+            )
     if after != set(before):
         raise Broken("estimate() replaced arrays of the problem or its model")
 
@@ -181,11 +188,11 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     second = answer(estimator, dataclasses.replace(problem, measurements=measurements))
     sigma = np.sqrt(np.diag(problem.prior_cov))
     moved = (np.abs(np.asarray(second.mean) - first.mean) / sigma).max(axis=1)
-    change = f"readings after epoch {last_same} were changed by {_SHIFT:g} deviations"
+    change = f"measurements after epoch {last_same} were changed by {_SHIFT:g} deviations"
     if first.causality == "none":
         if moved.max() != 0.0:
             raise Broken(
-                f"causality is 'none', and when {change} the estimate at epoch {moved.argmax()} "
+                f"causality is 'none', but when {change} the estimate at epoch {moved.argmax()} "
                 f"moved by {moved.max():.2g} deviations of the prior"
             )
         return
@@ -197,28 +204,30 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
         before = moved[: last_same + 1]
         if before.min() <= _MOVED:
             raise Broken(
-                f"causality is 'batch', and yet when {change} the estimate at epoch "
-                f"{before.argmin()} did not move: declare 'filter' if it uses no later readings"
+                f"causality is 'batch', but when {change} the estimate at epoch {before.argmin()} "
+                "did not move: declare 'filter' if it uses no later measurements"
             )
         return
     reach = (first.lag or 0.0) if first.causality == "fixed-lag" else 0.0
     blind = problem.times + reach < problem.times[last_same + 1]
     if not blind.any():
-        raise Refused(f"its lag of {reach:g} s is longer than the problem")
+        raise Refused(f"the lag of {reach:g} s is longer than the problem")
     ahead = blind & (moved >= _UNMOVED)
     if ahead.any():
         epoch = int(ahead.argmax())
         raise Broken(
-            f"it uses readings of the future though its causality is '{first.causality}': "
-            f"{change}, and the estimate at epoch {epoch} moved by {moved[epoch]:.2g} "
-            "deviations of the prior"
+            f"it uses later measurements although its causality is '{first.causality}': when "
+            f"{change}, the estimate at epoch {epoch} moved by {moved[epoch]:.2g} "
+            "deviations of "
+            "the prior"
         )
     if first.fixes is None:
         if moved[~blind][0] <= _MOVED:
             raise Broken(
                 f"when {change} the estimate at epoch {int((~blind).argmax())} did not move, "
-                f"though its causality '{first.causality}' says that it depends on them: "
-                "declare 'none' of an estimator without aiding"
+                f"although its causality is '{first.causality}': "
+                "declare 'none' for an estimator "
+                "without aiding"
             )
     else:  # a matcher waits for its window, and may refuse what it finds: its fixes have seen them
         _require_causal_fixes(first, second, last_same, float(moved.max()), change)
@@ -226,8 +235,9 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
         other = (first.cov[blind] != second.cov[blind]).reshape(int(blind.sum()), -1).any(axis=1)
         if other.any():
             raise Broken(
-                "it uses readings of the future for its covariance, though its causality is "
-                f"'{first.causality}': {change}, and that at epoch {other.argmax()} is another one"
+                "its covariance uses later measurements although its causality is "
+                f"'{first.causality}': when {change}, the covariance at epoch {other.argmax()} "
+                "changed"
             )
 
 
@@ -236,14 +246,14 @@ def _require_causal_fixes(
 ) -> None:
     assert first.fixes is not None
     if second.fixes is None:
-        raise Broken("it returned fixes for one problem and None for the next")
+        raise Broken("fixes were returned for one problem but not for the next")
     before, after = _rows(first.fixes), _rows(second.fixes)
     ones, others = (rows[rows[:, 0] <= last] for rows in (before, after))
     if not np.array_equal(ones, others):
-        raise Broken(f"fixes up to epoch {last} use readings of the future: {change}")
+        raise Broken(f"fixes up to epoch {last} use later measurements: {change}")
     ones, others = (rows[rows[:, 0] > last] for rows in (before, after))
     if moved <= _MOVED and np.array_equal(ones, others):
-        raise Broken(f"no estimate moved, and no fix, when {change}")
+        raise Broken(f"no estimate and no fix moved when {change}")
 
 
 def _rows(fixes: Fixes) -> np.ndarray:
@@ -269,24 +279,25 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
         off, scatter = max(mean_off, cov_off), rounding(estimator, problem, right[1])
         if off < min(_SCATTER * scatter, LOSSY):
             return (
-                f"it loses digits: it is {off:.2g} deviations of the posterior from the exact "
-                f"answer, and a change of the last digit of the prior moves it by {scatter:.2g}; "
-                "large weights of opposite sign do so, as those of sigma points with a small alpha"
+                f"rounding errors are large: the result is {off:.2g} deviations of the posterior "
+                "from the exact one, and a change of the last digit of the prior moves it by "
+                f"{scatter:.2g}; typical cause: large weights of opposite sign, as of sigma "
+                "points with a small alpha"
             )
         if off < NEARLY_EXACT:
             return (
-                f"it is exact to {off:.2g} deviations of the posterior, not to {EXACT:g}: a "
-                "regularisation or an iteration that ends early does so"
+                f"exact to {off:.2g} deviations of the posterior, not to {EXACT:g}; typical "
+                "causes: regularisation, or an iteration that ends early"
             )
-        name = {"none": "the prior carried along", "filter": "the Kalman filter"}.get(
+        name = {"none": "the propagated prior", "filter": "the Kalman filter"}.get(
             estimate.causality, "the Rauch–Tung–Striebel smoother"
         )
         raise Broken(
-            f"its mean is up to {mean_off:.2g}, its covariance {cov_off:.2g} "
-            f"deviations of the posterior from {name}'s, allowed {NEARLY_EXACT:g}: there is a "
-            "mistake, or it is no exact estimator and says exact_if_linear_gaussian = False"
+            f"the mean differs by up to {mean_off:.2g} and the covariance by {cov_off:.2g} "
+            f"deviations of the posterior from {name}, allowed {NEARLY_EXACT:g}: correct the "
+            "estimator, or declare exact_if_linear_gaussian = False"
         )
-    return "it has no covariance: only its mean is compared" if alone else ""
+    return "no covariance: only the mean is compared" if alone else ""
 
 
 def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) -> float:
@@ -312,14 +323,14 @@ def near_exact(estimator: Estimator, problem: Problem) -> None:
     """
     estimate = answer(estimator, problem)
     if estimate.fixes is not None:
-        raise Refused("it has only fixes")
+        raise Refused("it returns only fixes")
     mean, cov = exact(problem, estimate)
     variance = np.diagonal(cov, axis1=1, axis2=2)
     off = float(np.sqrt(np.mean((np.asarray(estimate.mean) - mean) ** 2 / variance)))
     if not off < NEAR:
         raise Broken(
-            f"its mean is {off:.2g} deviations of the posterior rms from the "
-            f"exact one, allowed {NEAR:g}: a particle filter may need more particles"
+            f"the mean differs by {off:.2g} deviations of the posterior (RMS) from the exact "
+            f"one, allowed {NEAR:g}: a particle filter may need more particles"
         )
     if estimate.cov is None:
         return
@@ -327,7 +338,7 @@ def near_exact(estimator: Estimator, problem: Problem) -> None:
     spread = np.abs(np.sqrt(np.mean(ratio, axis=0)) - 1.0)
     if not spread.max() < SPREAD:
         raise Broken(
-            f"its deviation of state {spread.argmax()} is "
+            f"the standard deviation of state {spread.argmax()} is "
             f"{np.sqrt(ratio.mean(axis=0)[spread.argmax()]):.2g} times the exact one, allowed "
             f"{1.0 - SPREAD:g} to {1.0 + SPREAD:g}"
         )

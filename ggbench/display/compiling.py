@@ -38,8 +38,8 @@ def first_use(module: str, scope: str) -> list[str]:
     if code_folder(PACKAGE / module).exists():
         return []
     return [
-        f"First use of this version here: its code is compiled for this processor, {scope}, "
-        f"and kept in {cache_folder()}."
+        f"First use of this version: the code is compiled for this processor, {scope}, and "
+        f"stored in {cache_folder()}."
     ]
 
 
@@ -78,7 +78,7 @@ def maps_to_build(fields: Iterable[FieldSpec]) -> Iterator[str]:
             yield (
                 f"Building a map of {each.source}, {each.south_deg:g}° to "
                 f"{each.north_deg:g}° N, {each.west_deg:g}° to {each.east_deg:g}° E, once; "
-                "it is kept there, too."
+                "it is stored in the same folder."
             )
 
 

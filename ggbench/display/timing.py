@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..figures.numbers import short
 
 _MINUTES_FROM_S = 600.0
-COLD = "* of first runs alone, which also load and compile; a further run takes less"
+COLD = "* first runs only, including loading and compilation; further runs take less"
 """What a star at a time means."""
 
 

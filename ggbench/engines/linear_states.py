@@ -16,7 +16,7 @@ def mixing(problem: Problem) -> str | None:
     """Return why h is not linear in the states behind the position, or None if it is."""
     if not isinstance(problem.model, CompiledModel):
         return (
-            "which states enter h linearly is known of the package's own model, not of "
+            "linear states are known only for the model of ggbench, not for "
             f"{type(problem.model).__name__}"
         )
     arrays = problem.model.arrays
@@ -24,10 +24,7 @@ def mixing(problem: Problem) -> str | None:
     if len(arrays.channels) == 0 or len(read) == 0:
         return None
     if arrays.instrument == STRAPDOWN:
-        return (
-            "the readings of a gradiometer depend on the attitude, or on mounting angles that are "
-            "states, not linearly"
-        )
+        return "the gradiometer measurements depend nonlinearly on attitude or mounting angles"
     if not np.array_equal(
         arrays.rows[read, :POSITION],
         np.broadcast_to(
@@ -35,7 +32,7 @@ def mixing(problem: Problem) -> str | None:
         ),
     ):
         return (
-            "a filtered or late gradiometer reads the position of some time ago, which mixes all "
-            "states"
+            "a filtered or late gradiometer measures at an earlier position, which depends on "
+            "all states"
         )
     return None

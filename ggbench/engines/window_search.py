@@ -46,7 +46,7 @@ MOST = 1_000_000
 def unmatchable(problem: Problem) -> str | None:
     """Return why windows of a problem cannot be searched, or None if they can."""
     if not horizontal(problem, velocity=False):
-        return "the problem has no two states in metres, a position to be found"
+        return "the problem has no horizontal position: two states in metres are needed"
     return without_kernels(problem)
 
 

@@ -43,8 +43,8 @@ def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
     size = sum(v.nbytes for v in content.values() if isinstance(v, np.ndarray))
     if size > LARGEST_BYTES:
         raise ExchangeError(
-            f"{path} would hold {size / 1e9:.3g} GB, over {LARGEST_BYTES / 1e9:.3g} GB: "
-            "export fewer runs at once"
+            f"{path} would have {size / 1e9:.3g} GB, more than "
+            f"{LARGEST_BYTES / 1e9:.3g} GB: export fewer runs at once"
         )
     writer = _format_of(path)[0]
     with written_whole(path, ExchangeError, size=size) as temporary:
@@ -67,7 +67,7 @@ def read(path: Path) -> dict[str, np.ndarray | str]:
     try:
         size = path.stat().st_size
         if not path.is_file():
-            raise ExchangeError(f"{path} is no file")
+            raise ExchangeError(f"{path} is not a file")
         _require_small(path, size)
         return reader(path)
     except ExchangeError:
@@ -81,7 +81,7 @@ def read(path: Path) -> dict[str, np.ndarray | str]:
 def _require_small(path: Path, size: int) -> None:
     if size > LARGEST_BYTES:
         limit = LARGEST_BYTES / 1e9
-        raise ExchangeError(f"{path} has {size / 1e9:.3g} GB, and may have {limit:.3g} GB")
+        raise ExchangeError(f"{path} has {size / 1e9:.3g} GB; at most {limit:.3g} GB are allowed")
 
 
 def shaped(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
@@ -100,7 +100,7 @@ def _format_of(path: Path) -> tuple[Callable[..., None], Callable[[Path], dict[s
 def _checked(path: Path, name: str, value: Any) -> np.ndarray | str:
     """Return what a file holds under a name: real numbers as floats, or a text."""
     if not _NAME.fullmatch(name):
-        raise ExchangeError(f"{path}: {name[:80]!a} is no name of an array")
+        raise ExchangeError(f"{path}: {name[:80]!a} is not a valid name of an array")
     if isinstance(value, str):
         return value
     array = np.ma.filled(value, math.nan) if np.ma.isMaskedArray(value) else np.asarray(value)
@@ -108,7 +108,7 @@ def _checked(path: Path, name: str, value: Any) -> np.ndarray | str:
         return "\n".join(map(str, array.ravel())).rstrip()
     if array.dtype.kind not in "biuf":
         kind = {"c": "complex numbers", "S": "bytes"}.get(array.dtype.kind, str(array.dtype)[:40])
-        raise ExchangeError(f"{path}: {name} holds {kind}, not real numbers")
+        raise ExchangeError(f"{path}: {name} contains {kind}, not real numbers")
     return np.ascontiguousarray(array, dtype=float)
 
 
@@ -141,7 +141,7 @@ def _read_netcdf(path: Path) -> dict[str, np.ndarray | str]:
         total = sum(math.prod(v.shape) for v in file.variables.values()) * 8
         if total > LARGEST_BYTES:
             raise ExchangeError(
-                f"{path} holds {total / 1e9:.3g} GB, over {LARGEST_BYTES / 1e9:.3g}"
+                f"{path} contains {total / 1e9:.3g} GB, more than {LARGEST_BYTES / 1e9:.3g}"
             )
         for name in file.ncattrs():
             if isinstance(value := file.getncattr(name), str):
@@ -163,7 +163,7 @@ def _read_matlab(path: Path) -> dict[str, np.ndarray | str]:
 
     with path.open("rb") as file:
         if file.read(8)[1:4] == b"HDF":
-            raise ExchangeError(f"{path} is of MATLAB 7.3: save with -v7 or -v6, or as netCDF")
+            raise ExchangeError(f"{path} is a MATLAB 7.3 file: save with -v7 or -v6, or as netCDF")
     total = sum(math.prod(map(int, shape)) for _, shape, _ in whosmat(path)) * 8
     _require_small(path, total)
     content = loadmat(path, chars_as_strings=True, struct_as_record=True)
@@ -224,7 +224,9 @@ def _numbers(path: Path, name: str, sizes: list[str], lines: Iterator[str]) -> n
         try:
             part = np.array(line.split(), dtype=float)
         except ValueError:
-            raise ExchangeError(f"{path}: {name} holds {line.strip()[:80]!a}, no number") from None
+            raise ExchangeError(
+                f"{path}: {name} contains {line.strip()[:80]!a}, which is not a number"
+            ) from None
         parts.append(part)
         count_read += part.size
     if count_read > count:

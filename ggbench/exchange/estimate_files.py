@@ -92,7 +92,7 @@ def read(path: Path) -> StoredRuns:
     content = containers.read(path)
     if unknown := sorted(set(content) - KNOWN):
         raise ExchangeError(
-            f"{path} holds {unknown[0]}, which is not allowed in estimates; allowed are "
+            f"{path} contains {unknown[0]}, which is not allowed in estimates; allowed are "
             f"{', '.join(sorted(KNOWN))}"
         )
     problem = _problem(path, _text(path, content, "problem"))
@@ -177,7 +177,7 @@ def _array(path: Path, content: dict[str, Any], name: str, shape: tuple[int, ...
         flaw = " × ".join(map(str, value.shape))
         hint = ""
         if sorted(n for n in value.shape if n > 1) == sorted(n for n in shape if n > 1):
-            hint = ": its axes are in another order"
+            hint = ": its axes are in a different order"
         raise ExchangeError(f"{path}: {name} has the shape {flaw} and must have {expected}{hint}")
     if not np.isfinite(array).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -201,7 +201,7 @@ def _causality(path: Path, content: dict[str, Any]) -> tuple[Causality, float | 
         )
     if causality != "fixed-lag":
         if "lag" in content:
-            raise ExchangeError(f"{path}: lag is of estimates whose causality is fixed-lag")
+            raise ExchangeError(f"{path}: lag requires causality fixed-lag")
         return causality, None
     lag = float(_array(path, content, "lag", ()))
     if not 0.0 < lag < 1e9:
@@ -236,7 +236,7 @@ def _problem(path: Path, text: str) -> dict[str, Any]:
             raise ValueError("states")
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ExchangeError(
-            f"{path}: problem must be copied from the problem's file as it is: {text_of(error)}"
+            f"{path}: problem must be copied unchanged from the problem's file: {text_of(error)}"
         ) from None
     about["times"] = np.array(about["times"], dtype=float)
     about["epochs"] = len(about["times"])
@@ -264,12 +264,12 @@ def stored_runs(path: Path) -> tuple[StoredRuns, ...]:
     except OSError as error:
         raise ExchangeError(f"cannot read {path}: {error.strerror}") from None
     if not stored:
-        raise ExchangeError(f"{path} holds no estimates: {', '.join(containers.SUFFIXES)} files")
+        raise ExchangeError(f"{path} contains no estimates: {', '.join(containers.SUFFIXES)} files")
     for name in ("estimator", "causality", "lag"):
         values = list(dict.fromkeys(getattr(one, name) for one in stored))
         if len(values) > 1 and not (name == "estimator" and path.is_dir()):
             raise ExchangeError(
-                f"{path} holds estimates with the {name} {values[0]} and {values[1]}: give the "
+                f"{path} contains estimates with the {name} {values[0]} and {values[1]}: give "
                 "estimates of one estimator"
             )
     return stored

@@ -84,8 +84,8 @@ class ExternalProgram(BlockEstimator):
             stored = estimate_files.read(estimates)
         if stored.causality != self.causes:
             raise ExchangeError(
-                f"{self.path} wrote estimates that are '{stored.causality}', and causes says "
-                f"'{self.causes}'"
+                f"{self.path} wrote estimates of causality '{stored.causality}', but "
+                f"'{self.causes}' is declared"
             )
         if not np.array_equal(
             stored.problem["fingerprints"], problem_files.fingerprints(block.measurements)
@@ -153,7 +153,7 @@ def estimator_of(text: str) -> type[ExternalProgram]:
     """
     path = Path(text.removeprefix(PROGRAM))
     if not path.is_file():
-        raise ExchangeError(f"{text}: there is no program {path}")
+        raise ExchangeError(f"{text}: program {path} not found")
     if not os.access(path, os.X_OK):
         raise ExchangeError(f"{text}: {path} cannot be executed; set its x bit (chmod +x)")
     space: dict[str, Any] = {"path": path, "name": f"{PROGRAM}{path.name}", "__module__": __name__}

@@ -112,7 +112,7 @@ def component_errors(
         limit = 1.05 * np.percentile(np.fmax(3 * sigma, np.abs(error)), 98)
         if limit > 0.0:
             right.set_ylim(-limit, limit)
-    claim = "aided, with its claimed ±3σ" if claims else "aided; it claims no deviation"
+    claim = "aided, with its ±3σ" if claims else "aided, without covariance"
     for axis, title in zip(axes[0], ("with the pure INS", claim), strict=True):
         axis.set_title(title)
         axis.legend()

@@ -71,8 +71,8 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
     aided = results.detail(case, label, DETAILED_RUN)
     if aided is None:
         raise ResultsError(
-            f"{results.folder} holds no errors of {label} in run {DETAILED_RUN} of case {case}, "
-            "the one that is stored in detail: it failed or was not run"
+            f"{results.folder} has no errors of {label} in run {DETAILED_RUN} of case {case}, "
+            "the run that is stored in detail: it failed or was not run"
         )
     ins = results.detail(case, "ins", DETAILED_RUN)
     first, unit = _COLUMNS[quantity]
@@ -95,7 +95,7 @@ def field_map(results: Results, case: str) -> Drawing:
     """
     arrays = results.arrays(case)
     if "map_vertical" not in arrays:
-        raise ResultsError(f"case {case} flies over the normal field: it has no map to draw")
+        raise ResultsError(f"case {case} uses the normal field: it has no map to draw")
     return field.field_map(arrays)
 
 
@@ -106,5 +106,5 @@ def track_gradient(results: Results, case: str) -> Drawing:
     """
     arrays = results.arrays(case)
     if "gradient_times" not in arrays:
-        raise ResultsError(f"case {case} flies without a gradiometer: it has no readings to draw")
+        raise ResultsError(f"case {case} has no gradiometer: it has no measurements to draw")
     return field.gradient_along_track(arrays, results.scenario.case(case).title)

@@ -43,7 +43,7 @@ _MOST_ORDER = 64
 _TIMING = 1e-3
 """By how much readings may be off the model's interval [intervals]."""
 _REACH = _MOST_ORDER
-"""How far back a reading behind a gap is predicted from [intervals]; a longer gap starts anew."""
+"""Longest memory of the prediction across a gap [intervals]; a longer gap restarts it."""
 
 
 class ColouredNoiseError(GGBenchError):
@@ -103,13 +103,13 @@ class VectorAutoregression:
     def __post_init__(self) -> None:
         m, shape = len(self.components), self.coefficients.shape
         if m == 0 or len(set(self.components)) != m:
-            raise ColouredNoiseError("components must be names of channels, each once")
+            raise ColouredNoiseError("components must be names of channels without duplicates")
         if not 0.0 < self.interval < np.inf:
             raise ColouredNoiseError(f"interval_s is {self.interval:g} and must be positive")
         if len(shape) != 3 or shape[1:] != (m, m) or shape[0] > _MOST_ORDER:
             raise ColouredNoiseError(
                 f"coefficients have shape {shape} and must be at most {_MOST_ORDER} matrices of "
-                f"{m} by {m}, as there are {m} components"
+                f"{m} by {m}, for {m} components"
             )
         cov = self.innovation_cov
         if cov.shape != (m, m) or not (np.isfinite(cov).all() and _is_covariance(cov)):
@@ -270,7 +270,7 @@ def _read(path: Path, time: int, size: int) -> VectorAutoregression:
     except OSError as error:
         raise ColouredNoiseError(f"cannot read the noise model {path}: {error.strerror}") from None
     except (ValueError, RecursionError):
-        raise ColouredNoiseError(f"the noise model {path} is no JSON text") from None
+        raise ColouredNoiseError(f"the noise model {path} is not JSON") from None
     try:
         return _model(content)
     except ColouredNoiseError as error:

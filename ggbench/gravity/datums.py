@@ -67,7 +67,7 @@ def require_wgs84(
     wkt = mapping.attrs.get("crs_wkt", mapping.attrs.get("spatial_ref", ""))
     if isinstance(meridian, str) or np.any(np.asarray(meridian) != 0.0):
         raise TerrainError(
-            f"{path.name} counts longitudes from a meridian at {meridian} degrees; Greenwich is "
+            f"{path.name} has its prime meridian at {meridian} degrees; only Greenwich is "
             "allowed: warp the grid to EPSG:4326 with gdalwarp."
         )
     if not isinstance(wkt, str) or not wkt.strip():
@@ -78,10 +78,10 @@ def require_wgs84(
     except TerrainError:
         raise
     except Exception:  # rasterio's own, of a text that is no reference system
-        reason = f"{path.name} has a reference system that is none: {wkt[:60]!r}."
+        reason = f"{path.name} has an invalid reference system: {wkt[:60]!r}."
         raise TerrainError(reason) from None
     if another:
         raise TerrainError(
-            f"{path.name} is in {name_of(crs)}; WGS 84 is allowed: warp the grid to EPSG:4326 with "
-            "gdalwarp."
+            f"{path.name} is in {name_of(crs)}; only WGS 84 is allowed: warp the grid to "
+            "EPSG:4326 with gdalwarp."
         )

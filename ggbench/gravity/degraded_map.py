@@ -96,26 +96,26 @@ def _check(grid: GradientMap, degradation: MapDegradation) -> None:
     side = min(n * step for n, step in zip(grid.tensor.shape[:2], steps, strict=True))
     if degradation.resolution_m > side:
         raise MapError(
-            f"the error of a map has resolution_km = {1e-3 * degradation.resolution_m:g}, which "
-            f"must not be wider than the map, {1e-3 * side:.3g} km"
+            f"the map error has resolution_km = {0.001 * degradation.resolution_m:g}, which must "
+            f"be at most the width of the map, {0.001 * side:.3g} km"
         )
     if degradation.correlated_noise_eotvos == 0.0:
         return
     if grid.base is not None:
         raise MapError(
-            "the error of a map has correlated_noise_eotvos, a harmonic field on level layers; a "
-            "draped map has none: use white_noise_eotvos, resolution_km or density_factor"
+            "the map error has correlated_noise_eotvos, which requires level layers; for a "
+            "draped map use white_noise_eotvos, resolution_km or density_factor"
         )
     correlation = f"correlation_km = {1e-3 * degradation.correlation_m:g}"
     if degradation.correlation_m < max(steps):
         raise MapError(
-            f"the error of a map has {correlation}, which must be at least the distance of the "
-            f"map's nodes, {1e-3 * max(steps):.3g} km"
+            f"the map error has {correlation}, which must be at least the node spacing, "
+            f"{0.001 * max(steps):.3g} km"
         )
     if math.prod(_plane_shape(grid, degradation, *steps)) > _MOST_NODES:
         raise MapError(
-            f"the error of a map has {correlation}, too long for a map whose nodes are "
-            f"{1e-3 * min(steps):.3g} km apart: a random field of so many nodes would be too large"
+            f"the map error has {correlation}, too long for a node spacing of "
+            f"{0.001 * min(steps):.3g} km: the random field would need too many nodes"
         )
 
 

@@ -170,8 +170,9 @@ def _laid_flat(terrain: Terrain) -> tuple[Plane, NDArray, NDArray]:
     distortion = max(abs(scale_factor(a, lon[0], plane) - 1.0) for a in lat[[0, -1]])
     if not (distortion <= _LARGEST_DISTORTION and lon[-1] - lon[0] < math.pi):
         raise TerrainError(
-            f"{terrain.name} is too wide for a plane, {np.ptp(terrain.latitudes_deg):g} by "
-            f"{np.ptp(terrain.longitudes_deg):g} degrees: crop it to at most about 10 degrees."
+            f"{terrain.name} is too wide for the plane approximation, "
+            f"{np.ptp(terrain.latitudes_deg):g} by {np.ptp(terrain.longitudes_deg):g} degrees: "
+            "crop it to about 10 degrees."
         )
     rim = [(a, b) for a in lat for b in lon[[0, -1]]] + [(a, b) for a in lat[[0, -1]] for b in lon]
     points = np.array([to_plane(a, b, plane)[:2] for a, b in rim])
@@ -211,8 +212,8 @@ class _Series:
         if not clearance > 0.0:
             raise TerrainError(
                 f"The lowest height lies {-clearance:g} m below the highest ground of "
-                f"{terrain.name}, {highest:g} m above its zero level: only heights above that "
-                "are allowed, where Parker's series converges."
+                f"{terrain.name} ({highest:g} m above its zero level): Parker's series converges "
+                "only above it."
             )
         self.step = np.minimum(_native(terrain), _SPACING_PER_HEIGHT * clearance)
         # Of the terrain alone: a field must not depend on what other heights are asked for.
@@ -222,9 +223,9 @@ class _Series:
             allowed = math.sqrt((size + 2.0 * self.border).prod() / _MOST_NODES)
             raise TerrainError(
                 f"A lowest height {clearance:.3g} m above the highest ground of {terrain.name} "
-                f"needs {counts.prod():.2g} Fourier nodes, a quarter of that height or of the "
-                f"terrain's own spacing apart; {_MOST_NODES:.2g} are allowed: crop or coarsen the "
-                f"terrain, or stay {allowed / _SPACING_PER_HEIGHT:.3g} m above its highest ground."
+                f"needs {counts.prod():.2g} Fourier nodes; {_MOST_NODES:.2g} are allowed: crop "
+                "or coarsen the terrain, or raise the lowest height to "
+                f"{allowed / _SPACING_PER_HEIGHT:.3g} m above the highest ground."
             )
         self.count = [scipy.fft.next_fast_len(int(n), real=True) for n in counts]  # x, y
         self.origin = corner - 0.5 * (self.count * self.step - size)
@@ -298,10 +299,10 @@ class _Series:
             factor *= k * (half / (n + 1))
         else:
             raise TerrainError(
-                f"Parker's series leaves {remainder:.2g} E after {_MOST_ORDERS} orders at the "
-                f"lowest height, {self._lowest_level - self._highest:.3g} m above the highest "
-                f"ground of {self._name}: {CONVERGED:g} E is allowed, which takes about "
-                f"{_CLEARANCE_PER_HALF_RELIEF * half:.3g} m here."
+                f"Parker's series has an error of {remainder:.2g} E after {_MOST_ORDERS} orders at "
+                f"the lowest height, {self._lowest_level - self._highest:.3g} m above the "
+                f"highest ground of {self._name}; at most {CONVERGED:g} E is allowed, which "
+                f"needs about {_CLEARANCE_PER_HALF_RELIEF * half:.3g} m."
             )
         self.orders = n
 
@@ -410,7 +411,7 @@ def _components(
 def _axis(values: ArrayLike, name: str) -> NDArray:
     axis = np.asarray(values, dtype=float)
     if axis.ndim != 1 or axis.size == 0 or not np.isfinite(axis).all():
-        raise TerrainError(f"{name} must be a row of finite numbers, at least one.")
+        raise TerrainError(f"{name} must be one or more finite numbers.")
     return axis
 
 

@@ -27,10 +27,11 @@ _NEVER_GRADIENTS = {_REDUCED, "observed gravity", "a geoid", "a magnetic field"}
 """What a column of a gradient may not be called: free-air gradients are gradients."""
 _REASONS = {
     _REDUCED: (
-        "free-air anomalies or disturbances are allowed: others lack the attraction of the rock"
+        "only free-air anomalies or disturbances are allowed: others exclude the attraction of "
+        "the rock"
     ),
     "a free-air anomaly": (
-        "it differs from a disturbance by 0.3 mGal for each metre of the geoid: give it as an "
+        "anomalies differ from disturbances by 0.3 mGal per metre of geoid height: give it as an "
         "anomaly"
     ),
     "a gravity disturbance": "give it as a disturbance",

@@ -83,7 +83,7 @@ def _driver(path: Path) -> str:
         except OSError as error:
             raise TerrainError(f"{path} cannot be read: {error.strerror}.") from None
         if driver is None:
-            raise TerrainError(_why_not(path, "it is none of Surfer's formats"))
+            raise TerrainError(_why_not(path, "it is not in a format of Surfer"))
     if driver is None:
         raise TerrainError(
             f"{path.name} cannot be read as a raster; allowed suffixes are "
@@ -111,15 +111,16 @@ def _why_not(path: Path, message: str) -> str:
     if "proj.db" in message or "database context" in message:
         variables = [key for key in ("PROJ_DATA", "PROJ_LIB") if os.environ.get(key)]
         cause = (
-            f"{variables[0]} = {os.environ[variables[0]]!r} leads to another installation: unset it"
+            f"{variables[0]} = {os.environ[variables[0]]!r} points to another installation: "
+            "unset it"
             if variables
             else "install rasterio again"
         )
         return f"{path.name} needs PROJ's database proj.db, which is not found; {cause}."
     if _is_geosoft(path):
         return (
-            f"{path.name} is a Geosoft grid, which cannot be read: export it from Oasis montaj or "
-            "the free Geosoft Viewer as GeoTIFF or as a Surfer grid."
+            f"{path.name} is a Geosoft grid, which is not supported: export it from Oasis montaj "
+            "or the free Geosoft Viewer as GeoTIFF or as a Surfer grid."
         )
     return f"{path.name} cannot be read as a raster ({message})."
 
@@ -141,7 +142,7 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> 
         raise TerrainError(f"{name} has {dataset.count} bands; one, of {units.what}, is allowed.")
     check_size(name, dataset.shape)
     if transform.is_identity:
-        raise TerrainError(f"{name} does not say where it lies; a georeferenced raster is allowed.")
+        raise TerrainError(f"{name} is not georeferenced; add coordinates.")
     values, remarks = _values(dataset, name, units)
     rows, columns = (np.arange(count) + 0.5 for count in values.shape)
     # GDAL's transform is that of the corners of cells, for a raster of points, too.
@@ -158,14 +159,14 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> 
         )
     if transform.b or transform.d:
         raise TerrainError(
-            f"{name} is rotated; rows along parallels and columns along meridians are allowed."
+            f"{name} is rotated; rows must lie along parallels and columns along meridians."
         )
     return regular_grid(
         latitude,
         longitude,
         values,
         name,
-        [*remarks, "no reference system given, taken as degrees" if crs is None else ""],
+        [*remarks, "no reference system given, degrees assumed" if crs is None else ""],
         area,
     )
 
@@ -224,8 +225,8 @@ def _from_projected(
     shape = (int((north - south) / latitude_step) + 1, int((east - west) / longitude_step) + 1)
     if not (south < north and west < east and min(shape) >= FEWEST_NODES):
         raise TerrainError(
-            f"{path.name} is projected, and no box of latitudes and longitudes fits into it: warp "
-            "it to EPSG:4326 with gdalwarp."
+            f"{path.name} is projected and contains no box of latitudes and longitudes: warp it "
+            "to EPSG:4326 with gdalwarp."
         )
     check_size(path.name, shape)
     latitude = south + latitude_step * np.arange(shape[0])

@@ -91,12 +91,12 @@ def regular_grid(
 def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
     """First node and step of ascending coordinates, and whether they were descending."""
     if axis.size < FEWEST_NODES:
-        raise TerrainError(f"{name} has {axis.size} {what}; at least {FEWEST_NODES} are allowed.")
+        raise TerrainError(f"{name} has {axis.size} {what}; at least {FEWEST_NODES} are needed.")
     step = float(axis[-1] - axis[0]) / (axis.size - 1)
     nodes = axis[0] + step * np.arange(axis.size)
     if not (step != 0.0 and np.abs(axis - nodes).max() <= _IRREGULAR * abs(step)):  # NaN fails too
         raise TerrainError(
-            f"{name} has {what} that are not evenly spaced; a regular grid is allowed."
+            f"{name} has {what} that are not evenly spaced; a regular grid is needed."
         )
     if step < 0.0:
         return float(axis[-1]), -step, True

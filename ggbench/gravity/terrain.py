@@ -28,10 +28,10 @@ def require_latitudes(name: str, south: float, north: float) -> None:
         return
     hint = ""
     if max(abs(south), abs(north)) > 1000.0:
-        hint = "; are these metres of a projection that the file does not name?"
+        hint = "; are these metres in a projection that the file does not state?"
     raise TerrainError(
-        f"{name} reaches from latitude {south:.6g} to {north:.6g}: -90 to 90 degrees is allowed"
-        f"{hint or '.'}"
+        f"{name} has latitudes from {south:.6g} to {north:.6g}; allowed are -90 to 90 "
+        f"degrees{hint or '.'}"
     )
 
 
@@ -62,8 +62,8 @@ class Terrain:
         shape = np.shape(self.height_m)
         if len(shape) != 2 or min(shape) < FEWEST_NODES:
             raise TerrainError(
-                f"{self.name} has heights of shape {shape}: latitude by longitude, at least "
-                f"{FEWEST_NODES} of each, is allowed."
+                f"{self.name} has heights of shape {shape}; needed is latitude by longitude, at "
+                f"least {FEWEST_NODES} of each."
             )
         for name in ("latitude_step_deg", "longitude_step_deg"):
             step = getattr(self, name)
@@ -75,14 +75,14 @@ class Terrain:
         if not (abs(self.west_deg) <= 360.0 and width <= 360.0 + 1e-9):
             raise TerrainError(
                 f"{self.name} begins at longitude {self.west_deg:.6g} and is {width:.6g} degrees "
-                "wide: -360 to 360 and at most 360 are allowed."
+                "wide; allowed are -360 to 360, and at most 360 degrees."
             )
         lowest, highest = float(self.height_m.min()), float(self.height_m.max())
         if not (lowest >= LOWEST_M and highest <= HIGHEST_M):  # NaN fails too
             raise TerrainError(
-                f"{self.name} has heights from {lowest:g} to {highest:g} m: finite numbers from "
-                f"{LOWEST_M:g} to {HIGHEST_M:g} are allowed. A value that marks voids must be "
-                "declared, by --void VALUE of 'ggbench map build' or with gdal_edit -a_nodata."
+                f"{self.name} has heights from {lowest:g} to {highest:g} m; allowed are "
+                f"{LOWEST_M:g} to {HIGHEST_M:g}. Declare a void value with --void VALUE of "
+                "'ggbench map build' or with gdal_edit -a_nodata."
             )
 
     @property
@@ -106,7 +106,7 @@ class Terrain:
         if not (south_deg < north_deg and west_deg < east_deg):  # NaN fails too
             raise TerrainError(
                 f"Latitudes {south_deg} to {north_deg} and longitudes {west_deg} to {east_deg} "
-                "must each go from the smaller to the larger."
+                "must each be in ascending order."
             )
         # The same meridians, counted as the terrain counts.
         turn = float(turns(0.5 * (west_deg + east_deg), self.longitudes_deg.mean()))

@@ -49,8 +49,8 @@ def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
     corner = _TILE_NAME.match(path.name)
     if corner is None:
         raise TerrainError(
-            f"{path.name} does not say where it lies: the name of a .hgt file begins with its "
-            "south-western corner, as N36W085.hgt does."
+            f"{path.name} has no position: the name of a .hgt file must begin with its "
+            "south-western corner, for example N36W085.hgt."
         )
     values = np.fromfile(path, ">i2")
     shape = (math.isqrt(values.size),) * 2
@@ -58,8 +58,8 @@ def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
         shape = _HALF_TILE
     if 2 * shape[0] * shape[1] != path.stat().st_size or shape[0] < 2:
         raise TerrainError(
-            f"{path.name} has {path.stat().st_size} bytes: a square of 16-bit integers is allowed, "
-            "for example 1201 x 1201 or 3601 x 3601."
+            f"{path.name} has {path.stat().st_size} bytes; a square of 16-bit integers is "
+            "needed, for example 1201 x 1201 or 3601 x 3601."
         )
     check_size(path.name, shape)
     written = np.where(values == _TILE_VOID, np.nan, values.astype(float)).reshape(shape)
@@ -104,8 +104,8 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
     if len(grids) != 1:
         raise TerrainError(
             f"{name} has {len(grids)} grids in latitude and longitude "
-            f"({', '.join(grids) or 'none'}); one, or one named {', '.join(_HEIGHT_NAMES)}, with "
-            "coordinate variables lat and lon, or x and y, is allowed."
+            f"({', '.join(grids) or 'none'}); exactly one is needed, or one named "
+            f"{', '.join(_HEIGHT_NAMES)}, with coordinates lat and lon, or x and y."
         )
     ((key, grid),) = grids.items()
     check_size(name, grid.shape)
@@ -113,7 +113,7 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
     for axis in (latitude, longitude):
         unit = str(axis.attrs.get("units", "degrees"))
         if not unit.lower().startswith("deg"):
-            raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are allowed.")
+            raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are needed.")
     place = float(longitude.values.mean()), float(latitude.values.mean())
     require_wgs84(dataset.variables, grid, place, path)
     factor, of_unit = units.factor(
@@ -134,7 +134,7 @@ def _axis_kind(dataset: Any, dimension: Any) -> str | None:
     standard = str(dataset[dimension].attrs.get("standard_name", "")).lower()
     if "projection" in standard:
         raise TerrainError(
-            f"The coordinate {dimension} is one of a projection; degrees are allowed: warp the "
+            f"The coordinate {dimension} belongs to a projection; degrees are needed: warp the "
             "grid to EPSG:4326 with gdalwarp."
         )
     if standard == "latitude" or name in _LATITUDE_NAMES:
@@ -178,8 +178,8 @@ def _from_arrays(arrays: Mapping[str, Any], name: str, area: Area | None, units:
         longitude = float(arrays["xmin"]) + float(arrays["dx"]) * columns
     else:
         raise TerrainError(
-            f"{name} has the arrays {', '.join(sorted(arrays))}; those of a Terrain, or lat, lon "
-            "and z, or elevation, xmin, ymax, dx and dy are allowed."
+            f"{name} has the arrays {', '.join(sorted(arrays))}; needed are those of a Terrain, "
+            "or lat, lon and z, or elevation, xmin, ymax, dx and dy."
         )
     heights, of_marks = marks_removed(written, written, units)
     return regular_grid(latitude, longitude, heights, name, [*remarks, of_marks], area)
@@ -235,10 +235,7 @@ def read_terrain(path: Path, area: Area | None = None, voids: Sequence[float] = 
     if is_folder:
         raise TerrainError(f"{path} is a folder; a terrain is a file ({', '.join(_READERS)}).")
     if reader is None:
-        raise TerrainError(
-            f"{path.name} is of no kind that is known by its suffix; allowed: "
-            f"{', '.join(_READERS)}."
-        )
+        raise TerrainError(f"{path.name} has an unknown suffix; allowed: {', '.join(_READERS)}.")
     grid = reader(path, area, replace(HEIGHTS, voids=tuple(voids)))
     shape = " x ".join(map(str, grid.values.shape))
     return Terrain(*grid[:5], ", ".join([f"{path.name} ({shape})", *grid.remarks]))

@@ -177,8 +177,8 @@ class TerrainMasses:
             latitude, longitude = np.degrees(moved[worst, :2])
             raise TerrainError(
                 f"the point {latitude:.5f}° N, {longitude:.5f}° E, {moved[worst, 2]:.6g} m lies "
-                f"{-above[worst]:.3g} m below the ground of {self.terrain.name}: a field is "
-                "computed above the ground only."
+                f"{-above[worst]:.3g} m below the ground of {self.terrain.name}; fields are "
+                "computed only above the ground."
             )
         middle = np.radians(self.terrain.longitudes_deg.mean())
         moved[:, 1] += turns(moved[:, 1], middle, math.tau)

@@ -103,7 +103,7 @@ def upward(
     """
     positive = str(attributes.get("positive", "")).strip().lower()
     if positive == "down":
-        return -values, "depths, positive down, negated"
+        return -values, "depths (positive down) were negated"
     standard, long = (
         str(attributes.get(key, "")).lower() for key in ("standard_name", "long_name")
     )
@@ -113,10 +113,10 @@ def upward(
     if positive == "up" or not (by_standard or by_name) or not finite.size:
         return values, ""
     if (by_standard and finite.max() > 0.0) or finite.min() >= 0.0:
-        return -values, f"depths ({standard if by_standard else variable or long}) negated"
+        return -values, f"depths ({(standard if by_standard else variable or long)}) were negated"
     if finite.max() <= 0.0 and not by_standard:
         return values, ""
     raise TerrainError(
-        f"{name} has depths from {finite.min():g} to {finite.max():g}, and does not say which way "
-        "they count: set the attribute positive of the variable to 'up' or 'down'."
+        f"{name} has depths from {finite.min():g} to {finite.max():g} without a direction: set the "
+        "attribute positive of the variable to 'up' or 'down'."
     )

@@ -43,7 +43,7 @@ def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, s
     marks = ", ".join(f"{mark:.8g}" for mark in np.unique(written[void])[:3])
     return np.where(
         void, np.nan, values
-    ), f"undeclared {marks} taken for voids; --void VALUE declares others"
+    ), f"undeclared {marks} read as voids; declare others with --void VALUE"
 
 
 def without_voids(
@@ -84,8 +84,8 @@ def without_voids(
     if void.all() or (count > 0 and count >= _MOST_VOIDS * cells):
         raise TerrainError(
             f"{name} has {count} voids among {cells} cells{where}, the first at latitude, "
-            f"longitude {place}: less than {_MOST_VOIDS:.0%} is allowed; fill them first, for "
-            "example with gdal_fillnodata, or build a map of a part without them, by its bounds."
+            f"longitude {place}; less than {_MOST_VOIDS:.0%} are allowed: fill them, for example "
+            "with gdal_fillnodata, or choose bounds without voids."
         )
     everywhere = rows.size < _MOST_VOIDS * void.size
     filled = _filled(heights, void, void if everywhere else counting)

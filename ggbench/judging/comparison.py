@@ -114,15 +114,15 @@ def compare(
     if window not in WINDOWS:
         raise ComparisonError(f"there is no window {window!r}; choose one of {', '.join(WINDOWS)}")
     if not (math.isfinite(threshold) and threshold >= 0.0):
-        raise ComparisonError(f"the threshold must be a number from 0 on, and is {threshold}")
+        raise ComparisonError(f"the threshold is {threshold} and must be at least 0")
     renamed = _changed_parameters(before, after)
     before, after = (table.replace({"estimator": renamed}) for table in (before, after))
     groups_before, groups_after = groups_of_runs(before), groups_of_runs(after)
     common = [key for key in groups_before if key in groups_after]
     if not common:
         raise ComparisonError(
-            f"the two folders have no case and estimator in common: one holds {_content(before)}, "
-            f"the other {_content(after)}"
+            f"the folders have no case and estimator in common: one has {_content(before)}, the "
+            f"other {_content(after)}"
         )
     rows = pd.DataFrame(
         [

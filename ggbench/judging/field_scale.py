@@ -44,9 +44,11 @@ def on_the_prior(position_m: float, correlation_m: float) -> str:
     if width < LINEAR:
         consequence = "the field is nearly linear within it, and an EKF is efficient"
     elif width < AMBIGUOUS:
-        consequence = "a filter that linearises once can converge to a wrong place"
+        consequence = "a filter that linearises once can converge to a wrong position"
     else:
-        consequence = "several places fit the first measurements: use a bank, a search or particles"
+        consequence = (
+            "several positions fit the first measurements: use a filter bank, a search or particles"
+        )
     return (
         f"the initial uncertainty is {width:.2g} correlation lengths of the field "
         f"({1e-3 * correlation_m:.3g} km): {consequence}"

@@ -59,14 +59,14 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
         definite.
     """
     if not isinstance(fixes, Fixes):
-        raise ValueError(f"the estimate's fixes are a {type(fixes).__name__}, not Fixes")
+        raise ValueError(f"the estimate's fixes must be Fixes, not {type(fixes).__name__}")
     count = np.size(fixes.epoch)
     epoch = real_array("fixes.epoch", fixes.epoch, (count,))
     if (np.diff(epoch) <= 0).any() or ((epoch < 0) | (epoch >= epochs) | (epoch % 1 != 0)).any():
         raise ValueError(f"the estimate's fixes.epoch must increase from 0 to {epochs - 1} at most")
     size = np.shape(fixes.mean)[-1] if np.ndim(fixes.mean) == 2 else 0
     if size not in (HORIZONTAL, 3):
-        raise ValueError("the estimate's fixes.mean must be of two or three dimensions a fix")
+        raise ValueError("the estimate's fixes.mean must have two or three dimensions per fix")
     mean = real_array("fixes.mean", fixes.mean, (count, size))
     cov = real_array("fixes.cov", fixes.cov, (count, size, size))
     statistic = real_array("fixes.statistic", fixes.statistic, (count,))
@@ -75,7 +75,7 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
         if not np.isfinite(values).all():
             raise ValueError(f"the estimate's fixes.{name} is not finite")
     if np.isnan(statistic).any():
-        raise ValueError("the estimate's fixes.statistic is not a number")
+        raise ValueError("the estimate's fixes.statistic is NaN")
     if count and np.linalg.eigvalsh(cov).min() <= 0.0:
         raise ValueError("the estimate's fixes.cov is not positive definite")
     return Fixes(epoch.astype(int), mean, cov, accepted, statistic)

@@ -17,7 +17,7 @@ from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
 from . import run_errors
 
-OUTSIDE = "believed at some time to be outside its map, where the border's values go on"
+OUTSIDE = "left the map at some epochs, where the field is extrapolated from the border"
 """What is remarked of a run whose estimate leaves the map."""
 
 _WHOLE = "whole"
@@ -135,19 +135,17 @@ def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
     ):
         if not isinstance(value, kind):
             expected = getattr(kind, "__name__", "WindowsSpec")
-            raise JudgingError(
-                f"{name} is of type {type(value).__name__} and must be of type {expected}"
-            )
+            raise JudgingError(f"{name} must be of type {expected}, not {type(value).__name__}")
     wanted_shape = (problem.epochs, problem.dimension)
     if truth.error_state.shape != wanted_shape:
         raise JudgingError(
-            f"the truth is of another problem: its states have shape {truth.error_state.shape}, "
-            f"not {wanted_shape}"
+            "the truth belongs to another problem: its states have shape "
+            f"{truth.error_state.shape}, not {wanted_shape}"
         )
     if not np.array_equal(truth.times, problem.times):
         raise JudgingError(
-            f"the truth is of another problem: its epochs are from {truth.times[0]:g} to "
-            f"{truth.times[-1]:g} s, or lie otherwise between"
+            f"the truth belongs to another problem: its epochs differ ({truth.times[0]:g} to "
+            f"{truth.times[-1]:g} s)"
         )
     if windows is not None and windows.settled_from_s > problem.times[-1]:
         raise JudgingError(

@@ -108,7 +108,7 @@ def tracks(
     import pandas as pd
 
     if case.trajectory.lines:
-        raise GGBenchError("survey lines are flown where they were measured: they cannot be moved")
+        raise GGBenchError("survey lines cannot be moved: they are flown where they were measured")
     turns = list(turns_deg)
     moves = [(east, north, turn) for east, north in places_km for turn in turns]
     if _PRESENT not in moves:

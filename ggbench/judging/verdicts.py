@@ -120,12 +120,12 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
     for choosing, comparing in folds if near else ():
         near &= _near(choosing, comparing, consistent)
     reasons = {
-        f"there are fewer than {FEWEST_RUNS} runs": aided["run"].nunique() >= FEWEST_RUNS,
+        f"fewer than {FEWEST_RUNS} runs": aided["run"].nunique() >= FEWEST_RUNS,
         "none is consistent": consistent,
         "covariances are more than twice too large": informative,
-        "none succeeds in half of the runs": finding,
-        "none is surely better than the INS": gain in ("", BETTER),
-        "none is near the best in both halves of the runs": near,
+        "no estimator succeeds in half of the runs": finding,
+        "no estimator is significantly better than the INS": gain in ("", BETTER),
+        "no estimator is near the best in both halves of the runs": near,
     }
     reason = next((text for text, is_met in reasons.items() if not is_met), "")
     seconds = table["seconds_per_run"]

@@ -109,7 +109,7 @@ def _fields(path: Path, text: str) -> list[Field]:
                 continue  # END DEFN, or the type of the record
             shape = _FORMAT.match(rest)
             if shape is None:
-                raise MapError(f"{path}: field {name} has the format {rest[:40]!r}, unknown here.")
+                raise MapError(f"{path}: field {name} has the unknown format {rest[:40]!r}.")
             fields.append(
                 Field(
                     name=name,
@@ -122,7 +122,8 @@ def _fields(path: Path, text: str) -> list[Field]:
     if not fields:
         if definition_file is not None:
             raise MapError(
-                f"{definition_file} defines no field, as DEFN 1 ST=RECD,RT=;LINE:I8 does."
+                f"{definition_file} defines no field; a definition reads, for example, DEFN 1 "
+                "ST=RECD,RT=;LINE:I8."
             )
         raise MapError(f"{path} needs its definition file {candidates[0].name} in the same folder.")
     return fields
@@ -186,10 +187,13 @@ def _cells(
     place = ""
     if wrong is not None:
         row, column = wrong
-        place = f"; by widths, line {numbers[row]} has {by_width[row][column][:40]!r} for a number"
+        place = (
+            f"; read by widths, line {numbers[row]} has {by_width[row][column][:40]!r} where a "
+            "number is needed"
+        )
     raise MapError(
-        f"{path}: its definitions have {len(widths)} columns of {int(ends[-1])} characters in all, "
-        f"and its rows {min(words)} to {max(words)} words{place}."
+        f"{path}: the definitions have {len(widths)} columns of {int(ends[-1])} characters in "
+        f"all, but the rows have {min(words)} to {max(words)} words{place}."
     )
 
 

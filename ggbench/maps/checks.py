@@ -34,10 +34,10 @@ def require_size(what: str, shape: tuple[int, ...], most: int) -> None:
     nodes = math.prod(map(int, shape))
     if nodes > most:
         raise MapError(
-            f"{what} has {nodes} nodes where it is needed ({' x '.join(map(str, shape))}), "
+            f"{what} has {nodes} nodes in the area needed ({' x '.join(map(str, shape))}), "
             f"{nodes * _BYTES_PER_NODE / 1e9:.3g} GB in memory; at most {most} "
-            f"({most * _BYTES_PER_NODE / 1e9:.3g} GB) can be read: make it smaller or of wider "
-            "spacing."
+            f"({most * _BYTES_PER_NODE / 1e9:.3g} GB) are allowed: use a smaller area "
+            "or a wider spacing."
         )
 
 
@@ -52,26 +52,27 @@ def require_possible(
     largest = _largest(tensor)
     if largest > LARGEST_GRADIENT:
         raise MapError(
-            f"{what}: its largest gradient is {largest:.3g} E; a disturbing field has at most "
-            f"{LARGEST_GRADIENT:g} E: mend its values or its unit."
+            f"{what}: its largest gradient is {largest:.3g} E; at most {LARGEST_GRADIENT:g} E "
+            "are allowed: correct the values or the unit."
         )
     if 0.0 < largest < _SI:
         raise MapError(
-            f"{what}: its largest gradient is {largest:.3g} E, as small as one in s⁻² that is taken"
-            " for E: multiply its gradients by 1e9."
+            f"{what}: its largest gradient is only {largest:.3g} E; the values seem to be in "
+            "s⁻²: multiply the gradients by 1e9."
         )
     strongest = _largest(disturbance)
     if strongest > LARGEST_DISTURBANCE:
         raise MapError(
-            f"{what}: its largest gravity disturbance is {strongest:.3g} m/s²; the Earth has at "
-            f"most {LARGEST_DISTURBANCE:g} m/s²: mend its values or its unit (1 mGal is 1e-5 m/s²)."
+            f"{what}: its largest gravity disturbance is {strongest:.3g} m/s²; at most "
+            f"{LARGEST_DISTURBANCE:g} m/s² are allowed: correct the values or the unit (1 mGal "
+            "is 1e-5 m/s²)."
         )
     trace = _largest(tensor[..., 0] + tensor[..., 3] + tensor[..., 5])
     rounding = max(_TRACE_SHARE * largest, _TRACE)
     if trace > rounding:
         raise MapError(
-            f"{what}: EE + NN + UU is up to {trace:.3g} E and must be zero, as that of any gravity "
-            f"field outside the masses; rounding makes {rounding:.3g} E at most."
+            f"{what}: EE + NN + UU reaches {trace:.3g} E and must be zero outside masses; "
+            f"rounding allows {rounding:.3g} E."
         )
 
 

@@ -215,8 +215,9 @@ def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[La
     assert nodes.base_m is not None
     if nodes.base_m.size > _MOST_COLUMNS:
         raise MapError(
-            f"a layer of the draped map has {nodes.base_m.size} nodes; with harmonics or a gravity "
-            f"grid {_MOST_COLUMNS} are allowed: give a smaller area or a wider spacing."
+            f"a layer of the draped map has {nodes.base_m.size} nodes; with harmonics or a "
+            f"gravity grid at most {_MOST_COLUMNS} are allowed: use a smaller area or a wider "
+            "spacing."
         )
     lowest = float(nodes.base_m.min() + nodes.height_m[0])
     highest = float(nodes.base_m.max() + nodes.height_m[-1])

@@ -68,8 +68,8 @@ class Plane:
         widest = max(float(np.ptp(axis)) for axis in plane.metres(lines)[:2])
         if widest > WIDEST_M:
             raise MapError(
-                f"the survey is {widest / 1e3:.0f} km wide; at most {WIDEST_M / 1e3:.0f} km can be "
-                "taken for flat: leave lines out, or make several maps."
+                f"the survey is {widest / 1e3:.0f} km wide; the plane approximation allows "
+                f"{WIDEST_M / 1e3:.0f} km: leave lines out, or build several maps."
             )
         return plane
 
@@ -178,7 +178,7 @@ class Equations:
             factor = cho_factor(damped, overwrite_a=True, check_finite=False)
         except LinAlgError:
             raise MapError(
-                f"a damping of {damping:g} leaves the masses undetermined: raise it."
+                f"a damping of {damping:g} does not determine the masses: increase --damping."
             ) from None
         masses = cho_solve(factor, right, check_finite=False)
         return EquivalentSources(self.plane, self.places, masses)
@@ -219,7 +219,7 @@ def _grid(points: Array, depth_m: float, spacing_m: float) -> Array:
 def _too_many(count: int, spacing_m: float) -> str:
     return (
         f"a source spacing of {spacing_m:g} m gives {count} masses; at most {MOST_SOURCES} are "
-        "allowed: widen --source-spacing, or leave lines out."
+        "allowed: increase --source-spacing, or leave lines out."
     )
 
 

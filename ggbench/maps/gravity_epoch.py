@@ -52,13 +52,13 @@ def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None
     lines = [match[0].decode("latin-1") for match in _VARYING.finditer(body)]
     if not lines:
         if epoch is not None:
-            raise MapError(f"{path} does not vary with time: --epoch must not be given.")
+            raise MapError(f"{path} is constant in time: remove --epoch.")
         return body
     if epoch is None:
         words = sorted({line.split()[0] for line in lines})
         raise MapError(
-            f"{path}: its coefficients vary with time (lines {', '.join(words)}): give the date "
-            "for which the map holds, --epoch 2024-05-01."
+            f"{path}: the coefficients vary with time (lines {', '.join(words)}): give the date "
+            "of the map, for example --epoch 2024-05-01."
         )
     time = _year(datetime.datetime.combine(epoch, datetime.time()))
     by_place = _coefficients(path, lines, intervals, time)
@@ -95,7 +95,7 @@ def _coefficients(
             continue
         if place not in by_place:
             raise MapError(
-                f"{path}: {word} of degree {place[0]}, order {place[1]} has no gfct to be added to."
+                f"{path}: {word} of degree {place[0]}, order {place[1]} has no line gfct."
             )
         by_place[place].terms.append((word, *values, period))
     return by_place
@@ -118,7 +118,7 @@ def _parsed(
     except (ValueError, IndexError):
         expected = "t0 and t1" if intervals else "t0 (gfct)"
         raise MapError(
-            f"{path}: the line {line.strip()[:60]!r} cannot be read; it must have degree, order, "
+            f"{path}: the line {line.strip()[:60]!r} cannot be read: expected are degree, order, "
             f"C, S, {expected} as yyyymmdd, and a period in years (acos, asin)."
         ) from None
     return word, place, values, dates, period

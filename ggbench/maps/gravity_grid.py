@@ -81,7 +81,8 @@ def read_grid(
     if read.height_m is not None:
         if height_m not in (0.0, read.height_m):
             raise MapError(
-                f"{path} holds at {read.height_m:g} m, not at --grid-height {height_m:g}."
+                f"{path} refers to a height of {read.height_m:g} m, not to --grid-height "
+                f"{height_m:g}."
             )
         height_m = read.height_m
     latitude, longitude, values = read[:3]
@@ -99,17 +100,17 @@ def read_grid(
     if gaps.size:
         row, column = gaps[0]
         raise MapError(
-            f"{path} has gaps: {len(gaps)} nodes without a value where they are needed, the first "
-            f"at {latitude[row]:.5g}° N, {longitude[column]:.5g}° E; fill them, or build a map of "
-            "a part without them, by its bounds."
+            f"{path} has gaps: {len(gaps)} nodes without a value in the area needed, the first "
+            f"at {latitude[row]:.5g}° N, {longitude[column]:.5g}° E; fill them, or choose bounds "
+            "without gaps."
         )
     largest = units.highest
     if np.abs(values).max() > largest:
         unit = "m" if kind == "geoid" else "m/s²"
         raise MapError(
-            f"{path} has values up to {np.abs(values).max():g} {unit}, which no {kind} grid can "
-            f"have (at most {largest:g} {unit}): is it another quantity, another unit, or a mark "
-            "of gaps that the file does not declare (--void VALUE declares it)?"
+            f"{path} has values up to {np.abs(values).max():g} {unit}; a {kind} grid has at most "
+            f"{largest:g} {unit}: check the quantity, the unit, and the void value (--void "
+            "VALUE)."
         )
     if longitude[0] >= 180.0:
         longitude = longitude - 360.0
@@ -181,8 +182,8 @@ def _from_archive(path: Path, kind: str, units: Units) -> ReadGrid:
         n_lat, n_lon = values.shape
     except Exception as error:  # whatever a damaged archive makes of itself
         raise MapError(
-            f"{path} holds no geoid: {text_of(error)}; it must hold the arrays lat0, lon0, "
-            "step and N_1e4m."
+            f"{path} contains no geoid: {text_of(error)}; the arrays lat0, lon0, step and N_1e4m "
+            "are needed."
         ) from None
     return ReadGrid(south + step * np.arange(n_lat), west + step * np.arange(n_lon), values)
 
@@ -220,22 +221,22 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
         with xarray.open_dataset(path) as dataset:
             if dataset.nbytes > MOST_ARRAYS:
                 raise MapError(
-                    f"{path} holds {dataset.nbytes / 1e6:.0f} MB of arrays; at most "
-                    f"{MOST_ARRAYS / 1e6:g} are allowed: cut it to the area of the map."
+                    f"{path} contains {dataset.nbytes / 1e6:.0f} MB of arrays; at most "
+                    f"{MOST_ARRAYS / 1e6:g} are allowed: crop it to the area of the map."
                 )
             dataset.load()
     except MapError:
         raise
     except Exception as error:
         message = text_of(error).split(". Consider", maxsplit=1)[0]
-        raise MapError(f"{path} is no grid that can be read as netCDF: {message}") from None
+        raise MapError(f"{path} cannot be read as a netCDF grid: {message}") from None
     refuse_old_gmt(dataset, path.name)
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())
     if "ggxfVersion" in dataset.attrs:
         raise MapError(
-            f"{path} is a file of GGXF, whose grids are not read: convert it to GeoTIFF or to "
-            "netCDF with latitude and longitude."
+            f"{path} is a GGXF file, which is not supported: convert it to GeoTIFF or to netCDF "
+            "with latitude and longitude."
         )
     grids = [
         name
@@ -246,7 +247,7 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     ]
     if len(grids) != 1:
         raise MapError(
-            f"{path} must hold one variable on latitude and longitude; found "
+            f"{path} must contain one variable on latitude and longitude; found "
             f"{', '.join(map(str, grids)) or 'none'}."
         )
     variable: Any = dataset[grids[0]].squeeze().transpose(*dims)

@@ -74,7 +74,7 @@ def read_model(
     content = content_of(path, MapError, "the coefficients ")
     if path.suffix == ".npz":
         if epoch is not None:
-            raise MapError(f"{path} does not vary with time: --epoch must not be given.")
+            raise MapError(f"{path} is constant in time: remove --epoch.")
         model = _from_arrays(path, content)
     else:
         model = _from_text(path, _unpacked(path, content), highest, epoch)
@@ -82,8 +82,8 @@ def read_model(
     if highest is not None:
         if not 2 <= highest <= whole.degree:
             raise MapError(
-                f"{path} holds degrees up to {whole.degree}: degree {highest} is not there; from 2 "
-                f"to {whole.degree} is allowed."
+                f"{path} has degrees up to {whole.degree}: degree {highest} is not available; 2 "
+                f"to {whole.degree} are allowed."
             )
         whole = whole.between(0, highest)
     return GravityModel(model.name, whole)
@@ -97,7 +97,8 @@ def _from_arrays(path: Path, content: bytes) -> GravityModel:
         gm, radius = float(arrays["gm"]), float(arrays["r"])
     except Exception as error:  # whatever a damaged archive makes of itself
         raise MapError(
-            f"{path} holds no coefficients: {text_of(error)}; it must hold the arrays cs, gm and r."
+            f"{path} contains no coefficients: {text_of(error)}; the arrays cs, gm and r are "
+            "needed."
         ) from None
     size = math.isqrt(2 * len(pairs))
     if pairs.ndim != 2 or pairs.shape[1] != 2 or size * (size + 1) // 2 != len(pairs):
@@ -113,8 +114,7 @@ def _from_text(
     end = _HEADER_END.search(content, 0, _MOST_HEADER)
     if end is None:
         raise MapError(
-            f"{path} is no .gfc file of coefficients: it has no line 'end_of_head' that ends its "
-            "header."
+            f"{path} is not a .gfc file of coefficients: its header has no line 'end_of_head'."
         )
     header = _header(content[: end.start()].decode(errors="replace"))
     start = content.find(b"\n", end.end()) + 1 or len(content)
@@ -133,7 +133,7 @@ def _from_text(
     degree = int(min(declared, highest if highest is not None and highest >= 2 else declared))
     if degree > MOST_DEGREE:
         raise MapError(
-            f"{path}: max_degree is {degree}; at most {MOST_DEGREE} can be used: use fewer."
+            f"{path}: max_degree is {degree}; at most {MOST_DEGREE} is allowed: lower --max-degree."
         )
     intervals = _first_word(header, "format", "") == "icgem2.0"
     content = content[:start] + static(path, content[start:], intervals, epoch)
@@ -179,8 +179,8 @@ def _only(path: Path, files: list[str]) -> str:
     suited = files if len(files) == 1 else [name for name in files if name.endswith(_SUFFIX)]
     if len(suited) != 1:
         raise MapError(
-            f"{path} is an archive of {len(files)} files, {len(suited)} of them *{_SUFFIX}; one is "
-            "allowed: unpack it first."
+            f"{path} is an archive of {len(files)} files with {len(suited)} files *{_SUFFIX}; "
+            "exactly one is allowed: unpack it first."
         )
     return suited[0]
 
@@ -212,8 +212,8 @@ def _number(path: Path, header: dict[str, str], *keys: str) -> float:
             if re.fullmatch(_FLOAT, word):
                 return float(re.sub("[dD]", "e", word))
             raise MapError(
-                f"{path}: {key} is {header[key]!r}, which is no number; prose may come before a "
-                f"line '{_HEADER_BEGIN}' only."
+                f"{path}: {key} is {header[key]!r} and must be a number; free text is allowed "
+                f"only before a line '{_HEADER_BEGIN}'."
             )
     raise MapError(f"{path}: its header lacks {keys[0]}.")
 
@@ -244,16 +244,16 @@ def _body(
     if bad.any():
         line = " ".join(str(item) for item in table[np.argmax(bad)])
         raise MapError(
-            f"{path}: {line!r} is no coefficient: it must be gfc, degree up to {declared}, order "
-            "up to the degree, C and S."
+            f"{path}: {line!r} is not a coefficient: expected are gfc, degree up to {declared}, "
+            "order up to the degree, C and S."
         )
     # Without S, the error of C would be taken for it.
     odd = (m == 0) & (values[:, 1] != 0.0)
     if odd.any():
         row = int(np.argmax(odd))
         raise MapError(
-            f"{path}: 'gfc {n[row]} 0' has S = {values[row, 1]:g}, and S of order 0 is always 0: "
-            "is the column S missing? A line is gfc, degree, order, C and S."
+            f"{path}: 'gfc {n[row]} 0' has S = {values[row, 1]:g}, but S of order 0 is always 0: "
+            "is the column S missing? A line has gfc, degree, order, C and S."
         )
     chosen = n <= degree
     n, m, values = n[chosen], m[chosen], values[chosen]
@@ -278,8 +278,8 @@ def _bad_line(path: Path, content: bytes, start: int, error: ValueError) -> MapE
     for index, line in enumerate(content[start:].decode("latin-1").split("\n")):
         if line.strip() and not good.match(_NO_E.sub(rb"\1e\2", line.strip().encode()).decode()):
             return MapError(
-                f"{path}: line {above + index + 1}, {line.strip()[:60]!r}, cannot be read: gfc, "
-                "degree, order, C and S must begin a line of coefficients."
+                f"{path}: line {above + index + 1}, {line.strip()[:60]!r}, cannot be read: a "
+                "line of coefficients begins with gfc, degree, order, C and S."
             )
     return MapError(f"{path}: its coefficients cannot be read: {text_of(error)}")
 
@@ -293,7 +293,8 @@ def _require_once(path: Path, count: NDArray[np.int32]) -> None:
     degree = len(count) - 1
     if highest_order < _LEAST_ORDER * degree:
         raise MapError(
-            f"{path} stops at order {highest_order}, far below degree {degree}: is it whole?"
+            f"{path} ends at order {highest_order}, far below degree {degree}: is the file "
+            "complete?"
         )
     needed = np.tril(np.ones(count.shape, dtype=bool))
     needed[:2], needed[:, highest_order + 1 :] = False, False
@@ -310,8 +311,8 @@ def _normalise(path: Path, cosine: NDArray[np.float64], sine: NDArray[np.float64
             log = math.lgamma(n + m + 1) - math.lgamma(n - m + 1)
             if log > 1000.0:
                 raise MapError(
-                    f"{path}: norm 'unnormalized' can be read to degree 85 or so only; degree {n} "
-                    f"and order {m} is too much for double precision."
+                    f"{path}: norm 'unnormalized' works to about degree 85; degree {n} and order "
+                    f"{m} exceed double precision."
                 )
             factor = math.exp(0.5 * log) / math.sqrt(twice * (2 * n + 1))
             cosine[n, m] *= factor
@@ -332,7 +333,7 @@ def _checked(
             "m³/s² and m."
         )
     if not (np.isfinite(cosine).all() and np.isfinite(sine).all()):
-        raise MapError(f"{path} has coefficients that are no finite numbers.")
+        raise MapError(f"{path} has coefficients that are not finite.")
     if len(cosine) < 3 or not -5.0e-4 < cosine[2, 0] < -4.7e-4:
         raise MapError(
             f"{path}: its coefficient of degree 2 and order 0 must be the Earth's, -4.84e-4; is "

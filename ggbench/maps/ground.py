@@ -120,10 +120,10 @@ class Ground:
             for value in (sheet / distance, sheet / _WORTH_SAYING_EOTVOS / 1e3)
         )
         return [
-            f"the map comes within {distance / 1e3:.2g} km of the {side} edge of the terrain: "
-            f"ground beyond it that is {step:.0f} m higher or lower than is assumed, as the "
-            f"terrain itself varies (1 σ), is worth {worth:g} E there; "
-            f"{_WORTH_SAYING_EOTVOS:g} E needs {needed_km:g} km of ground around the map"
+            f"the map lies within {distance / 1e3:.2g} km of the {side} edge of the terrain; "
+            f"ground beyond the edge that is {step:.0f} m higher or lower than assumed (1 σ of "
+            f"the terrain) causes an error of {worth:g} E there; for {_WORTH_SAYING_EOTVOS:g} E "
+            f"provide {needed_km:g} km of terrain around the map"
         ]
 
     def remark(self, nodes: Nodes) -> str:
@@ -136,11 +136,12 @@ class Ground:
         cure = ""
         if share < 1.0:
             cure = (
-                f"; lowest_m = {math.ceil(lowest):g} keeps a terrain-following flight in it, a "
-                f"level one at {math.ceil(lowest):g} m or more is in it, and --drape makes a map "
-                "whose layers follow the ground"
+                f"; set lowest_m = {math.ceil(lowest):g} for terrain-following flights, fly "
+                f"level flights at {math.ceil(lowest):g} m or more, or build a map whose layers "
+                "follow the ground with --drape"
             )
         return (
-            f"the lowest layer, {lowest:g} m, lies {lowest - self.highest_m:.0f} m above {self}; a "
-            f"flight {flown:g} m above the ground is in the map over {share:.0%} of its area{cure}"
+            f"the lowest layer, {lowest:g} m, lies {lowest - self.highest_m:.0f} m above {self}; "
+            f"a flight {flown:g} m above the ground is inside the map over {share:.0%} of its "
+            f"area{cure}"
         )

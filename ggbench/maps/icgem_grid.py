@@ -63,7 +63,7 @@ def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
         gap = float(header.get("gapvalue", "nan"))
         radius = float(header.get("radiusrefsys", SEMI_MAJOR_AXIS))
     except (ValueError, KeyError, IndexError) as error:
-        raise MapError(f"{path} is no grid of ICGEM's format: {text_of(error)}.") from None
+        raise MapError(f"{path} is not a grid in the format of ICGEM: {text_of(error)}.") from None
     if abs(radius - SEMI_MAJOR_AXIS) > _NEAR_M:
         raise MapError(
             f"{path} refers to an ellipsoid of radius {radius:g} m; WGS84 and GRS80, "
@@ -71,14 +71,14 @@ def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
         )
     if grid.shape[2] != 3 and kind != "geoid":
         raise MapError(
-            f"{path} has values at heights that vary, on the topography; they must hold at one "
-            "height above the ellipsoid."
+            f"{path} has values on the topography; values at one height above the ellipsoid are "
+            "needed."
         )
     read = ReadGrid(
         grid[:, 0, 1],
         grid[0, :, 0],
         np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1]),
-        () if functional else (f"{path.name} names no functional: taken as --{kind}",),
+        () if functional else (f"{path.name} names no functional: read as --{kind}",),
         height,
         functional.startswith("height_anomaly"),
     )
@@ -92,13 +92,12 @@ def _require_kind(path: Path, functional: str, kind: str) -> None:
         return
     if stated is not None:
         raise MapError(
-            f"{path}: its header says functional {functional}, which is no {kind}: give the file "
-            f"as --{stated}."
+            f"{path}: its functional is {functional}, not a {kind}: give the file as --{stated}."
         )
     reason = ""
     if functional in ("gravity_anomaly_bg", "gravity_anomaly_csb"):
-        reason = " (Bouguer anomalies lack the attraction of the rock)"
+        reason = " (Bouguer anomalies exclude the attraction of the rock)"
     raise MapError(
-        f"{path}: its header says functional {functional}, of which no map can be made{reason}; "
-        f"allowed are {', '.join(_KINDS)}."
+        f"{path}: a map cannot be built from its functional {functional}{reason}; allowed are "
+        f"{', '.join(_KINDS)}."
     )

@@ -258,8 +258,8 @@ def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) 
                 layer = np.ascontiguousarray(values[..., component], dtype=dtype)
                 if not np.isfinite(layer).all():
                     raise MapError(
-                        f"the field at {nodes.height_m[index]:g} m has values that are no "
-                        "numbers: there is nothing to write."
+                        f"the field at {nodes.height_m[index]:g} m has values that are not "
+                        "finite: no map is written."
                     )
                 file.variables[prefix + name][index] = layer
         count += 1

@@ -134,8 +134,8 @@ def opened(path: Path) -> Any:
     except (OSError, RuntimeError) as error:
         if path.suffix == ".npz":
             raise MapError(
-                f"{path} is a NumPy archive, and maps are netCDF files now: build it again with "
-                "'ggbench map build -o MAP.nc'."
+                f"{path} is a NumPy archive; maps are netCDF files: build it again with 'ggbench "
+                "map build -o MAP.nc'."
             ) from None
         raise MapError(
             f"{path} is not a gradient map: it is not a complete netCDF file ({text_of(error)})"
@@ -155,7 +155,7 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
     if missing:
         raise MapError(
             f"{path} is not a gradient map: it lacks {', '.join(missing)}; 'ggbench map build' "
-            "writes all that is needed."
+            "writes complete maps."
         )
     frame = _text(file, "frame")
     if frame and ENU not in frame:
@@ -220,8 +220,8 @@ def _kept(path: Path, nodes: Mapping[str, Array], crop: Area | None) -> dict[str
         high = values[-1] if high is None else high
         if not (low <= values[-1] + step and high >= values[0] - step and low <= high):
             raise MapError(
-                f"{path} covers {name}s from {values[0]:.4f}° to {values[-1]:.4f}°, and nothing of "
-                f"the region from {low:.4f}° to {high:.4f}° in which it is needed."
+                f"{path} covers {name}s from {values[0]:.4f}° to {values[-1]:.4f}°, and the "
+                f"region needed is {low:.4f}° to {high:.4f}°."
             )
         first = math.floor((low - values[0]) / step) - _MARGIN_NODES
         last = math.ceil((high - values[0]) / step) + _MARGIN_NODES
@@ -255,7 +255,9 @@ def _read_components(
         flip = tuple(slice(None, None, -1 if descends[dim] else 1) for dim in order)
         out[..., component] = values[flip]
         if not np.isfinite(out[..., component]).all() or _has_fill(variable, values):
-            raise MapError(f"{path}: {prefix}_{name} has missing values or such as are no numbers.")
+            raise MapError(
+                f"{path}: {prefix}_{name} has missing values or values that are not finite."
+            )
     return out
 
 

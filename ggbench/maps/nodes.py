@@ -101,8 +101,7 @@ def nodes_for(
     bounds = np.array([g if a is None else a for a, g in zip(requested, good, strict=True)])
     if None in requested and np.array_equal(good, EVERYWHERE):
         raise MapError(
-            "coefficients cover the whole Earth: give the bounds --south, --north, --west and "
-            "--east [deg]."
+            "coefficients cover the whole Earth: give --south, --north, --west and --east [deg]."
         )
     for name, value, allow, sign in zip(names, bounds, allowed, inner, strict=True):
         if not sign * value >= sign * allow - _ROUNDING_DEG:  # NaN fails too
@@ -115,7 +114,7 @@ def nodes_for(
         if not bounds[low] < bounds[high]:
             raise MapError(
                 f"--{names[low]} {bounds[low]:g} must be less than --{names[high]} "
-                f"{bounds[high]:g}: else nothing is left of what the inputs serve"
+                f"{bounds[high]:g}, within the area of the inputs"
                 + (" (across the date line: --west 179 --east -179)." if high == 3 else ".")
             )
     if drape is not None:
@@ -130,17 +129,19 @@ def nodes_for(
     counts = (latitude.size, longitude.size, heights.size)
     if min(counts) < FEWEST_NODES or math.prod(counts) > _MOST_NODES:
         raise MapError(
-            f"bounds and spacings give {counts[0]} x {counts[1]} x {counts[2]} nodes in latitude, "
-            f"longitude and height: at least {FEWEST_NODES} in each and at most {_MOST_NODES} in "
-            "all are allowed; --spacing-arcmin and --height-spacing change them."
+            f"bounds and spacings give {counts[0]} x {counts[1]} x {counts[2]} nodes in "
+            f"latitude, longitude and height: at least {FEWEST_NODES} along each axis and at "
+            f"most {_MOST_NODES} in total are allowed; change --spacing-arcmin or "
+            "--height-spacing."
         )
     layer = counts[0] * counts[1]
     if layer > MOST_LAYER_NODES:
         raise MapError(
             f"a layer of {counts[0]} x {counts[1]} nodes in latitude and longitude needs "
-            f"{layer * _BYTES_PER_NODE / 1e9:.3g} GB of memory while it is built; at most "
-            f"{MOST_LAYER_NODES:.3g} nodes ({MOST_LAYER_NODES * _BYTES_PER_NODE / 1e9:.3g} GB) are "
-            "allowed: widen --spacing-arcmin, or build the map in parts."
+            f"{layer * _BYTES_PER_NODE / 1e9:.3g} GB of memory; at most "
+            f"{MOST_LAYER_NODES:.3g} nodes "
+            f"({MOST_LAYER_NODES * _BYTES_PER_NODE / 1e9:.3g} GB) are allowed: increase "
+            "--spacing-arcmin, or build the map in parts."
         )
     return Nodes(latitude, longitude, heights), remarks
 
@@ -152,8 +153,8 @@ def _require_degrees(request: GridRequest) -> None:
         if value is not None and abs(value) > most:
             what = "longitude" if most > 90.0 else "latitude"
             raise MapError(
-                f"--{name} {value:g} is no {what}: {-most:g} to {most:g} degrees is allowed"
-                + ("; are these metres of a projection?" if abs(value) > 1000.0 else ".")
+                f"--{name} {value:g} is not a {what}: {-most:g} to {most:g} degrees are allowed"
+                + ("; are these metres in a projection?" if abs(value) > 1e3 else ".")
             )
 
 
@@ -178,8 +179,8 @@ def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
     elif west is not None and east is not None:
         if east - west > 360.0 + _ROUNDING_DEG:
             raise MapError(
-                f"--west {west:g} to --east {east:g} are {east - west:g} degrees; at most one "
-                "turn, 360, is allowed."
+                f"--west {west:g} to --east {east:g} span {east - west:g} degrees; at most 360 "
+                "are allowed."
             )
         east = eastern(west, east)
     return [area.south, area.north, west, east]
@@ -230,13 +231,13 @@ def _clearances_and_spacing(
     for option, value in (("lowest", request.lowest_m), ("highest", request.highest_m)):
         if value is not None:
             raise MapError(
-                f"--{option} {value:g} is a height above the ellipsoid; the layers of --drape are "
-                "given by --clearance-from and --clearance-to, above the ground."
+                f"--{option} {value:g} is a height above the ellipsoid; with --drape give "
+                "heights above the ground, --clearance-from and --clearance-to."
             )
     if not 0.0 < lowest < highest <= HIGHEST_M:  # NaN fails too
         raise MapError(
-            f"--clearance-from {lowest:g} and --clearance-to {highest:g} must ascend, be above 0, "
-            f"the ground, and at most {HIGHEST_M:g} m."
+            f"--clearance-from {lowest:g} must be above 0 and below --clearance-to {highest:g}, "
+            f"which may be at most {HIGHEST_M:g} m."
         )
     across, upwards = widest_spacings(lowest, ground=True)
     spacing_m = request.height_spacing_m
@@ -261,9 +262,9 @@ def _horizontal(request: GridRequest, across: float, distance: float, remarks: l
         spacing_deg = _round_down(3600.0 * widest) / 3600.0
     elif spacing_deg > 1.001 * widest:
         remarks.append(
-            f"the spacing of {3600 * spacing_deg:g}″ is wider than {3600 * widest:.3g}″, "
-            f"{_share(across, distance)} of the {distance:.0f} m to the sources: what lies between "
-            "the nodes is interpolated poorly"
+            f"the spacing of {3600 * spacing_deg:g}″ exceeds {3600 * widest:.3g}″, "
+            f"{_share(across, distance)} of the distance of {distance:.0f} m to the sources: "
+            "interpolation between the nodes is inaccurate"
         )
     if not 0.0 < spacing_deg < math.inf:
         raise MapError(f"the spacing of {3600 * spacing_deg:g}″ must be positive.")
@@ -297,8 +298,8 @@ def _too_low(extents: list[SourceExtent], lowest: float, floor: float) -> str:
     if above >= 0.0:
         where = f"only {where}"
     return (
-        f"lies {where}: {allowed}, for heights are above the ellipsoid, not above the ground; "
-        "--drape makes a map whose layers follow the ground."
+        f"lies {where}: {allowed}. Heights are above the ellipsoid, not above the ground; "
+        "--drape builds a map whose layers follow the ground."
     )
 
 
@@ -308,7 +309,7 @@ def _axis(low: float, high: float, step: float, limit: float) -> Array:
     if cells > _MOST_CELLS:
         raise MapError(
             f"a spacing of {step:g} from {low:g} to {high:g} gives more than {_MOST_CELLS} nodes "
-            "along one axis; that many are allowed."
+            "along one axis: increase it."
         )
     if low + cells * step > limit + 1e-9:
         cells -= 1

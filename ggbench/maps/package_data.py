@@ -19,8 +19,8 @@ def data_bytes(name: str) -> bytes:
         return (importlib.resources.files("ggbench.scenarios") / "data" / name).read_bytes()
     except (OSError, ModuleNotFoundError) as error:
         raise MapError(
-            f"Data file {name} cannot be read ({text_of(error)}); it belongs into the "
-            "folder data of ggbench.scenarios, where an installation puts it."
+            f"Data file {name} of ggbench.scenarios cannot be read ({text_of(error)}): install "
+            "the package again."
         ) from error
 
 
@@ -45,6 +45,6 @@ def data_arrays(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
 def damaged(name: str, keys: tuple[str, ...], error: Exception) -> MapError:
     """Return the error of a data file whose arrays cannot be used."""
     return MapError(
-        f"Data file {name} of ggbench.scenarios is damaged ({text_of(error)}); it must be "
-        f"a NumPy archive with the arrays {', '.join(keys)}: install the package again."
+        f"Data file {name} of ggbench.scenarios is damaged ({text_of(error)}; arrays needed: "
+        f"{', '.join(keys)}): install the package again."
     )

@@ -188,15 +188,14 @@ def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
     )
     if min(spans) < 360.0 / degree:
         raise MapError(
-            f"the terrain {terrain.name} is {min(spans):.3g}° wide, which is less than one "
-            f"wavelength of degree {degree} ({360.0 / degree:.3g}°): all that is shorter has to "
-            "come from the terrain, so it must be wider, or the coefficients of higher degree."
+            f"the terrain {terrain.name} is {min(spans):.3g}° wide, less than one wavelength of "
+            f"degree {degree} ({360.0 / degree:.3g}°): provide a wider terrain or coefficients "
+            "of higher degree."
         )
     if not options.water_density < options.density:
         raise MapError(
-            f"waves of low degree are taken out of the terrain {terrain.name} as masses, and with "
-            f"ground of {options.density:g} kg/m³ under water of {options.water_density:g} kg/m³ "
-            "the sea's depths have none: --density must be above --water-density."
+            f"to remove low degrees from the terrain {terrain.name}, --density "
+            f"{options.density:g} must be above --water-density {options.water_density:g}."
         )
     # Masses: below the zero level water takes the place of rock.
     sea = 1.0 - options.water_density / options.density

@@ -153,7 +153,9 @@ class _Sources:
                 "--disturbance or --lines."
             )
         if inputs.land_correction and (inputs.grid is None or inputs.grid_kind != "geoid"):
-            raise MapError("--land-correction turns a geoid into height anomalies: give --geoid.")
+            raise MapError(
+                "--land-correction requires --geoid, which it converts to height anomalies."
+            )
         self._check_heights(inputs)
         coefficients = self._coefficients(inputs)
         if inputs.grid:
@@ -176,7 +178,7 @@ class _Sources:
                 raise MapError(f"{option} {value:g} must be a finite number.")
         default = Inputs()
         if inputs.grid is None and inputs.grid_height_m != default.grid_height_m:
-            raise MapError("--grid-height goes with --anomaly or --disturbance.")
+            raise MapError("--grid-height requires --anomaly or --disturbance.")
         terrain = (
             "density",
             "water_density",
@@ -187,35 +189,35 @@ class _Sources:
         )
         if inputs.drape is not None and (inputs.terrain is None or inputs.clearance_m is not None):
             raise MapError(
-                "--drape goes with --terrain, whose ground its layers follow, and without "
-                "--clearance: --clearance-from and --clearance-to are its heights above the ground."
+                "--drape requires --terrain, and --clearance-from and --clearance-to in place of "
+                "--clearance."
             )
         if inputs.drape is None and not (
             inputs.continued and inputs.tolerance_eotvos == default.tolerance_eotvos
         ):
-            raise MapError("--tolerance and --beyond are for draped maps: give --drape.")
+            raise MapError("--tolerance and --beyond require --drape.")
         if not 0.0 < inputs.tolerance_eotvos < math.inf:
             raise MapError(f"--tolerance {inputs.tolerance_eotvos:g} E must be positive.")
         changed = any(getattr(inputs, key) != getattr(default, key) for key in terrain)
         if inputs.terrain is None and changed:
             raise MapError(
                 "--density, --water-density, --order, --geoid-height, --terrain-from-degree and "
-                "--clearance go with --terrain."
+                "--clearance require --terrain."
             )
 
     def _coefficients(self, inputs: Inputs) -> HarmonicCoefficients | None:
         if inputs.coefficients is None:
             if inputs.epoch is not None:
-                raise MapError("--epoch is for --coefficients that vary with time.")
+                raise MapError("--epoch requires --coefficients that vary with time.")
             if inputs.grid is None:
                 if inputs.max_degree is not None or inputs.min_degree > 2:
-                    raise MapError("--max-degree and --min-degree are for --coefficients.")
+                    raise MapError("--max-degree and --min-degree require --coefficients.")
                 return None
             whole = disturbing_coefficients(COEFFICIENTS)
             name, highest = "EGM2008", inputs.max_degree or _SHIPPED_DEGREE
             if highest > whole.degree:
                 raise MapError(
-                    f"the package carries EGM2008 to degree {whole.degree} only: for degree "
+                    f"the package contains EGM2008 to degree {whole.degree}: for degree "
                     f"{highest} give --coefficients."
                 )
             whole = whole.between(0, highest)
@@ -231,7 +233,10 @@ class _Sources:
             )
         if lowest > 2:
             if inputs.grid is not None:
-                raise MapError("--min-degree is for coefficients alone or with a terrain.")
+                raise MapError(
+                    "--min-degree is allowed only with coefficients alone or with coefficients "
+                    "and a terrain."
+                )
             whole = whole.between(lowest, whole.degree)
         self.parameters |= {"coefficients": name, "degrees": [lowest, whole.degree]}
         self.words.append(f"{name}, spherical harmonics of degree {lowest} to {whole.degree}")
@@ -248,14 +253,11 @@ class _Sources:
         area = self._area.widened(margin, margin)
         grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m, area, inputs.voids)
         if inputs.grid_kind == "geoid" and inputs.grid_height_m != 0.0:
-            raise MapError("--grid-height is for gravity: a geoid holds at the ellipsoid.")
+            raise MapError("--grid-height is for gravity grids: a geoid refers to the ellipsoid.")
         self.remarks += grid.remarks
         word = f"{inputs.grid_kind} grid {path.name} less the harmonics"
         if grid.is_height_anomaly and inputs.land_correction:
-            raise MapError(
-                f"{path} holds height anomalies: leave out --land-correction, "
-                "which converts a geoid to height anomalies."
-            )
+            raise MapError(f"{path} already contains height anomalies: remove --land-correction.")
         if inputs.land_correction:
             sides = grid.latitude_deg[[0, -1]].tolist(), grid.longitude_deg[[0, -1]].tolist()
             around = Area(*sides[0], *sides[1])
@@ -265,7 +267,8 @@ class _Sources:
             word += f", land correction with {inputs.land_correction.name}"
         elif inputs.grid_kind == "geoid" and not grid.is_height_anomaly:
             self.remarks.append(
-                "the geoid is taken for the height anomaly; on land --land-correction makes it so"
+                "the geoid is used as the height anomaly; on land, convert it with "
+                "--land-correction"
             )
         self.words.append(word)
         lat, lon = grid.latitude_deg, grid.longitude_deg
@@ -274,8 +277,8 @@ class _Sources:
         if not (good[0] < good[1] and good[2] < good[3]):
             raise MapError(
                 f"{path} spans {lat[-1] - lat[0]:.3g}° x {lon[-1] - lon[0]:.3g}°; with harmonics "
-                f"to degree {coefficients.degree}, {margin:.3g}° along each edge is "
-                "cut off and nothing is left: it must be larger, or the harmonics of higher degree."
+                f"to degree {coefficients.degree} a margin of {margin:.3g}° is cut off at each "
+                "edge and nothing remains: use a larger grid or harmonics of higher degree."
             )
         self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
         height = grid.height_m
@@ -293,18 +296,18 @@ class _Sources:
         terrain = self._read_terrain(path, self._around(self._area), inputs.voids)
         if inputs.geoid_height_m and ELLIPSOIDAL in terrain.name:
             raise MapError(
-                f"{path.name} says that its {ELLIPSOIDAL}: leave out --geoid-height "
+                f"{path.name} declares that {ELLIPSOIDAL}: remove --geoid-height "
                 f"{inputs.geoid_height_m:g}."
             )
         zero_level = self._zero_level(inputs, terrain)
         degree = inputs.terrain_from_degree
         if degree is not None and coefficients is None:
-            raise MapError("--terrain-from-degree goes with --coefficients or a gravity grid.")
+            raise MapError("--terrain-from-degree requires --coefficients or a gravity grid.")
         if coefficients is not None and degree is None:
             if inputs.grid is not None:
                 raise MapError(
-                    "a gravity grid with a terrain needs --terrain-from-degree: the degree up to "
-                    "which the grid holds the field."
+                    "a gravity grid with a terrain needs --terrain-from-degree: the highest "
+                    "degree of the grid."
                 )
             degree = coefficients.degree
         if degree is not None and degree < 2:
@@ -328,8 +331,9 @@ class _Sources:
             }
         if degree is None:
             self.remarks.append(
-                "a terrain alone gives what the ground within it attracts, a plate under it "
-                "included; masses below and beyond it are not in the map (--coefficients adds them)"
+                "a terrain alone gives the attraction of the ground within it, including a plate "
+                "below it; the map excludes masses below and beyond the terrain (--coefficients "
+                "adds them)"
             )
         self._add_terrain_extent(terrain, inputs, zero_level)
 
@@ -349,13 +353,13 @@ class _Sources:
             self.parts[index] = ground
             above = base.ravel() - ground.masses.ground(*drape.points_of(nodes, 0.0)[:, :2].T)
             self.remarks.append(
-                f"layers lie {nodes.height_m[0]:g} to {nodes.height_m[-1]:g} m above a base "
-                f"surface, {base.min():.0f} to {base.max():.0f} m high, which lies up to "
-                f"{above.max():.0f} m above the ground, {above.mean():.0f} m on average"
+                f"the layers lie {nodes.height_m[0]:g} to {nodes.height_m[-1]:g} m above a base "
+                f"surface; its height is {base.min():.0f} to {base.max():.0f} m, at most "
+                f"{above.max():.0f} m and on average {above.mean():.0f} m above the ground"
             )
             self.remarks.append(
-                f"the terrain's columns are prisms up to {ground.ratio:g} of their widths away; "
-                f"farther ones as lines err by at most {error:.2g} E at points of the lowest layer"
+                f"columns of the terrain are prisms up to a distance of {ground.ratio:g} widths, "
+                f"and lines beyond it; the error is at most {error:.2g} E on the lowest layer"
             )
             self.parameters |= {
                 "prisms_to_widths": ground.ratio,
@@ -370,8 +374,8 @@ class _Sources:
         floor = max(floors, default=-math.inf)
         if lowest < floor:
             raise MapError(
-                f"the lowest node of the draped map lies at {lowest:.0f} m, below the gravity grid "
-                f"at {floor:g} m: raise --clearance-from, or leave low ground out."
+                f"the lowest node of the draped map lies at {lowest:.0f} m, below the gravity "
+                f"grid at {floor:g} m: increase --clearance-from, or exclude low ground."
             )
 
     def _zero_level(self, inputs: Inputs, terrain: Terrain) -> float:
@@ -392,14 +396,15 @@ class _Sources:
         model = f"EGM2008 to degree 120, {lowest:.1f} to {highest:.1f} m at its corners"
         if inputs.drape is not None:
             self.remarks.append(
-                f"{heights} above sea level, {height:g} m above the ellipsoid ({model}); "
-                "heights of tracks are above the ellipsoid, too; --geoid-height changes it"
+                f"{heights} above sea level, which lies {height:g} m above the ellipsoid "
+                f"({model}); change it with --geoid-height; heights of tracks must be above the "
+                "ellipsoid"
             )
             return height
         if abs(height) >= _WORTH_SAYING_M:
             self.remarks.append(
-                f"{heights} above the ellipsoid; if they are above sea level, --geoid-height "
-                f"{height:g} makes them so ({model}), and heights of tracks of a receiver fit"
+                f"{heights} above the ellipsoid; if they are above sea level, give "
+                f"--geoid-height {height:g} ({model}), to match heights of receivers"
             )
         return 0.0
 

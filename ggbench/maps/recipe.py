@@ -171,7 +171,7 @@ def _kept(path: Path, recipe: MapRecipe) -> GradientMap:
         SOURCES[recipe.source].described(options_of(recipe)),
     )
     if _identity(gradient_map) != _identity(blank):
-        raise MapError(f"{path} is the map of another recipe.")
+        raise MapError(f"{path} was built from another recipe.")
     return gradient_map
 
 
@@ -218,8 +218,8 @@ def checked(recipe: MapRecipe) -> MapRecipe:
         )
     if not 0.0 <= recipe.relief_smoothing_deg <= _WIDEST_SMOOTHING_DEG:
         raise MapError(
-            f"relief_smoothing_deg = {recipe.relief_smoothing_deg} must lie between 0, which is no "
-            f"smoothing, and {_WIDEST_SMOOTHING_DEG:g}."
+            f"relief_smoothing_deg = {recipe.relief_smoothing_deg} must lie between 0 (no "
+            f"smoothing) and {_WIDEST_SMOOTHING_DEG:g}."
         )
     for name in ("spacing_arcmin", "height_spacing_m"):
         if not 0.0 < getattr(recipe, name) < math.inf:
@@ -245,7 +245,7 @@ def checked(recipe: MapRecipe) -> MapRecipe:
         for name, value in ((low, lower), (high, upper)):
             if not least <= value <= most:
                 raise MapError(
-                    f"{name} = {value} lies outside what source {recipe.source!r} can give: "
+                    f"{name} = {value} is outside the range of source {recipe.source!r}: "
                     f"{least:g} to {most:g} is allowed."
                 )
 
@@ -267,7 +267,7 @@ def _over_ground(name: str, limits: Limits) -> Limits:
             for name, source in SOURCES.items()
             if [type(part) for part in source.parts] == [ShippedTerrain]
         ]
-        raise MapError(f"drape has no meaning for {name!r}; it is for {', '.join(sources)}.")
+        raise MapError(f"drape is not allowed for {name!r}; it is for {', '.join(sources)}.")
     words = "the height above the ground"
     return limits._replace(
         heights=(_LEAST_CLEARANCE_M, SOURCES[name].highest_m),
@@ -282,7 +282,7 @@ def _check_options(recipe: MapRecipe) -> None:
         if changed and option.name not in SOURCES[recipe.source].options:
             sources = [name for name, source in SOURCES.items() if option.name in source.options]
             raise MapError(
-                f"{option.name} has no meaning for {recipe.source!r}; it is for "
+                f"{option.name} is not allowed for {recipe.source!r}; it is for "
                 f"{', '.join(sources)}."
             )
 
@@ -300,8 +300,8 @@ def _check_spacings(recipe: MapRecipe, limits: Limits) -> None:
     widest = math.degrees(rule.share * (height - rule.ground_m) / SEMI_MAJOR_AXIS) * 60.0
     if recipe.spacing_arcmin > widest:
         raise MapError(
-            f"spacing_arcmin = {recipe.spacing_arcmin} is too wide for a map that serves heights "
-            f"from {height:g} m: at most {widest:.3g} is allowed, {rule.words}."
+            f"spacing_arcmin = {recipe.spacing_arcmin} is too wide for a map from a height of "
+            f"{height:g} m: at most {widest:.3g} is allowed, {rule.words}."
         )
 
 

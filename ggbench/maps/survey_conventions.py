@@ -47,7 +47,10 @@ def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
     whole = {axis: _after(step, turn) for axis, step in AXES[axes].items()}
     named = next((name for name, turn_known in AXES.items() if _same(turn_known, whole)), "")
     words = f"--axes {named}" if named else f"axes {axes_in_words(whole, _DIRECTIONS)}"
-    return f"lines held back fit best with {words}: {best:.2f} of the RMS in place of {own:.2f}"
+    return (
+        f"held-back lines fit best with {words}: residual {best:.2f} of the RMS in place of "
+        f"{own:.2f}"
+    )
 
 
 def _coarse(survey_fit: SurveyFit) -> FitOptions:

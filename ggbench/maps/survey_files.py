@@ -92,7 +92,7 @@ def read_lines(
     table = _table(path)
     unknown = sorted(set(columns or {}) - set(_KEYS))
     if unknown:
-        raise MapError(f"--column {unknown[0]}=... names no column; known: {', '.join(_KEYS)}.")
+        raise MapError(f"--column {unknown[0]}=... has an unknown key; known: {', '.join(_KEYS)}.")
     names = {key: key for key in _KEYS} | dict(columns or {})
     components_read = _components(path, table, names, components, quantity)
     places = _places(table, names, crs)
@@ -112,7 +112,7 @@ def read_lines(
     values = {key: column_numbers.values for key, column_numbers in read.items()}
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
-        remarks.append("the file has no time_s, which only a model of the noise needs")
+        remarks.append("the file has no time_s; only the noise model needs it")
     whole = np.isfinite(np.column_stack([*values.values()])).all(axis=1)
     values = {key: column[whole] for key, column in values.items()}
     if "time_s" not in named_columns:
@@ -125,7 +125,9 @@ def read_lines(
     require_size(path, {named_columns[key]: values[key] for key in components_read}, quantity)
     if quantity == ANOMALY:
         values[DISTURBANCE] = values.pop(ANOMALY) + _anomaly_to_disturbance(values)
-        remarks.append("free-air anomalies became disturbances by EGM2008's geoid to degree 120")
+        remarks.append(
+            "free-air anomalies were converted to disturbances with EGM2008's geoid to degree 120"
+        )
         components_read = [DISTURBANCE]
     kind = _found(table, names[KIND])
     if kind is not None:
@@ -187,12 +189,15 @@ def _components(
     """The components to read, each of which the file has."""
     if quantity != "gradient":
         if requested and tuple(requested) != (quantity,):
-            raise MapError(f"--components are of a gradient: --quantity {quantity} has one.")
+            raise MapError(
+                f"--components is for gradients: --quantity {quantity} has one component."
+            )
         requested = [quantity]
     unknown = [name for name in requested if name not in (*COMPONENTS, DISTURBANCE, ANOMALY)]
     if unknown or len(set(requested)) < len(requested):
         raise MapError(
-            f"--components {','.join(requested)}: allowed are {', '.join(COMPONENTS)}, each once."
+            f"--components {','.join(requested)}: allowed are {', '.join(COMPONENTS)}, each at "
+            "most once."
         )
     for name in requested:
         _required(table, names, name)
@@ -245,7 +250,7 @@ def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: 
             if reason.endswith(f"as {'an' if other == ANOMALY else 'a'} {other}")
             else ""
         )
-        raise MapError(f"{path}: the column {described!r} is no {quantity}: {reason}{option}.")
+        raise MapError(f"{path}: the column {described!r} is not a {quantity}: {reason}{option}.")
 
 
 def _together(remarks: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
@@ -270,12 +275,12 @@ def _to_degrees(path: Path, crs: str, east: Array, north: Array) -> tuple[Array,
         raise MapError(str(error)) from None
     except Exception as error:  # rasterio's own, of a text that is no reference system
         raise MapError(
-            f"--crs {crs} is no reference system for {path} ({text_of(error)}); give one as "
-            "EPSG:32754."
+            f"--crs {crs} is not a coordinate reference system for {path} ({text_of(error)}); "
+            "give one such as EPSG:32754."
         ) from None
     places = np.array(longitude, dtype=float), np.array(latitude, dtype=float)
     if not all(np.isfinite(axis).all() for axis in places):
-        raise MapError(f"{path}: coordinates lie outside of --crs {crs}: is it the right one?")
+        raise MapError(f"{path}: coordinates lie outside --crs {crs}: check the reference system.")
     return places
 
 
@@ -298,8 +303,8 @@ def _table(path: Path) -> SurveyTable:
     readers = {".csv": read_csv, ".xyz": read_xyz, ".dat": read_gdf2}
     if ending not in readers:
         raise MapError(
-            f"the survey {path} must be named *.xyz (Geosoft), *.dat (ASEG-GDF2) or *.csv, or that "
-            "and .gz."
+            f"the survey {path} must be named *.xyz (Geosoft), *.dat (ASEG-GDF2) or *.csv, "
+            "optionally with .gz."
         )
     try:
         content = content_of(path, MapError, "the survey ")

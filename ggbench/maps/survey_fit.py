@@ -103,7 +103,7 @@ def fit(
                 held_back |= {index: residuals(sources, lines, index) for index in fold}
             rows = np.concatenate(list(held_back.values()))
             scores[settings] = float(np.sqrt(np.mean(rows**2)))
-            progress(f"{settings}: {scores[settings]:.3f} {lines.unit} on lines held back")
+            progress(f"{settings}: {scores[settings]:.3f} {lines.unit} on held-back lines")
             if best is None or scores[settings] < scores[best.settings]:
                 sources = equations.solved(matrix, right, damping)
                 best = SurveyFit(lines, settings, sources, held_back, scores)
@@ -116,8 +116,8 @@ def _folds(lines: SurveyLines) -> list[list[int]]:
     others = [i for i, kind in enumerate(lines.kinds) if kind != TIE]
     if len(others) < 2:
         raise MapError(
-            f"{len(others)} lines are no ties; at least 2 are needed, so that one can be held back "
-            "to choose the settings and to find the map's standard error."
+            f"{len(others)} lines are not tie lines; at least 2 are needed: one is held back to "
+            "choose the settings and to estimate the standard error."
         )
     return [others[first::FOLDS] for first in range(min(FOLDS, len(others)))]
 
@@ -144,7 +144,7 @@ def _depths(lines: SurveyLines, area: float) -> list[float]:
     distance = area / max(length, 1.0)
     if distance < _NARROWEST_M:
         raise MapError(
-            "the lines cover no area, so that no depth follows from their distance: give --depth "
-            "and --source-spacing."
+            "the lines cover no area, so their distance gives no depth: give --depth and "
+            "--source-spacing."
         )
     return [round(factor * distance, -1) for factor in _DEPTHS]

@@ -124,9 +124,8 @@ class SurveyLines:
             }
             if not those:
                 raise MapError(
-                    f"no line is called {pattern!r}, and none is of that kind; the "
-                    f"{len(self.names)} lines are {_some(self.names)}; kinds: "
-                    f"{', '.join(sorted(set(self.kinds)))}."
+                    f"no line has the name or kind {pattern!r}; the {len(self.names)} lines are "
+                    f"{_some(self.names)}; kinds: {', '.join(sorted(set(self.kinds)))}."
                 )
             numbers |= those
         return sorted(numbers)
@@ -138,7 +137,7 @@ class SurveyLines:
         """
         out = self.chosen(patterns)
         if len(out) == len(self.names):
-            raise MapError("all lines are left out: no line remains for the map.")
+            raise MapError("--leave-out excludes all lines: no line remains for the map.")
         return self.only([index for index in range(len(self.names)) if index not in set(out)])
 
 

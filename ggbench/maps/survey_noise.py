@@ -83,7 +83,7 @@ def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
             number += len(white)
         scores[order] = total / number
     if not scores:
-        raise MapError(f"{samples} samples are too few for a model of the noise.")
+        raise MapError(f"{samples} samples are too few for a noise model.")
     best = max(scores, key=lambda order: scores[order])
     rows = [r for white in series.values() for r in white]
     return autoregression(rows, best, names, interval), scores
@@ -93,7 +93,7 @@ def _interval(fit: SurveyFit) -> float:
     """The interval of samples, to a millisecond."""
     steps = np.concatenate([np.diff(fit.lines.time_s[fit.lines.samples(i)]) for i in fit.held_back])
     if np.isnan(steps).any():
-        raise MapError("a model of the noise needs time_s, and the file of lines has none.")
+        raise MapError("a noise model needs time_s, which the file of lines lacks.")
     interval = round(float(np.median(steps)), 3)
     if not interval > 0.0 or np.mean(np.abs(steps - interval) > 0.1 * interval) > 0.1:
         raise MapError(

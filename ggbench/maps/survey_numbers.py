@@ -74,7 +74,7 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
     of_marks = ""
     if marks.any():
         examples = ", ".join(sorted({cells[n] for n in np.flatnonzero(marks)})[:3])
-        of_marks = f"undeclared {examples} taken for missing values, {marks.sum()} times"
+        of_marks = f"undeclared {examples} read as missing values, {marks.sum()} times"
         written[marks] = np.nan
     return Numbers(factor * written, tuple(filter(None, (of_unit, of_marks))))
 
@@ -98,9 +98,9 @@ def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
     factor = factor_to_key(unit, named)
     if factor is None:
         raise MapError(
-            f"{table.path}: the column {column.name} is in {unit!r}, and {key} may be in "
-            f"{examples_for(named)}; state the right unit as in --column "
-            f"'{key}={column.name} [UNIT]'."
+            f"{table.path}: the column {column.name} is in {unit!r}; units of {key} are "
+            f"{examples_for(named)}: state the right unit, as in --column '{key}={column.name} "
+            "[UNIT]'."
         )
     return factor, "" if factor == 1.0 else f"converted from {unit}"
 
@@ -146,10 +146,12 @@ def require_limits(
             continue
         n = int(off.argmax())
         hint = (
-            "it must be in degrees of WGS84, not in metres of a projection; --crs names one"
+            "it must be in degrees of WGS84; for metres in a projection give --crs"
             if key in ("latitude_deg", "longitude_deg")
-            else f"it must lie between {low:g} and {high:g}: is it another unit, another quantity, "
-            "or a mark of missing values (--void VALUE declares it)?"
+            else (
+                f"it must lie between {low:g} and {high:g}: check the unit, the quantity, and "
+                "the void value (--void VALUE)"
+            )
         )
         raise table.error(int(rows[n]), f"{key} is {column[n]:g}; {hint}")
 
@@ -167,7 +169,7 @@ def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity)
     )
     if unstated and 0.0 < rms < _LEAST:
         raise MapError(
-            f"{path}: the RMS of {', '.join(unstated)} is {rms:.2g} {unit}, too small for any "
-            f"instrument: is it in {other}? State the unit, as in --column "
-            f"'KEY={unstated[0]} [{other}]', also if it is {unit}."
+            f"{path}: the RMS of {', '.join(unstated)} is {rms:.2g} {unit}, smaller than the "
+            f"noise of any instrument: if the unit is {other}, give --column 'KEY={unstated[0]} "
+            f"[{unit}]'; if it is {other}, state that unit likewise."
         )

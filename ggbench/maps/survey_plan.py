@@ -80,10 +80,10 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
     residuals = ", ".join(
         f"{name} {value:.2f}" for name, value in zip(lines.components, rms, strict=True)
     )
-    remarks.append(f"residuals of lines held back, noise included: {residuals} {lines.unit}")
+    remarks.append(f"residuals of held-back lines, including noise: {residuals} {lines.unit}")
     remarks.extend(lines.remarks)
     if lines.dropped:
-        remarks.append(f"{lines.dropped} samples with missing values are left out")
+        remarks.append(f"{lines.dropped} samples with missing values are excluded")
     attributes = {
         "title": f"Gravity-gradient map: {inputs.lines.name}",
         "source": f"survey lines {inputs.lines.name}{left_out}: {len(lines.names)} lines, "
@@ -100,9 +100,11 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
                 "readings_rms": [round(float(value), 3) for value in readings],
             }
         ),
-        "comment": "disturbing field of survey lines: normal field of WGS84 removed, and what is "
-        "longer than the lines or was corrected for; standard errors leave out the unknown "
-        "constant of each line",
+        "comment": (
+            "disturbing field of survey lines: without the normal field of WGS84, wavelengths "
+            "longer than the lines, and corrected parts; standard errors exclude the unknown "
+            "constant of each line"
+        ),
     }
     return Plan((fit.sources,), nodes, attributes, tuple(remarks), errors)
 
@@ -122,12 +124,12 @@ def doubts(fit: SurveyFit, axes: str) -> str:
     if not doubtful:
         return ""
     cause = convention_in_words(fit, axes) or (
-        "Check the axes (--axes), the signs, the units and marks of missing values; if they are "
-        "right, the noise is as large as the field"
+        "Check axes (--axes), signs, units and void values; if they are right, the noise is as "
+        "large as the field"
     )
     return (
-        "the map predicts less than half of the variance of lines held back; RMS residual and RMS "
-        f"reading are {doubtful}. {cause[:1].upper()}{cause[1:]}"
+        "the map predicts less than half of the variance of held-back lines; RMS residual and "
+        f"RMS measurement are {doubtful}. {cause[:1].upper()}{cause[1:]}"
     )
 
 

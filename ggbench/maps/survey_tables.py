@@ -132,7 +132,7 @@ def read_csv(path: Path, text: str) -> SurveyTable:
     names = [name.strip() for name in _cells(rows[head], separator)]
     _require_distinct(path, names)
     if not numbers:
-        raise ValueError("it has no samples below the names of its columns")
+        raise ValueError("it has no samples below the column names")
     frame = _frame(path, [rows[n] for n in numbers], numbers, names, separator)
     columns = {name: frame[name].tolist() for name in names}
     return SurveyTable(path, columns, np.array(numbers) + 1)
@@ -170,7 +170,7 @@ def _frame(
             raise
         wide = numbers[int(match[2]) - 1] + 1
         raise MapError(
-            f"{path}: line {wide} has {match[3]} fields, and there are {len(names)} columns."
+            f"{path}: line {wide} has {match[3]} fields, but there are {len(names)} columns."
         ) from None
     if len(frame) != len(rows):
         raise MapError(f"{path}: a quoted field does not end on its line.")
@@ -209,7 +209,7 @@ def read_xyz(path: Path, text: str) -> SurveyTable:
     named = [words for words in comments if len(words) == count and not _is_rule(words)]
     if not named:
         raise ValueError(
-            f"no comment names its {count} columns behind a /; of the first row is "
+            f"no comment line (/) names its {count} columns; the first row is "
             f"{' '.join(cells[0])[:80]!r}"
         )
     cut = len(cells) > 1 and len(cells[-1]) < count
@@ -219,8 +219,8 @@ def read_xyz(path: Path, text: str) -> SurveyTable:
     odd = next((n for n, row in enumerate(cells) if len(row) != count), None)
     if odd is not None:
         raise MapError(
-            f"{path}: line {numbers[odd]} has {len(cells[odd])} fields, and there are {count} "
-            "columns: a missing value must be written as *."
+            f"{path}: line {numbers[odd]} has {len(cells[odd])} fields, but there are {count} "
+            "columns: write missing values as *."
         )
     names = named[-1]
     _require_distinct(path, names)
@@ -265,9 +265,9 @@ def missing_line(table: SurveyTable, column: str) -> None:
     """Raise MapError if a cell of a column of texts is empty, with the number of its line."""
     for row, cell in enumerate(table.columns[column]):
         if not str(cell).strip():
-            raise table.error(row, f"{column} is empty, and each sample needs one")
+            raise table.error(row, f"{column} is empty; every sample needs a value")
 
 
 def unreadable(path: Path, ending: str, error: BaseException) -> MapError:
     """Return what to say of a file that a reader cannot read."""
-    return MapError(f"{path} is no {ending} file: {text_of(error)}.")
+    return MapError(f"{path} is not a {ending} file: {text_of(error)}.")

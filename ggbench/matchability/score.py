@@ -103,8 +103,8 @@ class Design:
             raise MapError(f"the height is {self.height_m:g} m and must be finite")
         if self.right >= self.reach:
             raise MapError(
-                f"a fix may be off by {self.right:g} m and be right, which is all of the "
-                f"{self.reach:g} m (three standard deviations) within which it is sought"
+                f"the largest error of a correct fix, {self.right:g} m, must be below the search "
+                f"radius of {self.reach:g} m (three standard deviations)"
             )
 
     @property
@@ -200,7 +200,7 @@ def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[l
         As :func:`score` does.
     """
     if not field.has_map:
-        raise MapError("the normal field has no map that could be scored")
+        raise MapError("the normal field has no map to score")
     return cells_between(field.lower, field.upper, design, bounds, name)
 
 
@@ -214,7 +214,7 @@ def cells_between(
     height = float(lower[2]) if design.height_m is None else design.height_m
     if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
         heights = f"{lower[2]:g} to {upper[2]:g} m"
-        raise MapError(f"the height {height:g} m is not in {name}: {heights} is")
+        raise MapError(f"the height {height:g} m is outside {name}, which has {heights}")
     farthest = max(abs(lower[0]), abs(upper[0]))
     metres = np.array(metres_per_radian(np.array([farthest, 0.0, height])))
     side = math.radians(design.cell_deg) * float(metres.min())
@@ -231,15 +231,15 @@ def cells_between(
     if counts.min() < 1:
         across = (upper[:2] - lower[:2]) * metres / 1e3
         raise MapError(
-            f"{name}, {across[0]:.3g} km by {across[1]:.3g} km, holds no cell of {size:g}° in the "
-            f"bounds with {(design.reach + jutting) / 1e3:.3g} km around it, three standard "
-            "deviations of the position and what a track juts out: give a smaller --cell-deg, "
-            "--sigma-km or --track-km"
+            f"{name}, {across[0]:.3g} km by {across[1]:.3g} km, contains no cell of {size:g}° "
+            f"with a margin of {(design.reach + jutting) / 1e3:.3g} km (three standard "
+            "deviations of the position, plus the track outside the cell): give a smaller "
+            "--cell-deg, --sigma-km or --track-km"
         )
     if counts.prod() > _MOST_CELLS:
         raise MapError(
-            f"{name} holds {counts[0]} by {counts[1]} cells of {size:g}°; at most {_MOST_CELLS} "
-            "can be scored: give larger cells, or bounds"
+            f"{name} contains {counts[0]} by {counts[1]} cells of {size:g}°; at most "
+            f"{_MOST_CELLS} are allowed: give larger cells, or bounds"
         )
     south, west = 0.5 * (low + high - counts * size)
     return [
@@ -262,8 +262,9 @@ def _completed(design: Design, side: float) -> Design:
     spacing = side / 50.0 if design.spacing_m is None else design.spacing_m
     if not stats.FEWEST_NODES - 1 <= side / spacing <= _MOST_NODES:
         raise MapError(
-            f"a cell of {design.cell_deg:g}° is {side / 1e3:.3g} km wide; with {spacing:g} m "
-            f"between nodes it has not {stats.FEWEST_NODES} to {_MOST_NODES} of them along a side"
+            f"a cell of {design.cell_deg:g}° is {side / 1e3:.3g} km wide; with nodes "
+            f"{spacing:g} m apart it does not have {stats.FEWEST_NODES} to {_MOST_NODES} nodes "
+            "along a side"
         )
     track = side if design.track_m is None else design.track_m
     return dataclasses.replace(design, spacing_m=spacing, track_m=track, right_m=design.right)

@@ -47,7 +47,7 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
     if name not in SOURCES:
         if not name.endswith((".nc", ".npz")):
             raise MapError(
-                f"{name} is no map: give a file *.nc of 'ggbench map build', or one of "
+                f"{name} is not a map: give a file *.nc of 'ggbench map build', or one of "
                 f"{', '.join(sorted(SOURCES))}"
             )
         gradient_map = read(Path(name))
@@ -57,7 +57,7 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
     height = lowest if design.height_m is None else design.height_m
     if not lowest <= height <= highest:
         raise MapError(
-            f"the height {height:g} m is not in what {name} gives: {lowest:g} to {highest:g} m is"
+            f"the height {height:g} m is outside {name}, which has {lowest:g} to {highest:g} m"
         )
     around_m = design.reach + (design.track_m or 0.0)
     recipe = _recipe(name, source, height, bounds, around_m)
@@ -93,7 +93,7 @@ def _recipe(name: str, source: Limits, height: float, bounds: Bounds, around_m: 
     if not (south < north and west < east):
         latitudes, longitudes = source.latitudes, source.longitudes
         raise MapError(
-            f"nothing of {name} lies in the bounds: it covers {latitudes[0]:g}° to "
+            f"{name} lies outside the bounds: it covers {latitudes[0]:g}° to "
             f"{latitudes[1] - spacing / 60.0:g}° N and {longitudes[0]:g}° to "
             f"{longitudes[1] - spacing / 60.0:g}° E"
         )

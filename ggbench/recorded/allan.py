@@ -99,8 +99,8 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
     )
     if quantities is None:
         raise FlightError(
-            f"{path}: needs all of the columns {', '.join(RATES)}, or {', '.join(DELTAS)}, or what "
-            "the file calls them (--column, --preset)"
+            f"{path}: needs all columns {', '.join(RATES)}, or {', '.join(DELTAS)}; name other "
+            "columns with --column or --preset"
         )
     if columns.rows > 1:
         _require_seconds(columns, columns["time_s"])
@@ -129,9 +129,9 @@ def _require_seconds(columns: files.Columns, times: np.ndarray) -> None:
     units = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)]
     unit, factor = next((u, f) for u, f in units if f * step < _SLOWEST or f == units[-1][1])
     raise columns.error(
-        f"its samples are {step:.6g} s apart (median), and no IMU is as slow: if times are in "
-        f"{unit}, this is {factor * step:.3g} s; state the unit, as in --column 'time_s=time_s "
-        f"[{unit}]', also if it is s"
+        f"its samples are {step:.6g} s apart (median), too slow for an IMU: if the times are in "
+        f"{unit}, the interval is {factor * step:.3g} s; state the unit, as in --column "
+        f"'time_s=time_s [{unit}]', even if it is s"
     )
 
 
@@ -151,7 +151,10 @@ def _evenly(
     # Stamps that jitter are late and early in turns: nothing is lost of such a log.
     surplus = float((times[-1] - times[0]) / usual - len(steps))
     if missing_at.any() and surplus < 0.5 * missing_at.sum() and missing_at.max() <= _MOST_LOST:
-        remark = f"times jitter by up to {np.abs(steps - usual).max():.3g} s: taken at one interval"
+        remark = (
+            f"times jitter by up to {np.abs(steps - usual).max():.3g} s: a constant interval is "
+            "assumed"
+        )
         return readings, float((times[-1] - times[0]) / len(steps)), (remark,)
     ends = np.flatnonzero(missing_at > _MOST_LOST) + 1
     pieces = np.split(np.arange(len(times)), ends)
@@ -165,20 +168,20 @@ def _evenly(
         )
     if len(rows) < _FEWEST_SAMPLES:
         raise columns.error(
-            f"its longest piece without a gap has {len(rows)} samples; at least {_FEWEST_SAMPLES} "
-            f"are needed, and an Allan deviation needs samples without gaps"
+            f"its longest part without gaps has {len(rows)} samples; an Allan deviation needs at "
+            f"least {_FEWEST_SAMPLES}"
         )
     missing = missing_at[rows[:-1]].astype(int)
     if missing.sum() > _MOST_LOST_SHARE * len(rows):
         row = int(rows[np.argmax(missing > 0)]) + 1
         raise columns.error(
-            f"comes {steps[row - 1]:g} s after the row before, the median step is {usual:g} s, and "
-            f"{missing.sum() / len(rows):.0%} of the samples are lost: an Allan deviation needs "
-            f"samples without gaps, and {_MOST_LOST_SHARE:.0%} may be lost",
+            f"comes {steps[row - 1]:g} s after the row before (median step {usual:g} s), and "
+            f"{missing.sum() / len(rows):.0%} of the samples are missing: for an Allan deviation "
+            f"at most {_MOST_LOST_SHARE:.0%} may be missing",
             row,
         )
     if missing.any():
-        remarks.append(f"{missing.sum()} lost samples are skipped")
+        remarks.append(f"{missing.sum()} missing samples are skipped")
     period = float((times[rows[-1]] - times[rows[0]]) / (len(rows) - 1 + missing.sum()))
     return readings[rows], period, tuple(remarks)
 
@@ -192,8 +195,9 @@ def _gyro_doubts(rates: np.ndarray) -> Iterator[str]:
     for unit, factor in (("deg/s", math.degrees(1.0)), ("deg/h", math.degrees(3600.0))):
         if abs(rate / (factor * ROTATION_RATE) - 1.0) < _EARTH_SLIP:
             yield (
-                f"the mean angular rate is {rate:.4g} rad/s, the Earth's rotation in {unit}: state "
-                f"the unit, as in --column 'angular_rate_x_radps=angular_rate_x_radps [{unit}]'"
+                f"the mean angular rate is {rate:.4g} rad/s, which is the Earth's rotation in "
+                f"{unit}: state the unit, as in --column "
+                f"'angular_rate_x_radps=angular_rate_x_radps [{unit}]'"
             )
 
 
@@ -203,9 +207,8 @@ def _require_rest(path: Path, forces: np.ndarray, period: float, increments: boo
     size = float(np.linalg.norm(mean))
     if abs(size - _GRAVITY) > _GRAVITY_SLIP:
         raise FlightError(
-            f"{path}: the mean specific force is {size:.4g} m/s², and at rest it is "
-            f"{_GRAVITY:.4g} m/s²: is it in other units?"
-            f"{force_hint(size, period, increments)}"
+            f"{path}: the mean specific force is {size:.4g} m/s², but at rest it is "
+            f"{_GRAVITY:.4g} m/s²: check the unit{force_hint(size, period, increments)}"
         )
     second = max(round(1.0 / period), 1)
     count = len(forces) // second
@@ -213,8 +216,8 @@ def _require_rest(path: Path, forces: np.ndarray, period: float, increments: boo
     worst = float(np.linalg.norm(means - mean, axis=1).max())
     if worst > _MOST_MOTION:
         raise FlightError(
-            f"{path}: is not at rest: the mean specific force of a second is off by "
-            f"{worst:.2g} m/s²; cut the log to where the IMU lies still"
+            f"{path}: is not at rest: the mean specific force over one second deviates by "
+            f"{worst:.2g} m/s²; cut the log to the part at rest"
         )
 
 
@@ -224,8 +227,8 @@ def _noise(readings: np.ndarray, period: float) -> SensorNoise:
     taus, deviations = _allan(readings, period)
     if not (np.isfinite(deviations).all() and (deviations > 0.0).all()):
         raise FlightError(
-            "the readings of three axes do not change at all, or beyond all numbers: "
-            "their noise cannot be estimated"
+            "the measurements of three axes are constant or not finite: their noise cannot be "
+            "estimated"
         )
     # Overlapping averages of three axes: about so many are independent.
     weights = np.sqrt(2.0 * 3.0 * (duration / taus - 1.0))

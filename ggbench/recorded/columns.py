@@ -121,7 +121,7 @@ def read(
         text = CsvText.of(content, ", ".join(needed_columns), known_names)
         places = _places(path, text.names, needed_columns, optional, called, f"line {text.line}")
         if not text.rows:
-            raise FlightError(f"{path}: has no rows below the names of its columns")
+            raise FlightError(f"{path}: has no rows below the column names")
         values = text.numbers({key: place.at for key, place in places.items()}, empty)
         stated = frozenset(key for key, place in places.items() if place.stated)
         return Columns(path, _scaled(values, places), text.first, stated)
@@ -139,7 +139,7 @@ def _called(path: Path, names: str | Mapping[str, str] | None, keys: Sequence[st
         raise FlightError(f"{path}: {error}") from None
     if not isinstance(names, str) and (other := unused(called, keys)):
         raise FlightError(
-            f"{path}: columns.{other[0]} is no column of this file; known: {', '.join(keys)}"
+            f"{path}: columns.{other[0]} is not a column of this table; known: {', '.join(keys)}"
         )
     return called
 
@@ -178,12 +178,12 @@ def _places(
         header_text = ", ".join(name[:30] for name in header[:16])
         preset = preset_of(header)
         hint = (
-            f'; these are names of {preset}: say columns = "{preset}", or --preset {preset}'
+            f'; these are names of {preset}: give columns = "{preset}", or --preset {preset}'
             if preset
-            else ("; say what the file calls them and in which unit (columns)")
+            else ("; give the names and units of the file in columns")
         )
         raise FlightError(
-            f"{path}: {where} names no column {missing[0]} (found: {header_text}); wanted are "
+            f"{path}: {where} names no column {missing[0]} (found: {header_text}); needed are "
             f"{', '.join(required)}{hint}"
         )
     return places
@@ -201,7 +201,7 @@ def _read_netcdf(
     try:
         file = netCDF4.Dataset(path)
     except (OSError, RuntimeError) as error:
-        raise FlightError(f"{path}: is no netCDF file ({text_of(error)})") from None
+        raise FlightError(f"{path}: is not a netCDF file ({text_of(error)})") from None
     with file:
         variables = list(file.variables)
         places = _places(path, variables, required, optional, called, "it")
@@ -234,16 +234,16 @@ def _variable(
     if stated and factor == 1.0 and not stated.lower().startswith("seconds since "):
         own = factor_to_key(stated, name)
         if own is None or (own != 1.0 and place.name == name):
-            raise FlightError(
-                f"{path}: {name} has units {stated!r}, which is not what its name says"
-            )
+            raise FlightError(f"{path}: {name} has units {stated!r}, which contradict its name")
         factor = own
     values = np.asarray(np.ma.filled(variable[:].astype(float), np.nan), dtype=float)
     bad = ~np.isfinite(values)
     if name in empty:
         bad &= ~np.isnan(values)
     if bad.any():
-        raise FlightError(f"{path}: record {int(bad.argmax()) + 1}: {name} is missing or no number")
+        raise FlightError(
+            f"{path}: record {int(bad.argmax()) + 1}: {name} is missing or not a number"
+        )
     return factor * values
 
 

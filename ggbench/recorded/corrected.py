@@ -46,7 +46,7 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
     finite.
     """
     if problem.track is None:
-        raise EstimateError("the problem has no track of an INS that could be corrected")
+        raise EstimateError("the problem has no INS track to correct")
     mean, cov = _arrays(problem, estimate)
     motion = corrected_motion(Motion.of(problem.track), mean)
     sigmas = dict(zip(SIGMAS, _sigmas(mean, cov).T, strict=True))

@@ -279,12 +279,13 @@ def _reference(
     if any(name.startswith("velocity_") for name in columns.values):
         if table.frame is None:
             raise FlightError(
-                f'{columns.path}: has velocities: say reference.frame = "ENU" or "NED", their frame'
+                f'{columns.path}: has velocities: give their frame, reference.frame = "ENU" or '
+                '"NED"'
             )
         lacking = [name for name in velocity_columns(table.frame) if name not in columns]
         if lacking:
             raise columns.error(
-                f'has no column {lacking[0]}, and reference.frame is "{table.frame}"'
+                f'has no column {lacking[0]}, which reference.frame = "{table.frame}" needs'
             )
         velocities = velocities_of(columns, table.frame)
     if all(name in columns for name in ATTITUDE):
@@ -301,8 +302,8 @@ def _reference(
     row, share, there = _places(at, since, base.tolerance)
     if not there.any():
         raise columns.error(
-            f"lies nowhere within the flight, from {base.start:.17g} s to "
-            f"{base.start + base.dt * base.count:.17g} s; clock_offset_s is added to its times"
+            f"lies outside the flight, {base.start:.17g} s to "
+            f"{base.start + base.dt * base.count:.17g} s; correct its times with clock_offset_s"
         )
     nothing = np.full((len(at), 3), np.nan)
     positions = _between(positions, row, share, there)

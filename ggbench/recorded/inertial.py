@@ -94,9 +94,7 @@ class Inertial(NamedTuple):
             track=track,
         )
         if not np.isfinite(track).all():
-            raise FlightError(
-                f"{self.path}: the mechanization ends beyond all numbers: are the increments right?"
-            )
+            raise FlightError(f"{self.path}: the mechanization diverges: check the increments")
         return track
 
 
@@ -172,8 +170,8 @@ def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Sensor
             times - base.start - base.dt * np.arange(1, len(times) + 1)
         ).max() > (base.tolerance):
             raise columns.error(
-                "its increments are not those of regular intervals of imu.period_s: give "
-                "rates, which may come at any times, or what lies between"
+                "its increments must come at regular intervals of imu.period_s: add the missing "
+                "rows, or give rates, whose times may be irregular"
             )
         deltas, base = values, TimeBase(base.start, base.dt, len(values), base.tolerance)
     else:
@@ -222,8 +220,8 @@ def _heights(spec: FlightSpec, folder: Path, base: TimeBase) -> np.ndarray:
     first, last = since[0] - at[0], at[-1] - since[-1]
     if max(first, last) > base.tolerance:
         raise columns.error(
-            f"its heights, from {since[0] + base.start:.17g} s to {since[-1] + base.start:.17g} s, "
-            "do not cover the INS's record, which they are to damp"
+            f"its heights, from {since[0] + base.start:.17g} s to {since[-1] + base.start:.17g} "
+            "s, do not cover the record of the INS"
         )
     return np.interp(at, since, columns["height_m"])
 
@@ -251,15 +249,15 @@ def force_hint(force: float, period: float, increments: bool) -> str:
     period : of the samples [s].
     increments : whether the columns are called increments.
     """
-    causes = [(1.0, "as if it were in g"), (1e3, "as if it were in thousandths of g")]
-    causes += [(1e2 * _GRAVITY, "as if it were in cm/s²"), (1e6, "as if it were in µg")]
+    causes = [(1.0, "if it is in g"), (1e3, "if it is in thousandths of g")]
+    causes += [(1e2 * _GRAVITY, "if it is in cm/s²"), (1e6, "if it is in µg")]
     other = RATES[3] if increments else DELTAS[3]
     scale, kind = (1.0 / period, "rates") if increments else (period, "increments")
     causes.append(
         (
             scale * _GRAVITY,
-            f"= {force / scale:.3g} {'/' if increments else '×'} {period:.3g} s, as if the columns "
-            f"were {kind}: call them {other} and so on",
+            f"= {force / scale:.3g} {('/' if increments else '×')} {period:.3g} s, if the "
+            f"columns are {kind}: rename them {other} and so on",
         )
     )
     hints = [hint for scale, hint in causes if 0.8 < force / scale < 1.25]
@@ -273,19 +271,19 @@ def _require_felt(
     force = float(np.median(np.linalg.norm(rates[:, 3:], axis=1)))
     if not 0.4 * _GRAVITY < force < 2.5 * _GRAVITY:
         raise columns.error(
-            f"the specific force is {force:.3g} m/s² (median), and gravity alone is "
+            f"the specific force is {force:.3g} m/s² (median), but gravity alone is "
             f"{_GRAVITY:.3g}{force_hint(force, period, DELTAS[0] in columns)}"
         )
     spin = float(np.median(np.linalg.norm(rates[:, :3], axis=1)))
     if spin > _SPINS:
         raise columns.error(
-            f"the angular rate is {spin:.3g} rad/s (median), more than a turn per second: are "
-            "these degrees?"
+            f"the angular rate is {spin:.3g} rad/s (median), more than one turn per second: are "
+            "the values in degrees?"
         )
     felt = c_nb @ rates[: max(len(rates) // 20, 2), 3:].mean(axis=0)
     if felt[2] < 0.5 * np.linalg.norm(felt):
         raise columns.error(
-            f"at the start the accelerometers feel ({felt[0]:.3g}, {felt[1]:.3g}, {felt[2]:.3g}) "
-            f'm/s² east, north and up, and what holds a vehicle is upwards: are axes = "{axes}", '
-            "the signs and the attitude of [imu_record.start] right?"
+            f"the specific force at the start is ({felt[0]:.3g}, {felt[1]:.3g}, {felt[2]:.3g}) "
+            f'm/s² east, north and up, but must point upwards: check axes = "{axes}", the signs, '
+            "and the attitude of [imu_record.start]"
         )

@@ -122,17 +122,17 @@ def require_consistent(
         hint = ""
         if what == "vertically" and _rms(moved[:, 2] + led[:, 2]) <= 0.15 * size + slack:
             other = "down" if frame == "ENU" else "up"
-            hint = f"; it fits if the vertical velocity counts {other}wards"
+            hint = f"; they agree if the vertical velocity is positive {other}wards"
         elif what == "horizontally":
             for hypothesis, alternative, of in _alternatives(positions[there], starts, moved, led):
                 if _rms(alternative - of) <= 0.15 * _rms(of) + slack:
-                    hint = f"; it fits if {hypothesis}"
+                    hint = f"; they agree if {hypothesis}"
                     break
         seconds = float(np.sqrt(np.mean(long**2)))
         raise columns.error(
             f"positions and velocities contradict each other {what}: in {seconds:.3g} s the "
-            f"positions move by {_rms(moved[:, axes]):.3g} m (RMS), the velocities (frame = "
-            f'"{frame}") lead {_rms(led[:, axes]):.3g} m, and the difference is '
+            f"positions move by {_rms(moved[:, axes]):.3g} m (RMS), the integrated velocities "
+            f'(frame = "{frame}") by {_rms(led[:, axes]):.3g} m; the difference is '
             f"{_rms((moved - led)[:, axes]):.3g} m{hint}"
         )
 
@@ -146,11 +146,11 @@ def _alternatives(
     of the steps between positions, its start.
     """
     moved, led = moved[:, :2], led[:, :2]
-    yield "the east and north velocities change places (NED taken for ENU)", moved, led[:, ::-1]
-    yield "both horizontal velocities change their sign", moved, -led
+    yield "the east and north velocities are exchanged (NED read as ENU)", moved, led[:, ::-1]
+    yield "both horizontal velocities have the opposite sign", moved, -led
     for hypothesis, others in (
         ("latitude and longitude are radians", np.degrees(positions)),
-        ("latitude and longitude change places", positions[:, [1, 0, 2]]),
+        ("latitude and longitude are exchanged", positions[:, [1, 0, 2]]),
     ):
         if np.abs(others[:, 0]).max() < 0.5 * math.pi:
             yield hypothesis, np.add.reduceat(_displacements(others), starts)[:, :2], led
@@ -168,8 +168,8 @@ def _require_smooth(
         if (jump > free).any():
             n = int(jump.argmax())
             raise columns.error(
-                f"the {what} jumps by {np.linalg.norm(moved[n, axes]):.4g} m from the row before, "
-                f"where the velocity leads {np.linalg.norm(led[n, axes]):.3g} m",
+                f"the {what} jumps by {np.linalg.norm(moved[n, axes]):.4g} m from the row "
+                f"before, where the velocity gives {np.linalg.norm(led[n, axes]):.3g} m",
                 int(rows[n + 1]),
             )
 

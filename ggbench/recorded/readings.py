@@ -104,7 +104,7 @@ def _read(
     samples, rows = base.samples_of(columns, times, table.outside)
     values = columns.stacked(names)
     if not np.isfinite(values[rows]).any():
-        raise columns.error(f"holds no reading: {', '.join(names)} are all empty")
+        raise columns.error(f"has no measurement: {', '.join(names)} are all empty")
     if isinstance(table, RecordedGnss):
         values = _of_receiver(columns, times, table)
     else:
@@ -138,8 +138,8 @@ def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndar
     partly = there.any(axis=1) & ~there.all(axis=1)
     if partly.any():
         raise series.columns.error(
-            "some channels of the gradiometer are empty, and a reading is there with all of them "
-            "or not at all; name the channels that it has in gradiometer.components",
+            "some channels of the gradiometer are empty, but each row must have all or none; "
+            "list the channels in gradiometer.components",
             int(series.rows[partly.argmax()]),
         )
     missing = ~there.all(axis=1)
@@ -149,9 +149,8 @@ def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndar
         if missing.any() or len(late):
             n = int(missing.argmax()) if missing.any() else int(late[0]) + 1
             raise series.columns.error(
-                "a reading is missing or comes at another time than after gradiometer.period_s, "
-                "and the filter of the instrument remembers every one: only an instrument without "
-                'a filter (filter = "none") may have gaps',
+                "measurements are missing or do not follow gradiometer.period_s; gaps are "
+                'allowed only without a filter (filter = "none")',
                 int(series.rows[n]),
             )
     return np.where(there, values, 0.0)[np.newaxis], missing[np.newaxis]
@@ -198,7 +197,8 @@ def require_near(
         small = (np.abs(columns.stacked(POSITION[:2])[rows[n]]) < [0.5 * math.pi, math.pi]).all()
         hint = " are latitude and longitude radians?" if small else ""
         raise columns.error(
-            f"{what} is {distance / 1e3:.4g} km away from the INS at its first reading:{hint} are "
-            "the clocks (clock_offset_s), the order and the signs of latitude and longitude right?",
+            f"{what} is {distance / 1e3:.4g} km away from the INS at its first "
+            f"measurement:{hint} check the clocks (clock_offset_s), and the order and signs of "
+            "latitude and longitude",
             int(rows[n]),
         )

@@ -67,9 +67,9 @@ def _write(flight: Flight, seed: int, run: int, folder: Path, title: str) -> Non
 def require_empty(folder: Path) -> None:
     """Raise FlightError if a folder is none, or holds anything."""
     if folder.exists() and not folder.is_dir():
-        raise FlightError(f"{folder} is no folder")
+        raise FlightError(f"{folder} is not a folder")
     if folder.exists() and any(folder.iterdir()):
-        raise FlightError(f"{folder} holds files already; name a folder that is new or empty")
+        raise FlightError(f"{folder} contains files; choose a new or empty folder")
 
 
 def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:

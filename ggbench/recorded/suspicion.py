@@ -83,8 +83,8 @@ def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator
             if median < _MOST_MEDIAN:
                 count, every = _beyond(flight.problem, differences)
                 yield (
-                    f"{label}: {count} of {every} measurements rejected or weighed down; the "
-                    f"median NIS is {median:.2g} times the expected one"
+                    f"{label}: {count} of {every} measurements rejected or down-weighted; the "
+                    f"median NIS is {median:.2g} times the expected value"
                 )
 
 
@@ -113,13 +113,13 @@ def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Itera
             count = _beyond(problem, differences)[0] if few else isolated
             yield (
                 f"{label}: {count} of {problem.epochs} measurements are outliers (mean NIS "
-                f"{ratio:.3g} times the expected one, median {median:.3g}); try a filter that "
-                "rejects them, as ekf[gate=0.99], or one that weighs them down, as ekf[loss=cauchy]"
+                f"{ratio:.3g} times the expected value, median {median:.3g}); try a filter that "
+                "rejects them, as ekf[gate=0.99], or down-weights them, as ekf[loss=cauchy]"
             )
             continue
         yield (
-            f"{label}: the mean NIS is {ratio:.3g} times the expected one, so the records "
-            "contradict one another or the tables' noise is far too small; likely causes are units "
+            f"{label}: the mean NIS is {ratio:.3g} times the expected value: the records are "
+            "inconsistent or the noise in the tables is far too small; likely causes are units "
             "(degrees for radians, knots for m/s), axes or frames, and clocks (18 s is GPS - UTC)"
         )
     yield from explanations
@@ -132,7 +132,7 @@ def _explanations(flight: RecordedFlight) -> Iterator[str]:
         words = in_words(convention, flight.spec.gradiometer.instrument)
         if words:
             yield (
-                f"the gradiometer's readings fit the map as if they were {words}: residuals of "
+                f"the gradiometer measurements fit the map better {words}: residuals of "
                 f"{convention.after:.3g} E in place of {convention.before:.3g} E"
             )
     for name, table in flight.spec.sensor.items():

@@ -60,32 +60,32 @@ class TimeBase:
             if outside == "refuse":
                 row = int(off.argmax())
                 raise columns.error(
-                    f"time {times[row]:.17g} s lies outside the INS's record, from behind "
-                    f"{self.start:.17g} s to {self.start + self.dt * self.count:.17g} s (with "
-                    f"{np.count_nonzero(off)} of {len(times)} readings); set clock_offset_s if the "
-                    'clocks differ, or outside = "drop" to leave such readings out',
+                    f"time {times[row]:.17g} s lies outside the record of the INS, after "
+                    f"{self.start:.17g} s to {self.start + self.dt * self.count:.17g} s (as do "
+                    f"{np.count_nonzero(off)} of {len(times)} measurements); set clock_offset_s "
+                    'if the clocks differ, or outside = "drop" to omit these measurements',
                     row,
                 )
             nearest, rows, since = nearest[~off], rows[~off], since[~off]
             if not len(rows):
                 raise columns.error(
-                    "no reading lies within the INS's record: do the clocks differ? clock_offset_s "
-                    "is added to the times of this file"
+                    "no measurement lies within the record of the INS: if the clocks differ, "
+                    "correct the times of this file with clock_offset_s"
                 )
         apart = np.abs(since - nearest * self.dt)
         if (apart > self.tolerance * (1.0 + _EXACT)).any():
             worst = int(apart.argmax())
             raise columns.error(
                 f"time {times[rows[worst]]:.17g} s is {apart[worst]:.3g} s away from the nearest "
-                f"sample of the INS, and {self.tolerance:.3g} s is allowed; set time_tolerance_s "
-                f"of the INS's table (up to half a sample, {0.5 * self.dt:.3g} s) to take the "
-                "nearest sample, or clock_offset_s if the clocks differ",
+                f"sample of the INS; at most {self.tolerance:.3g} s is allowed: increase "
+                "time_tolerance_s of the table of the INS (up to half a sample, "
+                f"{0.5 * self.dt:.3g} s), or set clock_offset_s if the clocks differ",
                 int(rows[worst]),
             )
         same = np.flatnonzero(np.diff(nearest) == 0)
         if len(same):
             raise columns.error(
-                f"two readings, at {times[rows[same[0]]]:.17g} s and "
+                f"two measurements, at {times[rows[same[0]]]:.17g} s and "
                 f"{times[rows[same[0] + 1]]:.17g} s, belong to the same sample of the INS",
                 int(rows[same[0] + 1]),
             )
@@ -103,7 +103,7 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
         row = int(off.argmax())
         size = abs(float(times[row]))
         unit = next((u for u, factor in _SHORTER if factor * size < _LONGEST), "")
-        hint = f': is it in {unit}? State it, as in columns = {{ time_s = "time_s [{unit}]" }}'
+        hint = f': if it is in {unit}, give columns = {{ time_s = "time_s [{unit}]" }}'
         raise columns.error(
             f"time_s is {times[row]:g} and must lie between {-_LONGEST:g} and {_LONGEST:g} s"
             f"{hint if unit else ''}",
@@ -129,8 +129,8 @@ def require_period(
     usual = float(np.median(np.diff(times)))
     if abs(usual - period) > _PERIOD_SLIP * period:
         raise columns.error(
-            f"its {rows} are {usual:.6g} s apart (median), and {table}.period_s is {period:g} s; "
-            "time_s is read in seconds"
+            f"its {rows} are {usual:.6g} s apart (median), but {table}.period_s is {period:g} s; "
+            "time_s must be in seconds"
         )
     return usual
 
@@ -162,16 +162,15 @@ def time_base(
         If there are gaps, the period is another one, or there are too few rows.
     """
     if len(times) < 3:
-        raise columns.error(f"has {len(times)} rows, and an INS's record needs at least 3")
+        raise columns.error(f"has {len(times)} rows; a record of an INS needs at least 3")
     steps = np.diff(times)
     usual = require_period(columns, times, dt, "rows", "imu")
     longest = _USUAL_GAP * max(dt, usual) if max_gap is None else max_gap
     if steps.max() > longest:
         row = int(steps.argmax()) + 1
         raise columns.error(
-            f"there is a gap of {steps.max():.6g} s before time {times[row]:.17g} s, and "
-            f"{longest:.6g} s is the longest allowed (max_gap_s); across a gap the INS would be "
-            "interpolated",
+            f"there is a gap of {steps.max():.6g} s before time {times[row]:.17g} s; at most "
+            f"{longest:.6g} s (max_gap_s) is allowed, because the INS is interpolated across gaps",
             row,
         )
     start = float(times[0]) - before * dt

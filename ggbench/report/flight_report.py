@@ -57,7 +57,7 @@ def of_the_reference(flight: RecordedFlight) -> str:
         return ""
     return (
         f"the reference is the record of [{table_of(sensor)}], which the estimators use: "
-        "differences from it are consistency, not accuracy"
+        "differences from it show consistency, not accuracy"
     )
 
 
@@ -316,7 +316,7 @@ def _figures(
         save(figure, output / "figures" / name)
         lines.append(f"![{caption}](figures/{name})\n\n*{caption}*")
 
-    caption = "Tracks from above, relative to where the INS begins, and their heights."
+    caption = "Horizontal tracks relative to the start of the INS, and heights."
     show("track.png", _tracks(flight, estimates, families), caption)
     claimed = {
         label: np.sqrt(np.diagonal(estimated.cov, axis1=1, axis2=2)[:, :6])
@@ -325,7 +325,7 @@ def _figures(
     }
     if claimed:
         figure = flights.deviations(problem.times, claimed, families)
-        show("deviations.png", figure, "Spherical standard deviations that the estimates claim.")
+        show("deviations.png", figure, "Spherical standard deviations of the estimates.")
     aided = [label for label, estimated in estimates.items() if estimated.causality != "none"]
     label = next((name for name in aided if residuals_of[name].innovations), next(iter(estimates)))
     figure = flights.whitened(problem.times, _by_sensor(problem, residuals_of[label]), label)

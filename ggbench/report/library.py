@@ -41,7 +41,7 @@ def write(output: Path) -> tuple[Path, list[str]]:
     """
     digests, remarks = read(output)
     if not digests:
-        raise ReportError("; ".join([f"{output} holds no report with its data", *remarks]))
+        raise ReportError("; ".join([f"{output} contains no report with data", *remarks]))
     path = output / FILE
     try:
         has_league = (output / SUITE / ANSWER).exists()

@@ -43,7 +43,7 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
     """
     results = Reported(folder)
     if results.metrics().empty:
-        raise ReportError(f"{folder} holds no finished run to report")
+        raise ReportError(f"{folder} contains no finished run")
     name = results.scenario.name
     path = output / f"{name}.md"
     notes = links.without_dead(results.scenario.notes.strip(), output, pages)

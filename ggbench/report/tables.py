@@ -55,7 +55,7 @@ def text(table: pd.DataFrame) -> str:
         If the table is too large for a page.
     """
     if len(table) > MOST_ROWS or len(table.columns) > MOST_COLUMNS:
-        raise ValueError(f"a table of {table.shape} does not fit a page")
+        raise ValueError(f"a table of shape {table.shape} does not fit a page")
     head = [columns.COLUMNS[key].head if key in columns.COLUMNS else key for key in table]
     rows = [
         [columns.cell(key, value) for key, value in zip(table, row, strict=True)]

@@ -102,8 +102,8 @@ class Database:
         if log.exists() and log.stat().st_size:
             # What the log holds can be read only where its index can be made.
             raise StoreError(
-                f"{self.path.parent} may not be written to and its campaign was stopped (or is "
-                "running): let its owner look at it once with 'ggbench show', or copy it"
+                f"{self.path.parent} is read-only and its campaign was interrupted (or is "
+                "running): open it once with write permission ('ggbench show'), or copy it"
             )
         return sqlite3.connect(f"{name}?immutable=1", timeout=_BUSY_S, uri=True)
 
@@ -113,8 +113,8 @@ class Database:
             blank.executescript(SCHEMA)
             if _tables(blank) != _tables(self._connection):
                 raise StoreError(
-                    f"{self.path} has other columns than this version of ggbench: run the "
-                    "scenario again, with --fresh or into another output folder"
+                    f"{self.path} comes from another version of ggbench: run the scenario again, "
+                    "with --fresh or into another output folder"
                 )
         # It checks the constraints of every row, too.
         (flaw,) = self._connection.execute("PRAGMA quick_check(1)").fetchone()
@@ -269,24 +269,19 @@ class Database:
         rows = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
         if not rows:
             raise StoreError(
-                f"{self.path.parent} does not hold what the runs of case {case} share: it was "
-                "stopped while it was prepared; the same command goes on from there"
+                f"{self.path.parent} lacks the shared data of case {case}, because the command "
+                "was interrupted; the same command resumes"
             )
-        require_small_archive(
-            io.BytesIO(rows[0][0]), StoreError, f"what the runs of case {case} share"
-        )
+        require_small_archive(io.BytesIO(rows[0][0]), StoreError, f"the shared data of case {case}")
         try:
             with np.load(io.BytesIO(rows[0][0]), allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
         except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
             raise StoreError(
-                f"what the runs of case {case} share, in {self.path}, "
-                f"cannot be read: {text_of(error)}"
+                f"the shared data of case {case} in {self.path} cannot be read: {text_of(error)}"
             ) from None
         if flaw := flaw_of_arrays(arrays):
-            raise StoreError(
-                f"what the runs of case {case} share, in {self.path}, is damaged: {flaw}"
-            )
+            raise StoreError(f"the shared data of case {case} in {self.path} is damaged: {flaw}")
         return arrays
 
     def _select(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
@@ -306,8 +301,8 @@ class Database:
                         self._connection.executemany(query, values)
         except (sqlite3.Error, ValueError) as error:  # of a text with half a character
             raise StoreError(
-                f"cannot write to {self.path.parent}: {error}; what it holds is kept, and the same "
-                "command goes on from there"
+                f"cannot write to {self.path.parent}: {error}; stored runs are kept, and the "
+                "same command resumes"
             ) from None
 
 

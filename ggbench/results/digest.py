@@ -131,9 +131,7 @@ def read(folder: Path) -> Digest:
     except OSError as error:
         raise StoreError(f"cannot read {error.filename}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise StoreError(
-            f"{folder} is damaged: {error!r}; 'ggbench report' writes it again"
-        ) from None
+        raise StoreError(f"{folder} is damaged: {error!r}; 'ggbench report' rewrites it") from None
 
 
 def _table(folder: Path, name: str) -> pd.DataFrame:

@@ -92,8 +92,8 @@ class Results:
         )
         if loaded.content_hash != manifest["scenario_hash"]:
             raise StoreError(
-                f"the scenario in {self.folder / 'manifest.json'} is not the one that was run: "
-                "its hash differs"
+                f"the scenario in {self.folder / 'manifest.json'} has changed since the run: its "
+                "hash differs"
             )
         return loaded
 

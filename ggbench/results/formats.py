@@ -75,7 +75,7 @@ def flaw_of_manifest(content: Any) -> str | None:
         where = ".".join(str(part) for part in problem["loc"])
         if problem["type"] == "missing":
             return f"it has no {where}"
-        return f"its {where or 'content'} is not what it should be ({problem['msg']})"
+        return f"its {where or 'content'} is invalid ({problem['msg']})"
     return _flaw_of_cells(content)
 
 
@@ -84,15 +84,15 @@ def _flaw_of_cells(manifest: dict[str, Any]) -> str | None:
     cells = manifest["cells"]
     places = {(cell["assumption"], cell["case"], cell["estimator"]) for cell in cells}
     if len(places) < len(cells):
-        return "its cells name an estimator on a case twice"
+        return "its cells have an estimator and case twice"
     if len(set(manifest["cases"])) < len(manifest["cases"]):
-        return "its cases name one twice"
+        return "its cases have a name twice"
     declared = {cell["case"] for cell in cells if not cell["assumption"]}
     if unknown := sorted(declared - set(manifest["cases"])):
-        return f"its cells are of a case {line_of(unknown[0], 60)}, which is none of its cases"
+        return f"its cells have an unknown case {line_of(unknown[0], 60)}"
     own = {cell["estimator"] for cell in cells if not cell["assumption"]}
     if unknown := sorted(own - set(manifest["estimators"])):
-        return f"its cells are of an estimator {line_of(unknown[0], 60)}, which it does not have"
+        return f"its cells have an unknown estimator {line_of(unknown[0], 60)}"
     if unknown := sorted(set(manifest["estimators"]) - set(manifest["families"])):
         return f"it has no family of the estimator {line_of(unknown[0], 60)}"
     return None

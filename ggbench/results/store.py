@@ -187,7 +187,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise StoreError(f"{path} is damaged: {text_of(error)}") from None
     if isinstance(manifest, dict) and manifest.get("format") != FORMAT:
         raise StoreError(
-            f"{path} has format {manifest.get('format')!r}, and this version of ggbench reads "
+            f"{path} has format {manifest.get('format')!r}, but this version of ggbench reads "
             f"format {FORMAT}: run the scenario again, with --fresh or into another output folder"
         )
     if flaw := flaw_of_manifest(manifest):

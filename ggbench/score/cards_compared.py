@@ -103,8 +103,8 @@ def require_comparable(old: Card, cases: Collection[str], seed: int | None) -> N
     flown = [question.case for question in old.questions if not question.skipped]
     if not set(flown) & set(cases or (case.name for case in suite.cases)):
         raise ScoreError(
-            "no question of the card is flown by this score: the card has "
-            + (f"results of {', '.join(flown)}" if flown else "skipped all of its questions")
+            "this score flies no question of the card: the card has "
+            + (f"results of {', '.join(flown)}" if flown else "skipped all questions")
         )
 
 
@@ -114,8 +114,8 @@ def _require_same_runs(old: tuple[int, str, int], new: tuple[int, str, int]) -> 
     for name, one, other in zip(names, old, new, strict=True):
         if one != other:
             raise ScoreError(
-                f"the two cards are of different runs, of the {name} {one} and {other}: score the "
-                "old estimator again"
+                f"the cards have different runs ({name} {one} and {other}): score the old "
+                "estimator again"
             )
 
 
@@ -143,10 +143,10 @@ def worse(old: Card, new: Card) -> list[str]:
         flown = _flown(question, spec), _flown(other, spec)
         pairs.append({"case": question.case} | compared(*flown))
     if not pairs and not skipped:
-        raise ScoreError("the two cards have no question in common that the old one has flown")
+        raise ScoreError("the cards have no question in common with results in the old card")
     sentences = [
-        f"{pair['case']}: errors are {pair['error_ratio']:.3g} times as large, "
-        f"{pair['second_only']} runs succeed no more and {pair['first_only']} newly"
+        f"{pair['case']}: errors are {pair['error_ratio']:.3g} times as large; "
+        f"{pair['second_only']} runs no longer succeed, {pair['first_only']} newly succeed"
         for pair in judged(pairs)
         if pair["verdict"] == WORSE
     ]

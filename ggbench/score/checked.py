@@ -108,5 +108,5 @@ def _named(old: Card, allowed: Sequence[Choice]) -> str:
         if choice.content["source"] == old.estimator.source:
             return choose(str(spec)).label
     if any(Path(choice.spec.name).name == Path(spec_written.name).name for choice in allowed):
-        raise ScoreError(f"{label} was another file when the card was made: its hash differs")
-    raise ScoreError(f"{label} is not installed: name its file by -e, whose code is then run")
+        raise ScoreError(f"{label} has changed since the card was written: its hash differs")
+    raise ScoreError(f"{label} is not installed: give its file with -e, which runs its code")

@@ -33,7 +33,7 @@ PICTURE = "card.png"
 _LONGEST_TEXT = 1000
 MOST_FAILURES = 10
 """Kinds of failures that a page lists."""
-_DIVERGED = "diverged: the error ends beyond ten bounds and beyond the INS"
+_DIVERGED = "diverged: the final error exceeds ten bounds and the error of the INS"
 
 
 def headline(card: Card) -> str:

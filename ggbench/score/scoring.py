@@ -86,13 +86,15 @@ def score(
     public = seed is None or seed == header["seed"]
     count = int(header["runs"]) if runs is None else runs
     if public and count > header["runs"]:
-        raise ScoreError(f"{count} runs are asked for; of each case {header['runs']} are stored")
+        raise ScoreError(
+            f"{count} runs requested, but only {header['runs']} of each case are stored"
+        )
     choice = choose(estimator)
     used_seed = int(header["seed"]) if seed is None else seed
     skipped = _skipped(choice, suite, used_seed)
     chosen_cases = [case.name for case in suite.cases if case.name not in skipped]
     if not chosen_cases:
-        raise ScoreError(f"{choice.label} takes no case: {next(iter(skipped.values()))}")
+        raise ScoreError(f"{choice.label} skips all cases: {next(iter(skipped.values()))}")
     opponents = _opponents(stored, kind(choice.estimator.causality))
     labels = [choice.label]
     if not public:
@@ -154,7 +156,8 @@ def _require_version(stored: StoredRuns, suite: Scenario) -> None:
     installed = suite.content_hash, RESULTS_VERSION
     if (header["scenario_hash"], header["results_version"]) != installed:
         raise ScoreError(
-            "the stored runs are of another suite or version of results; 'make suite' renews them"
+            "the stored runs come from another suite or results version; renew them with 'make "
+            "suite'"
         )
 
 

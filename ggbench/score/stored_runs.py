@@ -84,8 +84,8 @@ def write(results: Results, path: Path) -> None:
     count = len(runs["run"].unique())
     if len(runs) != len(names) * len(labels) * count:
         raise ScoreError(
-            f"{results.folder} holds {len(runs)} runs; {len(labels)} estimators in {len(names)} "
-            f"cases of {count} runs each would be {len(labels) * len(names) * count}"
+            f"{results.folder} contains {len(runs)} runs, but {len(labels)} estimators in "
+            f"{len(names)} cases of {count} runs need {len(labels) * len(names) * count}"
         )
     groups = runs.groupby(_CELL, sort=False)
     cells = groups[["name", "parameters", "causality", "bound"]].first()

@@ -299,8 +299,7 @@ class SensorModel:
         states = self._states(int(epochs.max(initial=0)), x)
         if states.ndim != 2 or epochs.shape != states.shape[:1]:
             raise ValueError(
-                f"there must be a state of each epoch: of epochs {epochs.shape} (N, n) are wanted,"
-                f" and the states are {states.shape}"
+                f"states must have the shape (N, n) for epochs {epochs.shape}, not {states.shape}"
             )
         self._evaluations += len(states)
         h, slopes = linearised(self._block, epochs, states)

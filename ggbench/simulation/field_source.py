@@ -72,7 +72,7 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
         raise MapError(
             f'model.field.standard_error: the map "{spec.source}" states no standard error'
             + (" of some components" if np.isfinite(error).any() else "")
-            + "; 'ggbench map build --lines' stores it where lines held back show it"
+            + "; 'ggbench map build --lines' stores it if held-back lines show it"
         )
     return tuple(float(np.linalg.norm(COMPONENTS[name] * error)) for name in channels)
 
@@ -100,7 +100,7 @@ def _make(spec: FieldSpec, version: int) -> Field:
         _refuse_recipe(spec)
     if spec.source == "normal":
         if spec.error is not None:
-            raise MapError('field.error: source = "normal" has no map that could be wrong')
+            raise MapError('field.error: source = "normal" has no map')
         return Field.normal()
     gradient_map = _exact_map(spec.model_copy(update={"error": None}), version)
     if spec.error is not None:
@@ -124,9 +124,9 @@ def _crop(spec: FieldSpec) -> Area | None:
     south, north, west, east = bounds
     if not (south < north and west < eastern(west, east)):
         raise MapError(
-            f"the map {spec.source} is to be cut to latitudes from {south:g}° to {north:g}° and "
-            f"longitudes from {west:g}° to {east:g}°: give south_deg, north_deg, west_deg and "
-            "east_deg, each ascending, or none of them (across the date line: 179 to -179)"
+            f"the bounds of the map {spec.source} are {south:g}° to {north:g}° N and {west:g}° "
+            f"to {east:g}° E: give south_deg, north_deg, west_deg and east_deg in ascending "
+            "order, or none of them (across the date line: 179 to -179)"
         )
     return Area(*bounds)
 
@@ -137,8 +137,8 @@ def _refuse_recipe(spec: FieldSpec) -> None:
         value, usual = getattr(spec, key), FieldSpec.model_fields[key].default
         if value != usual:
             raise MapError(
-                f'field.{key} is {value}, which means nothing for source = "{spec.source}": only '
-                "a map that is built from a named source has it"
+                f'field.{key} is {value}, but source = "{spec.source}" does not use it: it is '
+                "for maps built from a shipped source"
             )
 
 

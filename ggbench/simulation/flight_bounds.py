@@ -60,7 +60,7 @@ def require_together(first: Flight, other: Flight) -> None:
         and first.field is other.field
         and first.model_field is other.model_field
     ):
-        raise ValueError("flights of other epochs or maps cannot be flown together")
+        raise ValueError("flights with different epochs or maps cannot be combined")
 
 
 def _bounds(flights: Sequence[Flight], true: SensorSuite) -> list[Bound]:

@@ -316,7 +316,9 @@ def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Wh
     """
     whitening = model.whitening(times, missing[0])
     if whitening is not None and (missing != missing[0]).any():
-        raise GGBenchError("coloured noise is whitened only where all runs miss the same readings")
+        raise GGBenchError(
+            "coloured noise can be whitened only if all runs miss the same measurements"
+        )
     return whitening
 
 

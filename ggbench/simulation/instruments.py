@@ -144,13 +144,13 @@ def _colour(spec: GradiometerSpec) -> VectorAutoregression | None:
     subject = f"the noise model {spec.coloured_noise}"
     if colour.components != components:
         raise GGBenchError(
-            f"{subject} has components {', '.join(colour.components)}, and the gradiometer has "
-            f"{', '.join(components)}: they must be the same, in the same order"
+            f"{subject} has components {', '.join(colour.components)}, but the gradiometer has "
+            f"{', '.join(components)}: they must be equal and in the same order"
         )
     if abs(colour.interval - spec.period_s) > 1e-6 * spec.period_s:
         raise GGBenchError(
-            f"{subject} has interval_s {colour.interval:g}, and gradiometer.period_s is "
-            f"{spec.period_s:g}: they must be the same"
+            f"{subject} has interval_s {colour.interval:g}, but gradiometer.period_s is "
+            f"{spec.period_s:g}: they must be equal"
         )
     return colour
 
@@ -234,8 +234,8 @@ def gravity_state(
         assert gradiometer is not None  # the specification checks it
         if not gradiometer.whole:
             raise GGBenchError(
-                "disturbance.integrate_gradients needs a gradiometer that tells the whole tensor, "
-                f"and {', '.join(gradiometer.components)} leave some of it open"
+                "disturbance.integrate_gradients needs channels that determine the whole tensor; "
+                f"{', '.join(gradiometer.components)} do not"
             )
         walk = EOTVOS * gradiometer.noise_eotvos * math.sqrt(gradiometer.period)
     sizes = horizontal, horizontal, vertical

@@ -81,9 +81,8 @@ def require_within(fields: Sequence[Field], positions: np.ndarray, spec: Traject
                     cure = f"fly {missing} m higher, or build it with a lower --clearance-from"
                 elif follows:
                     cure = (
-                        f"lowest_m = {math.ceil(lowest)} of the segment keeps a flight that "
-                        "follows the terrain inside, and so does a map of 'ggbench map build "
-                        "--drape'"
+                        f"set lowest_m = {math.ceil(lowest)} of the segment, or build the map "
+                        "with 'ggbench map build --drape'"
                     )
             if share == 0.0:
                 raise

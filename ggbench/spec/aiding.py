@@ -18,7 +18,7 @@ from .tables import Listed, Section, Several, Three, changes, distinct
 Interval = Annotated[Listed[q.Moment], Field(min_length=2, max_length=2)]
 
 _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
-"""Keys of outliers that do not say how large they are."""
+"""Keys of outliers other than their size."""
 
 
 class Interruptions(Section):
@@ -27,22 +27,22 @@ class Interruptions(Section):
     outlier_share: q.Share = 0.0
     """Probability that a reading of a channel is an outlier; needs the outliers' size."""
     dropout_share: q.Share = 0.0
-    """Probability that a reading, with all channels, is missing; not behind a filter."""
+    """Probability that a measurement (all channels) is missing. Not allowed behind a filter."""
     dropouts_s: Listed[Interval] = ()
-    """Pairs `[from, to]` between which all readings are missing; not behind a filter."""
+    """Intervals `[from, to]` without measurements. Not allowed behind a filter."""
     duty_on_s: q.Duty = 0.0
-    """How long readings come, from the start on, before they stay away; with `duty_off_s`."""
+    """Duty cycle: duration of measurements, beginning at the start. Needs `duty_off_s`."""
     duty_off_s: q.Duty = 0.0
-    """How long they then stay away, in turn with `duty_on_s`; not behind a filter."""
+    """Duty cycle: duration of the following gap. Not allowed behind a filter."""
 
     @model_validator(mode="after")
     def _check(self) -> Interruptions:
         keys = [key for key in type(self).model_fields if key.startswith("outlier_")]
         sizes = [key for key in keys if key not in _HOW_OUTLIERS_COME]
         if (self.outlier_share > 0.0) != any(getattr(self, key) > 0.0 for key in sizes):
-            raise ValueError(f"outlier_share and {' or '.join(sizes)} go together")
+            raise ValueError(f"outlier_share and {' or '.join(sizes)} must be given together")
         if (self.duty_on_s > 0.0) != (self.duty_off_s > 0.0):
-            raise ValueError("duty_on_s and duty_off_s go together")
+            raise ValueError("duty_on_s and duty_off_s must be given together")
         for start, end in self.dropouts_s:
             if not start < end:
                 raise ValueError(
@@ -77,14 +77,14 @@ class GnssSpec(PeriodicSpec):
     velocity_noise_mps: q.VelocityNoise | None = None
     """White noise of each axis; with it, the receiver gives velocities."""
     position_bias_m: q.PositionBias = 0.0
-    """Standard deviation of an error of each axis of positions that persists.
+    """Standard deviation of a correlated position error per axis, as of multipath and atmosphere.
 
     Where estimators assume one, it is a state. Multipath and the atmosphere are correlated so.
     """
     position_bias_time_s: q.TimeConstant | None = None
     """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
     lever_arm_m: Three[q.LeverArm] = (0.0, 0.0, 0.0)
-    """Right, forward, up: from the INS to the antenna. Estimators correct for the one they know."""
+    """Vector from the INS to the antenna (right, forward, up). Estimators correct for it."""
     lever_arm_sigma_m: q.LeverArmSigma = 0.0
     """Standard deviation of the error of each part of `lever_arm_m`, drawn once per run.
 
@@ -120,19 +120,19 @@ class TrueGnss(GnssChange, Interruptions):
     """``[truth.gnss]``: the true receiver; outages are ``dropouts_s``."""
 
     outlier_m: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to each axis of a position."""
+    """Standard deviation of position outliers, per axis."""
     outlier_mps: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to each axis of a velocity."""
+    """Standard deviation of velocity outliers, per axis."""
     ramp_mps: Three[q.VelocityComponent] = (0.0, 0.0, 0.0)
-    """East, north, up: by which an error of the positions grows from `ramp_from_s` on."""
+    """Rate of a growing position error (east, north, up) from `ramp_from_s` on."""
     ramp_from_s: q.Moment = 0.0
-    """When the ramp begins."""
+    """Start of the ramp."""
     jump_m: Three[q.PositionJump] = (0.0, 0.0, 0.0)
-    """East, north, up: added to the positions from `jump_from_s` on."""
+    """Constant position error (east, north, up) from `jump_from_s` on."""
     jump_from_s: q.Moment = 0.0
-    """First time at which positions have the jump."""
+    """Start of the constant position error."""
     jump_until_s: q.Moment | None = None
-    """Last time at which they have it. Without it: to the end."""
+    """End of the constant position error. Without it: end of the flight."""
 
     @model_validator(mode="after")
     def _check_false_positions(self) -> TrueGnss:
@@ -142,7 +142,7 @@ class TrueGnss(GnssChange, Interruptions):
         ):
             unit = "mps" if key == "ramp" else "m"
             if is_present and not any(getattr(self, f"{key}_{unit}")):
-                raise ValueError(f"{key}_from_s says when {key}_{unit} is: give {key}_{unit}")
+                raise ValueError(f"{key}_from_s requires {key}_{unit}")
         if self.jump_until_s is not None and not self.jump_from_s < self.jump_until_s:
             raise ValueError("jump_until_s must be later than jump_from_s")
         return self
@@ -157,7 +157,9 @@ class RecordedGnss(GnssSpec, ReadingsRecording):
     @model_validator(mode="after")
     def _check_frame(self) -> RecordedGnss:
         if self.velocity_noise_mps is not None and self.frame is None:
-            raise ValueError('frame is missing: say "ENU" or "NED", of the recorded velocities')
+            raise ValueError(
+                'frame is missing: give "ENU" or "NED", the frame of the recorded velocities'
+            )
         return self
 
 
@@ -174,7 +176,7 @@ class LogSpec(PeriodicSpec):
     frame: Literal["body", "local-level"] = "body"
     """`"body"`: right, forward, up; `"local-level"`: east, north, up."""
     components: Annotated[Several[Literal["x", "y", "z"]], distinct("an axis")] = ("x", "y")
-    """Axes that are read."""
+    """Axes that are measured."""
 
     @property
     def in_words(self) -> str:
@@ -247,14 +249,14 @@ class GravimeterSpec(PeriodicSpec):
     components: Annotated[Several[Literal["scalar", "east", "north"]], distinct("a component")] = (
         "scalar",
     )
-    """`"scalar"`: the size of the disturbance; `"east"`, `"north"`: its components."""
+    """`"scalar"`: magnitude of the gravity disturbance; `"east"`, `"north"`: its components."""
     readings: Literal["simulated", "measured"] = "simulated"
     """Whether readings are simulated, or those of the survey lines that `[trajectory]` flies."""
 
     @model_validator(mode="after")
     def _check(self) -> GravimeterSpec:
         if self.readings == "measured" and self.components != ("scalar",):
-            raise ValueError('readings = "measured" are of components = ["scalar"]')
+            raise ValueError('readings = "measured" requires components = ["scalar"]')
         return self
 
     @property

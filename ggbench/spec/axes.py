@@ -53,7 +53,7 @@ class AxisSpec(Section):
             )
         for key in sorted(self.changed_keys()):
             if key.partition(".")[0] in ("name", "title", "reference"):
-                raise ValueError(f"{axis} changes '{key}', which says nothing about the flight")
+                raise ValueError(f"{axis} changes '{key}', which does not affect the flight")
         return self
 
     def change(self, index: int) -> dict[str, Any]:
@@ -87,7 +87,7 @@ class SweepSpec(Section):
 
     axis: Listed[AxisSpec] = ()
     targets_m: Listed[q.PositionTarget] = ()
-    """Position errors for which the report finds the first axis's values."""
+    """Position errors. The report gives the value of the first axis at which each is reached."""
 
     @model_validator(mode="after")
     def _check(self) -> SweepSpec:

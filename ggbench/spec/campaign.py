@@ -16,13 +16,13 @@ class CampaignSpec(Section):
     """``[campaign]``: defaults of ``ggbench run``."""
 
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
-    """Runs per case; all estimators and cases fly the same random numbers."""
+    """Runs per case. All estimators and cases share the random numbers of a run."""
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
     """Seed of all runs."""
     assumption_runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
     """Runs per case of a study of `--assumptions`."""
     assumption_estimator: str = "ekf"
-    """Estimator of the studies."""
+    """Estimator of these studies."""
     estimators: Annotated[Listed[str], AfterValidator(expanded), Field(min_length=1)] = (
         "ins",
         "ekf",
@@ -32,7 +32,7 @@ class CampaignSpec(Section):
     `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` takes an estimator out of those before it.
     """
     time_limit_s: q.TimeLimit = 600.0
-    """Longest time of one run of one estimator."""
+    """Time limit of one run of one estimator."""
 
     def runs_of(self, study: str, runs: int) -> int:
         """Return the number of runs in the cases (""), or in an assumption's study."""

@@ -60,7 +60,7 @@ class WindowsSpec(Section):
     settled_from_s: q.Moment
     """Start of the settled window, which lasts to the end."""
     last_s: q.Duration
-    """Length of the window at the end of the flight."""
+    """Length of the last window, at the end of the flight."""
     required_m: q.PositionTarget | None = None
     """Spherical position error within which a run must end to succeed.
 
@@ -88,7 +88,7 @@ def require_sensors(tables: Any, mapless: bool) -> None:
     for name, spec in tables.sensor.items():
         if mapless and isinstance(spec, GravimeterSpec):
             raise ValueError(
-                f'{table_of(name)} needs a map: source = "normal" has no disturbance to read'
+                f'{table_of(name)} needs a map: source = "normal" has no gravity disturbance'
             )
 
 
@@ -109,7 +109,7 @@ def _changed(key: str, table: Any, change: Any) -> Any:
     if isinstance(table, GnssSpec):
         for noise in ("position_noise_m", "velocity_noise_mps"):
             if getattr(table, noise) is None and getattr(change, noise) is not None:
-                raise ValueError(f"{key}.{noise} is of channels that the receiver does not have")
+                raise ValueError(f"{key}.{noise} requires channels that the receiver does not have")
     try:
         return changed(table, change)
     except ValidationError as error:
@@ -150,30 +150,32 @@ class CaseSpec(WithSensors):
         require_sensors(self, felt.source == "normal")
         constant = any(self.truth.field.constant_disturbance_mgal)
         if felt.gravity_disturbance and felt.source == "normal" and not constant:
-            raise ValueError('gravity_disturbance needs a map: source = "normal" has none to feel')
+            raise ValueError(
+                'gravity_disturbance needs a map: source = "normal" has no disturbance'
+            )
         if constant and not felt.gravity_disturbance:
             raise ValueError(
-                "truth.field.constant_disturbance_mgal is felt only with "
-                "field.gravity_disturbance = true"
+                "truth.field.constant_disturbance_mgal requires field.gravity_disturbance = true"
             )
         if self.model.field.compensate:
             if not felt.gravity_disturbance:
                 raise ValueError(
-                    "model.field.compensate has the INS add the map's gravity disturbance, and the "
-                    "accelerometers feel none: set field.gravity_disturbance = true"
+                    "model.field.compensate adds the gravity disturbance in the INS, but the "
+                    "accelerometers measure none: set field.gravity_disturbance = true"
                 )
             if self.side("model").field.source == "normal":
                 raise ValueError(
-                    'model.field.compensate needs a map: source = "normal" has no disturbance to '
-                    "add"
+                    'model.field.compensate needs a map: source = "normal" has no gravity '
+                    "disturbance"
                 )
         if self.model.field.standard_error:
             self._require_components()
         if self.model.disturbance is not None:
             if self.model.disturbance.integrate_gradients and not felt.gravity_disturbance:
                 raise ValueError(
-                    "model.disturbance.integrate_gradients has the INS add a gravity disturbance, "
-                    "and the accelerometers feel none: set field.gravity_disturbance = true"
+                    "model.disturbance.integrate_gradients adds a gravity disturbance in the "
+                    "INS, but the accelerometers measure none: set field.gravity_disturbance = "
+                    "true"
                 )
             self.model.disturbance.require_integrable(
                 self.side("model").gradiometer, self.model.field.compensate
@@ -192,7 +194,7 @@ class CaseSpec(WithSensors):
         if self.altimeter is not None:
             self.altimeter.require_slower_than(self.imu.period_s)
         if self.draw.tracks > 1 and self.trajectory.file is not None:
-            raise ValueError("draw.tracks needs segments: a track of a file cannot be moved")
+            raise ValueError("draw.tracks needs segments: a track from a file cannot be moved")
         if self.draw.maps > 1 and len(self.trajectory.drawn_lines) > 1:
             raise ValueError("draw.maps and several trajectory.lines exclude each other")
         for name in self.measured_sensors():
@@ -223,13 +225,13 @@ class CaseSpec(WithSensors):
             raise ValueError(f'{key} needs a map: source = "normal" has no error')
         if model.gradiometer is None or model.gradiometer.instrument != "local-level":
             raise ValueError(
-                f"{key} is of components east, north and up: it needs a gradiometer with "
-                'instrument = "local-level"'
+                f"{key} applies to components east, north and up: it needs "
+                'gradiometer.instrument = "local-level"'
             )
         if model.gradiometer.coloured_noise is not None:
             raise ValueError(
-                f"{key} goes with white noise: coloured noise from held-back lines includes the "
-                "errors of the map"
+                f"{key} requires white noise: coloured noise from held-back lines already "
+                "includes the errors of the map"
             )
 
     def __repr__(self) -> str:
@@ -311,7 +313,8 @@ class CaseSpec(WithSensors):
         period = min(self.periods.values())
         if duration < 2.0 * period:
             raise TrajectoryError(
-                f"the flight lasts {duration:g} s, too short for two readings ({period:g} s apart)"
+                f"the flight lasts {duration:g} s, too short for two measurements {period:g} s "
+                "apart"
             )
         if self.windows.last_s > duration * (1.0 + 1e-9):
             raise TrajectoryError(

@@ -36,13 +36,13 @@ class ClaimSpec(Section):
     title: Title
     """The claim in words."""
     case: CaseName
-    """The case whose gravity it is."""
+    """Case of the gravity disturbance."""
     quantity: GravityQuantity
-    """Which error; attitudes are in minutes of arc."""
+    """Kind of error; attitudes are in minutes of arc."""
     published: Annotated[float, Field(gt=0.0, lt=1e9)]
-    """The number, in m, m/s or ′."""
+    """Published value, in m, m/s or ′."""
     until_s: q.Duration
-    """Time at which, or until which, it holds."""
+    """Time to which the value refers."""
 
     @property
     def unit(self) -> str:
@@ -59,17 +59,17 @@ class ComparisonSpec(Section):
     title: Title
     """The claim in words."""
     case: CaseName
-    """The case in which it is judged."""
+    """Case in which the claim is tested."""
     first: Title
-    """An estimator of the campaign; `{}` in its label stands for a value."""
+    """An estimator of the campaign; `{}` in its label stands for one of `values`."""
     relation: Literal["larger", "smaller", "equal"]
     """Relation of the first to the second."""
     quantity: Literal["error", "time"]
-    """The position error, run by run, or the time of a run."""
+    """Quantity: the position error of each run, or the time of a run."""
     second: Title
     """Another estimator of the campaign."""
     values: Several[Title] = ("",)
-    """Texts for `{}`: values of a parameter that the source leaves open."""
+    """Texts for `{}`: values of a parameter that the source does not state."""
 
     @model_validator(mode="after")
     def _uses_its_values(self) -> Self:

@@ -36,4 +36,4 @@ ColumnNames = Annotated[
     PlainSerializer(called),
     WithJsonSchema({"anyOf": [{"type": "object"}, {"type": "string", "enum": [*PRESETS]}]}),
 ]
-"""A table from keys to names of columns, each with a unit in brackets if need be; or a preset."""
+"""A table from keys to column names, optionally with a unit in brackets; or a preset."""

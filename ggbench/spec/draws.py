@@ -15,7 +15,7 @@ from .tables import Section
 from .trajectory import TrajectorySpec
 
 _SEED = 3737
-"""Seed of the tracks: those of a case are the same in all campaigns."""
+"""Seed of the tracks. All campaigns fly the same tracks of a case."""
 
 
 class DrawSpec(Section):
@@ -24,13 +24,13 @@ class DrawSpec(Section):
     tracks: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of tracks; run r flies track r modulo this number."""
     start_km: q.Displacement = 0.0
-    """Half the side of the square, about the start, in which tracks start."""
+    """Half the side of the square of starting points, centred on the start."""
     heading_deg: q.Turns = 0.0
-    """Largest angle by which a track is turned, to either side."""
+    """Largest rotation of a track, to either side."""
     maps: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of map errors; run r has map error r modulo this number."""
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]*$", max_length=60)] = ""
-    """Enters the seed: cases of one name share tracks and random numbers, run by run."""
+    """Part of the seed. Cases with equal names share tracks and random numbers, run by run."""
 
 
 def words_of(name: str) -> tuple[int, ...]:

@@ -46,7 +46,7 @@ class InertialRecording(Recording):
     max_gap_s: q.RecordGap | None = None
     """Longest time between two rows. Without it: 1.5 periods."""
     time_tolerance_s: q.RecordTolerance | None = None
-    """A reading this close to a sample is taken there. Without it: 0.1 periods; at most half."""
+    """Largest distance of a measurement from a sample. Without it: 0.1 periods; at most half."""
 
 
 class InsRecord(InertialRecording):
@@ -67,9 +67,9 @@ class StartSpec(Section):
     longitude_deg: q.Longitude | None = None
     """Longitude at the start; or give `longitude_rad`."""
     latitude_rad: q.Radians | None = None
-    """Latitude to its last bit, in place of `latitude_deg`."""
+    """Latitude in radians, which repeats a stored flight exactly; in place of `latitude_deg`."""
     longitude_rad: q.Radians | None = None
-    """Longitude to its last bit, in place of `longitude_deg`."""
+    """Longitude in radians, in place of `longitude_deg`."""
     height_m: q.Height
     """Height above the ellipsoid."""
     velocity_east_mps: q.VelocityComponent
@@ -79,13 +79,13 @@ class StartSpec(Section):
     velocity_up_mps: q.VelocityComponent
     """Velocity at the start."""
     roll_deg: q.Roll | None = None
-    """Roll, right side down; with `heading_deg` and `pitch_deg`, or give `c_nb`."""
+    """Roll, positive right side down; needs `heading_deg` and `pitch_deg`. Or give `c_nb`."""
     pitch_deg: q.Pitch | None = None
     """Pitch, nose up."""
     heading_deg: q.Angle | None = None
     """Heading, clockwise from north."""
     c_nb: Annotated[Listed[q.Cosine], Field(min_length=9, max_length=9)] | None = None
-    """The rotation from right-forward-up to ENU, row by row, in place of the angles."""
+    """Rotation matrix from right-forward-up to ENU, row by row, in place of the angles."""
 
     @model_validator(mode="after")
     def _check(self) -> StartSpec:
@@ -123,7 +123,7 @@ class ImuRecord(InertialRecording):
     """``[imu_record]``: increments, or rates, of the inertial sensors, to be mechanised here."""
 
     axes: BodyAxes
-    """Axes of the body in which the record is."""
+    """Body axes of the record."""
     start: StartSpec
 
 
@@ -148,11 +148,11 @@ class RecordedAltimeter(AltimeterSpec):
     """``[altimeter]``: with its heights if the mechanization runs here; ``[ins]`` has used them."""
 
     file: FileName | None = None
-    """Path of the heights' record, relative to the file of the flight; with `[imu_record]`."""
+    """Path of the record of heights, relative to the file of the flight; needs `[imu_record]`."""
     clock_offset_s: q.TimeShift = 0.0
-    """Added to the file's times: it brings them to the clock of the INS."""
+    """Offset added to the times of the file, to give the clock of the INS."""
     columns: ColumnNames | None = None
-    """What the file calls its columns, `{ height_m = "alt [ft]" }`; or a preset's name."""
+    """Column names of the file, `{ height_m = "alt [ft]" }`; or the name of a preset."""
 
 
 class RecordedField(FieldSpec):
@@ -173,7 +173,7 @@ class FlightSpec(WithSensors):
     """The file of a recorded flight."""
 
     title: str = ""
-    """Title in a line."""
+    """Title in one line."""
     description: str = ""
     """Purpose of the file; it opens the report."""
     ins: InsRecord | None = None
@@ -192,15 +192,15 @@ class FlightSpec(WithSensors):
     def _check(self) -> FlightSpec:
         if (self.ins is None) == (self.imu_record is None):
             raise ValueError(
-                "give exactly one of [ins], the solution of an INS, and [imu_record], increments "
-                "or rates to be mechanised here"
+                "give either [ins], the solution of an INS, or [imu_record], increments or rates "
+                "for the mechanization of ggbench"
             )
         mapless = self.field.source == "normal"
         require_sensors(self, mapless)
         if self.field.gravity_disturbance:
             raise ValueError(
-                "field.gravity_disturbance is of a simulated truth: recorded accelerometers felt "
-                "what there was; field.compensate says whether the mechanization knows the map"
+                "field.gravity_disturbance is for simulated truth only: remove it; "
+                "field.compensate makes the mechanization add the disturbance of the map"
             )
         if self.gradiometer is not None:
             self.gradiometer.require_tractable()
@@ -214,19 +214,22 @@ class FlightSpec(WithSensors):
                 )
             if self.disturbance.integrate_gradients and self.ins is not None:
                 raise ValueError(
-                    "disturbance.integrate_gradients needs [imu_record]: the solution of [ins] was "
-                    "made without the gradients"
+                    "disturbance.integrate_gradients needs [imu_record]: the solution of [ins] "
+                    "does not use the gradients"
                 )
         if self.field.compensate and mapless:
             raise ValueError(
-                'field.compensate needs a map: source = "normal" has no disturbance to add'
+                'field.compensate needs a map: source = "normal" has no gravity disturbance'
             )
         if self.altimeter is not None:
             if self.imu_record is not None and self.altimeter.file is None:
-                raise ValueError("altimeter.file is missing: the mechanization runs here")
+                raise ValueError(
+                    "altimeter.file is missing: the mechanization of [imu_record] needs heights"
+                )
             if self.ins is not None and self.altimeter.file is not None:
                 raise ValueError(
-                    "altimeter.file is not read: the solution of [ins] has had its heights already"
+                    "altimeter.file must not be given with [ins], whose solution already uses "
+                    "heights"
                 )
             self.altimeter.require_slower_than(self.imu.period_s)
         return self

@@ -27,11 +27,11 @@ class RotatingSpec(Section):
     baseline_m: q.Baseline
     """Distance of opposite accelerometers."""
     rotation_hz: q.Spin
-    """Turns per second; a reading lasts a whole number of half turns."""
+    """Turns per second; a measurement lasts a whole number of half turns."""
     spin_axes: Annotated[Several[Literal["x", "y", "z"]], distinct("an axis")] = ("x", "y", "z")
-    """Axes of the mount, a disk about each; for z it measures (xx − yy)/2 and xy."""
+    """Spin axes, one disk each. The disk about z measures (xx − yy)/2 and xy."""
     accelerometer_noise_ng_per_sqrt_hz: q.DiskNoise | None = None
-    """White noise of each accelerometer, from which that of the channels follows."""
+    """White noise of each accelerometer; the noise of the channels follows from it."""
 
 
 _ADDED = "bias_eotvos"
@@ -42,15 +42,15 @@ class GradiometerSpec(PeriodicSpec):
     """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
 
     preset: PublishedGradiometer | None = None
-    """A published instrument: it gives noise, channels and mount where they are not written."""
+    """Published instrument. It sets noise, channels and mount unless these keys are given."""
     instrument: Literal["platform", "local-level", "strapdown"] = "platform"
-    """How it is mounted, and so in which axes it reads."""
+    """Mount, which fixes the measurement axes."""
     noise_eotvos: q.Noise | None = None
-    """RMS of a reading of a channel. Give this, the density, or that of rotating accelerometers."""
+    """RMS noise of a channel. Give this, the density or the noise of rotating accelerometers."""
     noise_density_eotvos_per_sqrt_hz: q.Noise | None = None
-    """Density D of the noise, whose RMS at a rate f is D √(f/2), in place of the RMS."""
+    """Noise density D in place of the RMS. At a rate f the RMS is D √(f/2)."""
     coloured_noise: Annotated[str, Field(min_length=1)] | None = None
-    """A vector autoregression (JSON) in place of the RMS: a shipped name, or the path of a file."""
+    """Vector autoregression (JSON) in place of the RMS: a shipped name or the path of a file."""
     readings: Literal["simulated", "measured"] = "simulated"
     """Whether readings are simulated, or those of the survey lines that `[trajectory]` flies."""
     bias_eotvos: q.GradiometerBias = 0.0
@@ -73,15 +73,15 @@ class GradiometerSpec(PeriodicSpec):
     """Channels; `"xx-yy"` is (xx − yy)/2, and so on."""
     rotating: RotatingSpec | None = None
     filter: Literal["butterworth", "none"] = "none"
-    """Low-pass of the instrument."""
+    """Low-pass filter of the instrument."""
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
     """Order of the filter."""
     filter_cutoff_hz: q.Frequency = 0.2
     """Cut-off frequency of the filter, below the Nyquist frequency of the readings."""
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    """How the measurement model inverts the filter: whitened, or as a fixed delay."""
+    """Model of the filter in estimators: whitening, or a fixed delay."""
     whitening_regularization: q.Regularization = 1e-2
-    """Noise behind the filter, over the noise before it, that whitening assumes at least."""
+    """Least ratio of the noise behind the filter to the noise before it that whitening assumes."""
     noise_behind_filter_eotvos: q.NoiseBehindFilter | None = None
     """RMS of further white noise of each channel, behind the filter or without one.
 
@@ -89,7 +89,7 @@ class GradiometerSpec(PeriodicSpec):
     nothing is whitened.
     """
     latency_s: q.Latency = 0.0
-    """Age of a reading at its time stamp; the first ones are taken at the start.
+    """Age of a measurement at its time stamp; the first ones are taken at the start.
 
     With a filter, only the truth may have one.
     """
@@ -114,8 +114,8 @@ class GradiometerSpec(PeriodicSpec):
                 raise ValueError(str(error)) from None
         if self.rotating is not None and self.components != get_args(Component)[:6]:
             raise ValueError(
-                "components must not be given with [gradiometer.rotating]: its spin_axes say "
-                "what it measures"
+                "components must not be given with [gradiometer.rotating]: its spin_axes define "
+                "the channels"
             )
         if self.coloured_noise is not None:
             self._require_plain("coloured_noise")
@@ -133,8 +133,8 @@ class GradiometerSpec(PeriodicSpec):
             self._require_plain('readings = "measured"')
             if self.instrument != "local-level":
                 raise ValueError(
-                    'readings = "measured" are east, north and up: instrument = "local-level", '
-                    f'found "{self.instrument}"'
+                    'readings = "measured" requires instrument = "local-level" (east, north, '
+                    f'up), found "{self.instrument}"'
                 )
         nyquist = 0.5 / self.period_s
         if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
@@ -160,9 +160,9 @@ class GradiometerSpec(PeriodicSpec):
         """Raise ValueError if estimators have no model of its readings."""
         if self.latency_s > 0.0 and self.filter != "none":
             raise ValueError(
-                f"gradiometer.latency_s is {self.latency_s:g} s for the estimators, "
-                "and they have no model of readings that are both late and filtered: set "
-                'filter = "none", or give the latency in [truth.gradiometer] alone'
+                f"gradiometer.latency_s is {self.latency_s:g} s, but estimators have no model of "
+                'measurements that are both late and filtered: set filter = "none", or give the '
+                "latency only in [truth.gradiometer]"
             )
 
 
@@ -218,7 +218,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     scale_drift_ppm_per_sqrt_h: q.Ppm = 0.0
     """Random walk of each channel's scale factor, from the value that was drawn."""
     misalignment_arcmin: q.Arcmin = 0.0
-    """Standard deviation, drawn once per run and axis: of the mount, which turns the tensor."""
+    """Standard deviation of a rotation of the mount, drawn once per run and axis."""
     mounting_error_arcmin: Three[q.MountingError] = (0.0, 0.0, 0.0)
     """Right-handed turn of the mount about its axes x, y, z, of which estimators do not know.
 
@@ -245,30 +245,28 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     noise_doubles_at_mps2: q.NoisyAcceleration | None = None
     """Acceleration, gusts and turns included, at which the noise is twice that at rest."""
     outlier_eotvos: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds, drawn for each reading."""
+    """Standard deviation of outliers, drawn for each measurement."""
     outlier_burst_s: q.Burst = 0.0
-    """Mean duration of bursts, in which all readings are outliers; 0: single outliers.
+    """Mean duration of bursts of outliers; 0: single outliers.
 
     Bursts come from a Markov chain of two states, whose share is `outlier_share`.
     """
     outlier_channels: Literal["each", "all"] = "each"
-    """Whether outliers strike each channel independently, or all at once."""
+    """Whether outliers occur in each channel independently, or in all at once."""
     clock_error_s: q.ClockError = 0.0
-    """Standard deviation, drawn once per run: of the time that orients a platform (only)."""
+    """Standard deviation of the clock that orients a platform (only), drawn once per run."""
     timing_jitter_s: q.Jitter = 0.0
-    """Standard deviation of the error of each reading's time."""
+    """Standard deviation of the time error of each measurement."""
     rotating: RotatingErrorsSpec | None = None
 
     @model_validator(mode="after")
     def _check_errors(self) -> TrueGradiometer:
         if (self.tilt_arcmin > 0.0) != (self.tilt_time_s is not None):
-            raise ValueError("tilt_arcmin and tilt_time_s go together")
+            raise ValueError("tilt_arcmin and tilt_time_s must be given together")
         if self.outlier_share == 0.0 and (
             self.outlier_burst_s > 0.0 or self.outlier_channels != "each"
         ):
-            raise ValueError(
-                "outlier_burst_s and outlier_channels say how outliers come: give outlier_share"
-            )
+            raise ValueError("outlier_burst_s and outlier_channels require outlier_share")
         return self
 
     def require_possible(self, spec: GradiometerSpec) -> None:
@@ -290,26 +288,25 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         missing = bool(self.dropouts_s) or self.dropout_share > 0.0 or self.duty_off_s > 0.0
         if spec.filter != "none" and missing:
             raise ValueError(
-                "truth.gradiometer: readings can only drop out of an instrument without a filter; "
-                'set gradiometer.filter = "none"'
+                "truth.gradiometer: measurements can be missing only without a filter; set "
+                'gradiometer.filter = "none"'
             )
         if self.clock_error_s > 0.0 and spec.instrument != "platform":
             raise ValueError(
-                "truth.gradiometer.clock_error_s is an error of the time by which a platform knows "
-                f'inertial axes; instrument = "{spec.instrument}" needs none'
+                'truth.gradiometer.clock_error_s requires instrument = "platform", whose axes '
+                f'depend on the clock; found "{spec.instrument}"'
             )
         if self.tilt_arcmin > 0.0 and spec.instrument != "local-level":
             raise ValueError(
-                "truth.gradiometer.tilt_arcmin is a tilt of a mount that is held level; "
-                f'instrument = "{spec.instrument}" is not'
+                "truth.gradiometer.tilt_arcmin requires a level mount, instrument = "
+                f'"local-level"; found "{spec.instrument}"'
             )
         if self.rotating is not None and spec.rotating is None:
             raise ValueError(
-                "truth.gradiometer.rotating gives errors of an instrument that "
-                "[gradiometer.rotating] does not describe"
+                "truth.gradiometer.rotating requires the instrument in [gradiometer.rotating]"
             )
         if self.rotating is not None and spec.latency_s > 0.0:
             raise ValueError(
-                "truth.gradiometer.rotating has errors of the motion during a reading, which is "
-                "taken at the reading's own time: gradiometer.latency_s must be 0"
+                "truth.gradiometer.rotating models the motion at the time stamp of a "
+                "measurement: gradiometer.latency_s must be 0"
             )

@@ -16,7 +16,7 @@ from .claims import ClaimSpec, ComparisonSpec
 
 Schema = dict[str, Any]
 _TEXTS = {
-    "title": "Title of the scenario in a line.",
+    "title": "Title of the scenario in one line.",
     "description": "Purpose of the scenario; it opens the report.",
     "notes": "Name of a markdown file next to the scenario, which the report appends.",
 }

@@ -47,7 +47,7 @@ def _checked_name(name: str) -> str:
         )
     is_reserved = name.lower() in RESERVED or (name.lower() in KINDS and name not in KINDS)
     if is_reserved:
-        raise ValueError("a sensor must have a name of its own, and this one is taken")
+        raise ValueError("this name is already used: choose another name for the sensor")
     return name
 
 
@@ -102,11 +102,9 @@ class NamedSensors(Mapping[str, T]):
             # Each has a file of its own, and some file systems take both for one.
             twice = [other for other in tables if other != name and other.lower() == name.lower()]
             if twice:
-                raise ValueError(f"{name} and {twice[0]} differ in capitals alone")
+                raise ValueError(f"{name} and {twice[0]} differ only in capital letters")
             if name in KINDS and table.kind != name:
-                raise ValueError(
-                    f"a sensor with the name {name} must be of that kind, found '{table.kind}'"
-                )
+                raise ValueError(f"a sensor named {name} must have that kind, found '{table.kind}'")
         # A side that changes nothing of a sensor is the same case as one that does not name it.
         explicit = {name: table.model_dump(exclude_defaults=True) for name, table in tables.items()}
         return cls({name: table for name, table in tables.items() if explicit[name]})

@@ -20,13 +20,13 @@ class Recording(Section):
     file: FileName
     """Path of the record, relative to the file of the flight."""
     clock_offset_s: q.TimeShift = 0.0
-    """Added to the file's times: it brings them to the clock of the INS."""
+    """Offset added to the times of the file, to give the clock of the INS."""
     columns: ColumnNames | None = None
-    """What the file calls its columns, `{ time_s = "stamp [us]" }`; or `euroc`, `px4` or `ros`."""
+    """Column names of the file, `{ time_s = "stamp [us]" }`; or `euroc`, `px4` or `ros`."""
 
 
 class ReadingsRecording(Recording):
     """A recorded file of readings."""
 
     outside: Literal["refuse", "drop"] = "refuse"
-    """Treatment of readings before the first sample of the INS or after the last."""
+    """Treatment of measurements before the first sample of the INS or after the last."""

@@ -33,11 +33,11 @@ def expanded(texts: Iterable[str]) -> tuple[str, ...]:
         if text.startswith("@"):
             if text[1:] not in rosters():
                 allowed = ", ".join(f"@{name}" for name in rosters())
-                raise ValueError(f"there is no roster '{text}'; there are {allowed}")
+                raise ValueError(f"there is no roster '{text}'; rosters: {allowed}")
             listed |= dict.fromkeys(rosters()[text[1:]])
         elif text.startswith("-"):
             if text[1:] not in listed:
-                raise ValueError(f"'{text}' takes out an estimator that is not listed before it")
+                raise ValueError(f"'{text}' removes an estimator that is not listed before it")
             del listed[text[1:]]
         else:
             listed[text] = None

@@ -206,12 +206,12 @@ def as_written(scenario: Scenario) -> Scenario:
     changed = [case.name for case in scenario.cases if case not in whole.cases]
     if changed:
         raise ScenarioError(
-            f"case {changed[0]} of {scenario.name} is not what the scenario's file says: write the "
-            "change into a file, or take the changed case alone, to simulate, estimate and judge"
+            f"case {changed[0]} of {scenario.name} differs from the scenario's file: write the "
+            "change into a file, or use the changed case with simulate, estimate and judge"
         )
     if replace(scenario, cases=whole.cases) != whole:
         raise ScenarioError(
-            f"the scenario {scenario.name} is not what its file says: write the change into a file"
+            f"the scenario {scenario.name} differs from its file: write the change into a file"
         )
     return replace(whole, argument=scenario.argument)
 
@@ -266,7 +266,7 @@ def parse(
     if len(changes) * (1 + len(studies)) > MOST_POINTS:
         raise ScenarioError(
             f"{origin}: has {len(changes)} cases and {len(studies)} assumptions; at most "
-            f"{MOST_POINTS} cases, with those of the assumptions, are allowed"
+            f"{MOST_POINTS} cases, including those of the assumptions, are allowed"
         )
     laid_out = None
     if grid is not None:

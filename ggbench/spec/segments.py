@@ -46,15 +46,15 @@ class SegmentSpec(Section):
     """``[[trajectory.segment]]``: segments of the flight, which are flown in order."""
 
     kind: Kind = "rates"
-    """The manoeuvre, which decides on the other keys of the segment."""
+    """Manoeuvre; it determines the other keys of the segment."""
     duration_s: q.Duration | None = None
-    """`rates`, `cruise`, `terrain-following`: duration; the last two may have `distance_km`."""
+    """`rates`, `cruise`, `terrain-following`: duration. The last two also accept `distance_km`."""
     distance_km: q.Kilometres | None = None
     """`cruise`, `terrain-following`: distance; or give `duration_s`."""
     turn_rate_deg_per_s: q.AngularRate = 0.0
     """`rates`: rate, positive to the right; `turn`, `waypoint`: positive; or give `bank_deg`."""
     acceleration_mps2: q.Acceleration = 0.0
-    """`rates`: along the path; `speed`: positive."""
+    """`rates`: acceleration along the path; `speed`: magnitude of the acceleration."""
     climb_rate_deg_per_s: q.AngularRate = 0.0
     """`rates`: rate of the climb angle."""
     to_height_m: q.Height | None = None
@@ -80,9 +80,9 @@ class SegmentSpec(Section):
     to_speed_mps: q.Speed | None = None
     """`speed`: speed to reach."""
     latitude_deg: q.Latitude | None = None
-    """`waypoint`: latitude of the place, to which the flight turns and goes straight on."""
+    """`waypoint`: latitude of the point. The flight turns towards it and flies straight to it."""
     longitude_deg: q.Longitude | None = None
-    """`waypoint`: longitude of the place."""
+    """`waypoint`: longitude of the point."""
     terrain: Annotated[str, Field(min_length=1)] | None = None
     """`terrain-following`: path of an elevation model, or `jacksboro_dem_3arcsec.npz` (shipped)."""
     clearance_m: q.Clearance | None = None
@@ -115,20 +115,21 @@ class SegmentSpec(Section):
             )
         if self.kind == "turn":
             if "direction" in keys and self.to_heading_deg is None:
-                raise ValueError("direction belongs to to_heading_deg; by_heading_deg has a sign")
+                raise ValueError("direction requires to_heading_deg; by_heading_deg has a sign")
             if self.by_heading_deg == 0.0:
                 raise ValueError("by_heading_deg is 0 and must be an angle, positive to the right")
         turns = self.kind in ("turn", "waypoint") and "turn_rate_deg_per_s" in keys
         if turns and not self.turn_rate_deg_per_s > 0.0:
-            sign = "; the sign is that of by_heading_deg" if self.kind == "turn" else ""
+            sign = "; the sign of by_heading_deg gives the direction" if self.kind == "turn" else ""
             raise ValueError(
                 f"turn_rate_deg_per_s is {self.turn_rate_deg_per_s:g} and must be positive in "
                 f"{kind}{sign}"
             )
         if self.kind == "speed" and not self.acceleration_mps2 > 0.0:
             raise ValueError(
-                f"acceleration_mps2 is {self.acceleration_mps2:g} and must be positive in a segment"
-                ' of kind "speed"; to_speed_mps says whether it slows down'
+                f"acceleration_mps2 is {self.acceleration_mps2:g} and must be positive in a "
+                'segment of kind "speed"; to_speed_mps decides between speeding up and slowing '
+                "down"
             )
         if self.by_height_m == 0.0:
             raise ValueError("by_height_m is 0 and must be a difference, positive upwards")

@@ -27,19 +27,19 @@ class ImuSpec(Section):
     """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
 
     grade: Grade | None = None
-    """Preset of biases and noise: it gives those of the four keys that are not written."""
+    """Preset of biases and noise. It sets those of the four keys that are not given."""
     period_s: q.SamplePeriod
     """Time between samples; the period of every other sensor is a whole multiple of it."""
     gyro_bias_deg_per_h: q.GyroBias
     """Standard deviation of the bias of each gyro."""
     gyro_noise_deg_per_sqrt_h: q.GyroNoise
-    """White noise of each gyro: root of its power spectral density (angular random walk)."""
+    """White noise of each gyro: square root of its power spectral density (angular random walk)."""
     accelerometer_bias_ug: q.AccelerometerBias
     """Standard deviation of the bias of each accelerometer."""
     accelerometer_noise_ug_per_sqrt_hz: q.AccelerometerNoise
-    """White noise of each accelerometer: root of its power spectral density."""
+    """White noise of each accelerometer: square root of its power spectral density."""
     biases: Literal["drawn", "fixed"] = "drawn"
-    """`"drawn"`: normal, drawn once per run; `"fixed"`: of exactly that size, with random signs."""
+    """`"drawn"`: normally distributed, drawn once per run; `"fixed"`: this size, random signs."""
     gyro_bias_time_s: q.TimeConstant | None = None
     """Correlation time of gyro biases (first-order Gauss–Markov). Without it: constant."""
     accelerometer_bias_time_s: q.TimeConstant | None = None
@@ -89,7 +89,7 @@ class AltimeterSpec(Section):
     """``[altimeter]``: heights with white noise that damp the vertical channel of the INS."""
 
     noise_m_per_sqrt_hz: q.AltimeterNoise
-    """Root of the noise's power spectral density; over a time T the mean's error is this / √T."""
+    """Square root D of the noise's power spectral density; a mean over T has the error D / √T."""
     time_constant_s: q.Damping = 100.0
     """Time constant of the damping."""
 
@@ -135,7 +135,7 @@ class MapErrorSpec(Section):
     correlated_noise_eotvos: q.MapNoise = 0.0
     """RMS of Γ_UU of a random harmonic field (all components) at the lowest nodes."""
     correlation_km: q.Wavelength = 10.0
-    """Distance at which its correlation has fallen to 1/e."""
+    """Distance at which the correlation of this field is 1/e."""
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
     """Seed of the noise: the errors are the same in all runs."""
 
@@ -146,7 +146,7 @@ class FieldSpec(Section):
     source: str
     """`"normal"` (no map), a shipped name, or the path of a map (`*.nc`)."""
     south_deg: q.Latitude = 0.0
-    """Bound around the flight and the INS errors. A map's file has its own; else give all four."""
+    """Bound of the map, with room for INS errors. A map file has its own; else give all four."""
     north_deg: q.Latitude = 0.0
     """Bound of the map, as `south_deg`."""
     west_deg: q.Longitude = 0.0
@@ -158,19 +158,19 @@ class FieldSpec(Section):
     highest_m: q.Height = 0.0
     """Highest layer of nodes; of a shipped source it must be given."""
     spacing_arcmin: q.MapSpacing = 1.25
-    """Spacing of the nodes in latitude and longitude; too wide for the height, it is refused."""
+    """Spacing of the nodes in latitude and longitude. Its limit depends on the height."""
     height_spacing_m: q.HeightSpacing = 500.0
     """Spacing of the layers of nodes."""
     land_correction: bool = True
     """Whether the geoid on land is turned into the height anomaly (EGM2008 sources)."""
     relief_smoothing_deg: q.ReliefSmoothing = 0.0
-    """Standard deviation of a smoothing of the relief before it is used."""
+    """Standard deviation of a Gaussian that smooths the relief."""
     density_kg_m3: q.Density = 2670.0
     """Density of the ground (terrain sources)."""
     drape: bool = False
     """Whether layers follow the ground, `lowest_m` and `highest_m` above it (terrain sources)."""
     gravity_disturbance: bool = False
-    """Whether the true accelerometers feel the gravity disturbance; the INS need not know it."""
+    """Whether the true accelerometers measure the gravity disturbance (unknown to the INS)."""
     error: MapErrorSpec | None = None
 
 
@@ -183,9 +183,9 @@ class TrueField(FieldChange):
     """``[truth.field]``: the true field, and the gravity disturbance that accelerometers feel."""
 
     gravity_disturbance: bool | None = None
-    """Whether the true accelerometers feel the gravity disturbance."""
+    """Whether the true accelerometers measure the gravity disturbance."""
     constant_disturbance_mgal: Three[q.Disturbance] = (0.0, 0.0, 0.0)
-    """East, north, up: felt in addition to the map's; needs `gravity_disturbance = true`."""
+    """Added to the disturbance of the map (east, north, up); needs `gravity_disturbance = true`."""
 
 
 class ModelField(FieldChange):
@@ -197,7 +197,7 @@ class ModelField(FieldChange):
     It needs a map and `gravity_disturbance = true`.
     """
     standard_error: bool = False
-    """Whether the standard error that the map states is added to the noise of the gradiometer.
+    """Whether the standard error stored in the map is added to the noise of the gradiometer.
 
     As white noise of each channel. Maps of survey lines state it; needs `"local-level"`.
     """
@@ -219,7 +219,7 @@ class DisturbanceSpec(Section):
     distance_km: q.DisturbanceDistance | None = None
     """Correlation distance along the track (first-order Gauss–Markov). Without it: a constant."""
     integrate_gradients: bool = False
-    """Whether the INS integrates the gradients; excludes `distance_km` and `compensate`."""
+    """Whether the INS integrates measured gradients. Excludes `distance_km` and `compensate`."""
 
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
         """Raise ValueError if gradients are to be integrated and cannot be."""
@@ -230,14 +230,14 @@ class DisturbanceSpec(Section):
     def _why_not(self, gradiometer: GradiometerSpec | None, compensate: bool) -> str:
         """Return why gradients cannot be integrated, or nothing."""
         if self.distance_km is not None:
-            return "leaves a walk of the readings' noise: distance_km must not be given"
+            return "turns the measurement noise into a random walk: distance_km must not be given"
         if compensate:
             return (
                 "and field.compensate exclude each other: the INS would add the gravity "
                 "disturbance twice"
             )
         if gradiometer is None:
-            return "needs a gradiometer, and none is on board"
+            return "needs a gradiometer"
         if gradiometer.instrument != "local-level":
             return (
                 'needs gradients east, north and up: gradiometer.instrument = "local-level"'
@@ -246,7 +246,7 @@ class DisturbanceSpec(Section):
         if gradiometer.filter != "none" or gradiometer.latency_s > 0.0:
             return 'needs readings without delay: gradiometer.filter = "none" and no latency_s'
         if gradiometer.coloured_noise is not None:
-            return "makes a walk of white noise: gradiometer.coloured_noise must not be given"
+            return "needs white noise: gradiometer.coloured_noise must not be given"
         if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:
             return (
                 "has no states for the integral of a gradiometer bias: bias_eotvos and "
@@ -254,8 +254,8 @@ class DisturbanceSpec(Section):
             )
         if gradiometer.mounting_sigma_arcmin > 0.0:
             return (
-                "integrates gradients as they are read: mounting_sigma_arcmin must be 0 for the "
-                "estimators"
+                "integrates gradients without correction: mounting_sigma_arcmin must be 0 for "
+                "the estimators"
             )
         return ""
 

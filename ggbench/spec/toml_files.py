@@ -47,9 +47,7 @@ def _require_shallow(document: dict[str, Any], origin: str) -> None:
             if isinstance(inner, dict | list)
         ]
     if level:
-        raise ScenarioError(
-            f"{origin}: has tables nested more than {_MOST_NESTED} deep, which no key of a file is"
-        )
+        raise ScenarioError(f"{origin}: tables must be nested at most {_MOST_NESTED} deep")
 
 
 def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:

@@ -50,49 +50,49 @@ class TrajectorySpec(Section):
     height_m: q.Height | None = None
     """Height at the start, above the ellipsoid; must be given with segments.
 
-    Left out where the first segment is `terrain-following`: the least height that it asks for.
+    Without it: the lowest height that clears the terrain, if `terrain-following` comes first.
     """
     speed_mps: q.Speed | None = None
     """Speed at the start, along the path; must be given with segments."""
     heading_deg: q.Angle | None = None
     """Heading at the start, clockwise from north; must be given with segments."""
     pitch_deg: q.Pitch = 0.0
-    """Added to the pitch throughout; of a track: where its file gives no attitude."""
+    """Added to the pitch throughout; with a track only if its file has no attitude."""
     roll_deg: q.Roll = 0.0
-    """Added to the roll throughout; of a track: where its file gives no attitude."""
+    """Added to the roll throughout; with a track only if its file has no attitude."""
     segment: Listed[SegmentSpec] = ()
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
-    """Number of times that all segments are flown."""
+    """Number of repetitions of all segments."""
     vehicle: Literal["aircraft", "ship"] = "aircraft"
     """An aircraft banks into its turns and pitches with its climb angle; a ship stays level."""
     file: Annotated[str, Field(min_length=1)] | None = None
     """Name of a shipped track, or path of a track (CSV), in place of start and segments.
 
-    With `lines` it holds survey lines and their readings (CSV, also packed by gzip).
+    With `lines` it holds survey lines and their measurements (CSV, also compressed by gzip).
     """
     columns: ColumnNames | None = None
     """Track (CSV): its names of columns by key, `{ height_m = "alt [ft]" }`; or a preset's name.
 
-    A unit in brackets is converted. Presets are `euroc`, `px4` and `ros`.
+    Units in brackets are converted. Presets: `euroc`, `px4`, `ros`.
     """
     lines: Annotated[Listed[LineName], distinct("a line")] = ()
-    """Survey lines of the file: run r flies line r modulo their number."""
+    """Survey lines of the file. Run r flies line r modulo the number of lines."""
     made_up_turns: bool = False
-    """Survey lines: each run flies all of them, by their times, with turns made up between."""
+    """Survey lines: each run flies all lines in the order of time, joined by artificial turns."""
     middle_s: q.Duration | None = None
-    """Survey lines: length of the middle of each line that is flown. Without it: the whole line."""
+    """Survey lines: duration of the flown middle part of each line. Without it: the whole line."""
     max_gap_s: q.Duration | None = None
     """Track: longest time between two rows. Without it: five median steps."""
     max_acceleration_mps2: q.TrackAcceleration = 50.0
-    """Track: largest acceleration that its positions may need."""
+    """Track: largest acceleration allowed by its positions."""
     smoothing_s: q.Smoothing = 0.0
     """Track: period at which a smoothing spline halves the amplitude; 0: no smoothing."""
     shift_east_km: q.Shift = 0.0
-    """Track: distance to the east by which its start is moved."""
+    """Track: shift of its start to the east."""
     shift_north_km: q.Shift = 0.0
-    """Track: distance to the north by which its start is moved."""
+    """Track: shift of its start to the north."""
     turn_deg: q.Angle = 0.0
-    """Track: angle, clockwise, by which it is turned about its start."""
+    """Track: clockwise rotation about its start."""
 
     @model_validator(mode="after")
     def _check(self) -> TrajectorySpec:
@@ -101,35 +101,34 @@ class TrajectorySpec(Section):
             for key in (*_START, "segment", "repeat"):
                 if key in keys:
                     raise ValueError(
-                        f"'{key}' cannot be given with 'file', which says where and how to fly; "
-                        "remove one of them"
+                        f"'{key}' excludes 'file', which defines the whole flight; remove one of "
+                        "them"
                     )
             if self.lines:
                 for key in _MOVES:
                     if key in keys:
                         raise ValueError(
-                            f"'{key}' is of a track, not of survey lines, which are flown where "
-                            "they were measured; remove it"
+                            f"'{key}' applies to tracks only; survey lines are flown where they "
+                            "were measured; remove it"
                         )
                 if self.columns is not None:
-                    raise ValueError("'columns' is of a track, not of survey lines; remove it")
+                    raise ValueError("'columns' applies to tracks, not to survey lines; remove it")
                 if len(self.drawn_lines) > 1 and self.middle_s is None:
                     raise ValueError(
-                        "middle_s is missing: results need equal flights of all lines, so that "
-                        "only the middle of each is flown"
+                        "middle_s is missing: all lines must be flown for the same time"
                     )
                 if self.made_up_turns and self.middle_s is not None:
-                    raise ValueError("made_up_turns flies whole lines; remove middle_s")
+                    raise ValueError("made_up_turns uses whole lines; remove middle_s")
             elif self.middle_s is not None or self.made_up_turns:
                 key = "made_up_turns" if self.made_up_turns else "middle_s"
-                raise ValueError(f"'{key}' belongs to survey lines; it needs 'lines'")
+                raise ValueError(f"'{key}' applies to survey lines and needs 'lines'")
             return self
         for key in _TRACK:
             if key in keys:
-                raise ValueError(f"'{key}' belongs to a track; it needs 'file'")
+                raise ValueError(f"'{key}' applies to tracks and needs 'file'")
         if not self.segment:
             raise ValueError(
-                "needs a flight: [[trajectory.segment]] tables, or file = the path of a track (CSV)"
+                "needs [[trajectory.segment]] tables, or file = the path of a track (CSV)"
             )
         for key in _START:
             if key == "height_m" and self.segment[0].kind == "terrain-following":

@@ -58,7 +58,7 @@ def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
     if kind.startswith("union_tag"):
         tag = value.get("kind")
         kind_written = "missing" if tag is None else repr(tag)
-        more = "; a flight has one gradiometer" if tag == "gradiometer" else ""
+        more = "; only one gradiometer is allowed" if tag == "gradiometer" else ""
         return (
             f"{key}: kind is {kind_written}; allowed: " + ", ".join(f'"{k}"' for k in KINDS) + more
         )

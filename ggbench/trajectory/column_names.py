@@ -68,7 +68,7 @@ def names_of(columns: str | Mapping[str, str] | None) -> Names:
     if isinstance(columns, str):
         if columns not in PRESETS:
             raise TrajectoryError(
-                f"columns is {columns!r}; allowed are {', '.join(PRESETS)}, or a table of names"
+                f"columns is {columns!r} and must be {', '.join(PRESETS)}, or a table of names"
             )
         return PRESETS[columns]
     return {key: (name,) for key, name in columns.items()}
@@ -108,15 +108,15 @@ def find(
         factor = factor_to_key(unit, key) if unit else 1.0
         if factor is None:
             raise TrajectoryError(
-                f"{where} names a column '{columns[at]}' in '{unit}'; units of {key} that are "
-                f"read: {examples_for(key)}"
+                f"{where} names a column '{columns[at]}' in '{unit}'; allowed units of {key}: "
+                f"{examples_for(key)}"
             )
         return Place(at, columns[at], factor, bool(unit))
     if key in names and needed:
         header = ", ".join(column[:30] for column in columns[:16])
         raise TrajectoryError(
-            f"{where} names no column {' or '.join(map(repr, names[key]))} for {key} (found: "
-            f"{header})"
+            f"{where} names no column {' or '.join(map(repr, names[key]))} for {key} "
+            f"(found: {header})"
         )
     return None
 

@@ -90,13 +90,13 @@ class CsvText:
             if row.count(separator) != len(names) - 1:
                 count = row.count(separator) + 1 if row.strip() else 0
                 hint = (
-                    "; a decimal comma is not understood, write 33.5"
+                    "; write 33.5, not a decimal comma"
                     if separator == "," and count >= 2 * len(names) - 1
                     else ""
                 )
                 raise TrajectoryError(
-                    f"line {n} has {count} fields and line {named + 1} names {len(names)} columns"
-                    f"{hint}"
+                    f"line {n} has {count} fields, but line {named + 1} names {len(names)} "
+                    f"columns{hint}"
                 )
         return cls(names, separator, rows, named + 1, first + 1)
 
@@ -126,7 +126,7 @@ class CsvText:
                     quoting=csv.QUOTE_NONE,
                 )
         except ValueError as error:
-            raise TrajectoryError(f"is no table of numbers: {text_of(error)}") from None
+            raise TrajectoryError(f"is not a table of numbers: {text_of(error)}") from None
         return {
             key: _numbers(table[at], key, self.first, key in may_be_empty)
             for key, at in columns.items()
@@ -158,8 +158,8 @@ def _unquoted(line: str, separator: str, number: int) -> str:
         (fields,) = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
     except csv.Error as error:
         raise TrajectoryError(
-            f"line {number}: its quotes cannot be read ({text_of(error)}): a field in quotes "
-            'ends on its line, and a quote in it is doubled, as in "48.1 ""N"""'
+            f"line {number}: its quotes cannot be read ({text_of(error)}): close each quoted "
+            'field on its line, and double a quote inside, as in "48.1 ""N"""'
         ) from None
     return separator.join(field.replace(separator, " ") for field in fields)
 
@@ -182,7 +182,7 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
         stated = "empty" if cell is None or cell != cell else f"'{str(cell)[:40]}'"
         hint = ""
         if re.fullmatch(r"\s*[-+]?\d+[, ]\d+\s*", str(cell)):
-            hint = "; a decimal comma is not understood, write 33.5"
+            hint = "; write 33.5, not a decimal comma"
         elif key == "time_s" and re.match(r"\s*\d+[-:/]", str(cell)):
             hint = "; give seconds, or dates as 2024-05-01T10:00:00Z (ISO 8601)"
         raise TrajectoryError(f"line {first + n}: {key} is {stated} and must be a number{hint}")
@@ -213,7 +213,7 @@ def rollover(before: float, after: float) -> str:
     """
     for period, name in _PERIODS:
         if abs(before - period) < _NEAR and 0.0 <= after < _NEAR:
-            return f"; seconds of the {name} begin at 0 there: add {period:.0f} from there on"
+            return f"; the seconds of the {name} restart there: add {period:.0f} from that row on"
     return ""
 
 

@@ -14,13 +14,13 @@ LARGEST = 45.0
 """Largest angle between heading and course over most of a flight [deg]: ships and drones crab."""
 _FEWEST = 5  # fast rows below which nothing is said
 _CONVENTIONS = {
-    "counted counter-clockwise from east (as ROS and ENU have it): heading_deg is 90 - yaw": (
+    "measured counter-clockwise from east (as in ROS and ENU): heading_deg is 90 - yaw": (
         90.0,
         -1.0,
     ),
-    "mirrored, counter-clockwise from north: change its sign": (0.0, -1.0),
-    "counted clockwise from east: add 90": (90.0, 1.0),
-    "of the stern, or counted from south: add 180": (180.0, 1.0),
+    "measured counter-clockwise from north: change its sign": (0.0, -1.0),
+    "measured clockwise from east: add 90": (90.0, 1.0),
+    "of the stern, or measured from south: add 180": (180.0, 1.0),
     "in radians": (0.0, math.degrees(1.0)),
     "in radians, counter-clockwise from east: heading_deg is 90 - degrees(yaw)": (
         90.0,
@@ -47,10 +47,12 @@ def require_heading(heading: Array, velocity: Array) -> None:
         for name, (add, factor) in _CONVENTIONS.items()
     }
     likely = min(fits, key=lambda name: fits[name])
-    advice = f"it seems to be {likely}" if fits[likely] <= LARGEST else "is it of another vehicle?"
+    advice = (
+        f"it seems to be {likely}" if fits[likely] <= LARGEST else "is it from another vehicle?"
+    )
     raise TrajectoryError(
-        f"heading_deg differs by {apart:.0f}° (median) from the course over ground where it moves "
-        f"faster than {FAST:g} m/s, and {LARGEST:g}° are allowed; headings are degrees clockwise "
+        f"heading_deg differs by {apart:.0f}° (median) from the course over ground at speeds "
+        f"above {FAST:g} m/s; at most {LARGEST:g}° are allowed; headings are degrees clockwise "
         f"from north: {advice}"
     )
 

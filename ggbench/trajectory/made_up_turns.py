@@ -62,7 +62,7 @@ def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
     count = round(time / step)
     if count < 2 or max(abs(count * step - time), abs(after.interval - step)) > _TIMING:
         raise TrajectoryError(
-            f"{name} lasts {time:g} s, and must last two or more intervals of {step:g} s"
+            f"{name} lasts {time:g} s and must last at least two intervals of {step:g} s"
         )
     origin = np.array([before.places[key][-1] for key in _AXES])
     north, east = metres_per_radian(np.array([math.radians(origin[0]), 0.0, origin[2]]))
@@ -80,7 +80,7 @@ def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
     )
     if curve is None:
         raise TrajectoryError(
-            f"{name} is too long for its {time:g} s, in which {length:.0f} m are flown"
+            f"{name} is too long: it has {time:g} s, in which the vehicle moves {length:.0f} m"
         )
     # The speed changes evenly from that of the one end to that of the other, so does the height.
     share = np.arange(1, count) / count

@@ -223,7 +223,8 @@ class Climb:
         shape = _sums(unit, dt)
         if count * dt < pull_up or not shape.max() > 0.0:
             raise TrajectoryError(
-                f"climbs within {self.length(start):g} s, too short for an IMU interval of {dt:g} s"
+                f"climbs within {self.length(start):g} s, which is too short for an IMU interval "
+                f"of {dt:g} s"
             )
 
         def excess(angle: float) -> float:
@@ -388,7 +389,7 @@ def _shape(count: int, dt: float, duration: float) -> Array:
 def speed_of(start: State) -> float:
     """Return the speed of a state [m/s]; raises TrajectoryError if there is none."""
     if start.speed < 1e-3:
-        raise TrajectoryError(f"needs a speed, and there it is {start.speed:g} m/s")
+        raise TrajectoryError(f"needs a speed, but the speed there is {start.speed:g} m/s")
     return start.speed
 
 
@@ -396,6 +397,6 @@ def require_level(start: State) -> None:
     """Raise TrajectoryError unless a state is level."""
     if abs(start.climb) > 1e-6:
         raise TrajectoryError(
-            f"must begin in level flight, and there the climb angle is "
+            "must begin in level flight, but the climb angle there is "
             f"{math.degrees(start.climb):g}°"
         )

@@ -36,7 +36,7 @@ def moved_track(track: Track, east: float, north: float, turn: float) -> Track:
     start = np.array([latitude[0], longitude[0], height[0]])
     place = start[:2] + np.array([north, east]) / metres_per_radian(start)
     if abs(place[0]) > _HIGHEST_LATITUDE:
-        raise TrajectoryError("moved, it starts closer than 1° to a pole")
+        raise TrajectoryError("the moved track starts closer than 1° to a pole")
     old, new = _frames(latitude[:1], longitude[:1])[0], _frames(*place[:, np.newaxis])[0]
     cos, sin = math.cos(turn), math.sin(turn)
     clockwise = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
@@ -45,7 +45,7 @@ def moved_track(track: Track, east: float, north: float, turn: float) -> Track:
     up = frames[:, :, 2]
     latitudes = np.arcsin(np.clip(up[:, 2], -1.0, 1.0))
     if np.abs(latitudes).max() > _HIGHEST_LATITUDE:
-        raise TrajectoryError("moved, it comes closer than 1° to a pole")
+        raise TrajectoryError("the moved track comes closer than 1° to a pole")
     longitudes = np.unwrap(np.arctan2(up[:, 1], up[:, 0]))
     longitudes += math.tau * round((place[1] - longitudes[0]) / math.tau)
     # The old north of each row in the new axes: by its azimuth all headings of the row grow.

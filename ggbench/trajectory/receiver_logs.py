@@ -92,15 +92,15 @@ def _nmea(text: str) -> Found:
     if not fixes:
         found_only = ", ".join(f"{count} {what}" for what, count in left_out.items())
         raise TrajectoryError(
-            "has no GGA sentence with a fix, which give time, place and height"
+            "has no GGA sentence with a fix (time, position and height)"
             + (f" (only {found_only})" if found_only else "")
         )
     del left_out[_NO_FIX["0"]]  # as before the first fix
     if damaged:
         number, reason = damaged[0]
-        left_out[f"damaged (the first in line {number}: {reason})"] = len(damaged)
+        left_out[f"damaged (first: line {number}, {reason})"] = len(damaged)
     counts = ", ".join(f"{count} {what}" for what, count in left_out.items())
-    return fixes, f"of its GGA sentences these are left out: {counts}" if counts else ""
+    return fixes, f"GGA sentences left out: {counts}" if counts else ""
 
 
 def _parsed(sentence: str, summed: bool) -> Any:
@@ -118,7 +118,7 @@ def _reason(error: Exception) -> str:
 
 def _gga(sentence: Any, place: str, before: Sequence[Fix]) -> Fix:
     if not (sentence.lat and sentence.lon):
-        raise ValueError("it has no place")
+        raise ValueError("it has no position")
     clock = sentence.timestamp
     time = 3600.0 * clock.hour + 60.0 * clock.minute + clock.second + 1e-6 * clock.microsecond
     if before:
@@ -154,7 +154,8 @@ def _pos(text: str) -> Found:
             latitude, longitude, height = place
         except (ValueError, IndexError):
             raise TrajectoryError(
-                f"line {number} is {line[:60]!r} and must have a time, latitude, longitude, height"
+                f"line {number} is {line[:60]!r} and must contain time, latitude, longitude and "
+                "height"
             ) from None
         geoid = None if above_sea else 0.0
         fixes.append(Fix(time, latitude, longitude, height, geoid, f"line {number}"))
@@ -177,8 +178,7 @@ def _csrs(text: str) -> Found:
     head = next((line.split() for line in lines if line.split()[:2] == ["DIR", "FRAME"]), [])
     if not all(name in head for name in _CSRS_NAMES):
         raise TrajectoryError(
-            "is a solution of CSRS-PPP without the line that names its columns, DIR FRAME STN to "
-            "HGT(m)"
+            "is a solution of CSRS-PPP without the line of column names, DIR FRAME STN to HGT(m)"
         )
     at = [head.index(name) for name in _CSRS_NAMES]
     fixes = []
@@ -193,8 +193,8 @@ def _csrs(text: str) -> Found:
             fixes.append(Fix(time, latitude, longitude, float(height), 0.0, f"line {number}"))
         except (ValueError, IndexError):
             raise TrajectoryError(
-                f"line {number} is {line[:60]!r} and must have date, clock, latitude, longitude "
-                "and height of CSRS-PPP"
+                f"line {number} is {line[:60]!r} and must contain date, clock, latitude, "
+                "longitude and height of CSRS-PPP"
             ) from None
     if len(fixes) > 1 and fixes[0].time > fixes[-1].time:
         fixes.reverse()
@@ -223,7 +223,7 @@ def _novatel(text: str) -> Found:
     kind = next((name for name in _NOVATEL if name in rows), None)
     if kind is None:
         raise TrajectoryError(
-            f"is a log of NovAtel with {', '.join(others)}; positions are read of "
+            f"is a NovAtel log with {', '.join(others)}; positions are read from "
             f"{', '.join(_NOVATEL)}"
         )
     fixes = []
@@ -232,7 +232,7 @@ def _novatel(text: str) -> Found:
             fix = _of_novatel(head, body, above_sea=_NOVATEL[kind] == 1, place=f"line {number}")
         except (ValueError, IndexError):
             raise TrajectoryError(
-                f"line {number} is a log {kind} of NovAtel that cannot be read"
+                f"line {number} is a NovAtel log {kind} that cannot be read"
             ) from None
         if fix is not None:
             fixes.append(fix)

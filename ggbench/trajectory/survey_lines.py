@@ -34,8 +34,8 @@ _READINGS = {
 }
 """Columns of readings, and what they hold."""
 _WANTED = (
-    f"line, kind, {', '.join(_PLACES)}, and of {', '.join(dict.fromkeys(_READINGS.values()))} what "
-    "was measured"
+    f"line, kind, {', '.join(_PLACES)}, and the measured columns of "
+    f"{', '.join(dict.fromkeys(_READINGS.values()))}"
 )
 _TIMING = 1e-3
 """By how much a duration may be off a multiple of the interval [s]."""
@@ -79,8 +79,9 @@ class SurveyLine:
         if not interval > 0.0 or off.max() > _JITTER * interval:
             n = int(np.argmax(off > _JITTER * interval))
             raise TrajectoryError(
-                f"line {self.row + n}: time_s is {times[n]:.10g}, and the samples of line "
-                f"{self.name} must come every {interval:g} s; fill a gap with rows without readings"
+                f"line {self.row + n}: time_s is {times[n]:.10g}, but the samples of line "
+                f"{self.name} must come every {interval:g} s; fill gaps with rows without "
+                "measurements"
             )
         return replace(self, places={**self.places, "time_s": even})
 
@@ -101,7 +102,7 @@ class SurveyLine:
             )
         if steps > count:
             raise TrajectoryError(
-                f"line {self.name} lasts {count * self.interval:g} s, and middle_s is {duration:g}"
+                f"line {self.name} lasts {count * self.interval:g} s, but middle_s is {duration:g}"
             )
         first = (count - steps) // 2
         return slice(first, first + steps + 1)
@@ -125,14 +126,14 @@ class SurveyLine:
         for name in components:
             if name not in self.readings:
                 raise TrajectoryError(
-                    f"has no column {name}, which [{sensor}] reads; its columns: "
+                    f"has no column {name}, which [{sensor}] needs; its columns: "
                     f"{', '.join(self.readings)}"
                 )
         stride = round(period / self.interval)
         if stride < 1 or abs(stride * self.interval - period) > _TIMING:
             raise TrajectoryError(
-                f"has a sample every {self.interval:g} s, and {sensor}.period_s is {period:g}: "
-                "it must be a multiple"
+                f"has a sample every {self.interval:g} s, but {sensor}.period_s is {period:g} "
+                "and must be a multiple"
             )
         part = self.middle(duration)
         read = np.stack([self.readings[name] for name in components], axis=-1)
@@ -158,11 +159,13 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
     for name in ("line", "kind", *_PLACES):
         if text.names.count(name) != 1:
             raise TrajectoryError(
-                f"line {text.line} must name a column {name} once; wanted: {_WANTED}"
+                f"line {text.line} must name a column {name} once; expected: {_WANTED}"
             )
     components = {_READINGS[name]: at for at, name in enumerate(text.names) if name in _READINGS}
     if not components:
-        raise TrajectoryError(f"line {text.line} names no column of readings; wanted: {_WANTED}")
+        raise TrajectoryError(
+            f"line {text.line} names no column of measurements; expected: {_WANTED}"
+        )
     columns = {name: text.names.index(name) for name in _PLACES} | components
     numbers = text.numbers(columns, may_be_empty=frozenset(components))
     cells = [row.split(text.separator) for row in text.rows]
@@ -174,7 +177,7 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
     for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
         name, row = names[start], text.first + start
         if name in lines:
-            raise TrajectoryError(f"line {row}: the rows of {name} do not follow one another")
+            raise TrajectoryError(f"line {row}: the rows of {name} are not consecutive")
         if stop - start < FEWEST_ROWS:
             raise TrajectoryError(
                 f"line {row}: {name} has {stop - start} rows; a line needs at least {FEWEST_ROWS}"

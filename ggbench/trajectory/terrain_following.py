@@ -67,7 +67,7 @@ class TerrainFollowing:
             duration = self.distance / speed_of(start)
         if not _SHORTEST <= duration <= _LONGEST:
             raise TrajectoryError(
-                f"lasts {duration:g} s; terrain can be followed for {_SHORTEST:g} to {_LONGEST:g} s"
+                f"lasts {duration:g} s and must last {_SHORTEST:g} to {_LONGEST:g} s"
             )
         return duration
 
@@ -78,7 +78,7 @@ class TerrainFollowing:
         """
         if start.speed < 1e-3 or abs(start.climb) > 1e-6:
             raise TrajectoryError(
-                "must begin in level flight with a speed, and there the climb angle is "
+                "must begin in level flight with a speed, but the climb angle there is "
                 f"{math.degrees(start.climb):g}° and the speed {start.speed:g} m/s"
             )
         from scipy.interpolate import CubicSpline  # not at the top: it loads slowly
@@ -158,7 +158,7 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
         n = int(np.argmin(np.isfinite(height)))
         raise TrajectoryError(
             f"the terrain {name} has no height at {math.degrees(latitude[n]):.5f}° N, "
-            f"{math.degrees(longitude[n]):.5f}° E, which the flight passes; fill its gaps first"
+            f"{math.degrees(longitude[n]):.5f}° E on the flight path; fill its gaps first"
         )
     return np.asarray(height)
 
@@ -261,10 +261,10 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
     if whole[edge + flat - 1] > height + 1e-3:
         # Where it begins, the terrain ahead asks for more.
         raise TrajectoryError(
-            f"begins at {height:.1f} m, too low for the terrain ahead, which asks for "
-            f"{math.ceil(_least_start(over, step, slope, acceleration))} m there; "
-            "leave out height_m if the flight begins so, climb first, or allow a larger "
-            "max_climb_angle_deg or a smaller clearance_m"
+            f"begins at {height:.1f} m, too low for the terrain ahead, which needs "
+            f"{math.ceil(_least_start(over, step, slope, acceleration))} m there; remove "
+            "height_m if this is the first segment, climb first, increase max_climb_angle_deg or "
+            "reduce clearance_m"
         )
     smooth = np.convolve(whole, over.blur, mode="same")
     return np.asarray(smooth[edge:-edge])

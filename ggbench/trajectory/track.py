@@ -83,10 +83,11 @@ def read_track(file: str, limits: TrackLimits, columns: Columns = None) -> Track
     """
     status = status_of(file, "track")
     if not stat.S_ISREG(status.st_mode):
-        raise TrajectoryError(f"cannot read the track {file}: it is no file")
+        raise TrajectoryError(f"cannot read the track {file}: it is not a file")
     if status.st_size > _LARGEST:
         raise TrajectoryError(
-            f"track {file}: has {status.st_size / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} may be"
+            f"track {file}: has {status.st_size / 1e6:.0f} MB; at most "
+            f"{_LARGEST / 1e6:g} are allowed"
         )
     return _read_track(file, limits, columns, status.st_mtime_ns, status.st_size)
 
@@ -191,8 +192,8 @@ def _smooth(times: Array, values: Array, period: float) -> Array:
         second = solveh_banded(bands, bend)
     except np.linalg.LinAlgError:
         raise TrajectoryError(
-            f"smoothing_s is {period:g}, too wide for steps as short as {steps.min():.3g} s; "
-            "smooth less, or leave out lines that are close together"
+            f"smoothing_s is {period:g}, too long for steps as short as {steps.min():.3g} s; "
+            "reduce it, or remove rows that are close together"
         ) from None
     change = np.zeros(len(times))
     change[:-2] += left * second
@@ -233,8 +234,8 @@ def _check_speed(times: Array, position: list[Array], place: Place) -> None:
     if speed.max() > FASTEST:
         n = int(np.argmax(speed > FASTEST)) + 1
         raise TrajectoryError(
-            f"{place(n)}: lies {speed[n - 1] * (times[n] - times[n - 1]):.4g} m from the row"
-            f" before, {speed[n - 1]:.4g} m/s; at most {FASTEST:g} m/s are allowed"
+            f"{place(n)}: lies {speed[n - 1] * (times[n] - times[n - 1]):.4g} m from the row "
+            f"before, a speed of {speed[n - 1]:.4g} m/s; at most {FASTEST:g} m/s are allowed"
         )
 
 
@@ -251,9 +252,9 @@ def _check_acceleration(
     if size.max() > limits.acceleration:
         n = int(np.argmax(size))
         raise TrajectoryError(
-            f"{place(n)}: the positions around it ask for an acceleration of "
-            f"{size[n]:.4g} m/s²; at most {limits.acceleration:g} m/s² (max_acceleration_mps2) "
-            "are allowed: there is a jump, or noise, which smoothing_s would take away"
+            f"{place(n)}: the positions imply an acceleration of {size[n]:.4g} m/s²; at most "
+            f"{limits.acceleration:g} m/s² (max_acceleration_mps2) are allowed: check for a "
+            "jump, or remove noise with smoothing_s"
         )
     return velocity
 
@@ -328,8 +329,8 @@ def resample(
         moving = speed > _STILL
         if not moving.any():
             raise TrajectoryError(
-                f"never exceeds {_STILL:g} m/s, and has no heading; give it a column heading_deg, "
-                "or times in seconds if they are milliseconds"
+                f"never exceeds {_STILL:g} m/s and has no heading; add a column heading_deg, and "
+                "check that times are in seconds"
             )
         heading = np.unwrap(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
         angles_given[0] = np.interp(times, times[moving], heading)
@@ -347,9 +348,8 @@ def resample(
     if turn.max() > 0.5:
         n = int(np.argmax(turn))
         raise TrajectoryError(
-            f"turns by {math.degrees(turn[n]):.3g}° within one IMU interval at "
-            f"{times[n]:g} s, and at most 28° are allowed; give it columns of attitude, or "
-            "smooth it (smoothing_s)"
+            f"turns by {math.degrees(turn[n]):.3g}° within one IMU interval at {times[n]:g} s; "
+            "at most 28° are allowed: add columns of attitude, or smooth it (smoothing_s)"
         )
     start = np.array([p[0] for p in positions])
     return start, velocity, angles

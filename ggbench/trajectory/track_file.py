@@ -52,7 +52,7 @@ def parse(
     named = column_names.names_of(columns)
     if other := column_names.unused(named, _ALIASES if not isinstance(columns, str) else named):
         raise TrajectoryError(
-            f"columns.{other[0]} names no column of a track; known: {', '.join(_ALIASES)}"
+            f"columns.{other[0]} is not a column of a track; known: {', '.join(_ALIASES)}"
         )
     text = CsvText.of(content, _wanted(required, keys), _KNOWN | column_names.plain_names(named))
     parts = [_WITH_UNIT.fullmatch(name) for name in text.names]
@@ -94,11 +94,13 @@ def _factor(key: str, name: str, unit: str, line: int) -> float:
     factor = factor_to_key(unit, key)
     if factor is None:
         raise TrajectoryError(
-            f"line {line} names a column '{name}' in '{unit}'; units of {key} that are read: "
+            f"line {line} names a column '{name}' in '{unit}'; allowed units of {key}: "
             f"{examples_for(key)}"
         )
     if name.endswith(end) and factor != 1.0:
-        raise TrajectoryError(f"line {line} names a column '{name}' in '{unit}': which is right?")
+        raise TrajectoryError(
+            f"line {line} names a column '{name}' in '{unit}': the units differ; keep one"
+        )
     return factor
 
 
@@ -114,8 +116,8 @@ def _require_degrees(columns: dict[str, Array], names: list[str], limits: dict[s
     largest = {key: float(np.abs(columns[key]).max()) for key in bare}
     if any(largest.values()) and all(largest[key] <= limits[key] for key in bare):
         raise TrajectoryError(
-            f"all of {_and(bare.values())} could be radians; if they are degrees, name the columns "
-            f"{_and(bare)}; radians are not read"
+            f"all of {_and(bare.values())} could be radians, which are not supported; if they "
+            f"are degrees, name the columns {_and(bare)}"
         )
 
 
@@ -139,20 +141,20 @@ def _columns(names: list[str], required: Sequence[str], line: int) -> dict[str, 
         if key not in places:
             header = ", ".join(name[:20] for name in names[:12])
             raise TrajectoryError(
-                f"line {line} names no column {key} (found: {header}); a column may be called "
-                f"{', '.join(_ALIASES[key])}, and other units than those of {key} are not read"
+                f"line {line} names no column {key} (found: {header}); allowed names: "
+                f"{', '.join(_ALIASES[key])}, in the units of {key}"
             )
     for name in names:
         # A heading in radians must not be passed over as if there were none.
         if re.match(r"(heading|yaw|pitch|roll)\W*_?(m?rad|gon|grad|mil)", name):
             raise TrajectoryError(
-                f"line {line} names a column '{name}'; heading, pitch and roll are read in degrees "
-                "(heading_deg, pitch_deg, roll_deg)"
+                f"line {line} names a column '{name}'; heading, pitch and roll must be in "
+                "degrees (heading_deg, pitch_deg, roll_deg)"
             )
     return places
 
 
 def _wanted(required: Sequence[str], keys: Sequence[str]) -> str:
     others = [key for key in keys if key not in required]
-    optional = f", and {', '.join(others)} if they are known" if others else ""
+    optional = f", and optionally {', '.join(others)}" if others else ""
     return f"{', '.join(required)}{optional}"

@@ -25,8 +25,8 @@ from .track_file import FEWEST_ROWS, parse
 Place = Callable[[int], str]
 """Where a row is in its file, in words: ``line 5``."""
 _SEA_LEVEL = (
-    "its heights are above sea level: the geoid of EGM2008 to degree 120, {}, was added (within a "
-    "few metres)"
+    "its heights are above sea level: the geoid height of EGM2008 to degree 120, {}, was added "
+    "(accurate to a few metres)"
 )
 _FORMATS = {
     "gpx": re.compile(rb"<(\w+:)?gpx[\s>]"),
@@ -54,7 +54,9 @@ def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> R
     readers = {"gpx": _gpx, "kml": _kml, **receiver_logs.READERS}
     name, text = recognised(content)
     if name in readers and columns is not None:
-        raise TrajectoryError(f"is a file of {name.upper()}, which has no columns to name")
+        raise TrajectoryError(
+            f"is a {name.upper()} file, which has no column names: remove columns"
+        )
     if name in readers:
         return _checked(*readers[name](text))
     read, first = parse(content, columns=columns)
@@ -96,7 +98,7 @@ def gpx_document(text: str) -> Any:
     try:
         return gpxpy.parse(text)
     except Exception as error:  # whatever a damaged file makes of itself
-        raise TrajectoryError(f"is no GPX file that can be read: {text_of(error)}") from None
+        raise TrajectoryError(f"cannot be read as a GPX file: {text_of(error)}") from None
 
 
 def kml_root(text: str) -> ElementTree.Element:
@@ -107,7 +109,7 @@ def kml_root(text: str) -> ElementTree.Element:
     try:
         root = ElementTree.fromstring(text.encode())
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise TrajectoryError(f"is no KML file that can be read: {text_of(error)}") from None
+        raise TrajectoryError(f"cannot be read as a KML file: {text_of(error)}") from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     return root
@@ -124,7 +126,7 @@ def _checked(fixes: Sequence[Fix], remark: str) -> Rows:
     bad = ~np.isfinite(numbers).all(axis=1)
     if bad.any():
         raise TrajectoryError(
-            f"{fixes[int(bad.argmax())].place}: its time, its place or its height is no number"
+            f"{fixes[int(bad.argmax())].place}: its time, position or height is not a number"
         )
     times, latitude, longitude, height = numbers.T
     if all(fix.geoid is not None for fix in fixes):
@@ -151,8 +153,8 @@ def _gpx(text: str) -> tuple[list[Fix], str]:
     points = [p for track in document.tracks for part in track.segments for p in part.points]
     if not points and (document.waypoints or document.routes):
         raise TrajectoryError(
-            "has waypoints or routes and no track; a track has points with times, and "
-            "'ggbench new scenario NAME --map MAP --waypoints FILE' makes a flight through others"
+            "has waypoints or routes but no track (points with times); 'ggbench new scenario "
+            "NAME --map MAP --waypoints FILE' plans a flight through waypoints"
         )
     fixes = []
     for number, point in enumerate(points, 1):
@@ -187,8 +189,8 @@ def _kml(text: str) -> tuple[list[Fix], str]:
         _require_absolute(track, above)
         if len(times) != len(coordinates):
             raise TrajectoryError(
-                f"a gx:Track has {len(times)} times and {len(coordinates)} places; it must have a "
-                "<when> for each <gx:coord>"
+                f"a gx:Track has {len(times)} times and {len(coordinates)} positions; it must "
+                "have a <when> for each <gx:coord>"
             )
         stamped += zip(times, (",".join(each.split()) for each in coordinates), strict=True)
     for mark in root.iter("Placemark") if not stamped else ():
@@ -206,11 +208,11 @@ def _kml(text: str) -> tuple[list[Fix], str]:
         )
     seconds = iso_seconds(when for when, _ in whole)
     fixes = [
-        Fix(time, *_degrees(place, number), None, f"place {number}")
+        Fix(time, *_degrees(place, number), None, f"position {number}")
         for number, (time, (_, place)) in enumerate(zip(seconds, whole, strict=True), 1)
     ]
     left_out = len(stamped) - len(whole)
-    return fixes, f"{left_out} empty places are left out" if left_out else ""
+    return fixes, f"{left_out} empty positions are left out" if left_out else ""
 
 
 def _texts(element: ElementTree.Element, name: str) -> list[str]:
@@ -241,6 +243,6 @@ def _degrees(place: str, number: int) -> tuple[float, float, float]:
         longitude, latitude, height = map(float, place.split(","))
     except ValueError:
         raise TrajectoryError(
-            f"place {number} is {place[:40]!r} and must be longitude, latitude and height"
+            f"position {number} is {place[:40]!r} and must be longitude, latitude and height"
         ) from None
     return latitude, longitude, height

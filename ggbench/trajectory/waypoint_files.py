@@ -46,7 +46,7 @@ def _places(content: bytes) -> Array:
     if kind == "kml":
         return _kml(text)
     if kind != "csv":
-        raise TrajectoryError("is a log of a receiver; waypoints are read from GPX, KML or CSV")
+        raise TrajectoryError("is a receiver log; waypoints are read from GPX, KML or CSV")
     columns, _ = parse(content, _COLUMNS, fewest=1)
     return np.stack([columns[key] for key in _COLUMNS], axis=1)
 
@@ -67,7 +67,7 @@ def _kml(text: str) -> Array:
             longitude, latitude = map(float, place.split(",")[:2])
         except ValueError:
             raise TrajectoryError(
-                f"place {number} is {place[:40]!r} and must be longitude and latitude"
+                f"waypoint {number} is {place[:40]!r} and must be longitude and latitude"
             ) from None
         places[number - 1] = latitude, longitude
     return places
@@ -76,18 +76,18 @@ def _kml(text: str) -> Array:
 def _checked(places: Array) -> Array:
     """Return places that are possible, each once where it follows itself."""
     if len(places) > _MOST:
-        raise TrajectoryError(f"has {len(places)} places; a flight is made through {_MOST} at most")
+        raise TrajectoryError(f"has {len(places)} waypoints; at most {_MOST} are allowed")
     good = np.isfinite(places).all(axis=-1) & (np.abs(places) <= [89.0, 360.0]).all(axis=-1)
     if not good.all():
         n = int(np.argmin(good))
         raise TrajectoryError(
-            f"place {n + 1} is at latitude {places[n, 0]:g}°, longitude {places[n, 1]:g}°; they "
-            "must lie within ±89° and ±360°"
+            f"waypoint {n + 1} is at latitude {places[n, 0]:g}°, longitude {places[n, 1]:g}°; "
+            "allowed are ±89° and ±360°"
         )
     again = np.zeros(len(places), dtype=bool)
     again[1:] = (places[1:] == places[:-1]).all(axis=-1)
     if len(places) - again.sum() < 2:
-        raise TrajectoryError("names no two places, which a flight through waypoints needs")
+        raise TrajectoryError("has fewer than two waypoints; a flight needs at least two")
     places = places[~again]
     places[places[:, 1] < -180.0, 1] += 360.0
     return places

@@ -67,8 +67,8 @@ class Waypoint:
             rates = turn.rates(start, max(round(turn.length(start) / dt), 1), dt)
             end = end_of(start, rates, dt)
         raise TrajectoryError(
-            f"the waypoint is {self._ahead(start)[1]:.0f} m away, too near for the turn towards "
-            "it; fly slower, turn more steeply, or leave it out"
+            f"the waypoint is {self._ahead(start)[1]:.0f} m away, too close for the turn towards "
+            "it; fly slower, bank more, or remove it"
         )
 
     def _ahead(self, state: State) -> tuple[float, float]:

@@ -157,7 +157,7 @@ def test_a_block_is_all_that_there_is_to_write(many, tmp_path):
     assert found.info == {"map_evaluations": 7, "first": problem.measurements[0, 0]}
     expected = choose("ekf").estimator.estimate(problem, rng)
     np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12)
-    reason = "a compiled engine needs the package's own model, not LinearModel"
+    reason = "a compiled engine needs the model of ggbench, not LinearModel"
     assert estimator.skip(linear_problem(seed=0)) == reason
     with pytest.raises(TypeError, match=reason):
         estimator.estimate(linear_problem(seed=0), rng)
@@ -200,13 +200,16 @@ def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
 @thinned(
     ("way", "reason"),
     [
-        ("nothing", r"TypeError: estimate_block\(\) returned NoneType, not an EstimateBlock"),
-        ("batch", "the estimate is 'batch' with lag None, but its estimator declares 'filter'"),
+        ("nothing", r"TypeError: estimate_block\(\) must return EstimateBlock, not NoneType"),
+        ("batch", "the estimate is 'batch' with lag None, but the estimator declares 'filter'"),
         ("short", r"the estimate's mean has shape \(0, 20, 15\), not \(1, 20, 15\)"),
         ("no count", "the estimate's info has no map_evaluations"),
         ("masked nis", "the estimate's nis is masked in 3 of 20 places"),
         ("masked info", "the estimate's info repairs is masked in 1 of 1 places"),
-        ("complex", "the estimate's info must have a number or a text of each run as its remark"),
+        (
+            "complex",
+            "the entry remark of the estimate's info must be a number or a text for each run",
+        ),
     ],
 )
 def test_an_engine_that_does_not_keep_to_the_interface_is_told(way, reason, many, tmp_path):

@@ -470,7 +470,7 @@ def test_runs_of_other_content_are_neither_used_nor_lost(change, tmp_path, monke
     store, remarks = work.open()
     assert missing(work, store) == {(case, label, 0) for case in ("base", "noisy")}
     if change != "estimator's parameter":  # then both are of this campaign
-        assert "holds 2 results that are not part of this" in remarks[0]
+        assert "contains 2 results of another seed" in remarks[0]
         assert list(Results(store.folder, store).records()) == []
     store.close()
 

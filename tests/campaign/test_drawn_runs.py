@@ -106,10 +106,10 @@ def test_blocks_of_other_maps_are_not_joined(rough):
     case = small_case(rough | DRAWN | {"model.field.error.correlated_noise_eotvos": 5.0})
     blocks = {run: simulate_block(prepare(case.of_run(run)), 5, [run])[0] for run in (0, 1, 2)}
     assert joined([blocks[0], blocks[2]]).runs == 2
-    with pytest.raises(ValueError, match="other epochs, maps or gaps cannot be joined"):
+    with pytest.raises(ValueError, match="different epochs, maps or gaps cannot be joined"):
         joined([blocks[0], blocks[1]])
     later = dataclasses.replace(blocks[2], times=blocks[2].times + 1.0)
-    with pytest.raises(ValueError, match="other epochs, maps or gaps cannot be joined"):
+    with pytest.raises(ValueError, match="different epochs, maps or gaps cannot be joined"):
         joined([blocks[0], later])
 
 

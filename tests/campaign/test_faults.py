@@ -215,7 +215,7 @@ def test_a_full_disk(tmp_path):
     done = finish(tmp_path, run, preexec_fn=small_disk, env=env)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert re.match(r"ggbench: cannot write .*out.*: .*the same command goes on", line)
+    assert re.match(r"ggbench: cannot write .*out.*: .*the same command resumes", line)
     held = stored(tmp_path / "out")
     assert 0 < held < 120
     done = finish(tmp_path, run)

@@ -33,7 +33,7 @@ def test_a_campaign_without_results_can_be_continued(error, expected, tmp_path, 
     assert raised.value.results.metrics().empty
     assert (tmp_path / "out" / "metrics.csv").exists()
     if error is None:
-        assert "gave no result; start the campaign again" in str(raised.value)
+        assert "gave no result; the same command resumes" in str(raised.value)
     steps = []
     results = running.fly(plan(tmp_path, "out", ("ins",)), jobs=0, progress=steps.append)
     assert steps[0].total == steps[-1].done == len(results.runs())

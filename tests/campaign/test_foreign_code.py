@@ -161,7 +161,7 @@ def test_a_folder_is_asked_again_whose_it_is_once_it_is_locked(tmp_path, monkeyp
         yield from checked(*arguments)
 
     monkeypatch.setattr(campaign, "check", finish_another)
-    with pytest.raises(StoreError, match="holds results of the scenario other, not of small"):
+    with pytest.raises(StoreError, match="contains results of the scenario other, not of small"):
         slow.open()
     assert read_manifest(tmp_path / "out")["scenario"] == "other"
     Store(tmp_path / "out", create=True).close()  # it is not locked any more
@@ -182,5 +182,5 @@ def test_bounds_are_checked_before_anything_is_written(asked, said, tmp_path):
 
 
 def test_a_label_with_a_null_character_is_refused():
-    with pytest.raises(registry.EstimatorError, match="with a null character"):
+    with pytest.raises(registry.EstimatorError, match="contains a null character"):
         registry.choose("a\0.py")

@@ -112,7 +112,7 @@ def test_processes_left_running_end_and_are_told(wild):
     assert running() == []
     table = results.runs()
     assert (table["status"] == "ok").all()
-    left = "left 1 process running, ended with the run"
+    left = "left 1 process running; they were ended with the run"
     assert table["remark"].tolist() == [left] * 4 + [""] * 2
     render.write(results.folder, wild / "reports")
     remarks = next((wild / "reports").glob("*/data/remarks.csv")).read_text()
@@ -142,7 +142,7 @@ def test_processes_end_with_a_worker_that_is_killed(wild, started):
 def test_what_is_written_into_the_connection_is_a_failure(wild):
     """Bytes that are no results cost their own runs alone; the campaign goes on to its end."""
     (record, _) = tried(wild, "way=scribble").records()
-    assert record["reason"] == "it wrote to the connection for results, twice"
+    assert record["reason"] == "the estimator wrote to the connection for results, twice"
 
 
 @pytest.mark.long
@@ -151,7 +151,7 @@ def test_a_flood_reaches_neither_screen_nor_disk(wild, capfd):
     flooded, failed, _ = tried(wild, "way=flood", "way=flood,fails=yes").records()
     assert capfd.readouterr() == ("", "")
     assert (flooded["status"], flooded["output"]) == ("ok", "")
-    assert failed["output"].startswith("(400000000 bytes; their end:) xxx")
+    assert failed["output"].startswith("(400000000 bytes, ending with) xxx")
     assert len(failed["output"]) < 5000
     assert sum(file.stat().st_size for file in (wild / "out").iterdir()) < 1_000_000
 
@@ -168,7 +168,7 @@ def test_what_a_run_prints_belongs_to_it(wild, capfd):
     assert sorted(native.splitlines()) == ["said by C", "said by Python", "said by a child"]
     assert last.startswith("this is the end")
     shown = invoke(["show", "out"], wild)
-    assert "It had printed: this is the end" in shown.stdout
+    assert "Output of the run: this is the end" in shown.stdout
     assert "\x1b" not in shown.stdout and "\x1b" not in capfd.readouterr().out
 
 
@@ -222,4 +222,4 @@ def test_a_flood_is_not_kept_in_memory():
     thread.join()
     assert most < 200_000
     text = printed.of_run()
-    assert text.startswith("(40000000 bytes; their end:) yyy") and len(text) < 5000
+    assert text.startswith("(40000000 bytes, ending with) yyy") and len(text) < 5000

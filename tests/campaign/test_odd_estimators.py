@@ -172,7 +172,7 @@ def test_an_estimator_leaves_the_others_alone(odd):
     labels = [word for label in (*ways, "odd.py", "ekf") for word in ("-e", label)]
     done = finish(odd, command(odd / "out", "-n", "4", "-j", "2", *labels))
     assert (done.returncode, done.stderr) == (1, "")
-    assert "Every run of odd.py[way=spoil] failed." in done.stdout  # by its own warnings
+    assert "All runs of odd.py[way=spoil] failed." in done.stdout  # by its own warnings
     assert "RACKET" not in done.stdout
     table = Results(odd / "out").runs()
     assert len(table) == 4 * 2 * 6

@@ -64,7 +64,7 @@ def test_the_band_of_the_nis_counts_the_channels_that_come(results):
 
 
 def test_without_a_gradiometer_there_is_no_gradient_along_the_track(results):
-    with pytest.raises(gg.GGBenchError, match="case base flies without a gradiometer"):
+    with pytest.raises(gg.GGBenchError, match="case base has no gradiometer"):
         gg.Results(results.folder).plot_track_gradient()
 
 

@@ -85,7 +85,7 @@ def test_a_run_that_leaves_the_map_is_remarked_in_table_report_and_show(scenario
     assert (table["status"] == "ok").all()
     assert table["remark"].tolist() == ["", "", records.OUTSIDE, records.OUTSIDE, "", ""]
     shown = invoke(["show", str(results.folder)], tmp_path).stdout
-    assert "outside its map" in " ".join(shown.split())
+    assert "left the map" in " ".join(shown.split())
 
 
 def test_a_notebook_is_warned_of_an_estimate_outside_the_map(scenario):

@@ -309,5 +309,5 @@ def test_a_folder_here_does_not_hide_an_installed_estimator(tmp_path, monkeypatc
     for name in ("ekf", "mine"):
         (tmp_path / name).mkdir()
     assert choose("ekf").estimator.name == "ekf"
-    with pytest.raises(GGBenchError, match="mine holds no estimates"):
+    with pytest.raises(GGBenchError, match="mine contains no estimates"):
         choose("mine")

@@ -126,7 +126,7 @@ def test_a_check_that_it_breaks_off_fails_and_the_others_go_on(tmp_path, lines, 
     assert failed(output) == names
     assert said in " ".join(output.split())
     if names == ["estimate"]:
-        assert f"failed; {len(CHECKS) - 1} not tried without an estimate." in output
+        assert f"failed; {len(CHECKS) - 1} not run, because there is no estimate." in output
     else:
         assert output.count("passed: ") == len(CHECKS) - 1
 
@@ -138,5 +138,5 @@ def test_one_that_takes_nothing_is_no_success(tmp_path):
     )
     code, output, error = checked(tmp_path, text)
     assert code == 2
-    assert output.count("not asked: ") == len(CHECKS)
+    assert output.count("not applicable: ") == len(CHECKS)
     assert "refuses all problems of the contract" in error

@@ -183,7 +183,7 @@ def test_run_and_report(folder, tmp_path):
     assert again.returncode == 0
     assert "runs to do" not in again.stdout
     other = invoke([*run, "-s", "4"], tmp_path)
-    assert "out holds 12 results that are not part of this" in other.stdout
+    assert "out contains 12 results of another seed" in other.stdout
     assert "12 of 12 runs" in other.stdout
     again = invoke(run, tmp_path)
     assert "runs to do" not in again.stdout
@@ -217,7 +217,7 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
     run = ["run", "small.toml", "-n", "2", "-j", "0", "-e", "bad.py", "-e", "ekf", "-o", "bad"]
     done = invoke(run, folder)
     assert (done.returncode, done.stderr) == (1, "")
-    assert "Every run of bad.py failed." in done.stdout
+    assert "All runs of bad.py failed." in done.stdout
     table = pd.read_csv(folder / "bad" / "metrics.csv").set_index("name")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
 

@@ -42,7 +42,7 @@ def test_an_estimator_whose_runs_all_fail_is_named_with_exit_code_1(fails, code,
         columns=160,
     )
     assert done.returncode == code, done.stderr
-    assert (f"Every run of {label} failed." in done.stdout) == bool(code)
+    assert (f"All runs of {label} failed." in done.stdout) == bool(code)
     assert ("failed: 'ggbench show" in done.stdout) == (fails != "never")
     assert label.replace("my_file.py", "mine") in done.stdout
 

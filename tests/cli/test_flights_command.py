@@ -53,7 +53,7 @@ def test_what_is_there_is_not_written_over(tmp_path, log):
     ):
         done = invoke(arguments, tmp_path)
         assert done.returncode == 2
-        assert "holds files already" in done.stderr or "is no folder" in done.stderr
+        assert "contains files" in done.stderr or "is not a folder" in done.stderr
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
 
 

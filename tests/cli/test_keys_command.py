@@ -138,7 +138,7 @@ def test_a_table_tells_its_keys(tmp_path):
     assert '    "drawn", "fixed"; default: "drawn"\n' in told
     other = invoke(["keys", "truth.gradiometer"], tmp_path).stdout
     assert "default: as in [gradiometer]; allowed: 1e-9 to 1e6" in other
-    assert "Tables within it: [truth.gradiometer.rotating]." in other
+    assert "Subtables: [truth.gradiometer.rotating]." in other
 
 
 @pytest.mark.parametrize(

@@ -148,12 +148,12 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
     np.testing.assert_allclose(*tensors, atol=1e-6)
     words = ["build", "-o", "map.nc", "--disturbance", "grid.gdf", *BOX]
     assert "at least 2000 m is allowed" in run(*words, "--lowest", 1000, code=2)
-    assert "holds at 2000 m, not at" in run(*words, "--grid-height", 1000, code=2)
+    assert "refers to a height of 2000 m, not to" in run(*words, "--grid-height", 1000, code=2)
     assert "a geoid in 'mgal'; metres" in run(*words[:3], "--geoid", "grid.gdf", code=2)
     write("grid.gdf", "178.0")
-    assert "heights that vary" in run(*words, code=2)
+    assert "values on the topography" in run(*words, code=2)
     Path("grid.gdf").write_text("\n".join([*head, "103.0 38.0 x"]))
-    assert "is no grid of ICGEM's format" in run(*words, code=2)
+    assert "is not a grid in the format of ICGEM" in run(*words, code=2)
 
 
 def test_a_terrain_map_says_all_about_itself(monkeypatch):
@@ -172,7 +172,7 @@ def test_a_terrain_map_says_all_about_itself(monkeypatch):
         1600,
     )
     assert "longitude: -84.35° to" in output
-    assert "a terrain alone gives what the ground within it attracts" in output
+    assert "a terrain alone gives the attraction of the ground within it" in output
     assert "Wrote dem.nc" in output
     with xarray.open_dataset("dem.nc") as data:
         attributes, heights = data.attrs, data["height"].to_numpy()
@@ -226,15 +226,15 @@ BAD = {
     "two grids": (["--geoid", GEOID, "--anomaly", "x.nc"], "give one of them"),
     "two spacings": (
         ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1],
-        "give one of them",
+        "give either",
     ),
-    "no coefficients": (["--terrain", DEM, "--max-degree", 9], "are for --coefficients"),
+    "no coefficients": (["--terrain", DEM, "--max-degree", 9], "require --coefficients"),
     "missing file": (["--terrain", "gone.tif"], "cannot read gone.tif: No such file"),
     "missing model": (["--coefficients", "gone.gfc", *BOX], "cannot read gone.gfc"),
     "missing grid": (["--geoid", "gone.nc"], "cannot read gone.nc: No such file"),
     "no model": (["--coefficients", "text.txt", *BOX], "no line 'end_of_head'"),
-    "no grid": (["--geoid", "text.nc"], "text.nc is no grid that can be read"),
-    "no bounds": (["--coefficients", "model.gfc"], "cover the whole Earth: give the bounds"),
+    "no grid": (["--geoid", "text.nc"], "text.nc cannot be read as a netCDF grid"),
+    "no bounds": (["--coefficients", "model.gfc"], "cover the whole Earth: give --south"),
     "degree too high": (["--coefficients", "model.gfc", "--max-degree", 99, *BOX], "up to 8"),
     "shipped degree": (["--geoid", GEOID, "--max-degree", 121], "to degree 120 only"),
     "lowest degree": (["--coefficients", "model.gfc", "--min-degree", 9, *BOX], "between 2 and"),
@@ -258,7 +258,7 @@ BAD = {
     "density": (["--terrain", DEM, "--density", -1], "density = -1.0 must lie between"),
     "correction": (["--terrain", DEM, "--land-correction", DEM], "give --geoid"),
     "small relief": (["--geoid", GEOID, "--land-correction", DEM], "it must cover the grid"),
-    "raised geoid": (["--geoid", GEOID, "--grid-height", 10], "a geoid holds at the ellipsoid"),
+    "raised geoid": (["--geoid", GEOID, "--grid-height", 10], "a geoid refers to the ellipsoid"),
     "small terrain": (["--coefficients", "model.gfc", "--terrain", DEM], "less than one wave"),
     "grid and terrain": (["--geoid", GEOID, "--terrain", RELIEF], "needs --terrain-from-degree"),
     "archive": (["--anomaly", GEOID], "an .npz file holds a geoid"),
@@ -340,7 +340,7 @@ def test_cells_of_a_map_are_scored():
     best = table.sort_values("track_m").iloc[0]
     sentence = " ".join(output.split())
     assert f"allows an RMS position error of {short(best['track_m'])} m" in sentence
-    assert "A match at a wrong place, more than 750 m off, has a probability of" in sentence
+    assert "The probability of a wrong match, more than 750 m off, is at most" in sentence
     for unfit in ("nepers", "√tr", "e-", "unsuitable"):
         assert unfit not in output.replace("score.csv", "")
     assert np.isfinite(table.drop(columns="grade").to_numpy()).all()
@@ -352,9 +352,9 @@ def test_cells_of_a_map_are_scored():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["nosuch"], "nosuch is no map: give a file *.nc of"),
+        (["nosuch"], "nosuch is not a map: give a file *.nc of"),
         (["nosuch.nc"], "cannot read the map nosuch.nc: No such file"),
-        (["jacksboro"], "holds no cell of 0.5° in the bounds with 15 km around it"),
+        (["jacksboro"], "contains no cell of 0.5° with a margin of 15 km"),
         (["egm2008_qinling", "--height", "1"], "3000 to 30000 m is"),
         (["jacksboro", "--noise", "0"], "a noise must be positive and finite, and is 0"),
         (["jacksboro", "--cell-deg", "-1"], "the side of a cell is -1°"),
@@ -442,7 +442,7 @@ def test_a_lowest_height_above_the_ground_instead_of_the_ellipsoid_is_refused():
     words = ["build", "-o", "map.nc", "--terrain", "dem.tif", "--lowest"]
     output = run(*words, 150, code=2)
     assert "--lowest 150 lies 70 m below the highest ground of the terrain (220 m at" in output
-    assert "at least 228 m is allowed, for heights are above the ellipsoid" in output
+    assert "at least 228 m is allowed. Heights are above the ellipsoid" in output
     output = run(*words, 225, "--south", 36.201, "--north", 36.21, code=2)
     assert "only 5 m above" in output and "outside of the map's bounds): at least 228 m" in output
     assert not Path("map.nc").exists()
@@ -469,14 +469,14 @@ def test_voids_that_the_file_does_not_declare(void, tmp_path):
         words += ["--void", "-500", "--void", 77]
     output = run(*words)
     assert "2 voids filled" in output
-    assert ("--void VALUE declares others" in output) == (void != -500)
+    assert ("declare others with --void VALUE" in output) == (void != -500)
     assert netCDF4.Dataset("map.nc").history.endswith("--void -500.0 --void 77.0") == (void == -500)
 
 
 def test_a_void_that_is_no_usual_mark_is_refused_with_the_option(tmp_path):
     write_dem("dem.asc", 12345)
     output = run("build", "--terrain", "dem.asc", "-o", "map.nc", code=2)
-    assert "by --void VALUE of 'ggbench map build'" in output
+    assert "with --void VALUE of 'ggbench map build'" in output
 
 
 @pytest.mark.long
@@ -488,8 +488,8 @@ def test_the_clearance_decides_where_a_map_begins(tmp_path):
     for clearance in (None, 300, 400):
         output = run(*words, *([] if clearance is None else ["--clearance", clearance]))
         lowest[clearance] = float(netCDF4.Dataset("map.nc")["height"][0])
-        assert f"a flight {clearance or 200} m above the ground is in the map over" in output
-        assert f"lowest_m = {lowest[clearance]:g} keeps a terrain-following flight in it" in output
+        assert f"a flight {clearance or 200} m above the ground is inside the map over" in output
+        assert f"lowest_m = {lowest[clearance]:g} for terrain-following flights" in output
     assert lowest[None] == lowest[400] > lowest[300]
     assert lowest[300] == pytest.approx(1100.0, abs=2.0)  # 300 m above 800 m
     for wrong in ("0", "-3", "nan"):

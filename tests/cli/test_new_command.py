@@ -89,7 +89,7 @@ def test_a_scenario_begins_with_a_track_and_a_map_of_ones_own(tmp_path):
     mine, plain = (tomllib.loads((tmp_path / f"{n}.toml").read_text()) for n in ("mine", "plain"))
     assert mine["trajectory"] == {"file": track, "smoothing_s": 10.0}
     assert mine["field"] == {"source": own_map}
-    assert mine["description"].startswith("A flight of my own")
+    assert mine["description"].startswith("My own flight")
     replaced = {"trajectory", "field", "title", "description"}
     assert {k: mine[k] for k in mine.keys() - replaced} == {
         k: plain[k] for k in plain.keys() - replaced
@@ -139,7 +139,7 @@ def test_a_flight_goes_through_ones_own_waypoints(tmp_path):
     assert "largest bank 25°" in done.stdout
     for wrong in ([], ["--map", "own.nc", "--track", "way.csv"]):
         done = invoke(["new", "scenario", "x", "--waypoints", "way.csv", *wrong], tmp_path)
-        assert done.returncode == 2 and "--waypoints goes with --map" in done.stderr
+        assert done.returncode == 2 and "--waypoints requires --map" in done.stderr
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
     done = invoke(["new", "scenario", "x", "--map", "own.nc", "--waypoints", "bad.csv"], tmp_path)
     assert done.returncode == 2 and "bad.csv line 1 names no column latitude_deg" in done.stderr
@@ -178,13 +178,13 @@ def test_a_speed_is_flown_or_refused(tmp_path):
     assert tomllib.loads((tmp_path / "mine.toml").read_text())["trajectory"]["speed_mps"] == 31.0
     for more, said in (
         (["--speed", "900"], "900 m/s is too fast"),
-        (["--speed", "30", "--track", "own.nc"], "--speed goes with --map, and without --track"),
+        (["--speed", "30", "--track", "own.nc"], "--speed requires --map and excludes --track"),
     ):
         done = invoke([*words[:2], "other", *words[3:], *more], tmp_path)
         assert done.returncode == 2 and said in done.stderr
     for option in (["--vehicle", "drone"], ["--speed", "30"]):
         done = invoke(["new", "scenario", "other", *option], tmp_path)
-        assert done.returncode == 2 and f"{option[0]} goes with --map" in done.stderr
+        assert done.returncode == 2 and f"{option[0]} requires --map" in done.stderr
 
 
 def test_a_track_of_ones_own_has_a_height_above_the_ground(tmp_path):
@@ -205,7 +205,7 @@ def test_a_track_of_ones_own_has_a_height_above_the_ground(tmp_path):
     written = tomllib.loads((tmp_path / "mine.toml").read_text())["trajectory"]
     assert written["file"] == "way.csv"
     done = invoke([*words[:2], "low", *words[3:], "--clearance", "900"], tmp_path)
-    assert done.returncode == 2 and "--clearance asks for 900 m" in done.stderr
+    assert done.returncode == 2 and "--clearance is 900 m" in done.stderr
     assert not (tmp_path / "low.toml").exists()
 
 
@@ -280,10 +280,10 @@ def test_a_flight_into_the_ground_or_out_of_a_draped_map_is_refused(tmp_path):
     words = ["new", "scenario", "low", "--map", "deep.nc"]
     done = invoke([*words, "--terrain", "dem.npz", "--clearance", "5"], tmp_path)
     said = " ".join(done.stderr.split())
-    assert done.returncode == 2 and "build it with --clearance-from " in said, said
+    assert done.returncode == 2 and "build the map with --clearance-from " in said, said
     for more, wanted in (
-        ([], "give the --terrain that they follow"),
-        (["--waypoints", "way.csv"], "waypoints are flown level"),
+        ([], "give the same --terrain"),
+        (["--waypoints", "way.csv"], "flights through waypoints are level"),
     ):
         (tmp_path / "way.csv").write_text("latitude,longitude\n45.02,7.02\n45.03,7.03\n")
         done = invoke([*words, *more], tmp_path)
@@ -316,15 +316,15 @@ def test_a_scenario_that_is_begun_runs(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["scenario", "a/b"], "'a/b' is no name"),
-        (["scenario", ""], "'' is no name"),
-        (["estimator", "2fast"], "'2fast' is no name"),
-        (["estimator", "filter.py"], "; the ending .py is added to it; -o DIR chooses"),
-        (["scenario", "naïve"], "'na\\xefve' is no name"),
-        (["estimator", "a" * 61], "60 at most"),
+        (["scenario", "a/b"], "'a/b' is not allowed as a name"),
+        (["scenario", ""], "'' is not allowed as a name"),
+        (["estimator", "2fast"], "'2fast' is not allowed as a name"),
+        (["estimator", "filter.py"], "; .py is added to it; -o DIR chooses"),
+        (["scenario", "naïve"], "'na\\xefve' is not allowed as a name"),
+        (["estimator", "a" * 61], "at most 60"),
         (["estimator", "none"], "would be a class None: choose another name"),
         (["estimator", "estimator"], "would be a class Estimator: choose another name"),
-        (["estimator", "there"], "there.py exists already and is not overwritten"),
+        (["estimator", "there"], "there.py exists and is not overwritten"),
         (["scenario", "x", "-o", "there.py/in"], "cannot write "),
     ],
 )

@@ -141,7 +141,7 @@ def test_a_case_of_an_assumption_can_be_repeated(folder):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["show", "before", "--run", "30"], "before holds no run 30; asked for were runs 0 to 29"),
+        (["show", "before", "--run", "30"], "before holds no run 30; available: runs 0 to 29"),
         (["show", "before", "--case", "x"], "before holds no run of case x"),
     ],
 )

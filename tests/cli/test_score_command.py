@@ -52,11 +52,11 @@ def test_its_card_is_reproduced_and_no_worse(folder):
     assert "The card is reproduced." in done.stdout
     done = invoke(["score", "my_filter.py", "--check", str(card), "-o", str(card.parent)], folder)
     assert done.returncode == 2
-    assert "--check flies them again: name another folder by -o" in " ".join(done.stderr.split())
+    assert "--check repeats: choose another folder with -o" in " ".join(done.stderr.split())
     shutil.copy(card, folder / "older.json")
     same = invoke(["score", "my_filter.py", *CASES, "--against", "older.json"], folder)
     assert same.returncode == 0
-    assert "2 questions compared, none is worse." in same.stdout
+    assert "2 questions compared, none significantly worse." in same.stdout
     changed = json.loads(card.read_text(encoding="utf-8"))
     changed["questions"][0]["errors_m"][3] *= 1.01
     (folder / "changed.json").write_text(json.dumps(changed))
@@ -92,14 +92,14 @@ def test_a_filter_that_became_worse_is_found(folder):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "name an ESTIMATOR"),
+        ([], "give an ESTIMATOR"),
         (["ekv"], "ekv"),
         (["missing.py"], "missing.py"),
-        (["ekf", "--quick", "-n", "30"], "--quick flies 20 runs"),
-        (["ekf", "-n", "201"], "201 runs are asked for; of each case 200 are stored"),
+        (["ekf", "--quick", "-n", "30"], "give either --quick"),
+        (["ekf", "-n", "201"], "201 runs requested, but only 200 of each case are stored"),
         (["ekf", "-c", "air"], "has no case 'air'"),
         (["--check", "none.json"], "cannot read the card none.json"),
-        (["--check", "none.json", "--quick"], "--check flies a card's runs"),
+        (["--check", "none.json", "--quick"], "--check repeats the runs of a card"),
         (["ekf", "--against", "none.json"], "cannot read the card none.json"),
     ],
 )
@@ -172,13 +172,13 @@ def test_a_card_of_other_cases_is_no_gate(tmp_path):
     (tmp_path / "card.json").write_text(json.dumps(stated("ekf", "outliers")))
     done = invoke(["score", "ekf", "-c", "air-narrow", "--against", "card.json"], tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
-    assert "no question of the card is flown by this score" in done.stderr
+    assert "this score flies no question of the card" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["card.json"]
     arguments = ["-c", "air-narrow", "-n", "2", "-j", "0", "--against", "card.json"]
     (tmp_path / "card.json").write_text(json.dumps(stated("ekf")))
     done = invoke(["score", "ekf", *arguments], tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "1 question compared, none is worse." in done.stdout
+    assert "1 question compared, none significantly worse." in done.stdout
 
 
 @pytest.mark.parametrize("output", [[], ["-o", "mine"]])
@@ -192,8 +192,8 @@ def test_the_card_to_compare_with_is_not_written_over(output, tmp_path):
     for before in (written.relative_to(tmp_path) / "card.json", written / "card.json", "link.json"):
         done = invoke(["score", "ekf", "--quick", "--against", str(before), *output], tmp_path)
         assert done.returncode == 2
-        assert f"--against {before} is the card that this command writes" in done.stderr
-        assert "a copy of it elsewhere" in done.stderr and "another folder by -o" in done.stderr
+        assert f"--against {before} is the card that this command overwrites" in done.stderr
+        assert "copy it first" in done.stderr and "another folder with -o" in done.stderr
         assert [path.name for path in written.iterdir()] == ["card.json"]
     other = [str(written / "card.json"), "-o", "other"]
     for allowed in (["copy.json", *output], other):

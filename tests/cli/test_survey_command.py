@@ -108,7 +108,7 @@ def test_a_survey_that_no_field_fits_gets_a_warning(spoil):
     expected = {
         turned: "fit best with --axes east-north-down",
         exchanged: "fit best with axes x north, y east, z up",
-        marked: "Check the axes (--axes), the signs, the units and marks of missing values",
+        marked: "Check axes (--axes), signs, units and void values",
     }
     assert expected[spoil] in warning
 
@@ -143,7 +143,7 @@ def test_an_error_that_cannot_be_computed_is_neither_stated_nor_stored():
 
 def test_what_the_standard_error_leaves_out_is_said_and_stored():
     said = run("--lines", "s.csv", *SETTINGS, "-o", "m.nc")
-    assert "It leaves out the unknown constant of each line" in said
+    assert "It excludes the unknown constant of each line" in said
     with netCDF4.Dataset("m.nc") as file:
         assert "leave out the unknown constant of each line" in file.comment
 
@@ -151,12 +151,12 @@ def test_what_the_standard_error_leaves_out_is_said_and_stored():
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["--leave-out", "11x"], "no line is called '11x'"),
+        (["--leave-out", "11x"], "no line has the name or kind '11x'"),
         (["--components", "xx,zx"], "allowed are xx, xy"),
         (["--components", "zz"], "no column 'zz'"),
         (["--column", "xx"], "must be written NAME=COLUMN"),
         (["--quantity", "disturbance"], "no column 'disturbance'"),
-        (["--terrain", "dem.asc"], "--lines and --terrain are two sources"),
+        (["--terrain", "dem.asc"], "--lines excludes --terrain"),
         (["--noise", "n.txt"], "must be named *.json"),
         (["--depth", "500", "--lowest", "-700"], "lies below the sources"),
     ],
@@ -167,4 +167,4 @@ def test_a_mistake_gets_a_sentence(words, said):
 
 def test_options_of_lines_need_lines():
     said = run("--terrain", "dem.asc", "--leave-out", "1", "-o", "m.nc", code=2)
-    assert "--leave-out goes with --lines" in said
+    assert "--leave-out requires --lines" in said

@@ -193,7 +193,7 @@ def test_the_first_words_come_before_anything_is_loaded(arguments, tmp_path):
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment
     )
     assert done.returncode == 7, done.stderr
-    assert done.stdout.startswith("First use of this version here: its code is compiled")
+    assert done.stdout.startswith("First use of this version: the code is compiled")
     assert str(tmp_path / "cache") in done.stdout
 
 
@@ -242,9 +242,9 @@ def uniform_track(path: Path, height_m: float, seconds_per_row: float) -> str:
 @pytest.mark.parametrize(
     ("height_m", "seconds_per_row", "said"),
     [
-        (40_020.0, 1.0, "if its heights are feet, these are 12198 m"),
-        (3000.0, 1000.0, "if its times are milliseconds, this is 60.1 m/s"),
-        (3000.0, 1.0 / 60.0, "if its times are minutes, this is 60.1 m/s"),
+        (40_020.0, 1.0, "as feet the heights would be 12198 m"),
+        (3000.0, 1000.0, "with times in milliseconds the speed would be 60.1 m/s"),
+        (3000.0, 1.0 / 60.0, "with times in minutes the speed would be 60.1 m/s"),
         (12_200.0, 1.0, ""),
         (3000.0, 0.1, ""),
     ],

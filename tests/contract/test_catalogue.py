@@ -54,7 +54,7 @@ BROKEN = {
     "repeatable": (
         END,
         f"        means *= 1.0 + 1e-15 * np.random.randint(1, 9, means.shape)\n{END}",
-        "gave another mean the second time, first at epoch 0",
+        "gave different values of mean, first at epoch 0",
     ),
     "inputs": (
         END,
@@ -64,7 +64,7 @@ BROKEN = {
     "causality": (
         END,
         f"{SIZE}        means += 5e-10 * size * np.tanh(0.1 * problem.measurements[-1, 0])\n{END}",
-        "readings of the future though its causality is 'filter': readings after epoch 20",
+        "later measurements although its causality is 'filter': when measurements after epoch 20",
     ),
     "exact": (
         "exact_if_linear_gaussian = True",
@@ -76,12 +76,12 @@ BROKEN = {
         "            x = x + gain @ y\n",
         "            if not problem.present[k].all():\n                gain = 0.0 * gain\n"
         "            x = x + gain @ y\n",
-        "with readings missing: its mean is up to",
+        "with readings missing: the mean differs by up to",
     ),
     "short": (
         "means, covs = np.array(means), np.array(covs)",
         "means, covs = np.array(means).squeeze(), np.array(covs).squeeze()",
-        "mean has the shape (5,), and must have (1, 5); it has as many numbers",
+        "mean has the shape (5,) and must have (1, 5); the number of elements is right",
     ),
 }
 """What each check finds: a change of the filter, and a part of what is said of it."""
@@ -137,7 +137,7 @@ def test_the_right_check_fails(tmp_path, name):
         ("Estimate(means, ", "Estimate(means * np.nan, ", "estimate", "not finite at 40 epochs"),
         (END, f"        covs[-1, 2, 2] *= -1.0\n{END}", "covariance", "variance of state 2 at"),
         ('causality = "filter"', 'causality = "batch"', "causality", "declare 'filter'"),
-        ('causality = "filter"', 'causality = "none"', "causality", "is 'none', and when readings"),
+        ('causality = "filter"', 'causality = "none"', "causality", "is 'none', but when m"),
     ],
 )
 def test_other_mistakes_are_named(tmp_path, old, new, name, said):
@@ -211,10 +211,10 @@ def test_one_without_covariance_is_asked_for_its_mean_alone(tmp_path):
     """It passes every check; a wrong mean still fails."""
     alone = FILTER.replace("Estimate(means, covs, ", "Estimate(means, None, ")
     remarks = {check.name: check.ask(made(tmp_path, alone)) for check in CHECKS}
-    assert all("only its mean is compared" in remarks[name] for name in ASKED_EXACTLY)
+    assert all("only the mean is compared" in remarks[name] for name in ASKED_EXACTLY)
     wrong = alone.replace(END, f"        means = 1.001 * means\n{END}")
     (exact,) = [check for check in CHECKS if check.name == "exact"]
-    with pytest.raises(Broken, match="there is a mistake"):
+    with pytest.raises(Broken, match="correct the estimator"):
         exact.ask(made(tmp_path, wrong))
 
 
@@ -224,9 +224,9 @@ def test_a_small_difference_is_a_remark_and_a_larger_one_a_mistake(off, passes, 
     (exact,) = [check for check in CHECKS if check.name == "exact"]
     estimator = made(tmp_path, text)
     if passes:
-        assert "it is exact to 3e-06 deviations" in exact.ask(estimator)
+        assert "exact to 3e-06 deviations" in exact.ask(estimator)
     else:
-        with pytest.raises(Broken, match="there is a mistake"):
+        with pytest.raises(Broken, match="correct the estimator"):
             exact.ask(estimator)
 
 
@@ -237,4 +237,4 @@ def test_a_mistake_that_rounding_does_not_explain_fails(tmp_path, text):
     text = text.replace(END, f"{SIZE}        means += {size} * size\n{END}")
     found = verdicts(made(tmp_path, text))
     assert list(found) == list(ASKED_EXACTLY)
-    assert "there is a mistake" in found["exact"]
+    assert "correct the estimator" in found["exact"]

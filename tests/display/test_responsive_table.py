@@ -103,7 +103,7 @@ def test_the_final_table_of_a_campaign(results, console):
 @pytest.mark.parametrize(
     ("tests", "words"),
     [
-        (0, "Nothing differs: there was nothing to test"),
+        (0, "All results are equal: no test was made"),
         (1, "p needs no adjustment"),
         (7, "p is adjusted for 7 tests"),
     ],

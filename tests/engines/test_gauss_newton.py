@@ -184,4 +184,4 @@ def test_a_model_without_arrays_is_refused():
     problem = block_of_runs("wide_prior", "1km", 1).problem(0)
     own = dataclasses.replace(problem, model=Own(problem.model))
     assert COMPILED.skip(problem) is None
-    assert COMPILED.skip(own) == "a compiled engine needs the package's own model, not Own"
+    assert COMPILED.skip(own) == "a compiled engine needs the model of ggbench, not Own"

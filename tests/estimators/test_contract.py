@@ -72,7 +72,7 @@ def kept(demand: Callable[..., Any], label: str, *arguments: Any) -> Any:
 
 def to_rounding(estimator: Any, problem: Any) -> None:
     """Demand more than the contract of the package's own estimators: no remark but on rounding."""
-    assert "it is exact to" not in demands.as_exact(estimator, problem)
+    assert "exact to" not in demands.as_exact(estimator, problem)
 
 
 def skip_unless_exact(label: str) -> None:

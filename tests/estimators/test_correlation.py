@@ -263,4 +263,4 @@ def test_settings_without_a_meaning_are_refused(settings, words):
 def test_a_problem_without_a_position_is_refused():
     problem = at_rest(Hills(), np.zeros(2), 100.0, 0.1)
     nowhere = changed(problem, layout=(StateBlock("bias", slice(0, 2), "mGal"),))
-    assert "no two states in metres" in (estimator("correlation").skip(nowhere) or "")
+    assert "two states in metres are needed" in (estimator("correlation").skip(nowhere) or "")

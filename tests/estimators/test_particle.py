@@ -437,8 +437,8 @@ def test_readings_that_bend_with_other_states_are_refused():
     """
     strapdown = {"gradiometer.instrument": "strapdown"}
     for problem, reason in (
-        (simulated("0.01E-1Hz")[0], "reads the position of some time ago"),
-        (simulate(small_flight(strapdown), 1, 0)[0], "depend on the attitude"),
+        (simulated("0.01E-1Hz")[0], "measures at an earlier position"),
+        (simulate(small_flight(strapdown), 1, 0)[0], "depend nonlinearly on attitude"),
         (linear_problem(0), "not of LinearModel"),
     ):
         assert reason in refusal("rao-blackwellised", problem)

@@ -141,7 +141,7 @@ def test_every_filter_of_few_states_follows_a_flight(name):
     label = f"reduced[filter={name},states={states},noise={noise}]"
     solver = estimator(label)
     if name == "gaussian-sum":  # compiled alone, and the rough field has no kernels
-        assert "needs the package's own model" in solver.skip(problem)
+        assert "needs the model of ggbench" in solver.skip(problem)
         return
     assert solver.skip(problem) is None
     found = solver.estimate(problem, rng())
@@ -193,7 +193,7 @@ def test_problems_without_such_states_are_refused():
 def test_states_that_are_none_of_the_problem_are_an_exception(states):
     problem = linear_problem(0)
     count = len(states)
-    with pytest.raises(ValueError, match="states must be some of 0 to 4"):
+    with pytest.raises(ValueError, match="states must be different numbers from 0 to 4"):
         reduced(problem, states, np.zeros((problem.epochs, count, count)))
     with pytest.raises(ValueError, match="noise must be"):
         reduced(problem, (0, 1), np.zeros((problem.epochs, 3, 3)))

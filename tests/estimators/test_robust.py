@@ -81,8 +81,8 @@ def test_without_kernels_other_updates_are_refused(label):
     """In a sentence, and not by another filter than the one that was asked for."""
     problem, _ = rough_flight(1, 50.0, epochs=30)
     solver = estimator(label)
-    assert "needs the package's own model" in solver.skip(problem)
-    with pytest.raises(TypeError, match="needs the package's own model"):
+    assert "needs the model of ggbench" in solver.skip(problem)
+    with pytest.raises(TypeError, match="needs the model of ggbench"):
         solver.estimate(problem, rng())
     assert estimator("ekf[noise_scale=2]").skip(problem) is None
 

@@ -78,7 +78,7 @@ def test_other_suffixes_and_missing_files_are_refused(tmp_path):
         ("array a 2 2\n1 2\n", r"the shape of a is damaged"),
         ("array a 1 1\nx\n", r"a holds 'x', no number"),
         ("array a 1 99999999999\n1\n", r"the shape of a is damaged"),
-        ("text 9a\nx\n", r"'9a' is no name of an array"),
+        ("text 9a\nx\n", r"'9a' is not a valid name of an array"),
     ],
 )
 def test_damaged_text_is_named(text, sentence, tmp_path):

@@ -122,7 +122,7 @@ def test_every_declared_variable_is_there_with_its_axes(folder):
     [
         ({"mean": None}, "mean is missing and must be an array, 3 × 20 × 15"),
         ({"mean": np.zeros((3, 20, 14))}, "mean has the shape 3 × 20 × 14 and must have"),
-        ({"mean": np.zeros((15, 20, 3))}, "its axes are in another order"),
+        ({"mean": np.zeros((15, 20, 3))}, "its axes are in a different order"),
         ({"mean": "north"}, "mean is a text and must be an array"),
         ({"times": np.arange(20.0)}, "must be 1 s, as in the problem's file"),
         ({"frame": "NED"}, "frame is 'NED' and must be 'ENU'"),
@@ -130,11 +130,11 @@ def test_every_declared_variable_is_there_with_its_axes(folder):
         ({"causality": "smoother"}, "causality is 'smoother' and must be one of"),
         ({"causality": None}, "causality is missing and must be a text"),
         ({"causality": "fixed-lag"}, "lag is missing"),
-        ({"lag": np.array(3.0)}, "lag is of estimates whose causality is fixed-lag"),
+        ({"lag": np.array(3.0)}, "lag requires causality fixed-lag"),
         ({"seconds": -np.ones(3)}, "seconds must not be below zero"),
         ({"estimator": "x" * 70}, "must be a printable name"),
         ({"sigma": np.zeros(3)}, "holds sigma, which is not allowed in estimates"),
-        ({"problem": "{}"}, "problem must be copied from the problem's file as it is"),
+        ({"problem": "{}"}, "problem must be copied unchanged from the problem's file"),
     ],
 )
 def test_faults_are_named(changes, sentence, folder, tmp_path):
@@ -185,14 +185,16 @@ def test_a_filter_that_uses_later_readings_is_refused(folder, tmp_path):
                 tmp_path / "whole.mat", cut=tmp_path / "cut.mat", output=tmp_path / "out", jobs=0
             )
             continue
-        with pytest.raises(GGBenchError, match="use later readings: without those after 12 s"):
+        with pytest.raises(
+            GGBenchError, match="use later measurements: without the measurements after 12 s"
+        ):
             exchange.judge_estimates(tmp_path / "whole.mat", cut=tmp_path / "cut.mat")
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda mean: -mean, "with the other sign"),
+        (lambda mean: -mean, "with opposite sign"),
         (lambda mean: ned(mean), "as north, east, down"),
         (lambda mean: 1e-3 * mean, "in km and km/s"),
         (lambda mean: mean, ""),

@@ -73,7 +73,7 @@ def test_a_program_that_hangs_floods_or_forks_costs_its_own_runs(text, sentence,
 @pytest.mark.parametrize(
     ("label", "sentence"),
     [
-        ("exec:./nobody", "there is no program nobody"),
+        ("exec:./nobody", "program nobody not found"),
         ("exec:small.toml", "cannot be executed; set its x bit"),
     ],
 )

@@ -170,7 +170,7 @@ def test_an_estimate_that_claims_nothing_is_drawn_without_a_region(size):
         assert not axis.collections
         assert list(lines(axis)) == ["mine"]
         assert np.isfinite(axis.get_ylim()).all()
-    assert figure.axes[1].get_title() == "aided; it claims no deviation"
+    assert figure.axes[1].get_title() == "aided, without covariance"
 
 
 def test_the_map_has_the_track_where_it_was_flown():

@@ -188,7 +188,7 @@ def test_a_file_keeps_the_model(tmp_path):
         ({"coefficients": [[[0.1, 0.2], [0.3]]]}, "coefficients must be numbers"),
         ({"innovation_cov_eotvos2": [[1.0, 2.0], [2.0, 1.0]]}, "symmetric and positive definite"),
         ({"innovation_cov_eotvos2": [[1.0, 0.2], [0.1, 1.0]]}, "symmetric and positive definite"),
-        ({"components": ["xx", "xx"]}, "each once"),
+        ({"components": ["xx", "xx"]}, "without duplicates"),
         ({"components": "xx"}, "components must be a list of names"),
         ({"interval_s": 0.0}, "interval_s is 0 and must be positive"),
         ({"interval_s": "soon"}, "interval_s must be numbers"),
@@ -211,5 +211,5 @@ def test_a_file_that_is_none_is_refused(tmp_path):
     with pytest.raises(ColouredNoiseError, match="cannot read the noise model"):
         read_noise(tmp_path / "gone.json")
     (tmp_path / "text.json").write_text("{")
-    with pytest.raises(ColouredNoiseError, match="is no JSON text"):
+    with pytest.raises(ColouredNoiseError, match="is not JSON"):
         read_noise(tmp_path / "text.json")

@@ -48,14 +48,20 @@ def test_a_raster_says_what_datum_it_has(crs, said, tmp_path):
 
 def test_heights_above_the_ellipsoid_need_no_geoid(tmp_path):
     file = write_raster(tmp_path / "a.tif", HEIGHTS, crs="EPSG:4979")
-    with pytest.raises(GGBenchError, match="heights are above the ellipsoid: leave out --geoid-h"):
+    with pytest.raises(GGBenchError, match="heights are above the ellipsoid: remove --geoid-h"):
         plan(Inputs(terrain=file, geoid_height_m=48.0), GridRequest(), "")
 
 
 CONTRADICTIONS = {
-    "a meridian": ({"longitude_of_prime_meridian": 2.337}, "meridian at 2.337 degrees; Greenwich"),
-    "a datum": ({"crs_wkt": CRS.from_epsg(4807).to_wkt()}, r"is in NTF \(Paris\); WGS 84 is all"),
-    "no datum": ({"crs_wkt": "WGS eighty-four"}, "has a reference system that is none"),
+    "a meridian": (
+        {"longitude_of_prime_meridian": 2.337},
+        "meridian at 2.337 degrees; only Greenwich",
+    ),
+    "a datum": (
+        {"crs_wkt": CRS.from_epsg(4807).to_wkt()},
+        r"is in NTF \(Paris\); only WGS 84 is all",
+    ),
+    "no datum": ({"crs_wkt": "WGS eighty-four"}, "has an invalid reference system"),
     "the same": ({"crs_wkt": CRS.from_epsg(4326).to_wkt()}, ""),
     "no words": ({"grid_mapping_name": "latitude_longitude"}, ""),
 }

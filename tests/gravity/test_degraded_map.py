@@ -241,23 +241,23 @@ def test_what_is_no_map_has_its_sentence(tmp_path):
         ("land_correction", False),
     ):
         case = small_case(rough | {f"truth.field.{key}": value})
-        with pytest.raises(MapError, match=f"field.{key} is {value}, which means nothing for"):
+        with pytest.raises(MapError, match=f"field.{key} is {value}, but .* does not use it"):
             make_field(case.side("truth").field)
-    with pytest.raises(MapError, match='source = "normal" has no map that could be wrong'):
+    with pytest.raises(MapError, match='source = "normal" has no map'):
         make_field(small_case({"field.error": {"density_factor": 2.0}}).field)
 
 
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        ({"resolution_km": 100.0}, r"resolution_km = 100, .* not be wider than the map, 31 km"),
+        ({"resolution_km": 100.0}, r"resolution_km = 100, .* at most the width of the map, 31 km"),
         (
             {"correlated_noise_eotvos": 1.0, "correlation_km": 0.5},
-            r"correlation_km = 0.5, .* at least the distance of the map's nodes, 0.92\d km",
+            r"correlation_km = 0.5, .* at least the node spacing, 0.92\d km",
         ),
         (
             {"correlated_noise_eotvos": 1.0, "correlation_km": 1000.0},
-            r"correlation_km = 1000, too long for a map whose nodes are 0.77\d km apart",
+            r"correlation_km = 1000, too long for a node spacing of 0.77\d km",
         ),
     ],
 )

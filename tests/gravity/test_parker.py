@@ -313,13 +313,13 @@ def test_field_depends_neither_on_other_heights_nor_on_turns(jacksboro):
     [
         ({"latitude": [0.5]}, r"latitude 28\.6.* is not within hills: -0\.05.* to 0\.05"),
         ({"longitude": [-1.0]}, r"longitude .* is not within hills: 19\.9.* to 20\.0"),
-        ({"latitude": [0.0, np.nan]}, "latitude must be a row of finite numbers"),
-        ({"longitude": []}, "longitude must be a row of finite numbers"),
-        ({"height": [[1000.0]]}, "height must be a row of finite numbers"),
+        ({"latitude": [0.0, np.nan]}, "latitude must be one or more finite numbers"),
+        ({"longitude": []}, "longitude must be one or more finite numbers"),
+        ({"height": [[1000.0]]}, "height must be one or more finite numbers"),
         ({"height": [3000.0, 600.0]}, r"lies 1\d\d.* m below the highest ground of hills"),
         ({"height": [1500.0], "geoid_height": 1000.0}, "below the highest ground"),
         ({"geoid_height": math.nan}, "geoid_height = nan must be a finite number"),
-        ({"height": [713.0]}, r"Fourier nodes.*or stay .* m above its highest ground"),
+        ({"height": [713.0]}, r"Fourier nodes.*or raise .* m above the highest ground"),
     ],
 )
 def test_impossible_positions_are_refused(hilly, change, message):
@@ -339,7 +339,7 @@ def test_a_height_at_which_the_series_is_too_long_is_refused():
 
 def test_a_terrain_too_wide_for_a_plane_is_refused():
     terrain = Terrain(-60.0, 0.0, 1.0, 1.0, np.zeros((120, 170)), "half a globe")
-    with pytest.raises(TerrainError, match="half a globe is too wide for a plane"):
+    with pytest.raises(TerrainError, match="half a globe is too wide for the plane"):
         terrain_field(terrain, [0.0], [1.0], [1000.0])
 
 

@@ -85,9 +85,9 @@ def test_what_is_called_a_depth_is_one_where_it_is_positive_throughout(tmp_path)
         assert ("negated" in terrain.name) == (values is not deep)
     up = write_netcdf(tmp_path / "a.nc", HEIGHTS, "depth", positive="up")
     np.testing.assert_allclose(read_terrain(up).height_m, HEIGHTS)
-    with pytest.raises(TerrainError, match=r"which way they count: set the attribute positive"):
+    with pytest.raises(TerrainError, match=r"without a direction: set the attribute positive"):
         read_terrain(write_netcdf(tmp_path / "a.nc", HEIGHTS, "depth"))
-    with pytest.raises(TerrainError, match=r"depths from -1500 to -250, and does not say"):
+    with pytest.raises(TerrainError, match=r"depths from -1500 to -250 without a direction"):
         read_terrain(write_netcdf(tmp_path / "a.nc", deep, standard_name="sea_floor_depth"))
 
 
@@ -116,7 +116,7 @@ def test_undeclared_marks_of_voids_are_recognised(tmp_path, mark, unit):
             np.testing.assert_allclose(terrain.height_m, HEIGHTS, atol=1e-3)
             assert "undeclared" in terrain.name and "1 voids filled" in terrain.name
     written[5, 7] = 55555.0
-    with pytest.raises(TerrainError, match=r"A value that marks voids must be declared"):
+    with pytest.raises(TerrainError, match=r"Declare a void value with --void VALUE"):
         read_terrain(write_netcdf(tmp_path / "b.nc", written, units=unit))
 
 
@@ -144,7 +144,9 @@ def test_the_void_of_tiles_is_declared_by_their_format(tmp_path):
 
 def test_a_tile_without_a_place_is_refused_with_the_rule(tmp_path):
     (tmp_path / "mini.hgt").write_bytes(bytes(2 * 601**2))
-    with pytest.raises(TerrainError, match=r"begins with its south-western corner, as N36W085.hgt"):
+    with pytest.raises(
+        TerrainError, match=r"must begin with its south-western corner, for example N36W085.hgt"
+    ):
         read_terrain(tmp_path / "mini.hgt")
 
 
@@ -185,7 +187,7 @@ def test_a_missing_database_of_proj_is_named(tmp_path):
             check=False,
         )
         assert "PROJ's database proj.db, which is not found" in ended.stderr
-        assert f"{variable} = {value!r} leads to another installation: unset it" in ended.stderr
+        assert f"{variable} = {value!r} points to another installation: unset it" in ended.stderr
 
 
 def virtual_raster(source: str) -> str:

@@ -69,7 +69,7 @@ def test_the_nees_knows_of_correlations():
         ({"mean": np.full((2, 3), np.nan)}, "fixes.mean is not finite"),
         ({"cov": np.zeros((2, 3, 3))}, "fixes.cov is not positive definite"),
         ({"cov": np.zeros((2, 2, 2))}, "fixes.cov has shape"),
-        ({"statistic": np.array([np.nan, 1.0])}, "fixes.statistic is not a number"),
+        ({"statistic": np.array([np.nan, 1.0])}, "fixes.statistic is NaN"),
         ({"accepted": np.array([True])}, "fixes.accepted has shape"),
     ],
 )

@@ -62,11 +62,11 @@ def test_what_cannot_be_judged(run):
     negative = dataclasses.replace(estimate, cov=-estimate.cov)
     bare = estimate.mean
     cases = (
-        ((problem, bare, truth), "estimate is of type ndarray and must be of type Estimate"),
-        ((problem, truth, estimate), "estimate is of type Truth and must be"),
+        ((problem, bare, truth), "estimate must be of type Estimate, not ndarray"),
+        ((problem, truth, estimate), "estimate must be of type Estimate, not Truth"),
         (
             (problem, estimate, truth, {"last_s": 1.0}),
-            "windows is of type dict and must be of type WindowsSpec",
+            "windows must be of type WindowsSpec, not dict",
         ),
         (
             (problem, dataclasses.replace(estimate, mean=bare[1:]), truth),
@@ -76,7 +76,10 @@ def test_what_cannot_be_judged(run):
         ((problem, dataclasses.replace(estimate, mean=None), truth), r"mean has shape \(\), not"),
         ((problem, negative, truth), "cov is not positive definite at epoch 0"),
         ((problem, estimate, shorter), r"truth is of another problem: its states have shape \(19"),
-        ((problem, estimate, shifted), "truth is of another problem: its epochs are from 1.5 to"),
+        (
+            (problem, estimate, shifted),
+            "truth belongs to another problem: its epochs differ (1.5 to",
+        ),
         ((problem, estimate, truth, late), "must not lie beyond the last epoch, at 20 s"),
     )
     for arguments, sentence in cases:

@@ -167,7 +167,7 @@ def test_only_the_short_waves_of_a_terrain_are_added_to_harmonics(tmp_path):
 def test_a_file_keeps_the_base(folder):
     code, output = build(folder, "--clearance-from", 80, "--geoid-height", 0)
     assert code == 0, output
-    assert "m above a base surface" in output and "err by at most" in output
+    assert "m above a base surface" in output and "the error is at most" in output
     whole = read(folder / "map.nc")
     nodes, attributes, layers = netcdf_reader.read_layers(folder / "map.nc")
     assert whole.height0 == 80.0 and whole.base is not None
@@ -215,7 +215,7 @@ def test_show_draws_a_clearance(folder):
     assert "clearance: 60 m to 200 m" in output and "base surface: " in output
     for words, said in (
         (("--height", 100), "give --clearance, 60 to 200 m"),
-        (("--clearance", 900), "--clearance 900 is not in"),
+        (("--clearance", 900), "--clearance 900 is outside"),
     ):
         code, output = run("map", "show", folder / "map.nc", *words)
         assert code == 2 and said in output
@@ -225,9 +225,9 @@ def test_show_draws_a_clearance(folder):
     ("words", "said"),
     [
         (("--lowest", 3000), "--lowest 3000 is a height above the ellipsoid"),
-        (("--clearance", 300), "without --clearance"),
-        (("--clearance-from", 700), "must ascend"),
-        (("--clearance-from", 0), "must ascend"),
+        (("--clearance", 300), "in place of --clearance"),
+        (("--clearance-from", 700), "below --clearance-to"),
+        (("--clearance-from", 0), "below --clearance-to"),
         (("--tolerance", 0), "--tolerance 0 E must be positive"),
         (("--height-spacing", -5), "--height-spacing -5 must be positive"),
     ],
@@ -240,10 +240,10 @@ def test_what_does_not_go_with_a_drape_is_refused(folder, words, said):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--clearance-to", 300), "give --drape"),
-        (("--tolerance", 1.0), "give --drape"),
-        (("--beyond", "nothing"), "give --drape"),
-        (("--lowest", 1000), "--drape makes a map whose layers follow the ground"),
+        (("--clearance-to", 300), "require --drape"),
+        (("--tolerance", 1.0), "require --drape"),
+        (("--beyond", "nothing"), "require --drape"),
+        (("--lowest", 1000), "--drape builds a map whose layers follow the ground"),
     ],
 )
 def test_a_level_map_leads_to_the_drape(folder, words, said):
@@ -267,13 +267,13 @@ def test_a_terrain_alone_is_draped_not_a_gravity_model(folder, tmp_path):
         *("--coefficients", tmp_path / "model.gfc"),
         *shlex.split("--drape --south 45 --north 46 --west 7 --east 8"),
     )
-    assert code == 2 and "--drape goes with --terrain" in output
+    assert code == 2 and "--drape requires --terrain" in output
 
 
 def test_the_zero_level_of_a_draped_terrain_is_the_geoid(folder):
     """So that heights of its map are above the ellipsoid, as those of tracks are."""
     code, output = build(folder)
-    assert code == 0 and "above sea level, 5" in output
+    assert code == 0 and "above sea level, which lies 5" in output
     geoid = json.loads(netcdf_reader.read_layers(folder / "map.nc")[1]["parameters"])
     assert geoid["geoid_height_m"] == pytest.approx(geoid_heights([45.0175], [7.0175])[0], abs=0.1)
     raised = read(folder / "map.nc").base
@@ -287,7 +287,7 @@ def test_a_level_map_says_where_sea_level_is(folder):
     inputs = Inputs(terrain=folder / "dem.npz")
     (said,) = [each for each in plan(inputs, GridRequest(), "test").remarks if "sea" in each]
     height = geoid_heights([45.02], [7.02])[0]
-    assert f"--geoid-height {height:.1f} makes them so" in said
+    assert f"--geoid-height {height:.1f} (EGM2008" in said
     given = dataclasses.replace(inputs, geoid_height_m=0.0)
     assert not any("sea" in each for each in plan(given, GridRequest(), "test").remarks)
 
@@ -302,7 +302,7 @@ def test_a_map_near_the_edge_of_its_terrain_is_warned_of_what_lies_beyond(folder
     assert "the western edge" in said
     assert f"within {distance / 1e3:.2g} km" in said or "within 0.4" in said
     worth = 2.0 * 6.6743e-11 * 2670.0 * np.std(terrain.height_m) / distance * 1e9
-    found = float(said.split("is worth ")[1].split(" E there")[0])
+    found = float(said.split("causes an error of ")[1].split(" E there")[0])
     assert found == pytest.approx(worth, rel=0.1)
 
 

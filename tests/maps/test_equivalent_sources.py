@@ -94,7 +94,7 @@ def test_layers_are_harmonic_and_as_along_the_lines(quiet):
 def test_a_survey_wider_than_the_plane_and_too_many_masses_are_refused():
     lines = survey()
     wide = dataclasses.replace(lines, latitude_deg=30.0 + 100.0 * (lines.latitude_deg - 30.0))
-    with pytest.raises(MapError, match="at most 150 km can be taken for flat"):
+    with pytest.raises(MapError, match="the plane approximation allows 150 km"):
         fit(wide, WANTED)
-    with pytest.raises(MapError, match="widen --source-spacing"):
+    with pytest.raises(MapError, match="increase --source-spacing"):
         fit(lines, FitOptions(500.0, 20.0, 0.1))

@@ -88,10 +88,10 @@ BAD = {
             line for line in text().splitlines() if line[:4] not in ("trnd", "acos", "asin")
         ).replace("gfct", "gfc "),
         EPOCH,
-        "does not vary with time",
+        "is constant in time",
     ),
     "outside": (text(intervals=True), datetime.date(1999, 1, 1), "in no interval of gfct of deg"),
-    "no gfct": (text(extra="trnd 4 1 1e-10 1e-10 0 0\n"), EPOCH, "trnd of degree 4, .* no gfct"),
+    "no gfct": (text(extra="trnd 4 1 1e-10 1e-10 0 0\n"), EPOCH, "trnd of .* no line gfct"),
     "twice": (text(extra="gfct 3 1 1e-10 1e-10 0 0 20100101\n"), EPOCH, "order 1 twice"),
     "no date": (text(extra="gfct 4 1 1e-10 1e-10 0 0\n"), EPOCH, "gfct 4 1 .* cannot be read"),
     "a word": (text(extra="trnd 4 one 1e-10 1e-10\n"), EPOCH, "trnd 4 one .* cannot be read"),

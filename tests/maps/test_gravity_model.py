@@ -159,7 +159,9 @@ def test_models_come_packed(tmp_path):
     with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
         archive.write(plain, "a.gfc")
         archive.write(plain, "b.gfc")
-    with pytest.raises(MapError, match=r"archive of 2 files, 2 of them \*.gfc; one is allowed"):
+    with pytest.raises(
+        MapError, match=r"archive of 2 files with 2 files \*.gfc; exactly one is allowed"
+    ):
         read_model(tmp_path / "b.zip")
     content = (tmp_path / "a.zip").read_bytes()
     (tmp_path / "a.zip").write_bytes(content[:-30])
@@ -189,20 +191,20 @@ def test_fortran_leaves_out_the_e_of_long_exponents(tmp_path):
         (text({"product_type": "topography"}), "product_type is 'topography'"),
         (text({"tide_system": "spring"}), "tide_system is 'spring'"),
         (text({"radius": None}), "header lacks radius"),
-        (text({"earth_gravity_constant": "big"}), "'big', which is no number"),
+        (text({"earth_gravity_constant": "big"}), "'big', and must be a number"),
         (text({"earth_gravity_constant": "4.9028D+12"}), "are not the Earth's"),
         (text({"radius": "6378.1363"}), "are not the Earth's in m"),
-        (text({"max_degree": "1e9"}), "at most 5600 can be used"),
+        (text({"max_degree": "1e9"}), "at most 5600 is allowed"),
         (text({"max_degree": "3"}), "'gfc 4 0 .*degree up to 3"),
-        (text({"max_degree": "5"}), "stops at order 4, far below degree 5"),
+        (text({"max_degree": "5"}), "ends at order 4, far below degree 5"),
         (text(lines=rows()[:5] + rows()[6:]), "lacks the coefficient of degree 3 and order 1"),
         (text(lines=[*rows(), rows()[4]]), "degree 3 and order 0 more than once"),
         (text(lines=changed(3, 0, "gfct")), "vary with time .lines gfct.: .*--epoch"),
         (text(lines=changed(3, 0, "dot")), "vary with time .lines dot.: .*--epoch"),
         (text(lines=changed(3, 0, "gfx")), "begins with 'gfx'"),
-        (text(lines=changed(3, 2, "7")), "is no coefficient"),
-        (text(lines=changed(3, 1, "-2")), "is no coefficient"),
-        (text(lines=changed(3, 3, "nan")), "is no coefficient"),
+        (text(lines=changed(3, 2, "7")), "is not a coefficient"),
+        (text(lines=changed(3, 1, "-2")), "is not a coefficient"),
+        (text(lines=changed(3, 3, "nan")), "is not a coefficient"),
         (
             text(lines=changed(3, 4, "x1.0")),
             r"line 14, 'gfc 2 2 .* x1.0 .*cannot be read",
@@ -210,7 +212,7 @@ def test_fortran_leaves_out_the_e_of_long_exponents(tmp_path):
         (text(lines=changed(1, 3, "1.0E-9")), "degree 2 and order 0 must be the Earth's"),
         (text(lines=changed(3, 2, "1.5")), "cannot be read"),
         (text(lines=[*rows(), ["gfc"]]), "cannot be read"),
-        (text()[:-80], "stops at order 3, far below degree 4"),
+        (text()[:-80], "ends at order 3, far below degree 4"),
         (text()[:-500], "cannot be read"),
     ],
 )

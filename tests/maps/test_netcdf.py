@@ -277,7 +277,7 @@ def test_other_files_are_refused(tmp_path):
 
 def test_a_region_that_the_map_does_not_touch_is_refused(file):
     with pytest.raises(
-        MapError, match=r"covers longitudes from 107.5000° to 107.7000°, and nothing"
+        MapError, match=r"covers longitudes from 107.5000° to 107.7000°, and the region"
     ):
         read(file, (33.0, 33.1, 10.0, 11.0))
 
@@ -297,17 +297,20 @@ def put_everywhere(name, change):
 @thinned(
     ("change", "message"),
     [
-        (put_everywhere("gradient_uu", lambda v: v + 0.01), r"EE \+ NN \+ UU is up to 0.01 E and"),
+        (put_everywhere("gradient_uu", lambda v: v + 0.01), r"EE \+ NN \+ UU reaches 0.01 E and"),
         (
             put_everywhere("gradient_ee", lambda v: 1.001 * v),
-            r"EE \+ NN \+ UU is up to .* rounding m",
+            r"EE \+ NN \+ UU reaches .* rounding m",
         ),
         (
             put_everywhere("gradient", lambda v: 1e300 * v),
             r"largest gradient is .*e\+300 E; .*10000 E",
         ),
-        (put_everywhere("gradient", lambda v: 5e3 * v), r"at most 10000 E: mend its values or"),
-        (put_everywhere("gradient", lambda v: 1e-9 * v), r"s⁻² that is taken for E: multiply"),
+        (
+            put_everywhere("gradient", lambda v: 5e3 * v),
+            r"at most 10000 E are allowed: correct the values or",
+        ),
+        (put_everywhere("gradient", lambda v: 1e-9 * v), r"seem to be in s⁻²: multiply"),
         (put_everywhere("disturbance", lambda v: 1e5 * v), r"m/s²; .* at most 0.1 m/s².* mGal is"),
     ],
 )
@@ -404,7 +407,7 @@ def test_nothing_is_left_of_a_map_that_could_not_be_finished(tmp_path):
 
     path = tmp_path / "map.nc"
     path.write_bytes(b"what was there before")
-    for bad, message in ((np.nan, "no numbers"), (None, "4 layers were computed")):
+    for bad, message in ((np.nan, "not finite"), (None, "4 layers were computed")):
         with pytest.raises(MapError, match=message):
             netcdf.write_layers(path, nodes, layers(bad), {})
     with pytest.raises(MapError, match="cannot write the map"):

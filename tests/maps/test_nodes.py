@@ -65,7 +65,7 @@ def test_spacings_are_a_quarter_of_the_distance_to_the_sources():
         assert remarks == []
     for factor in (1.01, 4.0):
         _, (remark,) = nodes_for(held, GridRequest(spacing_deg=factor * widest / 3600.0))
-        assert "a quarter of the 9500 m to the sources" in remark
+        assert "a quarter of the distance of 9500 m to the sources" in remark
     assert nodes_for(held, GridRequest(spacing_deg=widest / 3600.0))[1] == []
 
 
@@ -88,7 +88,7 @@ def test_longitudes_are_counted_as_the_inputs_count_them():
 def test_more_than_one_turn_is_refused():
     """Of what serves the whole Earth; control: one turn is a map."""
     whole = [reach((-90.0, 90.0, -360.0, 360.0))]
-    with pytest.raises(MapError, match="--west -180 to --east 181 are 361 degrees; at most one"):
+    with pytest.raises(MapError, match="--west -180 to --east 181 span 361 degrees; at most 360"):
         nodes_for(whole, GridRequest(-1.0, 1.0, -180.0, 181.0, spacing_deg=0.5))
     nodes, _ = nodes_for(whole, GridRequest(-1.0, 1.0, -180.0, 180.0, spacing_deg=0.5))
     assert nodes.longitude_deg.size == 721
@@ -122,8 +122,8 @@ def test_a_map_may_cross_the_date_line(around):
     [
         ((36.2, 36.8, -84.2, -84.8), "--west -84.2 must be less than --east -84.8"),
         ((36.8, 36.2, -84.8, -84.2), "--south 36.8 must be less than --north 36.2"),
-        ((95.0, 96.0, -84.8, -84.2), "--south 95 is no latitude: -90 to 90 degrees is allowed"),
-        ((36.2, 36.8, 745e3, 760e3), "--west 745000 is no longitude: .* metres of a projection"),
+        ((95.0, 96.0, -84.8, -84.2), "--south 95 is not a latitude: -90 to 90 degrees are allowed"),
+        ((36.2, 36.8, 745e3, 760e3), "--west 745000 is not a longitude: .* metres in a projection"),
     ],
 )
 def test_bounds_that_are_none_are_refused_with_a_sentence(bounds, message):

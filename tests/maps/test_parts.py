@@ -152,7 +152,7 @@ def test_a_terrain_smaller_than_the_wavelength_is_refused():
 
 @pytest.mark.parametrize("density", [0.0, 900.0, OPTIONS.water_density])
 def test_ground_must_be_heavier_than_water_to_be_smoothed(density):
-    with pytest.raises(MapError, match="--density must be above --water-density"):
+    with pytest.raises(MapError, match="must be above --water-density"):
         smoothed(terrain(LONG), DEGREE, TerrainOptions(density=density))
 
 

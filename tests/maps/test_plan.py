@@ -90,13 +90,13 @@ def test_harmonics_of_higher_degree_need_less_of_a_grids_edge(coefficients, tmp_
 
 
 def test_what_was_assumed_of_a_grid_is_said(tmp_path):
-    """A grid of gravity without a unit, and a geoid that is taken for the height anomaly."""
+    """A grid of gravity without a unit, and a geoid that is used as the height anomaly."""
     path = tmp_path / "grid.nc"
     write_grid(path, "gravity", "", np.zeros((101, 101)), south=36.0, west=2.0, step=0.1)
     made = plan(Inputs(grid=path, grid_kind="anomaly", max_degree=60), BOX, "test")
     assert "grid.nc: no unit given, mGal assumed" in made.remarks
     made = plan(Inputs(grid=geoid_of_nothing(tmp_path), max_degree=60), BOX, "test")
-    assert any("taken for the height anomaly" in remark for remark in made.remarks)
+    assert any("used as the height anomaly" in remark for remark in made.remarks)
 
 
 def test_height_anomalies_need_no_correction_of_land(tmp_path):
@@ -105,5 +105,7 @@ def test_height_anomalies_need_no_correction_of_land(tmp_path):
     write_grid(path, "height_anomaly", "m", np.zeros((101, 101)), south=36.0, west=2.0, step=0.1)
     made = plan(Inputs(grid=path, max_degree=60), BOX, "test")
     assert not any("land-correction" in remark for remark in made.remarks)
-    with pytest.raises(MapError, match="holds height anomalies: leave out --land-correction"):
+    with pytest.raises(
+        MapError, match="already contains height anomalies: remove --land-correction"
+    ):
         plan(Inputs(grid=path, max_degree=60, land_correction=path), BOX, "test")

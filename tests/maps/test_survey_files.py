@@ -122,8 +122,8 @@ def test_samples_with_missing_values_are_left_out(tmp_path):
     [
         ({"xx": "Tzz"}, ("xx",), "no column 'Tzz'; name it, as in --column xx=COLUMN; it has Time"),
         ({}, ("xx", "yy"), "no column 'yy'"),
-        ({"heigth": "Alt"}, (), "--column heigth=... names no column; known: line, kind"),
-        ({}, ("xx", "xx"), "each once"),
+        ({"heigth": "Alt"}, (), "--column heigth=... has an unknown key; known: line, kind"),
+        ({}, ("xx", "xx"), "each at most once"),
         ({"height_m": "Height"}, (), "no column 'Height'"),
     ],
 )
@@ -143,12 +143,12 @@ def test_a_file_that_is_no_survey_gets_a_sentence(tmp_path):
     with pytest.raises(MapError, match="cannot read the survey"):
         read_lines(tmp_path / "none.csv")
     (tmp_path / "bad.xyz").write_text("Line 1\n1 2 3\n")
-    with pytest.raises(MapError, match="no comment names its 3 columns"):
+    with pytest.raises(MapError, match="names its 3 columns"):
         read_lines(tmp_path / "bad.xyz")
     with pytest.raises(MapError, match="no column of a component"):
         read_lines(csv(tmp_path), {"xx": "a", "xz": "b"})
     (tmp_path / "m.csv").write_text(
         "line,time_s,latitude_deg,longitude_deg,height_m,xx\n" + "1,1,3327615,436298,80,1\n" * 5
     )
-    with pytest.raises(MapError, match="not in metres of a projection"):
+    with pytest.raises(MapError, match="for metres in a projection give --crs"):
         read_lines(tmp_path / "m.csv")

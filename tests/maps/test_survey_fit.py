@@ -65,9 +65,11 @@ def test_lines_are_left_out_by_name_pattern_and_kind():
     lines = survey(repeats=(1, 4))
     assert lines.without(["repeat"]).names == lines.without(["*.1"]).names == lines.names[:12]
     assert lines.without(["repeat", "3"]).names == (*lines.names[:3], *lines.names[4:12])
-    with pytest.raises(MapError, match=r"no line is called 'repeats'.*kinds: primary, repeat"):
+    with pytest.raises(
+        MapError, match=r"no line has the name or kind 'repeats'.*kinds: primary, repeat"
+    ):
         lines.without(["repeats"])
-    with pytest.raises(MapError, match="all lines are left out"):
+    with pytest.raises(MapError, match="--leave-out excludes all lines"):
         lines.without(["*"])
 
 

@@ -143,10 +143,14 @@ def test_bounds_hold_the_cells(field):
 @pytest.mark.parametrize(
     ("changes", "bounds", "sentence"),
     [
-        ({"height_m": 20e3}, Bounds(), "the height 20000 m is not in it: 9500 to 10500 m is"),
-        ({"cell_deg": 1.0, "spacing_m": None}, Bounds(), "holds no cell of 1°"),
-        ({}, Bounds(40.0), "holds no cell of 0.07°"),
-        ({"cell_deg": 0.0005, "spacing_m": None}, Bounds(), "at most 20000 can be scored"),
+        (
+            {"height_m": 20e3},
+            Bounds(),
+            "the height 20000 m is outside it, which has 9500 to 10500 m",
+        ),
+        ({"cell_deg": 1.0, "spacing_m": None}, Bounds(), "contains no cell of 1°"),
+        ({}, Bounds(40.0), "contains no cell of 0.07°"),
+        ({"cell_deg": 0.0005, "spacing_m": None}, Bounds(), "at most 20000 are allowed"),
         ({"spacing_m": 2000.0}, Bounds(), "it has not 8 to 1000 of them"),
     ],
 )
@@ -162,7 +166,7 @@ def test_what_the_map_does_not_hold(field, changes, bounds, sentence):
         ({"sigma_m": math.inf}, "the deviation of the position is inf m"),
         ({"track_m": -1.0}, "the track is -1 m"),
         ({"readings": 1}, "a track has 2 to 10000 readings, and not 1"),
-        ({"right_m": 4500.0}, "which is all of the 4500 m"),
+        ({"right_m": 4500.0}, "below the search radius of 4500 m"),
         ({"height_m": math.nan}, "the height is nan m"),
     ],
 )
@@ -205,16 +209,16 @@ def test_a_shipped_terrain_is_made_about_any_height_that_it_gives(height, monkey
 
 def test_maps_that_are_none():
     for name, sentence in (
-        ("nosuch", "nosuch is no map: give a file"),
+        ("nosuch", "nosuch is not a map: give a file"),
         ("nosuch.nc", "cannot read the map nosuch.nc"),
     ):
         with pytest.raises(MapError, match=sentence):
             named_map(name, DESIGN, Bounds())
-    with pytest.raises(MapError, match="the height 100 m is not in what egm2008_qinling gives"):
+    with pytest.raises(MapError, match="the height 100 m is outside egm2008_qinling"):
         named_map("egm2008_qinling", dataclasses.replace(DESIGN, height_m=100.0), Bounds())
-    with pytest.raises(MapError, match=r"jacksboro, 31.7 km by 30 km, holds no cell of 0.5°"):
+    with pytest.raises(MapError, match=r"jacksboro, 31.7 km by 30 km, contains no cell of 0.5°"):
         named_map("jacksboro", Design(), Bounds())
-    with pytest.raises(MapError, match="nothing of egm2008_qinling lies in the bounds"):
+    with pytest.raises(MapError, match="egm2008_qinling lies outside the bounds"):
         named_map("egm2008_qinling", DESIGN, Bounds(south=60.0))
 
 

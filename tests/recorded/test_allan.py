@@ -108,7 +108,10 @@ def bad(kind: str) -> tuple[np.ndarray, np.ndarray]:
     ("kind", "expected"),
     [
         ("short", "has 999 samples; at least 1000"),
-        ("gap", "longest piece without a gap has 700 samples; at least 1000"),
+        (
+            "gap",
+            "longest part without gaps has 700 samples; an Allan deviation needs at least 1000",
+        ),
         ("in g", r"mean specific force is 0.9\d+ m/s².* other units"),
         ("moved", "is not at rest: .* cut the log"),
         ("backwards", "times must increase"),
@@ -125,5 +128,5 @@ def test_a_log_that_says_nothing_has_its_sentence(kind, expected, tmp_path):
 def test_columns_that_are_missing_are_named(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("time_s,gyro_x\n" + "".join(f"{t},0\n" for t in range(9)))
-    with pytest.raises(FlightError, match="needs all of the columns angular_rate_x_radps"):
+    with pytest.raises(FlightError, match="needs all columns angular_rate_x_radps"):
         imu_noise(path)

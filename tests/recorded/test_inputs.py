@@ -89,7 +89,7 @@ ROWS = {
         "increments",
         "imu",
         _times(lambda t: t + 0.03 * np.sin(7.0 * t)),
-        "not those of regular intervals",
+        "must come at regular intervals",
         "give rates",
     ),
     # readings on it
@@ -98,7 +98,7 @@ ROWS = {
         "gnss",
         _times(lambda t: t - 2.0),
         "line 2",
-        "outside the INS's",
+        "outside the",
         "clock_offset_s",
         'outside = "drop"',
     ),
@@ -123,26 +123,26 @@ ROWS = {
         "solution",
         "gnss",
         lambda t: t.assign(**dict.fromkeys(list(t)[1:], np.nan)),
-        "holds no reading",
+        "has no measurement",
     ),
     # units and frames
     "radians": (
         "solution",
         "ins",
         _scale(np.pi / 180, "latitude_deg", "longitude_deg"),
-        "it fits if latitude and longitude are radians",
+        "they agree if latitude and longitude are radians",
     ),
     "east is north": (
         "solution",
         "ins",
         _swap("velocity_east_mps", "velocity_north_mps"),
-        "it fits if the east and north velocities change places",
+        "they agree if the east and north velocities are exchanged",
     ),
     "backwards flight": (
         "solution",
         "ins",
         _scale(-1.0, "velocity_east_mps", "velocity_north_mps"),
-        "both horizontal velocities change their sign",
+        "both horizontal velocities have the opposite sign",
     ),
     "km/h": (
         "solution",
@@ -154,7 +154,7 @@ ROWS = {
         "solution",
         "ins",
         lambda t: t.assign(latitude_deg=t.longitude_deg - 80.0, longitude_deg=t.latitude_deg),
-        "it fits if latitude and longitude change places",
+        "they agree if latitude and longitude are exchanged",
     ),
     "height jumps": (
         "solution",
@@ -180,7 +180,7 @@ ROWS = {
         "gnss",
         _scale(-1.0, "latitude_deg"),
         "the receiver is 7",
-        "km away from the INS at its first reading",
+        "km away from the INS at its first measurement",
     ),
     "receiver in radians": (
         "solution",
@@ -213,20 +213,20 @@ ROWS = {
         "solution",
         "reference",
         _times(lambda t: t + 1e6),
-        "lies nowhere within the flight",
+        "lies outside the flight",
     ),
     # the inertial sensors
     "forces in g": (
         "increments",
         "imu",
         _scale(1 / 9.80665, *(f"delta_velocity_{a}_mps" for a in "xyz")),
-        "as if it were in g",
+        "if it is in g",
     ),
     "gyros in degrees": (
         "increments",
         "imu",
         lambda t: t.assign(delta_angle_z_rad=t.delta_angle_z_rad + 2.0),
-        "are these degrees?",
+        "are the values in degrees?",
     ),
     "upside down": (
         "increments",
@@ -281,7 +281,7 @@ ROWS = {
         "filtered",
         "gradiometer",
         _drop_rows(8, 9),
-        "the filter of the instrument remembers every one",
+        "gaps are allowed only without a filter",
     ),
 }
 
@@ -305,7 +305,7 @@ KEYS = {
     "no frame": ("solution", {"ins.frame": None}, "'ins.frame' is missing"),
     "unknown frame": ("solution", {"ins.frame": "XYZ"}, "ins.frame is 'XYZ' and must be 'ENU' or"),
     "no frame of velocities": ("solution", {"gnss.frame": None}, "gnss: frame is missing", "NED"),
-    "no frame of a reference": ("solution", {"reference.frame": None}, "say reference.frame"),
+    "no frame of a reference": ("solution", {"reference.frame": None}, "give their frame"),
     "other frame of a reference": (
         "solution",
         {"reference.frame": "NED"},
@@ -331,15 +331,15 @@ KEYS = {
     "name that is taken": (
         "sensor",
         {"sensor.reference": {"kind": "barometer"}},
-        "sensor.reference: a sensor",
+        "sensor.reference: this name",
     ),
     "gravimeter without a map": (
         "sensor",
         {"sensor.g": {"kind": "gravimeter", "file": "g.csv", "period_s": 1.0, "noise_mgal": 1.0}},
         "sensor.g needs a map",
     ),
-    "no INS": ("solution", {"ins": None}, "exactly one of [ins]", "[imu_record]"),
-    "both": ("increments", {"ins": {"file": "x.csv", "frame": "ENU"}}, "exactly one of [ins]"),
+    "no INS": ("solution", {"ins": None}, "give either [ins]", "[imu_record]"),
+    "both": ("increments", {"ins": {"file": "x.csv", "frame": "ENU"}}, "give either [ins]"),
     "no sensor": ("solution", {"gnss": None}, "no sensor is on board"),
     "no file": ("solution", {"gnss.file": None}, "'gnss.file' is missing"),
     "file that is not there": ("solution", {"gnss.file": "gone.csv"}, "gone.csv: cannot be read"),
@@ -369,7 +369,7 @@ KEYS = {
         {"imu_record.start.c_nb": [1.0, 0.0, 0.0] * 3},
         "c_nb is no rotation",
     ),
-    "felt": ("solution", {"field.gravity_disturbance": True}, "is of a simulated truth"),
+    "felt": ("solution", {"field.gravity_disturbance": True}, "is for simulated truth only"),
     "compensate without a map": ("solution", {"field.compensate": True}, "needs a map"),
     "gradients of a solution": (
         "solution",
@@ -379,18 +379,18 @@ KEYS = {
     "gradients of a part": (
         "increments",
         {"gradiometer": LEVEL | {"components": ["zz"]}, "disturbance": INTEGRATED},
-        "needs a gradiometer that tells the whole tensor, and zz leave some of it open",
+        "needs channels that determine the whole tensor; zz do not",
     ),
     "no gradients": (
         "increments",
         {"disturbance": INTEGRATED},
-        "needs a gradiometer, and none is on board",
+        "needs a gradiometer",
     ),
     "map that is not there": ("solution", {"field.source": "gone.nc"}, "gone.nc"),
     "heights of a solution": (
         "solution",
         {"altimeter": {"noise_m_per_sqrt_hz": 1.0, "file": "x.csv"}},
-        "is not read",
+        "must not be given with [ins]",
     ),
     "no heights": ("altimeter", {"altimeter.file": None}, "altimeter.file is missing"),
     "quick damping": (
@@ -460,7 +460,7 @@ def test_readings_outside_are_dropped_where_the_table_says_so(logs, tmp_path):
     problem, _ = gg.read_flight(edit(path, {"gnss.outside": "drop"}))
     np.testing.assert_array_equal(problem.times, np.arange(1.0, 19.0))
     edit_rows(path.parent / "gnss.csv", _times(lambda t: t + 1e5))
-    with pytest.raises(FlightError, match="no reading lies within the INS's record"):
+    with pytest.raises(FlightError, match="no measurement lies within the record of the INS"):
         read_flight(path)
 
 

@@ -71,7 +71,7 @@ def test_gyros_in_degrees_are_warned_of(noise, tmp_path):
     gyros = np.random.default_rng(2).normal(0.0, noise, (COUNT, 3))
     path = log(tmp_path / "a.csv", np.hstack([gyros, FORCES]))
     result = run(path)
-    assert "lies beyond any grade" in result.stderr and "°/s" in result.stderr
+    assert "is larger than that of any grade" in result.stderr and "°/s" in result.stderr
     options = [f"--column={name}={name} [deg/s]" for name in RATES[:3]]
     right = run(path, *options)
     assert "Warning" not in right.stderr
@@ -118,7 +118,7 @@ def test_names_of_other_programs_have_presets(preset, head, plain, tmp_path):
     *names, factor = OTHERS[preset]
     path = log(tmp_path / "a.csv", times=np.round(factor * TIMES), names=names, head=head)
     assert keys(path, "--preset", preset) == pytest.approx(plain, rel=1e-3)
-    assert f'say columns = "{preset}"' in run(path, code=2).output
+    assert f'give columns = "{preset}"' in run(path, code=2).output
 
 
 def test_names_and_units_of_a_log_are_given_by_options(plain, tmp_path):
@@ -153,7 +153,7 @@ def test_lost_samples_are_skipped_and_said(share, plain, tmp_path):
     """White noise stays what it is, to its scatter of 2 %; no bias is made up."""
     kept = np.random.default_rng(4).random(COUNT) > share
     result = run(log(tmp_path / "a.csv", VALUES[kept], TIMES[kept]))
-    assert "lost samples are skipped" in result.stdout
+    assert "missing samples are skipped" in result.stdout
     found = tomllib.loads(result.stdout)["imu"]
     assert "gyro_bias_time_s" not in found
     assert found["period_s"] == PERIOD
@@ -170,7 +170,7 @@ def test_of_a_log_with_a_gap_the_longest_piece_is_used(tmp_path):
     assert tomllib.loads(result.stdout)["imu"] == keys(alone)
     kept = np.r_[0:900, 1500:2400]
     said = run(log(tmp_path / "c.csv", VALUES[kept], TIMES[kept]), code=2).output
-    assert "longest piece without a gap has 900 samples" in " ".join(said.split())
+    assert "longest part without gaps has 900 samples" in " ".join(said.split())
 
 
 def test_stamps_that_jitter_lose_nothing(plain, tmp_path):
@@ -183,12 +183,12 @@ def test_stamps_that_jitter_lose_nothing(plain, tmp_path):
 def test_increments_under_names_of_rates_are_named_and_the_reverse(tmp_path):
     increments = log(tmp_path / "a.csv", PERIOD * VALUES)
     said = run(increments, code=2).output
-    assert "= 9.8 × 0.02 s, as if the columns were increments: call them delta_velocity" in said
+    assert "= 9.8 × 0.02 s, if the columns are increments: rename them delta_velocity" in said
     rates = log(tmp_path / "b.csv", VALUES, names=("time_s", *DELTAS))
     said = run(rates, code=2).output
-    assert "= 9.8 / 0.02 s, as if the columns were rates: call them specific_force" in said
+    assert "= 9.8 / 0.02 s, if the columns are rates: rename them specific_force" in said
     in_g = log(tmp_path / "c.csv", np.hstack([GYROS, FORCES / 9.80665]))
-    assert "as if it were in g" in run(in_g, code=2).output
+    assert "if it is in g" in run(in_g, code=2).output
 
 
 def test_a_flight_of_increments_under_names_of_rates_is_named(tmp_path):
@@ -204,12 +204,12 @@ def test_a_flight_of_increments_under_names_of_rates_is_named(tmp_path):
 
     edit_rows(path.parent / "imu.csv", as_rates)
     with pytest.raises(
-        FlightError, match=r"in g, or = 9\.\d+ × 0\.1 s, as if the columns were increments"
+        FlightError, match=r"in g, or = 9\.\d+ × 0\.1 s, if the columns are increments"
     ):
         read_flight(path)
     path = recorded(tmp_path / "other", GNSS_ONLY)
     edit_rows(path.parent / "imu.csv", divided)
-    with pytest.raises(FlightError, match=r"= 9\.\d+ / 0\.1 s, as if the columns were rates"):
+    with pytest.raises(FlightError, match=r"= 9\.\d+ / 0\.1 s, if the columns are rates"):
         read_flight(path)
 
 
@@ -257,4 +257,4 @@ def test_a_variable_of_netcdf_is_converted_by_its_units(tmp_path):
 def test_a_log_that_lacks_too_many_samples_is_refused(tmp_path):
     kept = np.arange(COUNT) % 5 != 4
     said = run(log(tmp_path / "a.csv", VALUES[kept], TIMES[kept]), code=2).output
-    assert "of the samples are lost" in " ".join(said.split())
+    assert "of the samples are missing" in " ".join(said.split())

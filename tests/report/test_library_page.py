@@ -49,7 +49,7 @@ def test_a_damaged_digest_is_named_and_left_out(tmp_path):
     (tmp_path / "ship" / "data" / "manifest.json").write_text("{")
     found, (remark,) = library.read(tmp_path)
     assert found == [] and "ship/data is damaged" in remark
-    with pytest.raises(library.ReportError, match="holds no report with its data"):
+    with pytest.raises(library.ReportError, match="contains no report with data"):
         library.write(tmp_path)
 
 

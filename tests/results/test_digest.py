@@ -109,7 +109,7 @@ def test_a_damaged_digest_is_told_in_a_sentence(folder, tmp_path, file, change, 
     with pytest.raises(StoreError, match=words) as told:
         digest.read(tmp_path / "data")
     if change is not None:
-        assert str(told.value).endswith("; 'ggbench report' writes it again")
+        assert str(told.value).endswith("; 'ggbench report' rewrites it")
 
 
 def test_pairs_are_those_that_a_page_may_need():

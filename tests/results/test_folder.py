@@ -256,7 +256,7 @@ def test_what_runs_share_is_not_their_records(tmp_path):
 def test_results_are_added_together_or_not_at_all(tmp_path):
     """Where one of them cannot be stored, none is."""
     store = Store(tmp_path / "out", create=True)
-    with pytest.raises(StoreError, match=r"cannot write to .* the same command goes on from there"):
+    with pytest.raises(StoreError, match=r"cannot write to .* the same command resumes"):
         store.add([Result("k", failed()), Result("k", failed(-1))])
     assert store.finished() == {}
     store.close()
@@ -401,14 +401,14 @@ def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda m: m["cells"].append(m["cells"][0]), "name an estimator on a case twice"),
-        (lambda m: m["cases"].append(m["cases"][0]), "its cases name one twice"),
-        (lambda m: m["cells"][0].update(case="x"), "are of a case x, which is none"),
-        (lambda m: m["cells"][0].update(estimator="x"), "are of an estimator x, which it does not"),
+        (lambda m: m["cells"].append(m["cells"][0]), "have an estimator and case twice"),
+        (lambda m: m["cases"].append(m["cases"][0]), "its cases have a name twice"),
+        (lambda m: m["cells"][0].update(case="x"), "have an unknown case x"),
+        (lambda m: m["cells"][0].update(estimator="x"), "have an unknown estimator x"),
         (lambda m: m["families"].clear(), "it has no family of the estimator"),
         (
             lambda m: m["estimators"].update({f"e{n}": {} for n in range(2000)}),
-            "its estimators is not what it should be",
+            "its estimators is invalid",
         ),
     ],
 )

@@ -118,7 +118,7 @@ def test_a_scenario_is_not_overwritten_by_its_own_copy(tmp_path, monkeypatch):
     (tmp_path / "out" / ".lock").touch()
     work = plan(tmp_path, "out", ("ins",))
     work.argument = "out/scenario.toml"
-    with pytest.raises(StoreError, match="is the folder of the scenario itself"):
+    with pytest.raises(StoreError, match="is the folder of the scenario, whose"):
         work.open()
 
 
@@ -130,7 +130,7 @@ def test_a_folder_that_may_only_be_read(results, tmp_path, monkeypatch):
     whole = len(Results(folder).runs())
     assert whole == len(Results(results).runs()) > 0
     (folder / "records.sqlite-wal").write_bytes(b"not merged")
-    with pytest.raises(StoreError, match="may not be written to and its campaign was stopped"):
+    with pytest.raises(StoreError, match="is read-only and its campaign was interrupted"):
         Results(folder)
 
 
@@ -170,7 +170,7 @@ def test_results_of_another_scenario_are_not_overwritten(tmp_path):
     from ggbench.spec import scenario
 
     loaded = scenario.load(str(tmp_path / "other.toml"))
-    with pytest.raises(StoreError, match="holds results of the scenario small, not of other"):
+    with pytest.raises(StoreError, match="contains results of the scenario small, not of other"):
         plan(tmp_path, "out", ("ins",), scenario=loaded).open()
     assert ran(tmp_path, scenario=loaded, labels=("ins",), runs=1, fresh=True).runs().shape[0] == 2
 
@@ -290,13 +290,13 @@ DAMAGES = {
     "manifest empty": "manifest.json has format None",
     "manifest gone": "manifest.json.*No such file",
     "scenario spoilt": "scenario.* is not valid TOML",
-    "scenario of something else": "is not the one that was run: its hash differs",
+    "scenario of something else": "has changed since the run: its hash differs",
     "cells spoilt": "manifest.json is damaged: it has no cells.0.assumption",
-    "format of old": "manifest.json has format 2, and this version of ggbench reads format 6",
-    "format to come": "manifest.json has format 7, and this version of ggbench reads format 6",
-    "no runs": "manifest.json is damaged: its runs is not what it should be",
-    "seed below 0": "manifest.json is damaged: its seed is not what it should be",
-    "arrays gone": "does not hold what the runs of case base share.*goes on from there",
+    "format of old": "manifest.json has format 2, but this version of ggbench reads format 6",
+    "format to come": "manifest.json has format 7, but this version of ggbench reads format 6",
+    "no runs": "manifest.json is damaged: its runs is invalid",
+    "seed below 0": "manifest.json is damaged: its seed is invalid",
+    "arrays gone": "lacks the shared data of case base.*resumes",
     "arrays cut": "case base share.* cannot be read",
     "arrays of something else": "case base share.* is damaged: it has no times",
     "arrays not zipped": "case base share.* cannot be read",

@@ -115,7 +115,7 @@ def test_the_command_says_what_to_use_and_what_limits(tmp_path):
     done = invoke(command, tmp_path, columns=120)
     assert done.returncode == 1, done.stderr
     best = "the least bad is" if "the least bad is" in done.stdout else "In flight: use "
-    both = "Each cause is halved in truth and model together."
+    both = "For each cause, truth and model have half the errors."
     for words in (best, "After landing: ", "What limits", both, "No gradiometer reaches 1e-09 m"):
         assert words in done.stdout
 

@@ -181,7 +181,7 @@ def test_false_alarms_of_two_cards():
 
 
 def test_cards_of_other_runs_are_not_compared():
-    with pytest.raises(ScoreError, match="different runs, of the seed 3700 and 5"):
+    with pytest.raises(ScoreError, match=r"different runs \(seed 3700 and 5\)"):
         cards_compared.worse(card(), card(seed=1).model_copy(update={"seed": 5}))
 
 
@@ -293,7 +293,7 @@ def test_failures_of_a_kind_are_one_line(tmp_path):
         "again 0",
     )
     diverged, cut = (reason for reason, _, _ in others)
-    assert diverged.startswith("diverged: the error ends beyond")
+    assert diverged.startswith("diverged: the final error exceeds")
     assert len(cut) == 300 and cut.endswith("…")
     assert page.kinds_of_failures(failures.iloc[:0]) == []
     text = page.write(card(), failures, tmp_path)[0].read_text()

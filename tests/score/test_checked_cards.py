@@ -48,14 +48,14 @@ def test_a_card_is_believed_where_it_is_flown_again(folder, monkeypatch):
     assert found["ekf"].card is not None and not found["ekf"].reasons
     assert found["edited"].card is None
     assert found["edited"].reasons[0].startswith("air-narrow: rms_m was")
-    assert "mine.py is not installed: name its file by -e" in found["mine"].reasons[0]
+    assert "mine.py is not installed: give its file with -e" in found["mine"].reasons[0]
     named = checks(folder, "mine.py")["mine"]
     assert named.card is not None
     (folder / "other").mkdir(exist_ok=True)
     text = (folder / "mine.py").read_text(encoding="utf-8")
     (folder / "other" / "mine.py").write_text(f"{text}\n# changed\n", encoding="utf-8")
     other = checks(folder, "other/mine.py")["mine"]
-    assert "mine.py was another file when the card was made" in other.reasons[0]
+    assert "mine.py has changed since the card was written" in other.reasons[0]
 
 
 @pytest.mark.long

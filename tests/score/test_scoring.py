@@ -152,7 +152,7 @@ def test_cases_that_are_skipped_and_runs_that_fail_are_named(tmp_path):
     command = found.failures["command"].iloc[0]
     assert command.startswith("ggbench run suite --case one-channel -e ")
     assert command.endswith("--seed 3700 --run 0")
-    with pytest.raises(ScoreError, match="takes no case: six channels"):
+    with pytest.raises(ScoreError, match="skips all cases: six channels"):
         scoring.score(str(file), tmp_path / "none", 4, cases=("air-narrow",), jobs=0)
 
 
@@ -169,7 +169,7 @@ def test_runs_of_another_suite_are_refused(monkeypatch, tmp_path):
     header = dict(stored().header) | {"scenario_hash": "0" * 64}
     other = stored_runs.StoredRuns(header, stored().runs)
     monkeypatch.setattr(scoring, "read", lambda: other)
-    with pytest.raises(ScoreError, match="another suite or version"):
+    with pytest.raises(ScoreError, match="another suite or results version"):
         scoring.score("ekf", tmp_path / "out", 5, jobs=0)
 
 

@@ -97,8 +97,8 @@ def test_what_is_no_trajectory_is_refused():
     for at, shape, error, text in (
         ([0, problem.epochs], (2, n), IndexError, f"no epoch {problem.epochs}"),
         ([-1, 0], (2, n), IndexError, "no epoch -1"),
-        ([0, 1], (3, n), ValueError, "a state of each epoch"),
-        ([0, 1], (n,), ValueError, "a state of each epoch"),
+        ([0, 1], (3, n), ValueError, "states must have the shape"),
+        ([0, 1], (n,), ValueError, "states must have the shape"),
         ([0, 1], (2, n + 1), ValueError, "states must be"),
     ):
         for along in (model.predict_along, model.jacobian_along):

@@ -190,8 +190,8 @@ def test_white_noise_in_a_file_is_white_noise(coloured, tmp_path, spread):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"gradiometer.components": ["xx", "yz"]}, "has components xx, xz, and the gradiometer"),
-        ({"gradiometer.period_s": 2.0}, "has interval_s 1, and gradiometer.period_s is 2"),
+        ({"gradiometer.components": ["xx", "yz"]}, "has components xx, xz, but the gradiometer"),
+        ({"gradiometer.period_s": 2.0}, "has interval_s 1, but gradiometer.period_s is 2"),
         ({"gradiometer.coloured_noise": "gone.json"}, "cannot read the noise model gone.json"),
         ({"gradiometer.drift_eotvos_per_sqrt_h": 1.0}, "drift_eotvos_per_sqrt_h must be 0"),
         ({"gradiometer.filter": "butterworth"}, "coloured_noise and filter exclude each other"),

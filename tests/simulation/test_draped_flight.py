@@ -97,8 +97,8 @@ def test_a_draped_recipe_gives_the_nodes_and_their_base():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"source": "egm2008_qinling"}, "drape has no meaning for 'egm2008_qinling'"),
-        ({"min_height_m": 5.0}, "min_height_m = 5.0 lies outside"),
+        ({"source": "egm2008_qinling"}, "drape is not allowed for 'egm2008_qinling'"),
+        ({"min_height_m": 5.0}, "min_height_m = 5.0 is outside"),
         ({"height_spacing_m": 60.0}, "height_spacing_m = 60.0 is too wide"),
         ({"spacing_arcmin": 0.2}, "the height above the ground"),
     ],

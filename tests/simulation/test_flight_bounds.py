@@ -29,9 +29,9 @@ def test_flights_of_other_epochs_or_maps_are_refused(change, rough):
     if "field.source" in change:
         change = {"field.source": rough}
     flights = [small_flight(), small_flight(change)]
-    with pytest.raises(ValueError, match="other epochs or maps"):
+    with pytest.raises(ValueError, match="different epochs or maps"):
         bounds(flights)
-    with pytest.raises(ValueError, match="other epochs or maps"):
+    with pytest.raises(ValueError, match="different epochs or maps"):
         simulate_flights(flights, 1, [0, 1])
 
 

@@ -83,9 +83,9 @@ def test_a_position_bias_of_the_truth_alone_is_correlated():
 
 
 WRONG = {
-    "a duty cycle without end": ({"truth.gnss.duty_on_s": 5.0}, "duty_on_s and duty_off_s go tog"),
-    "a ramp of nothing": ({"truth.gnss.ramp_from_s": 5.0}, "give ramp_mps"),
-    "a jump of nothing": ({"truth.gnss.jump_until_s": 5.0}, "give jump_m"),
+    "a duty cycle without end": ({"truth.gnss.duty_on_s": 5.0}, "duty_on_s and duty_off_s must"),
+    "a ramp of nothing": ({"truth.gnss.ramp_from_s": 5.0}, "requires ramp_mps"),
+    "a jump of nothing": ({"truth.gnss.jump_until_s": 5.0}, "requires jump_m"),
     "a jump that ends first": (
         {
             "truth.gnss.jump_m": [1.0, 0.0, 0.0],

@@ -207,15 +207,21 @@ def test_a_run_is_the_same_in_any_block(changes):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"truth.gradiometer.outlier_burst_s": 10.0}, "say how outliers come: give outlier_share"),
-        ({"truth.gradiometer.outlier_channels": "all"}, "how outliers come: give outlier_share"),
+        ({"truth.gradiometer.outlier_burst_s": 10.0}, "outlier_channels require outlier_share"),
+        ({"truth.gradiometer.outlier_channels": "all"}, "outlier_channels require outlier_share"),
         (OUTLIERS | {"truth.gradiometer.outlier_channels": "some"}, "'each' or 'all'"),
         (OUTLIERS | {"truth.gradiometer.outlier_burst_s": -1.0}, "must be 0 or lie between"),
         ({"truth.gradiometer.noise_freedom": 2.0}, "must lie between 2.01 and 1e6"),
-        (LEVEL | {"truth.gradiometer.tilt_arcmin": 1.0}, "tilt_arcmin and tilt_time_s go together"),
-        (LEVEL | {"truth.gradiometer.tilt_time_s": 1.0}, "tilt_arcmin and tilt_time_s go together"),
-        (TILT, 'tilt of a mount that is held level; instrument = "platform" is not'),
-        (TILT | {"gradiometer.instrument": "strapdown"}, '"strapdown" is not'),
+        (
+            LEVEL | {"truth.gradiometer.tilt_arcmin": 1.0},
+            "tilt_arcmin and tilt_time_s must be given together",
+        ),
+        (
+            LEVEL | {"truth.gradiometer.tilt_time_s": 1.0},
+            "tilt_arcmin and tilt_time_s must be given together",
+        ),
+        (TILT, 'tilt_arcmin requires a level mount, instrument = "local-level"; found "platform"'),
+        (TILT | {"gradiometer.instrument": "strapdown"}, 'found "strapdown"'),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(changes, sentence):

@@ -168,7 +168,7 @@ def test_a_turn_without_time_is_refused(folder, keys, tmp_path):
     """Lines that overlap, and lines too far apart for the time between them."""
     whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
     rows = [row.split(",") for row in (folder / "lines.csv").read_text().splitlines()]
-    for later, said in ((10.0, "must last two or more intervals"), (30.0, "is too long for its")):
+    for later, said in ((10.0, "must last at least two intervals"), (30.0, "is too long: it has")):
         moved = [rows[0]] + [
             [*row[:3], str(float(row[3]) % 1000.0 + later * (float(row[3]) // 1000.0)), *row[4:]]
             for row in rows[1:]
@@ -260,9 +260,9 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"gravimeter.components": ["east"]}, 'of components = ["scalar"]'),
+        ({"gravimeter.components": ["east"]}, 'requires components = ["scalar"]'),
         ({"truth.gravimeter.noise_mgal": 1.0}, "already contain their errors"),
-        ({"gravimeter.period_s": 1.5}, "and gravimeter.period_s is 1.5"),
+        ({"gravimeter.period_s": 1.5}, "but gravimeter.period_s is 1.5"),
     ],
 )
 def test_gravity_that_cannot_be_read_is_refused_in_a_sentence(gravity, changes, said):
@@ -277,11 +277,11 @@ def test_gravity_that_cannot_be_read_is_refused_in_a_sentence(gravity, changes, 
         ({"gradiometer.components": ["xx", "xy"]}, "has no column xy"),
         ({"trajectory.lines": ["31.1"]}, "there is no line '31.1'; its lines: 10, 20.1, 30"),
         ({"trajectory.lines": ["10", "10"]}, "lines: names a line twice"),
-        ({"trajectory.lines": []}, "'middle_s' belongs to survey lines"),
-        ({"trajectory.middle_s": 26.0}, f"line 10 lasts {SECONDS} s, and middle_s is 26"),
+        ({"trajectory.lines": []}, "'middle_s' applies to survey lines"),
+        ({"trajectory.middle_s": 26.0}, f"line 10 lasts {SECONDS} s, but middle_s is 26"),
         ({"trajectory.middle_s": 19.5}, "must be a multiple of the interval"),
-        ({"gradiometer.period_s": 1.5}, "has a sample every 1 s, and gradiometer.period_s is 1.5"),
-        ({"gradiometer.instrument": "platform"}, 'instrument = "local-level", found "platform"'),
+        ({"gradiometer.period_s": 1.5}, "has a sample every 1 s, but gradiometer.period_s is 1.5"),
+        ({"gradiometer.instrument": "platform"}, '(east, north, up), found "platform"'),
         ({"gradiometer.latency_s": 0.5}, "exclude each other"),
         ({"truth.gradiometer.noise_eotvos": 1.0}, "already contain their errors"),
         ({"trajectory.file": "gone.csv"}, "cannot read"),
@@ -308,10 +308,10 @@ def test_lines_of_unequal_lengths_are_not_flown_whole(keys):
     ("change", "said"),
     [
         (lambda rows: [rows[0].replace("kind", "sort"), *rows[1:]], "must name a column kind once"),
-        (lambda rows: [*rows[:9], *rows[30:], *rows[9:30]], "do not follow one"),
+        (lambda rows: [*rows[:9], *rows[30:], *rows[9:30]], "are not consecutive"),
         (lambda rows: [*rows[:5], *rows[7:]], "must come every"),
         (lambda rows: rows[:4], "a line needs at least 5"),
-        (lambda rows: [row.rsplit(",", 3)[0] for row in rows], "names no column of readings"),
+        (lambda rows: [row.rsplit(",", 3)[0] for row in rows], "names no column of measurements"),
         (lambda rows: [*rows[:3], rows[3].replace("10000", "high"), *rows[4:]], "line 4: height_m"),
     ],
 )

@@ -159,13 +159,13 @@ def test_what_the_ins_indicates_and_the_map_are_told(rough):
         ({"model.gradiometer.noise_eotvos": 2.0} | ALONE | ON_BOARD,
          "model.gradiometer changes a sensor that is not on board"),
         ({"gnss.period_s": 1.0, "gnss.position_noise_m": 1.0, "truth.gnss.velocity_noise_mps": 1.0},
-         "truth.gnss.velocity_noise_mps is of channels that the receiver does not have"),
+         "truth.gnss.velocity_noise_mps requires channels that the receiver does not have"),
         (ON_BOARD | {"truth.gnss.outlier_share": 0.1}, "outlier_share and outlier_m or outlier_"),
         (ON_BOARD | {"truth.gnss.dropouts_s": [[5.0, 4.0]]}, "with from < to"),
         (ON_BOARD | {"velocity_log.components": ["x", "x"]}, "names an axis twice"),
         (GRAVIMETER | {"gravimeter.components": ["scalar"] * 2}, "names a component twice"),
         (ON_BOARD | {"gnss.period_s": 15.0, "barometer.period_s": 15.0} | ALONE
-         | {"velocity_log.period_s": 15.0}, "too short for two readings"),
+         | {"velocity_log.period_s": 15.0}, "too short for two measurements"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_with_a_sentence(changes, said):

@@ -306,7 +306,7 @@ BAD = {
     ),
     "outliers without a size": (
         GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 0.1\n{GRADIOMETER}",
-        r"truth.gradiometer: outlier_share and outlier_eotvos go together",
+        r"truth.gradiometer: outlier_share and outlier_eotvos must be given together",
     ),
     "all outliers": (
         GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 1.0\n{GRADIOMETER}",
@@ -323,7 +323,7 @@ BAD = {
     "dropouts behind a filter": (
         GRADIOMETER,
         f'[truth.gradiometer]\ndropout_share = 0.1\n{GRADIOMETER}\nfilter = "butterworth"',
-        r"truth.gradiometer: readings can only drop out of an instrument without a filter",
+        r"truth.gradiometer: measurements can be missing only without a filter",
     ),
     "both noises of the truth": (
         GRADIOMETER,
@@ -341,7 +341,7 @@ BAD = {
     ),
     "errors of disks that are not there": (
         GRADIOMETER, f"[truth.gradiometer.rotating]\nscale_factor_ppm = 1.0\n{GRADIOMETER}",
-        r"truth.gradiometer.rotating gives errors of an instrument that",
+        r"truth.gradiometer.rotating requires the instrument in",
     ),
     "components of a rotating instrument": (
         GRADIOMETER,
@@ -382,7 +382,7 @@ BAD = {
     ),
     "an error of the normal field": (
         'source = "normal"', 'source = "normal"\nerror.density_factor = 1.1',
-        r'field.error: source = "normal" has no map that could be wrong',
+        r'field.error: source = "normal" has no map',
     ),
     "a map that is not there": (
         GRADIOMETER, f'[model.field]\nsource = "gone.nc"\n{GRADIOMETER}', r"gone.nc.*No such file",

@@ -160,7 +160,7 @@ LIMITS = {
     "a disturbance that is compensated": (
         {"field.source": "x.nc", "field.gravity_disturbance": True, "model.field.compensate": True},
         {"field.source": "x.nc", "model.field.compensate": True},
-        "the accelerometers feel none",
+        "accelerometers measure none",
     ),
     "a map to compensate from": (
         {"field.source": "x.nc", "field.gravity_disturbance": True, "model.field.compensate": True},
@@ -170,7 +170,7 @@ LIMITS = {
             "model.field.source": "normal",
             "model.field.compensate": True,
         },
-        "has no disturbance to",
+        "has no gravity dist",
     ),
     "readings of a filter": (
         {"truth.gradiometer.dropout_share": 0.1},
@@ -185,12 +185,12 @@ LIMITS = {
     "outliers": (
         {"truth.gradiometer.outlier_share": 0.1, "truth.gradiometer.outlier_eotvos": 3.0},
         {"truth.gradiometer.outlier_share": 0.1},
-        "go together",
+        "must be given together",
     ),
     "the clock": (
         {"truth.gradiometer.clock_error_s": 0.1},
         {"truth.gradiometer.clock_error_s": 0.1, "gradiometer.instrument": "strapdown"},
-        "a platform knows",
+        "requires instrument =",
     ),
 }
 

@@ -314,8 +314,8 @@ def test_notes_are_read_from_beside_the_file_and_nowhere_else(tmp_path):
     ("text", "said"),
     [
         ("x = " + "9" * 5000, "is not valid TOML: Exceeds the limit"),
-        (".".join("a" * 3000) + " = 1", "nested more than 16 deep"),
-        ("x = " + "[" * 40 + "]" * 40, "nested more than 16 deep"),
+        (".".join("a" * 3000) + " = 1", "nested at most 16 deep"),
+        ("x = " + "[" * 40 + "]" * 40, "nested at most 16 deep"),
         ("x = " + "[" * 5000 + "]" * 5000, "is not valid TOML"),
         ("x = " + "{a=" * 3000 + "1" + "}" * 3000, "is not valid TOML"),
     ],

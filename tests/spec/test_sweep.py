@@ -127,7 +127,7 @@ BAD = {
         'key = "gradiometer"',
         r"axes 'noise' and 'rate' both change gradiometer",
     ),
-    "key that is no value": (KEY, 'key = "name"', r"axis 'noise' changes 'name', which says noth"),
+    "key that is no value": (KEY, 'key = "name"', r"axis 'noise' changes 'name', which does not"),
     "neither key nor changes": (KEY, "", r"axis 'noise' needs exactly one of 'key' and 'changes'"),
     "key and changes": (CHANGES, CHANGES + '\nkey = "imu.period_s"', r"axis 'rate' needs exactly"),
     "too few changes": (

@@ -36,9 +36,9 @@ def curve(heading, speed: float = 60.0) -> np.ndarray:
 @pytest.mark.parametrize(
     ("heading", "said"),
     [
-        (lambda course: 90.0 - course, "counted counter-clockwise from east"),
-        (lambda course: -course, "mirrored"),
-        (lambda course: course - 90.0, "counted clockwise from east"),
+        (lambda course: 90.0 - course, "measured counter-clockwise from east"),
+        (lambda course: -course, "measured counter-clockwise from north"),
+        (lambda course: course - 90.0, "measured clockwise from east"),
         (lambda course: 180.0 + course, "of the stern"),
         (lambda course: np.radians(course), "in radians$"),
         (lambda course: np.radians(90.0 - course), "in radians, counter-clockwise from east"),

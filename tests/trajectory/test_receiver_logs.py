@@ -88,7 +88,7 @@ def test_one_damaged_sentence_is_left_out_and_counted(damage, reason):
     lines[5] = damage(lines[5])
     rows = rows_of("\n".join(lines).encode())
     assert is_the_flight(rows, np.arange(COUNT) != 5)
-    assert "left out: 1 damaged (the first in line 6: " in rows.remark
+    assert "left out: 1 damaged (first: line 6, " in rows.remark
     assert reason in rows.remark and "('" not in rows.remark
     lines[1:4] = [damage(line) for line in lines[1:4]]
     with pytest.raises(TrajectoryError, match=r"line 2 .* 4 among 20: more than 10%"):
@@ -104,7 +104,7 @@ def test_qualities_that_are_no_fix_are_none(quality, what):
     lines[9] = lines[9].replace(",1,08,", ",4,08,")
     rows = rows_of("\n".join(lines).encode())
     assert is_the_flight(rows, np.r_[0:5, 8:COUNT])
-    assert rows.remark == f"of its GGA sentences these are left out: 3 {what}"
+    assert rows.remark == f"GGA sentences left out: 3 {what}"
     with pytest.raises(TrajectoryError, match=rf"no GGA sentence with a fix.* \(only 20 {what}\)"):
         rows_of(
             "\n".join(s.replace(",1,08,", f",{quality},08,") for s in SENTENCES)
@@ -123,7 +123,7 @@ def test_a_solution_of_csrs_ppp(backwards, sign):
     np.testing.assert_allclose(rows.columns["longitude_deg"], sign * (LONGITUDES - 11.0), atol=1e-8)
     np.testing.assert_allclose(rows.columns["height_m"], HEIGHTS, atol=1e-3)
     assert not rows.remark
-    with pytest.raises(TrajectoryError, match="without the line that names its columns"):
+    with pytest.raises(TrajectoryError, match="without the line of column names"):
         rows_of(csrs().replace("HGT(m)", "UP").encode())
 
 
@@ -136,7 +136,7 @@ def test_ascii_logs_of_novatel(kind):
     rows[0] = rows[0].replace("INS_SOLUTION_GOOD", "INS_ALIGNING").replace("SOL_COMP", "INSUFF")
     found = rows_of("\n".join(rows).encode())
     assert is_the_flight(found, slice(1, None)) and f"1 of its logs {kind}" in found.remark
-    with pytest.raises(TrajectoryError, match="log of NovAtel with RANGECMPA; positions are read"):
+    with pytest.raises(TrajectoryError, match="NovAtel log with RANGECMPA; positions are read"):
         rows_of(rows[3].encode())
 
 
@@ -182,6 +182,6 @@ def test_empty_elements_that_the_standard_allows_are_left_out():
     found = rows_of(rows.encode())
     np.testing.assert_allclose(found.columns["latitude_deg"], np.delete(LATITUDES, [3, 4, 5]))
     np.testing.assert_allclose(found.columns["time_s"], np.delete(np.arange(COUNT), [3, 4, 5]))
-    assert "3 empty places are left out" in found.remark
+    assert "3 empty positions are left out" in found.remark
     segments = gpx().replace("<trkseg>", "<trkseg></trkseg><trkseg>")
     assert is_the_flight(rows_of(segments.encode()))

@@ -79,9 +79,12 @@ def test_a_track_of_another_program_is_read_by_its_names(name):
     ("columns", "said"),
     [
         ({"height_m": "alti"}, "line 1 names no column 'alti' for height_m"),
-        ({"height_m": "elevation [deg]"}, "a column 'elevation' in 'deg'; units of height_m"),
-        ({"hight_m": "elevation"}, "columns.hight_m names no column of a track; known: time_s"),
-        ("px5", "columns is 'px5'; allowed are euroc, px4, ros"),
+        (
+            {"height_m": "elevation [deg]"},
+            "a column 'elevation' in 'deg'; allowed units of height_m",
+        ),
+        ({"hight_m": "elevation"}, "columns.hight_m is not a column of a track; known: time_s"),
+        ("px5", "columns is 'px5' and must be euroc, px4, ros"),
         ("ros", "names no column '%time \\[ns\\]' for time_s"),
     ],
 )
@@ -91,7 +94,7 @@ def test_a_wrong_name_has_its_sentence(columns, said):
 
 
 def test_names_belong_to_a_track_of_columns(tmp_path):
-    with pytest.raises(TrajectoryError, match="is a file of GPX, which has no columns"):
+    with pytest.raises(TrajectoryError, match="is a GPX file, which has no column"):
         rows_of(b"<gpx version='1.1'></gpx>", {"height_m": "ele"})
     with pytest.raises(ValueError, match="must be a table of names"):
         TrajectorySpec(file="a.csv", columns="px5")

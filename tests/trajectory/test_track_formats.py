@@ -77,20 +77,20 @@ BAD = {
     "GPX without heights": (gpx().replace("ele>", "eel>"), "track point 1 has no height"),
     "GPX of waypoints": (
         '<gpx version="1.1"><wpt lat="1" lon="2"/></gpx>',
-        "has waypoints or routes and no track",
+        "has waypoints or routes but no track",
     ),
-    "GPX without end": (gpx()[:-40], "is no GPX file that can be read"),
-    "GPX, no number": (gpx().replace("48.003", "nan", 1), "is no GPX|no number"),
+    "GPX without end": (gpx()[:-40], "cannot be read as a GPX file"),
+    "GPX, no number": (gpx().replace("48.003", "nan", 1), "as a GPX|not a number"),
     "KML on the ground": (kml("clampToGround"), "altitudeMode is 'clampToGround'; .*'absolute'"),
     "KML of a line": (
         "<kml><Placemark><LineString><coordinates>1,2,3 4,5,6</coordinates></LineString>"
         "</Placemark></kml>",
         "has no times; a track is a gx:Track",
     ),
-    "KML, a time less": (kml().replace(f"<when>{iso(START)}</when>", ""), "19 times and 20 places"),
-    "KML, a word": (kml().replace("11.503000", "east"), "place 4 is 'east,48.003"),
-    "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "place 4: its time.* no number"),
-    "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "place 4: comes 6"),
+    "KML, a time less": (kml().replace(f"<when>{iso(START)}</when>", ""), "19 times and 20 pos"),
+    "KML, a word": (kml().replace("11.503000", "east"), "position 4 is 'east,48.003"),
+    "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "position 4: its time.* not a n"),
+    "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "position 4: comes 6"),
     "zip": ("PK\x03\x04", "is a zip archive; unpack it"),
     "NMEA, checksums": (nmea().replace(",08,0.9,", ",09,0.9,"), "line 2 is a GGA .*checksum.* 20"),
     "NMEA without fixes": ("\n".join([nmea_line("GPGGA,1,,,,,0,,,,,,,,")] * 9), "no GGA sentence"),
@@ -103,7 +103,7 @@ BAD = {
     "four positions": ("\n".join(pos().splitlines()[:6]), "has 4 positions; a track needs at"),
     "time backwards": (
         kml().replace("23:59:55", "23:59:50"),
-        "place 4: time_s is .* in the row before",
+        "position 4: time_s is .* in the row before",
     ),
 }
 

@@ -333,7 +333,7 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
     ),
     "direction of an angle": (
         [{"kind": "turn", "by_heading_deg": 9.0, "direction": "left", "bank_deg": 5.0}], {},
-        "direction belongs to to_heading_deg",
+        "direction requires to_heading_deg",
     ),
     "negative rate": (
         [{"kind": "turn", "by_heading_deg": 9.0, "turn_rate_deg_per_s": -5.0}], {}, "be positive",
@@ -374,7 +374,7 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
     "endless": (
         [{"kind": "cruise", "distance_km": 4e4}], {"speed_mps": 1.0}, "may last 1e.06 s at most",
     ),
-    "no segments": ([], {}, "needs a flight"),
+    "no segments": ([], {}, "path of a track"),
     "no start": ([{"duration_s": 1.0}], {"height_m": None}, "'height_m' is missing"),
     "banking ship": (
         [{"kind": "turn", "by_heading_deg": 9.0, "bank_deg": 5.0}], {"vehicle": "ship"},
@@ -384,8 +384,8 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
         [{"kind": "terrain-following", "terrain": "gone.npz", "clearance_m": 5.0,
           "duration_s": 9.0}], {}, "cannot read gone.npz: No such file",
     ),
-    "track's key": ([{"duration_s": 1.0}], {"smoothing_s": 5.0}, "'smoothing_s' belongs to"),
-    "both": ([{"duration_s": 1.0}], {"file": "a.csv"}, "cannot be given with 'file'"),
+    "track's key": ([{"duration_s": 1.0}], {"smoothing_s": 5.0}, "'smoothing_s' applies to"),
+    "both": ([{"duration_s": 1.0}], {"file": "a.csv"}, "excludes 'file'"),
 }  # fmt: skip
 
 

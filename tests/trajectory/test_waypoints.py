@@ -79,7 +79,7 @@ def test_a_leg_has_the_length_that_is_flown_on_a_constant_heading():
 
 @pytest.mark.parametrize("place", [(33.4, 107.92), (33.4, 107.901)])
 def test_a_waypoint_within_the_turn_is_refused(place):
-    with pytest.raises(TrajectoryError, match=r"segment\[0\]: the waypoint is .* too near"):
+    with pytest.raises(TrajectoryError, match=r"segment\[0\]: the waypoint is .* too close"):
         plan(start(heading=180.0), [to(*place)], DT)
 
 
@@ -128,17 +128,17 @@ def test_longitudes_are_those_of_scenarios(tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("lat,lon\n46,8\n", "names no two places"),
+        ("lat,lon\n46,8\n", "has fewer than two waypoints"),
         ("lat,height\n46,8\n", "line 1 names no column longitude_deg (found: lat, height)"),
         ("lat,lon\n0.8,0.1\n0.81,0.1\n", "all of lat and lon could be radians"),
         ("lat,latitude,lon\n46,46,8\n", "names latitude_deg twice"),
         ("lat,lon\n", "has 0 rows"),
-        ("lat,lon\n46,8\n146,8\n", "place 2 is at latitude 146°"),
-        ("lat,lon\n" + "46,8\n47,8\n" * 501, "has 1002 places"),
-        ("<kml><Point><coordinates>8</coordinates></Point></kml>", "place 1 is '8' and must be"),
-        ("<kml></kml>", "names no two places"),
-        ("<gpx></gpx>", "names no two places"),
-        ("$GPGGA,,,", "is a log of a receiver"),
+        ("lat,lon\n46,8\n146,8\n", "waypoint 2 is at latitude 146°"),
+        ("lat,lon\n" + "46,8\n47,8\n" * 501, "has 1002 waypoints"),
+        ("<kml><Point><coordinates>8</coordinates></Point></kml>", "waypoint 1 is '8' and must be"),
+        ("<kml></kml>", "has fewer than two waypoints"),
+        ("<gpx></gpx>", "has fewer than two waypoints"),
+        ("$GPGGA,,,", "is a receiver log"),
         ("PK\x03", "is a zip archive"),
     ],
 )
