@@ -434,6 +434,20 @@ def test_a_sweep_has_a_case_for_each_combination(tmp_path):
     ]
     assert len(results.summary()) == 8
     assert list(results.summary()["title"].unique()) == titles
+    figure = results.plot_sweep()
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["position_m 1", "position_m 5"]
+    assert figure.axes[0].get_xlabel() == figure.axes[1].get_xlabel() == "gradiometer.noise_eotvos"
+    curves = {tuple(line.get_xdata()): line.get_ydata() for line in figure.axes[0].lines}
+    errors = results.metrics().query("window == 'settled' and estimator == 'ekf'")
+    drawn = [line.get_ydata().tolist() for line in figure.axes[0].lines]
+    assert errors["rms_m"].iloc[[0, 2]].tolist() in drawn and (0.01, 1.0) in curves
+    other = results.plot_sweep("initial_error.position_m")
+    assert other.axes[0].get_title() == "noise_eotvos 0.01"
+    with pytest.raises(gg.GGBenchError, match=r"no sweep of imu\.period_s: it varies gradio"):
+        results.plot_sweep("imu.period_s")
+    single = gg.run(case, "ekf", 2, jobs=0)
+    with pytest.raises(gg.GGBenchError, match="no number varies among its cases"):
+        single.plot_sweep()
 
 
 def test_a_scenario_stands_for_its_first_case(scenario, tmp_path):

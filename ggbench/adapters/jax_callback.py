@@ -17,17 +17,37 @@ LIBRARIES = ("jax", "jaxlib")
 """Distributions whose version results depend on."""
 
 
+def measurement_function(problem: Problem) -> Callable[[Any, Any], Any]:
+    """Return h(x, k) of a problem as a function that JAX traces, batches and differentiates.
+
+    ``h = measurement_function(problem)``; ``jax.jacfwd(h)(x, k)`` is H.
+
+    Parameters
+    ----------
+    problem : of which h is wanted.
+
+    Returns
+    -------
+    A function of a state (n,) in SI units and the number k of an epoch, which returns the predicted
+    measurements (m,). Its forward derivative is H of the problem. ``jax.vmap`` over x, k or both is
+    allowed; reverse differentiation (``jax.grad``) is not.
+    """
+    callback = MeasurementCallback(unit=None, problem=problem)
+    return callback.function(problem.measurements.shape[1], problem.dimension)
+
+
 class MeasurementCallback:
     """The measurement function of the problem at hand, in small units.
 
     Parameters
     ----------
-    unit : units of states and measurements, in deviations of prior and noise.
+    unit : units of states and measurements, in deviations of prior and noise; None: SI units.
+    problem : at hand; None: that of the context (:meth:`of`).
     """
 
-    def __init__(self, unit: float = 1.0) -> None:
+    def __init__(self, unit: float | None = 1.0, problem: Problem | None = None) -> None:
         self._unit = unit
-        self._problem: Problem | None = None
+        self._problem = problem
 
     @contextlib.contextmanager
     def of(self, problem: Problem) -> Iterator[None]:
@@ -40,6 +60,8 @@ class MeasurementCallback:
 
     def units(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
         """Return the units of the states (n,) and of the measurements (m,)."""
+        if self._unit is None:
+            return np.ones(problem.dimension), np.ones(problem.measurements.shape[1])
         variances = np.diagonal(problem.noise_cov, axis1=-2, axis2=-1)
         variances = variances.reshape(-1, variances.shape[-1]).min(axis=0)
         return self._unit * np.sqrt(np.diag(problem.prior_cov)), self._unit * np.sqrt(variances)
@@ -61,20 +83,34 @@ class MeasurementCallback:
         return h
 
     def _predict(self, x: Any, k: Any) -> np.ndarray:
-        """Return h (..., m) in small units at states (..., n), all of one epoch."""
-        problem, epoch = self._at(k)
+        """Return h (..., m) in small units at states (..., n) and epochs (...)."""
+        problem = self._at_hand()
         state, measurement = self.units(problem)
-        return np.asarray(problem.model.predict(epoch, np.asarray(x) * state) / measurement)
+        predicted = _by_epoch(problem.model.predict, np.asarray(x) * state, k)
+        return np.asarray(predicted / measurement)
 
     def _jacobian(self, x: Any, k: Any) -> np.ndarray:
-        """Return H (..., m, n) in small units at states (..., n), all of one epoch."""
-        problem, epoch = self._at(k)
+        """Return H (..., m, n) in small units at states (..., n) and epochs (...)."""
+        problem = self._at_hand()
         state, measurement = self.units(problem)
-        rows = problem.model.jacobian(epoch, np.asarray(x) * state)
+        rows = _by_epoch(problem.model.jacobian, np.asarray(x) * state, k)
         return np.asarray(rows * state / measurement[:, np.newaxis])
 
-    def _at(self, k: Any) -> tuple[Problem, int]:
-        epochs = np.unique(np.asarray(k))
-        if self._problem is None or len(epochs) != 1:
-            raise ValueError(f"h is asked for one epoch of the problem at hand, not for {epochs}")
-        return self._problem, int(epochs[0])
+    def _at_hand(self) -> Problem:
+        if self._problem is None:
+            raise ValueError("h is called outside of the context of a problem")
+        return self._problem
+
+
+def _by_epoch(evaluate: Callable[[int, np.ndarray], Any], x: np.ndarray, k: Any) -> np.ndarray:
+    """Return a model's values (..., a, b) at states (..., n), all states of an epoch at once."""
+    epochs = np.broadcast_to(np.asarray(k), x.shape[:-1])
+    values = None
+    for epoch in np.unique(epochs):
+        chosen = epochs == epoch
+        found = np.asarray(evaluate(int(epoch), x[chosen]))
+        if values is None:
+            values = np.empty((*epochs.shape, *found.shape[1:]))
+        values[chosen] = found
+    assert values is not None
+    return values

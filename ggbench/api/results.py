@@ -128,6 +128,24 @@ class Results(folder.Results):
 
         return stored.track_gradient(self, self._case(case))
 
+    def plot_sweep(self, key: str | None = None) -> Figure:
+        """Draw the RMS error of each estimator against a swept value, with the bounds and the INS.
+
+        Parameters
+        ----------
+        key : dotted key of the abscissa, such as ``gradiometer.noise_eotvos``; by default the first
+            one of the sweep. Further varied numbers make further panels, at
+            most three.
+
+        Raises
+        ------
+        ResultsError
+            If no such number varies.
+        """
+        from ..figures import stored
+
+        return stored.swept(self, key)
+
     def _case(self, name: str | None) -> str:
         """Return the name of a case that was run, the first one's for None."""
         return self.scenario.cases[0].name if name is None else self.scenario.case(name).name

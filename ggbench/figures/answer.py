@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from .line_styles import is_own, line_styles, stacked
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 WIDTH = 7.3
 """Width of a figure [in], 800 pixels."""
@@ -59,6 +62,42 @@ class Panel(NamedTuple):
             ("INS", self.ins, INS, "--"),
         ]
         return [each for each in all_of_them if np.isfinite(each[1]).any()]
+
+
+def panel(
+    rows: pd.DataFrame,
+    names: Sequence[str],
+    labels: Sequence[str],
+    title: str = "",
+    places: np.ndarray | None = None,
+) -> Panel:
+    """Return the errors of estimators in the cases of these names.
+
+    Parameters
+    ----------
+    rows : metrics of one window, a row for each case and estimator.
+    names, labels : of n cases, and of estimators.
+    title, places : of the panel; the places are 0 to n − 1 by default.
+    """
+    table = rows.set_index(["estimator", "case"])
+
+    def values(label: str, key: str) -> np.ndarray:
+        index = [(label, name) for name in names]
+        found = np.asarray(table[key].reindex(index), dtype=float)
+        return np.where(np.isfinite(found), found, np.nan)  # an open interval is not drawn
+
+    curves = {
+        label: Curve(*(values(label, key) for key in ("rms_m", "rms_lo", "rms_hi", "success")))
+        for label in labels
+    }
+
+    def bound(causality: str) -> np.ndarray:
+        own = rows[(rows["causality"] == causality) & rows["estimator"].isin(labels)]
+        own = own if causality == "batch" else rows[rows["causality"] == causality]
+        return np.asarray(own.groupby("case")["bound_m"].first().reindex(names), dtype=float)
+
+    where = np.arange(len(names), dtype=float) if places is None else places
+    return Panel(title, where, curves, bound("filter"), bound("batch"), values("ins", "rms_m"))
 
 
 @styled()

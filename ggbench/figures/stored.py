@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal
+from itertools import pairwise
+from typing import Any, Literal
 
 import numpy as np
 
 from ..results.folder import Results, ResultsError
 from ..results.store import DETAILED_RUN
-from . import errors, field
+from . import answer, errors, field
 from .style import Drawing
 
 Quantity = Literal["position", "velocity"]
 _COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (3, "m/s")}
 """First column of an error's components in a detailed run, and its unit."""
+MOST_PANELS = 3
+"""Panels of a figure of a sweep."""
+_LOG_FROM = 5.0
+"""Ratio of the values of a sweep from which their axis is logarithmic."""
 _BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
 """Words for the bounds that are drawn, by their stored names without a lag."""
 
@@ -108,3 +113,54 @@ def track_gradient(results: Results, case: str) -> Drawing:
     if "gradient_times" not in arrays:
         raise ResultsError(f"case {case} has no gradiometer: it has no measurements to draw")
     return field.gradient_along_track(arrays, results.scenario.case(case).title)
+
+
+def swept(results: Results, key: str | None = None) -> Drawing:
+    """Draw RMS errors against a number that varies among the cases, with the bounds and the INS.
+
+    Cases that differ in another key, too, make further panels, at most :data:`MOST_PANELS`.
+
+    Parameters
+    ----------
+    results : of a sweep.
+    key : dotted key of the number; None: the one that varies least often.
+
+    Raises
+    ------
+    ResultsError
+        If no such number varies.
+    """
+    metrics = results.metrics()
+    rows = metrics[metrics["window"] == "settled"]
+    cases = [case for case in results.scenario.cases if case.name in set(rows["case"])]
+    tables = [_numbers(case.model_dump(warnings=False)) for case in cases]
+    shared = [name for name in tables[0] if all(name in table for table in tables)]
+    changes = {name: sum(a[name] != b[name] for a, b in pairwise(tables)) for name in shared}
+    varied = sorted((name for name in shared if changes[name]), key=lambda name: changes[name])
+    chosen = key or (varied[0] if varied else "")
+    if chosen not in varied:
+        said = f"it varies {', '.join(varied)}" if varied else "no number varies among its cases"
+        raise ResultsError(f"{results.folder} holds no sweep of {key or 'a number'}: {said}")
+    parts: dict[tuple[str, ...], list[tuple[float, str]]] = {}
+    for case, table in zip(cases, tables, strict=True):
+        rest = tuple(f"{name.split('.')[-1]} {table[name]:g}" for name in varied if name != chosen)
+        parts.setdefault(rest, []).append((table[chosen], case.name))
+    labels = [label for label in results.labels if label != "ins"]
+    panels = []
+    for rest, part in [*parts.items()][:MOST_PANELS]:
+        places, names = zip(*sorted(part), strict=True)
+        panels.append(answer.panel(rows, names, labels, ", ".join(rest), np.array(places)))
+    values = np.concatenate([each.places for each in panels])
+    log = bool(values.min() > 0.0 and values.max() > _LOG_FROM * values.min())
+    return answer.over_axis(panels, chosen, log, results.families)
+
+
+def _numbers(table: Mapping[str, Any], above: str = "") -> dict[str, float]:
+    """Return the numbers of nested tables by their dotted keys."""
+    found: dict[str, float] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            found |= _numbers(value, f"{above}{key}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            found[f"{above}{key}"] = value
+    return found

@@ -10,7 +10,7 @@ import pandas as pd
 
 from ..figures import answer, stored
 from ..figures import league as league_figure
-from ..figures.answer import Curve, Panel
+from ..figures.answer import Panel
 from ..figures.style import Drawing
 from ..results.folder import Results
 from . import sweeps
@@ -40,25 +40,7 @@ def panel(
 ) -> Panel:
     """Return the errors of estimators in the cases of these names, in the settled window."""
     rows = comparable(metrics[metrics["case"].isin(names)])
-    table = rows.set_index(["estimator", "case"])
-
-    def values(label: str, key: str) -> np.ndarray:
-        index = [(label, name) for name in names]
-        array = np.asarray(table[key].reindex(index), dtype=float)
-        return np.where(np.isfinite(array), array, np.nan)  # an open interval is not drawn
-
-    curves = {
-        label: Curve(*(values(label, key) for key in ("rms_m", "rms_lo", "rms_hi", "success")))
-        for label in labels
-    }
-
-    def bound(causality: str) -> np.ndarray:
-        own = rows[(rows["causality"] == causality) & rows["estimator"].isin(labels)]
-        own = own if causality == "batch" else rows[rows["causality"] == causality]
-        return np.asarray(own.groupby("case")["bound_m"].first().reindex(names), dtype=float)
-
-    where = np.arange(len(names), dtype=float) if places is None else places
-    return Panel(title, where, curves, bound("filter"), bound("batch"), values("ins", "rms_m"))
+    return answer.panel(rows, names, labels, title, places)
 
 
 def of_answer(results: Reported) -> Picture:

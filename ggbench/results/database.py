@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pydantic_core import from_json
 
+from ..archives import read_arrays
 from ..errors import GGBenchError, text_of
-from ..files import require_small_archive
 from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
 from .formats import flaw_of_arrays
 
@@ -272,16 +272,10 @@ class Database:
                 f"{self.path.parent} lacks the shared data of case {case}, because the command "
                 "was interrupted; the same command resumes"
             )
-        require_small_archive(io.BytesIO(rows[0][0]), StoreError, f"the shared data of case {case}")
-        try:
-            with np.load(io.BytesIO(rows[0][0]), allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-        except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
-            raise StoreError(
-                f"the shared data of case {case} in {self.path} cannot be read: {text_of(error)}"
-            ) from None
+        what = f"the shared data of case {case} in {self.path}"
+        arrays = read_arrays(rows[0][0], StoreError, what)
         if flaw := flaw_of_arrays(arrays):
-            raise StoreError(f"the shared data of case {case} in {self.path} is damaged: {flaw}")
+            raise StoreError(f"{what} is damaged: {flaw}")
         return arrays
 
     def _select(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

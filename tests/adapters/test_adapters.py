@@ -183,7 +183,7 @@ def test_results_depend_on_the_adapter_and_the_library(tmp_path, monkeypatch, li
     read, uncached = registry.content_of, registry.source_of.__wrapped__
     monkeypatch.setattr(registry, "source_of", uncached)
     assert choice.content == content
-    monkeypatch.setattr(registry, "content_of", lambda name: read(name) + b"# another\n")
+    monkeypatch.setattr(registry, "content_of", lambda name: read(name) + b"another = 1\n")
     assert choice.content["source"] != content["source"]
     assert "libraries" not in registry.choose("ekf").content
 
