@@ -128,6 +128,6 @@ def checked_jacobian(model: MeasurementModel, k: int, x: np.ndarray, channels: i
 
 
 def require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
-    """Raise ValueError unless an array that a model returned has a shape."""
+    """Raise ValueError unless an array (...) of a model has a shape."""
     if array.shape != shape:
         raise ValueError(f"the model's {name} has shape {array.shape}, not {shape}")

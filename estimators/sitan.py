@@ -187,7 +187,7 @@ class SitanFilters(Bank):
         return best, float(np.min(self.squares[away], initial=np.inf) / self.squares[best])
 
     def place(self, which: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the position of a filter [m] and its covariance."""
+        """Return the position (d,) of a filter [m] and its covariance (d, d)."""
         chosen, unit = self.places, self.scale[self.places]
         cov = self.covs[which][np.ix_(chosen, chosen)] * np.outer(unit, unit)
         return self.means[which, chosen] * unit, cov

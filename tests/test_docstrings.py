@@ -1,4 +1,4 @@
-"""Docstrings of the package: parameters that exist, and the errors that a function raises."""
+"""Docstrings of the package: parameters that exist, errors that are raised, shapes of arrays."""
 
 from __future__ import annotations
 
@@ -71,3 +71,56 @@ def test_an_incomplete_docstring_is_found():
     assert (
         list(flaws('def f(x):\n    """Return x.\n\n    Raise ValueError."""\n    raise x(1)')) == []
     )
+
+
+WITHOUT_SHAPES = {"engines", "gravity", "ins", "numerics", "sensors"}
+"""Rooms, of compiled code, in which some docstrings do not state shapes."""
+_ARRAY = re.compile(r"\b(?:Array|ComplexArray|ndarray|NDArray)\b")
+_LENGTH = r"(?:\.\.\.|len\(\w+\)|(?![A-Z][a-z])[\w']+(?: ?[×·+−*/-] ?[\w']+)*)"
+_SHAPE = re.compile(rf"\((?:\.\.\.|{_LENGTH}(?:, {_LENGTH})+|{_LENGTH},)\)")
+"""A shape in parentheses: ``(K, n)``, ``(N,)``, ``(...)``."""
+
+
+def shapeless(source: str) -> Iterator[str]:
+    """Yield the name of each public function of arrays whose docstring states no shape."""
+    for node in _public(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef):
+            rest = node.args
+            given = [*rest.posonlyargs, *rest.args, *rest.kwonlyargs]
+            types = [argument.annotation for argument in given] + [node.returns]
+            arrays = any(_ARRAY.search(ast.unparse(each)) for each in types if each is not None)
+            if arrays and not _SHAPE.search(ast.get_docstring(node) or ""):
+                yield node.name
+
+
+def _room(path: Path) -> str:
+    return path.relative_to(ROOT / "ggbench").parts[0] if ROOT / "ggbench" in path.parents else ""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in FILES if _room(path) not in WITHOUT_SHAPES],
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
+def test_docstrings_state_the_shapes_of_arrays(path):
+    assert list(shapeless(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize("room", sorted(WITHOUT_SHAPES))
+def test_a_room_is_left_out_only_while_shapes_are_missing(room):
+    files = [path for path in FILES if _room(path) == room]
+    assert any(list(shapeless(path.read_text(encoding="utf-8"))) for path in files)
+
+
+def test_a_docstring_without_shapes_is_found():
+    """Negative controls: of a parameter and of a result; numbers, texts and shapes are let pass."""
+    head = 'def f(x: np.ndarray) -> float:\n    """Return the sum'
+    assert list(shapeless(f'{head}."""\n')) == ["f"]
+    assert list(shapeless(f'{head} (see Groves, or below)."""\n')) == ["f"]
+    assert list(shapeless(f'{head} (Groves, 2013)."""\n')) == ["f"]
+    assert list(shapeless(f'{head} [m] (in time)."""\n')) == ["f"]
+    assert list(shapeless('def f() -> dict[str, Array]:\n    """Return all."""\n')) == ["f"]
+    for shape in ("(N,)", "(K, n, n)", "(...)", "(..., 3)", "(runs, K', 4)", "(N, len(names))"):
+        assert list(shapeless(f'{head} of x {shape}."""\n')) == []
+    assert list(shapeless('def f(x: float) -> str:\n    """Return a text."""\n')) == []
+    assert list(shapeless('def _f(x: Array) -> Array:\n    """Return it."""\n')) == []

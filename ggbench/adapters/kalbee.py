@@ -84,7 +84,7 @@ class KalbeeEkf(KalbeeEstimator):
         return ExtendedKalmanFilter(**arguments)
 
     def step(self, kalman: Any, problem: Problem, k: int, unit: np.ndarray) -> None:
-        """Predict and update with the Jacobians of the epoch."""
+        """Predict and update with the Jacobians of the epoch; ``unit`` (n,) scales the states."""
         kalman.predict(1.0, F=problem.transition[k] / unit[:, np.newaxis] * unit)
         rows = problem.model.jacobian(k, kalman.state[:, 0] * unit) * unit
         kalman.update(problem.measurements[k][:, np.newaxis], H=rows)

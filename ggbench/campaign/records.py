@@ -253,7 +253,9 @@ def lag_epochs(case: CaseSpec, lag: float) -> int:
 
 
 def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
-    """Return what all runs of a case share: bounds, its readings, and the signals of figures.
+    """Return the arrays that all runs of a case share: bounds, measurements, signals of figures.
+
+    Arrays over epochs are (K,), or (K, m) with a column for each of m channels.
 
     ``lags`` are the fixed lags in use [epochs].
     """

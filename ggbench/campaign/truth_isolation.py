@@ -42,7 +42,7 @@ class HiddenArray:
 
     @contextlib.contextmanager
     def looked_at(self) -> Iterator[np.ndarray]:
-        """Give the array, as long as no estimator runs."""
+        """Give the array (runs, ...), as long as no estimator runs."""
         count = int(np.prod(self._shape))
         yield np.frombuffer(self._memory, dtype=float, count=count).reshape(self._shape)
 

@@ -301,7 +301,10 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
 
 
 def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) -> float:
-    """Return how far an answer moves with the last digit of the prior, in posterior deviations."""
+    """Return the change of an estimate with the last digit of the prior, in posterior deviations.
+
+    ``posterior_cov`` is (K, n, n).
+    """
     answers = []
     for ulps in range(_ROUNDINGS):
         factor = 1.0 + ulps * np.finfo(float).eps

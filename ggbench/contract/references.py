@@ -187,7 +187,7 @@ def linear_sensor_problem(seed: int, epochs: int = 40, m: int = 2) -> Problem:
 
 
 def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of every epoch without any measurement, from the start in one product."""
+    """Mean (K, n) and covariance (K, n, n) without measurements, in one product from the start."""
     means, covs = [], []
     phi = np.eye(problem.dimension)
     noise = np.zeros_like(problem.prior_cov)
@@ -200,7 +200,10 @@ def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Kalman filter with Joseph's update: filtered and predicted means and covariances."""
+    """Kalman filter with Joseph's update.
+
+    Return filtered and predicted means (K, n), each with its covariances (K, n, n).
+    """
     x, p = problem.prior_mean, problem.prior_cov
     eye = np.eye(problem.dimension)
     out: tuple[list[np.ndarray], ...] = ([], [], [], [])
@@ -222,7 +225,10 @@ def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 
 
 def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """Each epoch given the measurements up to ``ahead`` epochs later: Rauch, Tung & Striebel."""
+    """Mean (K, n) and covariance (K, n, n) with measurements up to ``ahead`` epochs later.
+
+    Rauch, Tung & Striebel.
+    """
     x_f, p_f, x_p, p_p = kalman(problem)
     # The inverse in units of the prior: kilometres and microradians together would spoil it.
     units = np.sqrt(np.diag(problem.prior_cov))
@@ -243,7 +249,7 @@ def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """The mean and covariance of a linear-Gaussian problem that an estimate's causality asks."""
+    """Exact mean (K, n) and covariance (K, n, n) of a linear-Gaussian problem by causality."""
     if estimate.causality == "none":
         return propagated(problem)
     if estimate.causality == "fixed-lag":
@@ -255,7 +261,7 @@ def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]
 def deviation(
     mean: np.ndarray, cov: np.ndarray, true_mean: np.ndarray, true_cov: np.ndarray
 ) -> tuple[float, float]:
-    """Largest differences of mean and covariance in units of the posterior deviations."""
+    """Largest differences of means (K, n) and covariances (K, n, n), in posterior deviations."""
     sigma = np.sqrt(np.diagonal(true_cov, axis1=1, axis2=2))
     return (
         float(np.max(np.abs(mean - true_mean) / sigma)),

@@ -52,7 +52,7 @@ def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
 
 
 def read(path: Path) -> dict[str, np.ndarray | str]:
-    """Return the arrays (of floats) and texts of a file.
+    """Return the arrays (...) of floats and the texts of a file.
 
     Of MATLAB files every array has at least two axes, and axes of length one at the end are gone:
     see :func:`shaped`.
@@ -85,7 +85,7 @@ def _require_small(path: Path, size: int) -> None:
 
 
 def shaped(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return an array in a shape that differs from its own by axes of length one, or None."""
+    """Return an array (...) in a shape that differs by axes of length one, or None."""
     if [n for n in array.shape if n != 1] != [n for n in shape if n != 1]:
         return None
     return array.reshape(shape)

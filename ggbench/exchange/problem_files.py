@@ -77,7 +77,7 @@ def fingerprints(measurements: np.ndarray) -> list[float]:
 
 
 def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]:
-    """Return what a file of a block holds, by the names of :data:`VARIABLES`.
+    """Return the arrays (R, ...) and texts of a block's file, by the names of :data:`VARIABLES`.
 
     Parameters
     ----------

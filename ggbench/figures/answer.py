@@ -55,7 +55,7 @@ class Panel(NamedTuple):
 
     @property
     def references(self) -> list[tuple[str, np.ndarray, str, str]]:
-        """Name, values, colour and line of the bounds and the INS, of those with values."""
+        """Name, values (cases,), colour and line of the bounds and the INS, if they have values."""
         all_of_them = [
             ("bound of filters", self.bound, BOUND, "-"),
             ("bound of smoothers", self.smoothing_bound, BOUND, ":"),

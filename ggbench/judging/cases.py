@@ -73,7 +73,8 @@ def cases(
     Parameters
     ----------
     specs : the cases.
-    arrays : case to the arrays that all of its runs share; of a case with draws they are of run 0.
+    arrays : arrays that all runs of a case share, by case, of shapes (K,) or (K, m). With draws
+        they are of run 0.
     metrics : the metrics of the campaign.
     verdicts : by kind of estimators and case.
     """
@@ -145,7 +146,7 @@ def _judged(verdicts: Mapping[str, Mapping[str, Verdict]], case: str) -> dict[st
 
 
 def field_correlation_m(arrays: Mapping[str, np.ndarray]) -> float:
-    """Return the field's correlation length along the track of a case [m], NaN without any."""
+    """Return the field's correlation length along the track (K, 3) of a case [m], or NaN."""
     if "vertical" not in arrays:
         return math.nan
     read = np.searchsorted(arrays["times"], arrays["gradient_times"] - 1e-6)

@@ -62,7 +62,7 @@ def judge(
 
 
 def median_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
-    """Return a median and its 95 % interval between two order statistics.
+    """Return the median of values (N,) and its 95 % interval between two order statistics.
 
     The interval needs no law of the values and holds the median with 95 % or more (binomial); with
     fewer than six values there is none, and its ends are NaN.

@@ -149,7 +149,7 @@ class PairedRuns(NamedTuple):
         return cls(run, draw, squares, succeeded(ordered))
 
     def among(self, runs: np.ndarray) -> PairedRuns:
-        """Return those of some runs."""
+        """Return the pairs of some runs, by their numbers (N,)."""
         chosen = np.isin(self.run, runs)
         return PairedRuns(*(values[chosen] for values in self))
 

@@ -80,7 +80,7 @@ class Evaluation:
 
 
 def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return part of an estimate as contiguous floats of this shape.
+    """Return part of an estimate as contiguous floats of this shape (...).
 
     Raises
     ------
@@ -333,7 +333,7 @@ def _window_means(
 def window_metrics(
     evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
 ) -> dict[str, dict[str, float]]:
-    """Return each window's metrics (:func:`window_means`) of one run, by their names."""
+    """Return each window's metrics (:func:`window_means`) of one run, by name; times are (K,)."""
     block = Evaluation(**{name: values[None] for name, values in vars(evaluation).items()})
     means = window_means(block, times, windows)[0].tolist()
     return {

@@ -93,7 +93,7 @@ def runs_to_decide(
 
     Parameters
     ----------
-    first_ms, second_ms, cluster : as of :func:`log_ratio`.
+    first_ms, second_ms, cluster : (runs,) as of :func:`log_ratio`.
     tests : number of tests of the family, by which the difference is tested at 5 % (Bonferroni).
     """
     means = cluster_means(0.5 * np.log(first_ms / second_ms), cluster) if len(cluster) else cluster
@@ -163,14 +163,16 @@ def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
 
 
 def share_below(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
-    """Return the p-value of "at least this share of runs", see :func:`share_above`."""
+    """Return the p-value of "at least this share of runs" (runs,), see :func:`share_above`."""
     return share_above(1.0 - hits.astype(float), cluster, 1.0 - share)
 
 
 def mean_interval(
     values: np.ndarray, cluster: np.ndarray, alpha: float = ALPHA
 ) -> tuple[float, float, float]:
-    """Return the mean over clusters and its interval (Student's t), NaN with one cluster.
+    """Return the mean over clusters of values (runs,) and its interval (Student's t).
+
+    NaN with one cluster.
 
     The interval leaves out ``alpha``, half of it on each side.
     """

@@ -83,7 +83,7 @@ class Plane:
     def place(
         self, latitude_deg: NDArray[np.floating], longitude_deg: NDArray[np.floating]
     ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Return east and north of places [m]."""
+        """Return east and north of positions [m]; all arrays have the same shape (...)."""
         north, east = self.metres_per_degree
         return (
             (longitude_deg - self.longitude_deg) * east,
@@ -148,7 +148,7 @@ class Equations:
         self._block_m = _BLOCK * depth_m
 
     def of(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """Return the upper triangle of the matrix, and the right-hand side, of some lines."""
+        """Return the normal equations of some lines: upper triangle (J, J), right side (J,)."""
         count = self.places.shape[1]
         matrix, right = np.zeros((count, count), order="F"), np.zeros(count)
         weights = weights_of(self.lines)
@@ -168,7 +168,9 @@ class Equations:
         return matrix, right
 
     def solved(self, matrix: Array, right: Array, damping: float) -> EquivalentSources:
-        """Return the masses. ``damping`` is relative to the mean of the diagonal.
+        """Return the masses (J,) from normal equations (J, J), (J,).
+
+        ``damping`` is relative to the mean of the diagonal.
 
         Raise MapError if the damping leaves the masses undetermined.
         """
@@ -192,7 +194,7 @@ def residuals(sources: EquivalentSources, lines: SurveyLines, index: int) -> Arr
 
 
 def metres_along(lines: SurveyLines, index: int) -> Array:
-    """Return the distance of each sample of a line from its first one, along the track [m]."""
+    """Return the distance (N,) of each sample of a line from the first, along the track [m]."""
     east, north, _ = Plane.under(lines).metres(lines)[:, lines.samples(index)]
     steps = np.hypot(np.diff(east), np.diff(north))
     distance: Array = np.concatenate([[0.0], np.cumsum(steps)])

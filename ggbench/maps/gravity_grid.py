@@ -127,7 +127,7 @@ def read_grid(
 
 
 def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
-    """Heights of the land at the nodes of a grid [m], 0 at sea.
+    """Return the land heights (n_lat, n_lon) at the nodes of a grid [m], 0 at sea.
 
     A terrain finer than the grid is averaged first, by a Gaussian of half the grid's step.
 

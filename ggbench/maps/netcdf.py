@@ -112,7 +112,14 @@ class Nodes:
         provenance: str,
         errors: Errors | None = None,
     ) -> GradientMap:
-        """Return the map of a field on these nodes; the arguments are the map's."""
+        """Return the map of a field on these nodes.
+
+        Parameters
+        ----------
+        tensor : (n_lat, n_lon, n_h, 6) disturbing gradient [E].
+        gravity_disturbance : (n_lat, n_lon, n_h, 3) [m/s²].
+        provenance, errors : of the map.
+        """
         axes = self.latitude_deg, self.longitude_deg, self.height_m
         latitude_step, longitude_step, height_step = map(step_of, axes)
         standard_error, error_distance = errors or (unknown(), unknown())
@@ -140,7 +147,7 @@ def axes_of(draped: bool) -> dict[str, dict[str, Any]]:
 
 
 def step_of(axis: Array) -> float:
-    """Return the distance between nodes of a regular axis."""
+    """Return the distance between nodes of a regular axis (N,)."""
     return float((axis[-1] - axis[0]) / (axis.size - 1))
 
 

@@ -238,7 +238,7 @@ class ShippedGeoid:
         return GravityGrid("geoid", float(grid["lat0"]), float(grid["lon0"]), step, step, values)
 
     def elevation(self, geoid: GravityGrid, smoothing_deg: float) -> Array:
-        """Return heights of the land at the nodes of the geoid [m], 0 at sea."""
+        """Return the land heights (n_lat, n_lon) at the nodes of the geoid [m], 0 at sea."""
         topography = data_arrays(self.topography, ("lat", "lon", "z"))
         land = np.maximum(topography["z"], 0.0)
         if smoothing_deg > 0.0:

@@ -65,12 +65,12 @@ class SurveyFit:
 
     @cached_property
     def fitted(self) -> dict[int, Array]:
-        """Reading minus map of the same lines, the map made of all."""
+        """Measurements minus the map of all lines, (N, components) for each held-back line."""
         return {index: residuals(self.sources, self.lines, index) for index in self.held_back}
 
     @cached_property
     def rms(self) -> tuple[Array, Array]:
-        """RMS on lines held back, of residuals and of readings, each without a line's mean."""
+        """RMS (components,) of residuals and of measurements of held-back lines, without means."""
         readings = [self.lines.values[self.lines.samples(index)] for index in self.held_back]
         differences = np.concatenate(list(self.held_back.values()))
         read = np.concatenate([rows - rows.mean(axis=0) for rows in readings])

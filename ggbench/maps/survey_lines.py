@@ -91,7 +91,7 @@ class SurveyLines:
         return "mGal" if self.quantity == "disturbance" else "E"
 
     def samples(self, index: int) -> NDArray[np.int64]:
-        """Return the numbers of the samples of a line."""
+        """Return the indices (N,) of the samples of a line."""
         return np.flatnonzero(self.line == index)
 
     def only(self, lines: Sequence[int]) -> SurveyLines:

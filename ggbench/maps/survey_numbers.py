@@ -138,7 +138,7 @@ def _undeclared(
 def require_limits(
     table: SurveyTable, values: Mapping[str, Array], rows: NDArray[np.int64]
 ) -> None:
-    """Raise MapError if a value is beyond its limits; ``rows`` are the samples of the values."""
+    """Raise MapError if a value is beyond its limits; ``rows`` (N,) are samples of the values."""
     for key, column in values.items():
         low, high = _LIMITS[key]
         off = (column < low) | (column > high)
@@ -157,7 +157,7 @@ def require_limits(
 
 
 def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity) -> None:
-    """Raise MapError if values without a stated unit are too small for any field.
+    """Raise MapError if values (N,) without a stated unit are too small for any field.
 
     Such are gradients in s⁻² and gravity in m/s².
     """

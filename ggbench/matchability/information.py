@@ -109,13 +109,13 @@ def information(jacobians: Array) -> Array:
 
 
 def accuracy(info: Array) -> float:
-    """Return √tr J⁻¹ [m], which no unbiased position from these readings alone betters; or ∞."""
+    """Return √tr J⁻¹ [m] of the information J (2, 2), the bound of unbiased positions; or ∞."""
     determinant = float(np.linalg.det(info))
     return float(np.sqrt(np.trace(info) / determinant)) if determinant > 0.0 else np.inf
 
 
 def isotropy(info: Array) -> float:
-    """Return λ_min / λ_max of J: 1 if all directions are alike, 0 if one is not seen; or NaN."""
+    """Return λ_min / λ_max of J (2, 2): 1 if isotropic, 0 if a direction is unobserved; or NaN."""
     low, high = np.linalg.eigvalsh(info)
     return float(low / high) if high > 0.0 else np.nan
 
@@ -150,7 +150,7 @@ def least(ambiguities: Array, grid: Array, right_m: float, reach_m: float) -> fl
 
     Parameters
     ----------
-    ambiguities, grid : of :func:`ambiguity`.
+    ambiguities, grid : (s, s), (s, s, 2) of :func:`ambiguity`.
     right_m : r₀, within which a fix is the right one [m].
     """
     beyond = ambiguities[_ring(grid, right_m, reach_m) & ~np.isnan(ambiguities)]
@@ -167,9 +167,8 @@ def false_fix_bound(
 
     Parameters
     ----------
-    ambiguities, grid, right_m, reach_m : as in :func:`least`.
-    sigma_m : of the prior of the position, per axis; it is a reading of the position like others,
-        and adds |d|²/2σ² to A. ∞ for none.
+    ambiguities, grid, right_m, reach_m : (s, s), (s, s, 2), as in :func:`least`.
+    sigma_m : standard deviation of the position prior, per axis. It adds |d|²/2σ² to A. ∞ for none.
     """
     total = ambiguities + np.sum(grid**2, axis=-1) / (2.0 * sigma_m**2)
     total = np.where(np.isnan(total), np.inf, total)

@@ -63,7 +63,7 @@ def statistics(g: Array, east_m: float, north_m: float) -> Statistics:
 
 
 def without_plane(g: Array) -> Array:
-    """Return a cell less the plane that fits it best; zeros if only rounding remains."""
+    """Return a cell (m, n) less its best plane; zeros if only rounding remains."""
     m, n = g.shape
     rows = np.linspace(-1.0, 1.0, m)[:, np.newaxis] * np.ones(n)
     columns = np.ones((m, 1)) * np.linspace(-1.0, 1.0, n)
@@ -74,7 +74,7 @@ def without_plane(g: Array) -> Array:
 
 
 def deviation(g: Array) -> float:
-    """Return the standard deviation σ = √(Σ(g − ḡ)² / (mn − 1))."""
+    """Return the standard deviation σ = √(Σ(g − ḡ)² / (mn − 1)) of g (m, n)."""
     return float(np.std(g, ddof=1))
 
 
@@ -92,7 +92,7 @@ def slope(g: Array, east_m: float, north_m: float) -> Array:
 
 
 def roughness(g: Array, east_m: float, north_m: float) -> float:
-    """Return the mean of the RMS differences of neighbours along rows and columns, per metre.
+    """Return the mean RMS difference of neighbours of g (m, n) by rows and columns, per metre.
 
     The literature gives them per node, so that they depend on the spacing twice: as the length of a
     step, which is divided by here, and as what a step leaves out, which remains.
@@ -103,7 +103,7 @@ def roughness(g: Array, east_m: float, north_m: float) -> float:
 
 
 def difference_entropy(g: Array) -> float:
-    """Return H / ln(mn), H = −Σ D ln D with D = |g − ḡ| / Σ|g − ḡ|; 1 of a constant.
+    """Return H / ln(mn), H = −Σ D ln D with D = |g − ḡ| / Σ|g − ḡ|, g (m, n); 1 of a constant.
 
     Erratum of the literature, which has |g − ḡ|/|ḡ| for a deviation: as a share of the sum |ḡ|
     cancels; without the sum it explodes where the mean is near zero, as that of an anomaly is.
@@ -117,7 +117,7 @@ def difference_entropy(g: Array) -> float:
 
 
 def fractal_dimension(g: Array) -> float:
-    """Return the fractal dimension of the surface g, 2 to 3, by differential box counting.
+    """Return the fractal dimension of the surface g (m, n), 2 to 3, by differential box counting.
 
     After Sarkar & Chaudhuri (1994), on the largest square of a grid: boxes of s × s nodes from 2 to
     a quarter of its side, whose heights are that share of the range of g, each counted between the

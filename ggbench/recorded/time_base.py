@@ -93,7 +93,7 @@ class TimeBase:
 
 
 def clocked(columns: Columns, offset: float) -> np.ndarray:
-    """Return the times of a file's rows on the clock of the INS [s].
+    """Return the times (N,) of a file's rows on the clock of the INS [s].
 
     Raises FlightError if they do not increase.
     """
@@ -125,7 +125,7 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
 def require_period(
     columns: Columns, times: np.ndarray, period: float, rows: str, table: str
 ) -> float:
-    """Return the usual interval of rows [s]; raise FlightError if their table says another."""
+    """Return the median interval of times (N,) [s]; raise FlightError if it is not the period."""
     usual = float(np.median(np.diff(times)))
     if abs(usual - period) > _PERIOD_SLIP * period:
         raise columns.error(

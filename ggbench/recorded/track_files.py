@@ -17,7 +17,8 @@ def gpx_text(columns: Mapping[str, np.ndarray], name: str) -> str:
 
     Parameters
     ----------
-    columns : of :func:`.corrected.corrected`; heights are written above sea level (EGM2008).
+    columns : (K,) each, of :func:`.corrected.corrected`; heights are written above sea level
+        (EGM2008).
     name : of the track.
     """
     from gpxpy import gpx  # not at the top: few commands write tracks
@@ -34,7 +35,7 @@ def gpx_text(columns: Mapping[str, np.ndarray], name: str) -> str:
 
 
 def kml_text(columns: Mapping[str, np.ndarray], name: str) -> str:
-    """Return a corrected track as a line of KML 2.2, as :func:`gpx_text` does."""
+    """Return a corrected track, columns (K,), as a line of KML 2.2, as :func:`gpx_text` does."""
     ElementTree.register_namespace("", _KML)
     root = ElementTree.Element(f"{{{_KML}}}kml")
     mark = ElementTree.SubElement(root, f"{{{_KML}}}Placemark")

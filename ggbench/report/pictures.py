@@ -38,7 +38,10 @@ def panel(
     title: str = "",
     places: np.ndarray | None = None,
 ) -> Panel:
-    """Return the errors of estimators in the cases of these names, in the settled window."""
+    """Return the errors of estimators in the named cases, in the settled window.
+
+    ``places`` (cases,) are the positions of the cases on the axis.
+    """
     rows = comparable(metrics[metrics["case"].isin(names)])
     return answer.panel(rows, names, labels, title, places)
 

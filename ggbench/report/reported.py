@@ -56,7 +56,7 @@ class Reported(Results):
         return {self.shown[label]: names for label, names in super().seeking.items()}
 
     def series(self, case: str, estimator: str) -> np.ndarray:
-        """Return the errors of finished runs of a shown estimator."""
+        """Return the errors (runs, K', 4) of finished runs of a shown estimator."""
         labels = {name: label for label, name in self.shown.items()}
         return super().series(case, labels.get(estimator, estimator))
 

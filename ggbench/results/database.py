@@ -148,7 +148,7 @@ class Database:
         self._write({"records": records, "fixes": fixes, "curves": curves})
 
     def finished(self, limit: float = np.inf, retry_failed: bool = False) -> dict[str, np.ndarray]:
-        """Return, by key, the runs whose results a time limit [s] leaves as they are.
+        """Return, by key, the runs (N,) whose results a time limit [s] leaves as they are.
 
         ``retry_failed`` leaves out all runs that failed, for whatever reason.
         """
@@ -252,7 +252,7 @@ class Database:
         return None if not rows or rows[0][0] is None else _unpack(rows[0][0], width)
 
     def write_arrays(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store what all runs of a case share."""
+        """Store the arrays, (K,) or (K, m), that all runs of a case share."""
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **arrays)
         self._write({"shared": [(key, content.getvalue())]})
@@ -262,7 +262,7 @@ class Database:
         return bool(self._select("SELECT 1 FROM shared WHERE key = ?", (key,)))
 
     def arrays(self, key: str, case: str) -> dict[str, np.ndarray]:
-        """Return what all runs of a case share; ``case`` names it in messages.
+        """Return the arrays, (K,) or (K, m), that all runs share; ``case`` is for messages.
 
         Raise StoreError if they are missing or damaged.
         """

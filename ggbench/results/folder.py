@@ -214,7 +214,7 @@ class Results:
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
-        """Return what all runs of a case share: epochs, track, bounds, signals."""
+        """Return the arrays that all runs share: epochs (K,), track (K, 3), bounds, signals."""
         if case not in self._arrays:
             key = self.manifest["shared"].get(case, "")
             self._arrays[case] = self.store.arrays(key, case)

@@ -105,7 +105,7 @@ _OF_GRADIENTS = ("gradient_times", "vertical", "noisy", "filtered", "filtered_tr
 
 
 def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
-    """Return what is wrong with what all runs of a case share, in a few words, or None."""
+    """Return the flaw of the arrays, (K,) or (K, m), that all runs of a case share, or None."""
     bounds = {name: 2 for name in arrays if name.startswith("bound-")}
     columns = {
         "times": 0,

@@ -61,7 +61,7 @@ _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 
 
 def kept_epochs(epochs: int) -> np.ndarray:
-    """Return which of the epochs are kept as a time series: all, or an even choice of many."""
+    """Return the epochs (K',) that a time series keeps: all, or an even choice of many."""
     numbers = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
     return np.round(numbers).astype(int)
 

@@ -73,7 +73,7 @@ class Flight:
 
     @cached_property
     def aiding_epochs(self) -> list[np.ndarray]:
-        """At which of the epochs each of the other sensors is read."""
+        """Epochs (G,) of the measurements of each of the other sensors."""
         return [self._read_at(sensor.name) for sensor in self.true.aiding]
 
     def _read_at(self, sensor: str) -> np.ndarray:

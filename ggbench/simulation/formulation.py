@@ -289,7 +289,10 @@ def arrays_along(
     others: AidingChannels,
     whitening: Whitening | None,
 ) -> ModelArrays:
-    """Return h of a suite's sensors and states: :func:`.sensors.model.model_arrays` of them."""
+    """Return h of a suite's sensors and states, see :func:`.sensors.model.model_arrays`.
+
+    ``missing`` (G,) are the missing measurements of the gradiometer.
+    """
     treatment = model.treatment(len(when.gradients))
     return model_arrays(
         field=field,

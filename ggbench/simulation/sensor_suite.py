@@ -364,7 +364,8 @@ class SensorSuite:
         Parameters
         ----------
         field : the map.
-        read_at, motion, turning : as :func:`.aiding_channels` has them.
+        read_at, motion, turning : epochs (G,) of each sensor, and the rest as in
+            :func:`.aiding_channels`.
         """
         return aiding_channels(
             sensors=self.aiding,

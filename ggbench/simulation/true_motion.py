@@ -21,7 +21,9 @@ from .field_source import beside
 def error_free_motion(
     spec: TrajectorySpec, dt: float, versions: tuple[object, ...], felt: Field | None
 ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """Return what cases that differ in sensors and priors share: truth and IMU increments.
+    """Return the truth and the IMU increments, (N, 3) each, of angle and velocity.
+
+    Cases that differ in sensors and priors share them.
 
     ``versions`` are those of the files of which the flight is made. ``felt`` is the field whose
     disturbance of gravity the accelerometers feel, if they do.

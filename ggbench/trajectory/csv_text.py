@@ -103,7 +103,7 @@ class CsvText:
     def numbers(
         self, columns: Mapping[str, int], may_be_empty: frozenset[str] = frozenset()
     ) -> dict[str, Array]:
-        """Return columns as numbers; ``columns`` says what messages call them, and where they are.
+        """Return columns (N,) as numbers; ``columns`` has their names and their places.
 
         A field of those that ``may_be_empty`` may be empty or say nan: NaN.
 
@@ -190,7 +190,7 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
 
 
 def iso_seconds(texts: Iterable[str]) -> Array:
-    """Return the seconds since 1970 of dates as ISO 8601 writes them; NaN of what is none.
+    """Return the seconds (N,) since 1970 of ISO 8601 dates; NaN of other texts.
 
     A date without a zone is taken as UTC.
     """

@@ -86,7 +86,7 @@ class Segment:
         return self.duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return the rates, whose integrals are those stated times the duration."""
+        """Return the rates (count, 3), whose integrals are the stated rates times the duration."""
         shape = _shape(count, dt, self.duration)
         if abs(count * dt - self.duration) > 1e-9 * self.duration:
             shape *= self.duration / (count * dt)
@@ -104,7 +104,7 @@ class Cruise:
         return self.distance / speed_of(start)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return no rates."""
+        """Return rates (count, 3) of zero."""
         return np.zeros((count, 3))
 
 
@@ -157,7 +157,7 @@ class Turn:
         return max(abs(self.angle(start)) / rate + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return a heading rate whose integral is the angle."""
+        """Return rates (count, 3): a heading rate whose integral is the angle."""
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [self.angle(start) / (count * dt), 0.0, 0.0])
 
@@ -181,7 +181,7 @@ class SpeedChange:
         return max(abs(self.to - start.speed) / self.acceleration + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return an acceleration whose integral is the change."""
+        """Return rates (count, 3): an acceleration whose integral is the change."""
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [0.0, (self.to - start.speed) / (count * dt), 0.0])
 
@@ -210,7 +210,7 @@ class Climb:
         return 2.0 * pull_up + steady
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates of the climb angle with which the sampled flight gains the height.
+        """Return rates (count, 3) of the climb angle by which the flight gains the height.
 
         Raise TrajectoryError if it cannot be flown.
         """

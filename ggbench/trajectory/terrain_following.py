@@ -72,7 +72,7 @@ class TerrainFollowing:
         return duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return the rates of climb angle, and of speed, whose horizontal part is kept.
+        """Return rates (count, 3) of climb angle and speed; the horizontal speed is kept.
 
         Raise TrajectoryError if the terrain cannot be followed.
         """
@@ -188,7 +188,7 @@ def version_of(name: str) -> tuple[int, int]:
 def terrain_of(
     name: str, version: tuple[int, int], area: Area | None
 ) -> tuple[float, float, float, float, Array]:
-    """Return south, west, steps in latitude and longitude [deg], and heights [m].
+    """Return south, west, steps in latitude and longitude [deg], and heights (n_lat, n_lon) [m].
 
     ``area`` is where voids count; None: everywhere.
 

@@ -39,7 +39,7 @@ def parse(
     fewest: int = FEWEST_ROWS,
     columns: str | Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Array], int]:
-    """Return the known columns of a CSV text, and the number of the line of their first row.
+    """Return the known columns (N,) of a CSV text, and the line number of their first row.
 
     Columns may be separated by commas, semicolons or tabs; those whose names are not known, or not
     among ``keys``, are passed over. A name may have a unit in brackets; times may be dates (ISO

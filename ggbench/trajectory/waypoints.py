@@ -41,7 +41,7 @@ class Waypoint:
         return _STEP * len(turned) + self._ahead(end)[1] / speed_of(start)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return the heading rate of the turn, and none after it."""
+        """Return rates (count, 3): the heading rate of the turn, and zero after it."""
         rates = np.zeros((count, 3))
         turned = self._turned(start, dt)[0][:count]
         rates[: len(turned)] = turned

@@ -240,7 +240,7 @@ def test_what_does_not_go_with_a_drape_is_refused(folder, words, said):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--clearance-to", 300), "require --drape"),
+        (("--clearance-to", 300), "give --drape"),
         (("--tolerance", 1.0), "require --drape"),
         (("--beyond", "nothing"), "require --drape"),
         (("--lowest", 1000), "--drape builds a map whose layers follow the ground"),

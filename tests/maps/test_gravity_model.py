@@ -191,7 +191,7 @@ def test_fortran_leaves_out_the_e_of_long_exponents(tmp_path):
         (text({"product_type": "topography"}), "product_type is 'topography'"),
         (text({"tide_system": "spring"}), "tide_system is 'spring'"),
         (text({"radius": None}), "header lacks radius"),
-        (text({"earth_gravity_constant": "big"}), "'big', and must be a number"),
+        (text({"earth_gravity_constant": "big"}), "'big' and must be a number"),
         (text({"earth_gravity_constant": "4.9028D+12"}), "are not the Earth's"),
         (text({"radius": "6378.1363"}), "are not the Earth's in m"),
         (text({"max_degree": "1e9"}), "at most 5600 is allowed"),
