@@ -109,15 +109,15 @@ def read_arrays(
                 f"{what} unpacks to {size / 1e6:.0f} MB; at most {MOST_ARRAYS / 1e6:g} are allowed"
             )
         with np.load(opened, allow_pickle=False) as arrays:
-            wanted = arrays.files if keys is None else [*keys]
-            if missing := [key for key in wanted if key not in arrays]:
-                held = line_of(", ".join(arrays.files)) or "none"
-                raise error(f"{what} lacks the array {missing[0]}; it holds {held}")
-            found = {key: arrays[key] for key in wanted}
-    for key, value in found.items():
+            names = arrays.files if keys is None else [*keys]
+            if missing := [key for key in names if key not in arrays]:
+                present = line_of(", ".join(arrays.files)) or "none"
+                raise error(f"{what} lacks the array {missing[0]}; it holds {present}")
+            loaded = {key: arrays[key] for key in names}
+    for key, value in loaded.items():
         if not isinstance(value, np.ndarray):  # NumPy returns other files as they are
             raise error(f"{what} cannot be unpacked: {line_of(key)} is no array")
-    return found
+    return loaded
 
 
 def _require_method(member: zipfile.ZipInfo, error: type[GGBenchError], what: str) -> None:

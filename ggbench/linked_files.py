@@ -38,13 +38,13 @@ def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None
             if not path.stat().st_size:
                 return
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                found = _way_out(content)
+                way = _way_out(content)
     except (OSError, ValueError) as failure:
         reason = reason_of(failure) if isinstance(failure, OSError) else str(failure)
         raise error(f"cannot read {what}: {reason}") from None
-    if found:
+    if way:
         raise error(
-            f"{what} takes values from another file, by {found}: copy them into one file, for "
+            f"{what} takes values from another file, by {way}: copy them into one file, for "
             "example with 'nccopy' or 'h5repack'"
         )
 

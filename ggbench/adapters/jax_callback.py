@@ -108,9 +108,9 @@ def _by_epoch(evaluate: Callable[[int, np.ndarray], Any], x: np.ndarray, k: Any)
     values = None
     for epoch in np.unique(epochs):
         chosen = epochs == epoch
-        found = np.asarray(evaluate(int(epoch), x[chosen]))
+        evaluated = np.asarray(evaluate(int(epoch), x[chosen]))
         if values is None:
-            values = np.empty((*epochs.shape, *found.shape[1:]))
-        values[chosen] = found
+            values = np.empty((*epochs.shape, *evaluated.shape[1:]))
+        values[chosen] = evaluated
     assert values is not None
     return values

@@ -95,7 +95,7 @@ def plan(
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
 
 
-def drawn(found: pd.DataFrame, case: CaseSpec) -> Drawing:
+def drawn(tracks: pd.DataFrame, case: CaseSpec) -> Drawing:
     """Return the figure of tracks over the map, on the side of the date line of the flight."""
     from ..figures.planned import planned_tracks
     from ..simulation.field_source import beside, make_field
@@ -103,7 +103,7 @@ def drawn(found: pd.DataFrame, case: CaseSpec) -> Drawing:
 
     present = trajectory_of(case.trajectory, case.imu.period_s).positions
     field = beside(make_field(case.side("truth").field), float(present[0, 1]))
-    return planned_tracks(found, field, present, case.title)
+    return planned_tracks(tracks, field, present, case.title)
 
 
 def _print(tracks: pd.DataFrame, title: str, target: float | None) -> None:

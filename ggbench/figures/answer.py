@@ -83,8 +83,8 @@ def panel(
 
     def values(label: str, key: str) -> np.ndarray:
         index = [(label, name) for name in names]
-        found = np.asarray(table[key].reindex(index), dtype=float)
-        return np.where(np.isfinite(found), found, np.nan)  # an open interval is not drawn
+        array = np.asarray(table[key].reindex(index), dtype=float)
+        return np.where(np.isfinite(array), array, np.nan)  # an open interval is not drawn
 
     curves = {
         label: Curve(*(values(label, key) for key in ("rms_m", "rms_lo", "rms_hi", "success")))

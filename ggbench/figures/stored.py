@@ -139,8 +139,8 @@ def swept(results: Results, key: str | None = None) -> Drawing:
     varied = sorted((name for name in shared if changes[name]), key=lambda name: changes[name])
     chosen = key or (varied[0] if varied else "")
     if chosen not in varied:
-        said = f"it varies {', '.join(varied)}" if varied else "no number varies among its cases"
-        raise ResultsError(f"{results.folder} holds no sweep of {key or 'a number'}: {said}")
+        reason = f"it varies {', '.join(varied)}" if varied else "no number varies among its cases"
+        raise ResultsError(f"{results.folder} holds no sweep of {key or 'a number'}: {reason}")
     parts: dict[tuple[str, ...], list[tuple[float, str]]] = {}
     for case, table in zip(cases, tables, strict=True):
         rest = tuple(f"{name.split('.')[-1]} {table[name]:g}" for name in varied if name != chosen)
@@ -157,10 +157,10 @@ def swept(results: Results, key: str | None = None) -> Drawing:
 
 def _numbers(table: Mapping[str, Any], above: str = "") -> dict[str, float]:
     """Return the numbers of nested tables by their dotted keys."""
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for key, value in table.items():
         if isinstance(value, Mapping):
-            found |= _numbers(value, f"{above}{key}.")
+            numbers |= _numbers(value, f"{above}{key}.")
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            found[f"{above}{key}"] = value
-    return found
+            numbers[f"{above}{key}"] = value
+    return numbers
