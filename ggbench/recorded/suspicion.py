@@ -100,7 +100,11 @@ def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Itera
         if nis_ratio(problem, found) > MOST_NIS
         and not (_is_robust(label) and median_nis_ratio(problem, found) < _MOST_MEDIAN)
     }
-    isolated = isolated_outliers(problem) if beyond else 0
+    if not beyond:
+        return
+    explanations = [*_explanations(flight)]
+    # A turn that the clock puts elsewhere has steps that look like outliers.
+    isolated = 0 if explanations else isolated_outliers(problem)
     outliers = 0 < isolated <= _MOST_OUTLIERS * problem.epochs
     for label, found in beyond.items():
         ratio, median = nis_ratio(problem, found), median_nis_ratio(problem, found)
@@ -118,7 +122,12 @@ def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Itera
             "contradict one another or the tables' noise is far too small; likely causes are units "
             "(degrees for radians, knots for m/s), axes or frames, and clocks (18 s is GPS - UTC)"
         )
-    if beyond and (convention := gradient_convention(flight)):
+    yield from explanations
+
+
+def _explanations(flight: RecordedFlight) -> Iterator[str]:
+    """Yield a sentence for each convention or clock offset that fits the records much better."""
+    if convention := gradient_convention(flight):
         assert flight.spec.gradiometer is not None  # it has a convention
         words = in_words(convention, flight.spec.gradiometer.instrument)
         if words:
@@ -126,8 +135,8 @@ def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Itera
                 f"the gradiometer's readings fit the map as if they were {words}: residuals of "
                 f"{convention.after:.3g} E in place of {convention.before:.3g} E"
             )
-    for name, table in flight.spec.sensor.items() if beyond else ():
-        if isinstance(table, RecordedGnss) and (fit := clock_fit(problem, name)):
+    for name, table in flight.spec.sensor.items():
+        if isinstance(table, RecordedGnss) and (fit := clock_fit(flight.problem, name)):
             yield (
                 f"{table_of(name)}.clock_offset_s = {table.clock_offset_s + fit.offset:g} fits the "
                 f"INS best: residuals of {fit.after:.3g} {fit.unit} in place of "

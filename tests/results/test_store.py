@@ -147,7 +147,8 @@ def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
     results.store.close()
     path = tmp_path / "out" / "manifest.json"
     manifest = json.loads(path.read_text())
-    manifest["estimators"]["trap.py"] = manifest["estimators"]["ins"]
+    for key in ("estimators", "families"):
+        manifest[key]["trap.py"] = manifest[key]["ins"]
     path.write_text(json.dumps(manifest))
     (tmp_path / "sprung").unlink(missing_ok=True)
     render.write(tmp_path / "out", tmp_path / "reports")
