@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import gzip
 import hashlib
-import io
 import os
 import re
 import secrets
 import shutil
 import threading
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
 
 from .errors import GGBenchError, line_of
 
@@ -29,8 +25,6 @@ _SMALLEST_SHARE = 0.25
 _PROBE = bytes(1 << 20)
 MOST_TEXT = 500_000_000
 """Bytes of a text that may be read, unpacked: its numbers take a few times as much memory."""
-MOST_ARRAYS = 1_000_000_000
-"""Bytes of the arrays of a file that may be read, unpacked."""
 asked_to_end = threading.Event()
 """Whether this process is asked to end: netCDF4 may swallow the KeyboardInterrupt that says so."""
 _temporary: set[Path] = set()
@@ -184,49 +178,6 @@ def content_of(
     if len(content) > most:
         raise error(f"cannot read {what}{line_of(str(path))}: it has more than {most / 1e6:g} MB")
     return content
-
-
-def gunzipped(content: bytes, error: type[GGBenchError], what: str) -> bytes:
-    """Return what was packed by gzip, at most :data:`MOST_TEXT` bytes.
-
-    Parameters
-    ----------
-    content : packed.
-    error : raised, with a sentence, if there is more.
-    what : was packed, at the beginning of that sentence.
-
-    Raises
-    ------
-    OSError, EOFError, zlib.error
-        If it is damaged.
-    """
-    with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
-        unpacked = packed.read(MOST_TEXT + 1)
-    if len(unpacked) > MOST_TEXT:
-        raise error(f"{what} unpacks to more than {MOST_TEXT / 1e6:g} MB")
-    return unpacked
-
-
-def require_small_archive(
-    archive: Path | IO[bytes], error: type[GGBenchError], what: str, most: int = 0
-) -> None:
-    """Raise an error if the files of a zip archive, as NumPy writes it, unpack to too much.
-
-    Parameters
-    ----------
-    archive : of which its directory is read; what is no zip archive passes.
-    error : raised, with a sentence.
-    what : it is, at the beginning of that sentence.
-    most : bytes, by default :data:`MOST_ARRAYS`.
-    """
-    most = most or MOST_ARRAYS
-    try:
-        with zipfile.ZipFile(archive) as opened:
-            size = sum(member.file_size for member in opened.infolist())
-    except (OSError, ValueError, zipfile.BadZipFile):
-        return
-    if size > most:
-        raise error(f"{what} unpacks to {size / 1e6:.0f} MB; at most {most / 1e6:g} are allowed")
 
 
 def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:

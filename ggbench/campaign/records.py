@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 import platform
+import re
 import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,7 @@ from .registry import Choice
 
 _LONGEST_INFO = 100_000
 _LARGEST_COUNT = 2**63 - 1
+_STATUS, _PEAK = Path("/proc/self/status"), re.compile(r"VmHWM:\s*(\d+) kB")
 BORDER = 0.1
 """How far outside a map is still its border, in distances of its nodes."""
 
@@ -73,9 +76,14 @@ class TimedEstimates:
 
 
 def peak_memory_mb() -> float:
-    """Return the most memory [MiB] that this process has had in use."""
+    """Return the most memory [MiB] that this process has had in use.
+
+    On Linux it is read from proc(5): getrusage(2) counts the memory of the parent, too.
+    """
+    if platform.system() == "Linux" and (own := _PEAK.search(_STATUS.read_text())):
+        return int(own[1]) / 2.0**10
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # In bytes on macOS, in KiB on Linux and the BSDs (getrusage(2) of each).
+    # In bytes on macOS, in KiB on the BSDs (getrusage(2) of each).
     return peak / (2.0**20 if platform.system() == "Darwin" else 2.0**10)
 
 

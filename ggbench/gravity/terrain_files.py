@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..archives import read_arrays
 from ..errors import text_of
-from ..files import require_small_archive
 from .datums import require_wgs84
 from .meridians import Area
 from .optional_modules import imported
@@ -144,14 +144,12 @@ def _axis_kind(dataset: Any, dimension: Any) -> str | None:
 
 def _read_npz(path: Path, area: Area | None, units: Units) -> Grid:
     """Read a NumPy archive with one of three sets of arrays."""
-    require_small_archive(path, TerrainError, path.name)
+    arrays = read_arrays(path, TerrainError, path.name)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
         return _from_arrays(arrays, path.name, area, units)
     except TerrainError:
         raise
-    except Exception as error:  # whatever a damaged archive makes of itself
+    except Exception as error:  # whatever arrays of other kinds make of themselves
         raise TerrainError(
             f"{path.name} cannot be read as a NumPy archive of heights ({text_of(error)})."
         ) from None

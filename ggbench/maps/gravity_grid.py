@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from ..archives import MOST_ARRAYS, read_arrays
 from ..errors import text_of
-from ..files import MOST_ARRAYS, require_small_archive
 from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, turns
@@ -25,7 +25,6 @@ from ..gravity.terrain import TerrainError
 from ..gravity.units import GEOID, GRAVITY, Units
 from ..gravity.voids import marks_removed
 from .icgem_grid import ReadGrid, read_icgem
-from .package_data import read_arrays
 
 if TYPE_CHECKING:
     from ..gravity.terrain import Terrain
@@ -172,14 +171,13 @@ def _read(path: Path, kind: str, area: Area | None, units: Units) -> ReadGrid:
 def _from_archive(path: Path, kind: str, units: Units) -> ReadGrid:
     if kind != "geoid":
         raise MapError(f"{path}: an .npz file holds a geoid; for gravity give a netCDF file.")
-    require_small_archive(path, MapError, str(path))
+    arrays = read_arrays(path, MapError, str(path), ("lat0", "lon0", "step", "N_1e4m"))
     try:
-        arrays = read_arrays(path.read_bytes(), ("lat0", "lon0", "step", "N_1e4m"))
         written = np.asarray(arrays["N_1e4m"], dtype=float)
         values, _ = marks_removed(written, 1e-4 * written, units)
         south, west, step = (float(arrays[key]) for key in ("lat0", "lon0", "step"))
         n_lat, n_lon = values.shape
-    except Exception as error:  # whatever a damaged archive makes of itself
+    except Exception as error:  # whatever arrays of other kinds make of themselves
         raise MapError(
             f"{path} holds no geoid: {text_of(error)}; it must hold the arrays lat0, lon0, "
             "step and N_1e4m."

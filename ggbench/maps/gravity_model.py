@@ -7,24 +7,22 @@ plain or packed with gzip, zip or tar, and the ``.npz`` file that the package ca
 from __future__ import annotations
 
 import datetime
+import functools
 import io
 import math
 import re
-import tarfile
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..archives import from_tar, from_zip, gunzipped, read_arrays
 from ..errors import text_of
-from ..files import MOST_TEXT, content_of, gunzipped, require_small_archive
+from ..files import content_of
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
 from .gravity_epoch import static
-from .package_data import read_arrays
 
 MOST_DEGREE = 5600
 """Highest degree that is read: arrays of 0.5 GB, and ten of them for a synthesis."""
@@ -90,12 +88,11 @@ def read_model(
 
 
 def _from_arrays(path: Path, content: bytes) -> GravityModel:
-    require_small_archive(io.BytesIO(content), MapError, str(path))
+    arrays = read_arrays(content, MapError, str(path), ("cs", "gm", "r"))
     try:
-        arrays = read_arrays(content, ("cs", "gm", "r"))
         pairs = np.asarray(arrays["cs"], dtype=float)
         gm, radius = float(arrays["gm"]), float(arrays["r"])
-    except Exception as error:  # whatever a damaged archive makes of itself
+    except Exception as error:  # whatever arrays of other kinds make of themselves
         raise MapError(
             f"{path} holds no coefficients: {text_of(error)}; it must hold the arrays cs, gm and r."
         ) from None
@@ -148,29 +145,13 @@ def _from_text(
 
 def _unpacked(path: Path, content: bytes) -> bytes:
     """Return the content of a file that may be packed; of an archive, the one file wanted."""
-    try:
-        if content.startswith(_GZIP):
-            content = gunzipped(content, MapError, str(path))
-        if content.startswith(_ZIP):
-            with zipfile.ZipFile(io.BytesIO(content)) as archive:
-                require_small_archive(io.BytesIO(content), MapError, str(path), MOST_TEXT)
-                files = [name for name in archive.namelist() if not name.endswith("/")]
-                return archive.read(_only(path, files))
-        if content[_TAR_AT:].startswith(_TAR):
-            with tarfile.open(fileobj=io.BytesIO(content)) as tar:
-                files = [member.name for member in tar.getmembers() if member.isfile()]
-                extracted = tar.extractfile(_only(path, files))
-                return extracted.read() if extracted is not None else b""
-    except (
-        OSError,
-        EOFError,
-        zlib.error,
-        zipfile.BadZipFile,
-        tarfile.TarError,
-        RuntimeError,
-        NotImplementedError,
-    ) as error:
-        raise MapError(f"{path} is damaged: {text_of(error)}") from None
+    only = functools.partial(_only, path)
+    if content.startswith(_GZIP):
+        content = gunzipped(content, MapError, str(path))
+    if content.startswith(_ZIP):
+        return from_zip(content, only, MapError, str(path))
+    if content[_TAR_AT:].startswith(_TAR):
+        return from_tar(content, only, MapError, str(path))
     return content
 
 

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import importlib.resources
-import io
-from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
-
+from ..archives import read_arrays
 from ..errors import text_of
 from ..gravity.gradient_map import MapError
 
@@ -24,21 +21,12 @@ def data_bytes(name: str) -> bytes:
         ) from error
 
 
-def read_arrays(content: bytes, keys: Iterable[str]) -> dict[str, Any]:
-    """Return arrays of a NumPy archive, given its bytes.
-
-    Raises one of a dozen kinds of exceptions, of NumPy, zipfile and zlib, if it is damaged.
-    """
-    with np.load(io.BytesIO(content), allow_pickle=False) as data:
-        return {key: data[key] for key in keys}
-
-
 def data_arrays(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
     """Return arrays of a data file. Raises MapError if it is missing or damaged."""
     content = data_bytes(name)
     try:
-        return read_arrays(content, keys)
-    except Exception as error:
+        return read_arrays(content, MapError, "it", keys)
+    except MapError as error:
         raise damaged(name, keys, error) from error
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ..archives import gunzipped
 from ..errors import text_of
-from ..files import content_of, gunzipped
+from ..files import content_of
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
 from ..gravity.optional_modules import imported
@@ -295,12 +295,12 @@ def _table(path: Path) -> SurveyTable:
             f"the survey {path} must be named *.xyz (Geosoft), *.dat (ASEG-GDF2) or *.csv, or that "
             "and .gz."
         )
+    content = content_of(path, MapError, "the survey ")
+    if packed:
+        content = gunzipped(content, MapError, f"the survey {path}")
     try:
-        content = content_of(path, MapError, "the survey ")
-        if packed:
-            content = gunzipped(content, MapError, f"the survey {path}")
         return readers[ending](path, text_in(path, content))
     except OSError as error:
         raise MapError(f"cannot read the survey {path}: {error.strerror or error}") from None
-    except (ValueError, EOFError, zlib.error) as error:
+    except ValueError as error:
         raise unreadable(path, ending[1:], error) from None

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..archives import MOST_ARRAYS
 from ..errors import GGBenchError, text_of
-from ..files import MOST_ARRAYS, written_whole
+from ..files import written_whole
 from ..gravity.unit_names import factor_to_key
 from ..spec.flight import FlightError
 from ..trajectory.column_names import (

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pydantic_core import from_json
 
+from ..archives import read_arrays
 from ..errors import GGBenchError, text_of
-from ..files import require_small_archive
 from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
 from .formats import flaw_of_arrays
 
@@ -272,21 +272,10 @@ class Database:
                 f"{self.path.parent} does not hold what the runs of case {case} share: it was "
                 "stopped while it was prepared; the same command goes on from there"
             )
-        require_small_archive(
-            io.BytesIO(found[0][0]), StoreError, f"what the runs of case {case} share"
-        )
-        try:
-            with np.load(io.BytesIO(found[0][0]), allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-        except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
-            raise StoreError(
-                f"what the runs of case {case} share, in {self.path}, "
-                f"cannot be read: {text_of(error)}"
-            ) from None
+        what = f"what the runs of case {case} share, in {self.path},"
+        arrays = read_arrays(found[0][0], StoreError, what)
         if flaw := flaw_of_arrays(arrays):
-            raise StoreError(
-                f"what the runs of case {case} share, in {self.path}, is damaged: {flaw}"
-            )
+            raise StoreError(f"{what} is damaged: {flaw}")
         return arrays
 
     def _select(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..archives import read_arrays
 from ..errors import GGBenchError, text_of
 from ..files import written_whole
 from ..judging.run_errors import WINDOWS
@@ -156,10 +157,14 @@ def _stored(
     """Return the header of a file, the shipped one by default, and its columns if wanted."""
     file = file or importlib.resources.files("ggbench.scenarios") / FILE
     try:
-        with file.open("rb") as opened, np.load(opened) as stored:
-            found = json.loads(stored["header"].tobytes())
-            return found, {name: stored[name] for name in _TYPES} if columns else {}
-    except (OSError, ValueError, KeyError) as error:
+        stored = read_arrays(
+            file.read_bytes(),
+            ScoreError,
+            f"the file of stored runs {file}",
+            ["header", *(_TYPES if columns else ())],
+        )
+        return json.loads(stored.pop("header").tobytes()), stored
+    except (OSError, ValueError) as error:
         raise ScoreError(f"cannot read the stored runs in {file}: {text_of(error)}") from None
 
 

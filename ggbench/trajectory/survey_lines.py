@@ -9,7 +9,6 @@ field. An empty one is missing.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import text_of
-from ..files import content_of, gunzipped
+from ..archives import gunzipped
+from ..files import content_of
 from ..maps.survey_lines import DISTURBANCE
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText, status_of
@@ -187,15 +186,8 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
 
 def _unpacked(file: Path) -> bytes:
     """Return the content of a file, which may be packed."""
-    try:
-        content = content_of(file, TrajectoryError)
-        if content[:2] == b"\x1f\x8b":
-            content = gunzipped(content, TrajectoryError, "it")
-    except OSError as error:
-        raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
-    except (EOFError, zlib.error) as error:
-        raise TrajectoryError(f"cannot be unpacked: {text_of(error)}") from None
-    return content
+    content = content_of(file, TrajectoryError)
+    return gunzipped(content, TrajectoryError, "it") if content[:2] == b"\x1f\x8b" else content
 
 
 def line_named(file: str, name: str) -> SurveyLine:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import platform
 import resource
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -13,7 +15,7 @@ from ggbench.campaign.records import peak_memory_mb
 
 @pytest.mark.parametrize(
     ("system", "reported"),
-    [("Linux", 300 * 2**10), ("FreeBSD", 300 * 2**10), ("Darwin", 300 * 2**20)],
+    [("FreeBSD", 300 * 2**10), ("Darwin", 300 * 2**20)],
 )
 def test_memory_is_in_one_unit_whatever_the_system_counts_in(system, reported, monkeypatch):
     """300 MiB are 300 MiB, where the kernel reports KiB and where it reports bytes."""
@@ -25,3 +27,24 @@ def test_memory_is_in_one_unit_whatever_the_system_counts_in(system, reported, m
 def test_memory_is_that_of_a_process_with_numpy_and_numba():
     """On the system at hand, whichever it is: neither kilobytes nor terabytes."""
     assert 30.0 < peak_memory_mb() < 30_000.0
+
+
+@pytest.mark.skipif(platform.system() != "Linux", reason="getrusage(2) of Linux")
+def test_memory_is_not_that_of_the_parent():
+    """A parent of 1 GB starts a process of a quarter of it; control: getrusage says 1 GB."""
+    code = (
+        "import subprocess, sys\n"
+        "held = bytearray(b'1') * 1_000_000_000\n"
+        "print(subprocess.run([sys.executable, '-c', sys.argv[1]], capture_output=True, text=True,"
+        " check=True).stdout)"
+    )
+    child = (
+        "import resource\n"
+        "from ggbench.campaign.records import peak_memory_mb\n"
+        "print(peak_memory_mb(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, child], capture_output=True, text=True, check=True
+    )
+    own, counted = map(float, done.stdout.split())
+    assert own < 600.0 and counted > 900.0

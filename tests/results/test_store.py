@@ -289,11 +289,11 @@ DAMAGES = {
     "no runs": "manifest.json is damaged: its runs is not what it should be",
     "seed below 0": "manifest.json is damaged: its seed is not what it should be",
     "arrays gone": "does not hold what the runs of case base share.*goes on from there",
-    "arrays cut": "case base share.* cannot be read",
+    "arrays cut": "case base share.* cannot be unpacked",
     "arrays of something else": "case base share.* is damaged: it has no times",
-    "arrays not zipped": "case base share.* cannot be read",
-    "arrays pickled": "case base share.* cannot be read.*allow_pickle=False",
-    "arrays a bare pickle": "case base share.* cannot be read",
+    "arrays not zipped": "case base share.* cannot be unpacked",
+    "arrays pickled": "case base share.* cannot be unpacked",
+    "arrays a bare pickle": "case base share.* cannot be unpacked",
 }
 
 

@@ -1,0 +1,142 @@
+"""Packed files: gzip, zip, tar and NumPy archives, unpacked within limits.
+
+Archives come from anyone. Damage raises a dozen kinds of exceptions in the libraries (a zip header
+alone: BadZipFile, NotImplementedError, RuntimeError, OverflowError, struct.error, EOFError,
+zlib.error). Here each becomes an error of the caller's kind, with a sentence.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import io
+import tarfile
+import zipfile
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from .errors import GGBenchError, line_of, text_of
+from .files import MOST_TEXT
+
+MOST_ARRAYS = 1_000_000_000
+"""Bytes of the arrays of a file that may be read, unpacked."""
+_PIECE = 1 << 20
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Compression of zip files: the others are unpacked without a limit of memory."""
+
+
+@contextlib.contextmanager
+def _unpacking(error: type[GGBenchError], what: str) -> Iterator[None]:
+    """Turn whatever damage makes of a library into an error with a sentence."""
+    try:
+        yield
+    except GGBenchError:
+        raise
+    except Exception as failure:
+        raise error(f"{what} cannot be unpacked: {text_of(failure)}") from None
+
+
+def gunzipped(content: bytes, error: type[GGBenchError], what: str) -> bytes:
+    """Return what was packed by gzip, at most :data:`.files.MOST_TEXT` bytes.
+
+    Parameters
+    ----------
+    content : packed.
+    error : raised, with a sentence, if it is damaged or unpacks to more.
+    what : was packed, at the beginning of that sentence.
+    """
+    with _unpacking(error, what), gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+        return _bounded(packed, error, what)
+
+
+def from_zip(
+    content: bytes, choose: Callable[[list[str]], str], error: type[GGBenchError], what: str
+) -> bytes:
+    """Return one file of a zip archive, at most :data:`.files.MOST_TEXT` bytes.
+
+    Parameters
+    ----------
+    content : of the archive.
+    choose : returns the name of the wanted file, given those of all.
+    error : raised, with a sentence, if it is damaged, packed by another method than deflate, or
+        unpacks to more.
+    what : it is, at the beginning of that sentence.
+    """
+    with _unpacking(error, what), zipfile.ZipFile(io.BytesIO(content)) as archive:
+        name = choose([file.filename for file in archive.infolist() if not file.is_dir()])
+        _require_method(archive.getinfo(name), error, what)
+        with archive.open(name) as packed:
+            return _bounded(packed, error, what)
+
+
+def from_tar(
+    content: bytes, choose: Callable[[list[str]], str], error: type[GGBenchError], what: str
+) -> bytes:
+    """Return one file of a tar archive; arguments and errors are those of :func:`from_zip`."""
+    with _unpacking(error, what), tarfile.open(fileobj=io.BytesIO(content)) as archive:
+        name = choose([file.name for file in archive.getmembers() if file.isfile()])
+        packed = archive.extractfile(name)
+        return _bounded(packed, error, what) if packed is not None else b""
+
+
+def read_arrays(
+    source: Path | bytes,
+    error: type[GGBenchError],
+    what: str,
+    keys: Iterable[str] | None = None,
+) -> dict[str, Any]:
+    """Return arrays of a NumPy archive (``.npz``), together at most :data:`MOST_ARRAYS` bytes.
+
+    Parameters
+    ----------
+    source : path or content of the archive.
+    error : raised, with a sentence, if it is damaged, unpacks to more, or lacks an array.
+    what : it is, at the beginning of that sentence.
+    keys : of the arrays; None: all.
+    """
+    opened = source if isinstance(source, Path) else io.BytesIO(source)
+    with _unpacking(error, what):
+        with zipfile.ZipFile(opened) as archive:
+            members = archive.infolist()
+        for member in members:
+            _require_method(member, error, what)
+        size = sum(member.file_size for member in members)
+        if size > MOST_ARRAYS:
+            raise error(
+                f"{what} unpacks to {size / 1e6:.0f} MB; at most {MOST_ARRAYS / 1e6:g} are allowed"
+            )
+        with np.load(opened, allow_pickle=False) as arrays:
+            wanted = arrays.files if keys is None else [*keys]
+            if missing := [key for key in wanted if key not in arrays]:
+                held = line_of(", ".join(arrays.files)) or "none"
+                raise error(f"{what} lacks the array {missing[0]}; it holds {held}")
+            found = {key: arrays[key] for key in wanted}
+    for key, value in found.items():
+        if not isinstance(value, np.ndarray):  # NumPy returns other files as they are
+            raise error(f"{what} cannot be unpacked: {line_of(key)} is no array")
+    return found
+
+
+def _require_method(member: zipfile.ZipInfo, error: type[GGBenchError], what: str) -> None:
+    if member.compress_type not in _METHODS:
+        raise error(
+            f"{what} cannot be unpacked: a zip file must be packed by deflate, and method "
+            f"{member.compress_type} packs it"
+        )
+
+
+def _bounded(packed: IO[bytes] | gzip.GzipFile, error: type[GGBenchError], what: str) -> bytes:
+    """Return what a packed file holds; its size is found piece by piece before any of it is kept.
+
+    A size that the file states is not believed.
+    """
+    size = 0
+    while piece := packed.read(_PIECE):
+        size += len(piece)
+        if size > MOST_TEXT:
+            raise error(f"{what} unpacks to more than {MOST_TEXT / 1e6:g} MB")
+    packed.seek(0)
+    return packed.read(size)
