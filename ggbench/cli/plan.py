@@ -17,6 +17,9 @@ from .tables import require_suffix, write_csv
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..figures.style import Drawing
+    from ..spec.case import CaseSpec
+
 _EXIT_OUT_OF_REACH = 1
 _SHOWN = 10
 
@@ -84,17 +87,23 @@ def plan(
     if output is not None:
         write_csv(found, output)
     if figure is not None:
-        from ..figures.planned import planned_tracks
         from ..figures.style import save
-        from ..simulation.field_source import make_field
-        from ..simulation.true_motion import trajectory_of
 
-        field = make_field(flown.side("truth").field)
-        present = trajectory_of(flown.trajectory, flown.imu.period_s).positions
-        save(planned_tracks(found, field, present, flown.title), figure)
+        save(drawn(found, flown), figure)
         click.echo(f"Wrote {figure}")
     reached = target is None or bool((found["bound_m"] <= target).any())
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
+
+
+def drawn(found: pd.DataFrame, case: CaseSpec) -> Drawing:
+    """Return the figure of tracks over the map, on the side of the date line of the flight."""
+    from ..figures.planned import planned_tracks
+    from ..simulation.field_source import beside, make_field
+    from ..simulation.true_motion import trajectory_of
+
+    present = trajectory_of(case.trajectory, case.imu.period_s).positions
+    field = beside(make_field(case.side("truth").field), float(present[0, 1]))
+    return planned_tracks(found, field, present, case.title)
 
 
 def _print(found: pd.DataFrame, title: str, target: float | None) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,13 +14,15 @@ from matplotlib.collections import QuadMesh
 from matplotlib.image import imread
 from matplotlib.quiver import Quiver
 from problems import SMALL
-from small_cases import blank_map, small_case
+from small_cases import blank_map, rough_map, small_case
 
+from ggbench.cli.plan import drawn
 from ggbench.errors import GGBenchError
 from ggbench.figures.planned import planned_tracks
 from ggbench.gravity.ellipsoid import metres_along
 from ggbench.gravity.field import Field
 from ggbench.judging.planned import bound_of, tracks
+from ggbench.maps.recipe import read, write
 from ggbench.recorded.motion import angles_of
 from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec import scenario
@@ -74,6 +80,29 @@ def test_eight_headings_of_one_start_are_eight_arrows(recwarn):
     assert [each for each in axis.collections if isinstance(each, QuadMesh)]
     assert [text.get_text() for text in axis.get_legend().get_texts()] == ["present flight"]
     assert not recwarn.list
+
+
+@pytest.mark.parametrize("turn", [360.0, -360.0])
+def test_the_map_is_drawn_beside_the_flight(turn, tmp_path):
+    """On either side of the date line: the picture is that of a map in the turn of the flight."""
+    source = rough_map(tmp_path / "m.nc")
+    one = {"east_km": 0.0, "north_km": 0.0, "heading_deg": 90.0, "bound_m": 1.0}
+    table = pd.DataFrame([one | {"present": True, "reason": ""}])
+    meshes = []
+    for longitude in (0.0, math.radians(turn)):
+        found = read(Path(source))
+        write(
+            tmp_path / "other.nc",
+            dataclasses.replace(found, longitude0=found.longitude0 + longitude),
+        )
+        other = small_case({"field.source": str(tmp_path / "other.nc")})
+        axis = drawn(table, other).axes[0]
+        meshes += [each for each in axis.collections if isinstance(each, QuadMesh)]
+        (tmp_path / "other.nc").rename(tmp_path / f"{turn}-{longitude}.nc")
+    here, there = meshes
+    np.testing.assert_allclose(there.get_coordinates(), here.get_coordinates(), atol=1e-6)
+    np.testing.assert_allclose(there.get_array(), here.get_array(), atol=1e-5)
+    assert np.ptp(here.get_array()) > 1.0 and (np.diff(here.get_coordinates()[0, :, 0]) > 0).all()
 
 
 def _survey_track(path, heading_columns=False):
