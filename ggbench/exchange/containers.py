@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import GGBenchError, text_of
 from ..files import written_whole
+from ..linked_files import require_own_values
 
 Content = Mapping[str, np.ndarray | str]
 """Arrays of floats and texts by their names."""
@@ -136,6 +137,7 @@ def _read_netcdf(path: Path) -> dict[str, np.ndarray | str]:
     import netCDF4
 
     found: dict[str, np.ndarray | str] = {}
+    require_own_values(path, ExchangeError, str(path))
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)
         total = sum(math.prod(v.shape) for v in file.variables.values()) * 8

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..archives import read_arrays
 from ..errors import text_of
+from ..linked_files import require_own_values
 from .datums import require_wgs84
 from .meridians import Area
 from .optional_modules import imported
@@ -76,6 +77,7 @@ def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
     """Read the heights of a netCDF file, of version 3 or 4, with coordinates in degrees."""
     xarray = imported("xarray", path)
     imported("netCDF4", path)
+    require_own_values(path, TerrainError, path.name)
     try:
         with xarray.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
             return _from_variables(dataset, path, area, units)

@@ -24,6 +24,7 @@ from ..gravity.remove_restore import GravityGrid, linear_weights
 from ..gravity.terrain import TerrainError
 from ..gravity.units import GEOID, GRAVITY, Units
 from ..gravity.voids import marks_removed
+from ..linked_files import require_own_values
 from .icgem_grid import ReadGrid, read_icgem
 
 if TYPE_CHECKING:
@@ -214,6 +215,7 @@ def _from_raster(path: Path, area: Area | None, units: Units) -> ReadGrid:
 def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     import xarray
 
+    require_own_values(path, MapError, str(path))
     try:
         with xarray.open_dataset(path) as dataset:
             if dataset.nbytes > MOST_ARRAYS:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import text_of
 from ..gravity.gradient_map import GradientMap, MapError, unknown
 from ..gravity.meridians import Area
+from ..linked_files import require_own_values
 from . import checks
 from .netcdf import (
     AXES,
@@ -129,6 +130,7 @@ def opened(path: Path) -> Any:
         path.open("rb").close()
     except OSError as error:
         raise MapError(f"cannot read the map {path}: {error.strerror}") from None
+    require_own_values(path, MapError, f"the map {path}")
     try:
         file = netCDF4.Dataset(path, "r")
     except (OSError, RuntimeError) as error:

@@ -13,6 +13,7 @@ from ..archives import MOST_ARRAYS
 from ..errors import GGBenchError, text_of
 from ..files import written_whole
 from ..gravity.unit_names import factor_to_key
+from ..linked_files import require_own_values
 from ..spec.flight import FlightError
 from ..trajectory.column_names import (
     PRESETS,
@@ -197,6 +198,7 @@ def _read_netcdf(
 ) -> Columns:
     import netCDF4  # not at the top: it loads slowly, and most files are CSV
 
+    require_own_values(path, FlightError, f"the record {path}")
     try:
         file = netCDF4.Dataset(path)
     except (OSError, RuntimeError) as error:

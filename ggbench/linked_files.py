@@ -1,0 +1,114 @@
+"""netCDF files that take values from other files of the computer, found before they are opened.
+
+HDF5, the format of netCDF-4, has three ways to do so: external storage, virtual datasets and
+external links (HDF5 File Format Specification 3.0, IV.A.2.g, h, i). netCDF follows them silently.
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+from .errors import GGBenchError
+from .files import reason_of
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_LINK = re.compile(rb"\x01[\x08-\x1f]\x40", re.DOTALL)
+"""Begin of a link message of version 1, with a type, which is 64: external."""
+_VIRTUAL = re.compile(rb"[\x04\x05]\x03")
+"""Version and class of a data layout message of a virtual dataset; an address follows."""
+_MOST_HEAPS = 1000
+_LONGEST_NAME = 1 << 16
+
+
+def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None:
+    """Raise an error if a netCDF file takes values from another file.
+
+    Parameters
+    ----------
+    path : of the file; one that is no HDF5 passes.
+    error : raised, with a sentence, also if the file cannot be read.
+    what : it is, at the beginning of that sentence.
+    """
+    try:
+        with path.open("rb") as file:
+            if not path.stat().st_size:
+                return
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                found = _way_out(content)
+    except (OSError, ValueError) as failure:
+        reason = reason_of(failure) if isinstance(failure, OSError) else str(failure)
+        raise error(f"cannot read {what}: {reason}") from None
+    if found:
+        raise error(
+            f"{what} takes values from another file, by {found}: copy them into one file, for "
+            "example with 'nccopy' or 'h5repack'"
+        )
+
+
+def _way_out(content: mmap.mmap) -> str:
+    """Return the first of the three ways that a file uses, or ""."""
+    base = _base(content)
+    if base < 0:
+        return ""
+    heaps = _addresses(content, b"HEAP", base)
+    if len(heaps) > _MOST_HEAPS:
+        return f"one of its {len(heaps)} groups, perhaps"
+    for address in heaps:
+        for at in _places(content, address, 8):
+            # An external file list: version 1, reserved, allocated and used slots, heap.
+            version, allocated, used = struct.unpack("<LHH", content[at - 8 : at])
+            if version == 1 and 0 < used <= allocated:
+                return "external storage"
+    if heaps := _addresses(content, b"GCOL", base):
+        size = len(next(iter(heaps)))
+        for head in _VIRTUAL.finditer(content):
+            if content[head.end() : head.end() + size] in heaps:
+                return "a virtual dataset"
+    if any(_is_link(content, begin.end()) for begin in _LINK.finditer(content)):
+        return "an external link"
+    return ""
+
+
+def _base(content: mmap.mmap) -> int:
+    """Return where HDF5 begins, at 0 or a power of 2 from 512 on; −1 if nowhere."""
+    at = 0
+    while at < len(content):
+        if content[at : at + len(_SIGNATURE)] == _SIGNATURE:
+            return at
+        at = max(512, 2 * at)
+    return -1
+
+
+def _addresses(content: mmap.mmap, mark: bytes, base: int) -> set[bytes]:
+    """Return the addresses of structures with a mark as they are written."""
+    size = content[base + (13 if content[base + 8] < 2 else 9)]  # of superblocks 0 and 1, else 2, 3
+    places = (at - base for at in _places(content, mark, base))
+    return {at.to_bytes(size, "little") for at in places if at < 256**size}
+
+
+def _places(content: mmap.mmap, pattern: bytes, first: int = 0) -> Iterator[int]:
+    at = content.find(pattern, first)
+    while at >= 0:
+        yield at
+        at = content.find(pattern, at + 1)
+
+
+def _is_link(content: mmap.mmap, at: int) -> bool:
+    """Return whether a link message goes on, behind its type, with a name and two paths."""
+    flags = content[at - 2]
+    at += 8 * bool(flags & 4) + bool(flags & 16)
+    width = 1 << (flags & 3)
+    size = int.from_bytes(content[at : at + width], "little")
+    at += width + size
+    if not 0 < size < _LONGEST_NAME or at + 2 > len(content):
+        return False
+    length = int.from_bytes(content[at : at + 2], "little")
+    value = content[at + 2 : at + 2 + length]
+    if not (len(value) == length > 4 and value[:1] == b"\0" and value.endswith(b"\0")):
+        return False
+    names = value[1:-1].decode(errors="replace").split("\0")
+    return len(names) == 2 and all(name.isprintable() and "\ufffd" not in name for name in names)
