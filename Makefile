@@ -96,7 +96,7 @@ test: $(INSTALLED)
 	$(PYTEST)
 
 test-long: $(INSTALLED)
-	$(PYTEST) -m long
+	$(PYTEST) -m long --durations=60 --durations-min=5
 
 test-all: test test-long
 
