@@ -16,7 +16,7 @@ from thinning import thinned
 
 from ggbench.gravity.ellipsoid import EOTVOS
 from ggbench.gravity.gradient_map import MapError
-from ggbench.maps.package_data import data_bytes, read_arrays
+from ggbench.maps.package_data import data_arrays, data_bytes
 from ggbench.maps.recipe import MapRecipe, checked
 from ggbench.maps.shipped import SOURCES
 
@@ -127,7 +127,7 @@ def test_heights_outside_of_what_a_region_gives_are_refused(source):
 def test_a_map_of_land_begins_above_its_ground(source):
     """Half a kilometre and more above the highest cell of the relief."""
     (south, north), (west, east) = extent_deg(source)
-    relief = read_arrays(data_bytes(REGIONS[source].topography), ("lat", "lon", "z"))
+    relief = data_arrays(REGIONS[source].topography, ("lat", "lon", "z"))
     rows = (relief["lat"] > south) & (relief["lat"] < north)
     columns = (relief["lon"] > west) & (relief["lon"] < east)
     highest = relief["z"][np.ix_(rows, columns)].max()
@@ -141,8 +141,8 @@ def test_a_map_of_land_begins_above_its_ground(source):
 def test_the_relief_covers_the_geoid(source):
     """Nodes of 2.5′, none of them beyond the relief, which would be extrapolated there."""
     files = REGIONS[source]
-    geoid = read_arrays(data_bytes(files.file), ("lat0", "lon0", "step", "N_1e4m"))
-    relief = read_arrays(data_bytes(files.topography), ("lat", "lon", "z"))
+    geoid = data_arrays(files.file, ("lat0", "lon0", "step", "N_1e4m"))
+    relief = data_arrays(files.topography, ("lat", "lon", "z"))
     assert geoid["N_1e4m"].dtype == np.int32 and relief["z"].dtype == np.int16
     assert geoid["step"] == pytest.approx(2.5 / 60.0)
     for first, count, axis in zip(
