@@ -131,7 +131,7 @@ def guards() -> list[Guard]:
                   lambda label=label: _Framework(label), lambda label=label: _compiled(label))
             for label, floor in engines
         ),
-        Guard("simulation of a run, against a product of matrices of 768 x 768", 4.0,
+        Guard("simulation of a run, against a product of matrices of 768 x 768", 3.5,
               _Product, _Simulation),
         Guard("a whole campaign of three engines, against these engines alone", 0.2,
               _Engines, _Campaign),
