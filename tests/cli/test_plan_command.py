@@ -84,7 +84,7 @@ def test_eight_headings_of_one_start_are_eight_arrows(recwarn):
 
 @pytest.mark.parametrize("turn", [360.0, -360.0])
 def test_the_map_is_drawn_beside_the_flight(turn, tmp_path):
-    """On either side of the date line: the picture is that of a map in the turn of the flight."""
+    """On either side of the date line; control: a map whose longitudes are those of the flight."""
     source = rough_map(tmp_path / "m.nc")
     one = {"east_km": 0.0, "north_km": 0.0, "heading_deg": 90.0, "bound_m": 1.0}
     table = pd.DataFrame([one | {"present": True, "reason": ""}])
