@@ -40,13 +40,13 @@ def _unpacking(error: type[GGBenchError], what: str) -> Iterator[None]:
 
 
 def gunzipped(content: bytes, error: type[GGBenchError], what: str) -> bytes:
-    """Return what was packed by gzip, at most :data:`.files.MOST_TEXT` bytes.
+    """Return the content of a gzip file, at most :data:`.files.MOST_TEXT` bytes.
 
     Parameters
     ----------
     content : packed.
     error : raised, with a sentence, if it is damaged or unpacks to more.
-    what : was packed, at the beginning of that sentence.
+    what : name of the file, at the beginning of that sentence.
     """
     with _unpacking(error, what), gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
         return _bounded(packed, error, what)
@@ -75,7 +75,7 @@ def from_zip(
 def from_tar(
     content: bytes, choose: Callable[[list[str]], str], error: type[GGBenchError], what: str
 ) -> bytes:
-    """Return one file of a tar archive; arguments and errors are those of :func:`from_zip`."""
+    """Return one file of a tar archive, with the arguments and errors of :func:`from_zip`."""
     with _unpacking(error, what), tarfile.open(fileobj=io.BytesIO(content)) as archive:
         name = choose([file.name for file in archive.getmembers() if file.isfile()])
         packed = archive.extractfile(name)
@@ -129,9 +129,9 @@ def _require_method(member: zipfile.ZipInfo, error: type[GGBenchError], what: st
 
 
 def _bounded(packed: IO[bytes] | gzip.GzipFile, error: type[GGBenchError], what: str) -> bytes:
-    """Return what a packed file holds; its size is found piece by piece before any of it is kept.
+    """Return the content of a packed file, unpacked twice: piece by piece to count it, then whole.
 
-    A size that the file states is not believed.
+    The size stated in the file may be false, and counting keeps the memory of a refusal small.
     """
     size = 0
     while piece := packed.read(_PIECE):

@@ -116,7 +116,7 @@ def is_refused(read: Callable[[Path], object], path: Path, whole: bytes) -> bool
 
 @pytest.mark.parametrize("name", ZIPS)
 def test_damaged_fields_of_a_zip_are_sentences(name, tmp_path):
-    """Fields that hold what another field holds, too, may not matter."""
+    """Fields with a copy elsewhere in the archive may not matter."""
     make, read = ZIPS[name]
     content, path = make(tmp_path), tmp_path / name
     path.write_bytes(content)

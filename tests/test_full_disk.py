@@ -125,6 +125,13 @@ def test_another_error_of_a_library_passes_through(tmp_path):
     assert [*tmp_path.iterdir()] == []
 
 
+def behind_progress(errors: str) -> str:
+    """Return the last line of an output in which lines of progress alone stand before it."""
+    *progress, last = errors.splitlines()
+    assert all(re.fullmatch(r"\d+ of \d+ layers, about .+ left", line) for line in progress)
+    return last
+
+
 @pytest.fixture
 def small_disk(tmp_path):
     """A disk of 2 MB; the test is skipped where none may be mounted."""
@@ -149,8 +156,7 @@ def test_a_map_on_a_full_disk(height_spacing, needed, small_disk, tmp_path):
     output = ["-o", str(small_disk / "m.nc"), "--height-spacing", height_spacing]
     done = invoke([*_BUILD, *output, *bounds], tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
-    *progress, refusal = done.stderr.splitlines()
-    assert all(re.fullmatch(r"\d of 5 layers, about .+ left", line) for line in progress)
+    refusal = behind_progress(done.stderr)
     assert refusal.startswith("ggbench: cannot write the map ")
     assert f"no space left on the disk: it needs up to {needed}" in refusal
     assert refusal.endswith(" MB are free")
@@ -194,7 +200,7 @@ def test_a_request_to_end_removes_what_is_half_written(number, twice, tmp_path, 
         process.send_signal(number)
     _, errors = process.communicate(timeout=_DEADLINE_S)
     assert process.returncode == 130
-    last = errors.splitlines()[-1]  # lines of progress may stand before it
+    last = behind_progress(errors)
     assert last in ({"Ended at once.", "Interrupted."} if twice else {"Interrupted."})
     assert [*tmp_path.iterdir()] == []
 

@@ -152,7 +152,7 @@ def guards() -> list[Guard]:
         ),
         Guard(
             "simulation of a run, against a product of matrices of 768 x 768",
-            4.0,
+            3.5,
             _Product,
             _Simulation,
         ),
