@@ -368,7 +368,7 @@ def _spread(
     for cell in cells:
         point = reduce(laid_over, cell.changes, laid_over(base, bases.get(cell.base, {})))
         named = point | {"name": cell.name, "title": cell.title}
-        cases.append(validate(CaseSpec, named, f"{origin}: sweep at {cell.title}"))
+        cases.append(_case(named, f"{origin}: sweep at {cell.title}"))
     return tuple(cases), laid_out
 
 
@@ -405,8 +405,12 @@ def _resolve(
     base: dict[str, Any], change: dict[str, Any], label: str, study: dict[str, Any]
 ) -> CaseSpec:
     case = laid_over(laid_over(base, change), study)
-    flight = case.get("trajectory")
+    return _case(case, f"{label} '{change.get('name', '?')}'")
+
+
+def _case(tables: dict[str, Any], label: str) -> CaseSpec:
+    flight = tables.get("trajectory")
     if isinstance(flight, Mapping) and isinstance(track := flight.get("file"), str) and track:
         # Tracks are found as terrains are: among the shipped data, or where their path says.
-        case["trajectory"] = {**flight, "file": str(shipped_or_own(track))}
-    return validate(CaseSpec, case, f"{label} '{change.get('name', '?')}'")
+        tables = tables | {"trajectory": {**flight, "file": str(shipped_or_own(track))}}
+    return validate(CaseSpec, tables, label)

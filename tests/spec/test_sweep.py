@@ -93,6 +93,12 @@ def test_a_grid_is_laid_over_every_case(tmp_path):
     assert one.cases[0].name == "noise-0.0001_rate-0.5"
 
 
+def test_a_grid_flies_shipped_survey_lines():
+    """They are found among the shipped data, whatever the working directory is."""
+    case = scenario.load("vinton2008_biases").cases[0]
+    assert Path(case.trajectory.file).is_file() and len(case.trajectory.lines) == 21
+
+
 def test_a_case_needs_to_be_whole_only_on_the_grid(tmp_path):
     """A key that an axis gives may be absent from the base, or be given there in its other form."""
     noise = "noise_eotvos = 0.01"
