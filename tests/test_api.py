@@ -175,7 +175,7 @@ def test_a_figure_that_cannot_be_drawn(results, scenario, lazy):
     with pytest.raises(gg.GGBenchError, match="must be one of position, velocity"):
         results.plot_errors(quantity="attitude")
     failed = gg.run(scenario, f"{lazy}[returns_text=true]", runs=1, jobs=0, cases="base")
-    assert "returned str" in failed.failures()["reason"][0]
+    assert "must return Estimate, not str" in failed.failures()["reason"][0]
     with pytest.raises(gg.GGBenchError, match="in run 0 of case base"):
         failed.plot_errors()
     with pytest.raises(gg.GGBenchError, match="case base uses the normal field"):
@@ -310,7 +310,7 @@ def test_an_estimator_that_cannot_take_a_problem(scenario, lazy):
     problem, _ = gg.simulate(scenario.case("base"))
     with pytest.raises(gg.GGBenchError, match="lazy refuses this problem: it is too lazy"):
         gg.estimate(problem, f"{lazy}[refuses=true]")
-    with pytest.raises(gg.GGBenchError, match="returned an object of type str"):
+    with pytest.raises(gg.GGBenchError, match="must return an Estimate, not an object of type str"):
         gg.estimate(problem, f"{lazy}[returns_text=true]")
     with pytest.warns(UserWarning, match="is left out: it is too lazy") as told:
         results = gg.run(scenario, ["ins", f"{lazy}[refuses=true]"], runs=1, jobs=0)

@@ -108,8 +108,8 @@ def read_grid(
     if np.abs(values).max() > largest:
         unit = "m" if kind == "geoid" else "m/s²"
         raise MapError(
-            f"{path} has values up to {np.abs(values).max():g} {unit}; a {kind} grid has at most "
-            f"{largest:g} {unit}: check the quantity, the unit, and the void value (--void "
+            f"{path} has values up to {np.abs(values).max():g} {unit}; values of {kind} are at "
+            f"most {largest:g} {unit}: check the quantity, the unit, and the void value (--void "
             "VALUE)."
         )
     if longitude[0] >= 180.0:

@@ -110,7 +110,11 @@ def test_eq6_gravity_gradient_acts_on_the_vertical_row_only(motion):
     points.normal_gradient(POSITION[0], POSITION[2], tensor, slope)
     printed = square(tensor) * EOTVOS @ np.diag([R_M, R_N, 1.0])
     _, d_latitude, d_height = ellipsoid.normal_gravity(POSITION[0], POSITION[2])
-    corrected = np.array([[0, 0, 0], [0, 0, 0], [-d_latitude, 0, -d_height]])
+    # Groves (2013), eq. (2.140): above the ellipsoid normal gravity points -8.08e-9 h sin 2L north.
+    north = -8.08e-9 * np.array(
+        [2.0 * POSITION[2] * np.cos(2.0 * POSITION[0]), 0.0, np.sin(2.0 * POSITION[0])]
+    )
+    corrected = np.array([[0, 0, 0], north, [-d_latitude, 0, -d_height]])
     kinematic = np.array(
         [
             [

@@ -91,7 +91,7 @@ def test_a_run_that_leaves_the_map_is_remarked_in_table_report_and_show(scenario
 def test_a_notebook_is_warned_of_an_estimate_outside_the_map(scenario):
     """Once, with the first time; of an estimate within it, or without aiding, nothing is said."""
     problem, _ = gg.simulate(scenario.case("base"))
-    with pytest.warns(UserWarning, match=r"outside the map at 1 of 20 epochs, first 20 s after"):
+    with pytest.warns(UserWarning, match=r"leave the map at 1 of 20 epochs, first 20 s after"):
         gg.estimate(problem, "far.py[east_m=1e6]")
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)

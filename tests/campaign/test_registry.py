@@ -191,7 +191,7 @@ def test_files_of_one_name_do_not_collide(own, tmp_path):
         ("", r"defines 0 estimators; it must define exactly one class"),
         ("from ggbench.estimators.ekf import ExtendedKalmanFilter\n", "defines 0 estimators"),
         (OWN + OWN.replace("InformationFilter", "Second"), "defines 2 estimators"),
-        (OWN.replace('    causality = "filter"\n', ""), "defines 0 estimators.*has causality and"),
+        (OWN.replace('    causality = "filter"\n', ""), "defines 0 estimators.*with causality and"),
         ("def f(:\n", "cannot be imported: SyntaxError: "),
         ("1 / 0\n", "cannot be imported: ZeroDivisionError: division by zero"),
         ("import no_such_module\n", "cannot be imported: ModuleNotFoundError: "),
@@ -290,7 +290,7 @@ def test_a_roster_stands_for_its_estimators():
     """Each once, under its own name; an unknown one is a sentence with those that exist."""
     labels = [choice.label for choice in registry.choose_all(["@core", "ekf"])]
     assert "gaussian-sum" in labels and labels.count("ekf") == 1
-    with pytest.raises(EstimatorError, match="no roster '@cores'; there are @standard"):
+    with pytest.raises(EstimatorError, match="no roster '@cores'; rosters: @standard"):
         registry.choose_all(["@cores"])
 
 

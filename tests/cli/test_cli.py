@@ -60,7 +60,10 @@ BAD = {
     "unknown case": (["run", "small.toml", "-c", "bas"], "no case 'bas' (did you mean 'base'?)"),
     "unknown case of one run": (["run", "small.toml", "-c", "x", "--run", "1"], "no case 'x'"),
     "no time": (["run", "small.toml", "--time-limit", "0"], "0.0 is not in the range"),
-    "cluster and jobs": (["run", "small.toml", "-j", "1", "--cluster", "x"], "give one of them"),
+    "cluster and jobs": (
+        ["run", "small.toml", "-j", "1", "--cluster", "x"],
+        "give either -j or --cluster",
+    ),
     "address": (["run", "small.toml", "--cluster", "x"], "'x' is no address of a Dask scheduler"),
     "show nothing": (["show", "nowhere"], "nowhere holds no results"),
     "compare nothing": (["compare", "nowhere", "nowhere"], "nowhere holds no results"),

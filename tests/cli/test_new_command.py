@@ -230,7 +230,7 @@ def test_a_flight_that_follows_ones_own_terrain_stays_in_ones_own_map(tmp_path):
     (tmp_path / "low.toml").write_text(re.sub("lowest_m = .*", "", written))
     done = invoke(["validate", "low.toml"], tmp_path)
     assert done.returncode == 2
-    assert "% of the flight lies below the map: lowest_m = " in done.stderr
+    assert "% of the flight lies below the map: set lowest_m = " in done.stderr
     (tmp_path / "lifted.toml").write_text(
         re.sub("lowest_m = .*", re.search("lowest_m = [0-9]+", done.stderr)[0], written)
     )

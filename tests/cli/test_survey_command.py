@@ -73,7 +73,7 @@ def test_default_bounds_of_lines_at_one_height_always_work(depth, limits):
     run("--lines", "level.csv", *options, *limits, "-o", "m.nc")
     assert min(read("m.nc").tensor.shape[:3]) >= 4
     said = run("--lines", "level.csv", *options, "--height-spacing", "9000", "-o", "m.nc", code=2)
-    assert "at least 4 in each" in said
+    assert "at least 4 along each axis" in said
 
 
 def turned(lines):
@@ -145,7 +145,7 @@ def test_what_the_standard_error_leaves_out_is_said_and_stored():
     said = run("--lines", "s.csv", *SETTINGS, "-o", "m.nc")
     assert "It excludes the unknown constant of each line" in said
     with netCDF4.Dataset("m.nc") as file:
-        assert "leave out the unknown constant of each line" in file.comment
+        assert "exclude the unknown constant of each line" in file.comment
 
 
 @pytest.mark.parametrize(

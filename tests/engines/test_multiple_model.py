@@ -175,7 +175,7 @@ def test_of_a_problem_without_map_or_track_only_what_it_has_is_doubted():
 def test_less_noise_is_no_answer_to_errors_that_are_modelled_too_rough():
     """Where the model has walking biases no noise below the assumed one is doubted."""
     less, more = Hypothesis("noise", noise=0.5), Hypothesis("noise", noise=2.0)
-    for case, taken in (("map-error", True), ("map-error-modelled", False)):
+    for case, taken in (("map-error", True), ("map-error-known", False)):
         block = flight(case, runs=1, epochs=3)
         assert model_hypotheses.takes(less, block) is taken
         assert model_hypotheses.takes(more, block)

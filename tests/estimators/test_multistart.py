@@ -29,6 +29,7 @@ from thinning import thinned
 
 from ggbench.engines.banks import split_prior
 from ggbench.engines.gaussian_sum import WIDTH
+from ggbench.engines.position_grid import REACH
 from ggbench.problem import Estimate, Problem, StateBlock
 
 RUNS = 10
@@ -290,7 +291,7 @@ def test_the_grid_of_gaussians_is_the_prior():
     assert len(weights) > 100
     away = means[:, :3] - (problem.prior_mean / scale)[:3]
     distance = np.linalg.solve(problem.prior_cov[:3, :3], (away * scale[:3]).T)
-    assert ((away * scale[:3]).T * distance).sum(axis=0).max() < 3.5**2 + 1e-9  # an ellipsoid
+    assert ((away * scale[:3]).T * distance).sum(axis=0).max() < REACH**2 + 1e-9  # an ellipsoid
     share = np.exp(weights) / np.exp(weights).sum()
     mean = share @ means
     off = means - mean

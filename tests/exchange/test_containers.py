@@ -76,7 +76,7 @@ def test_other_suffixes_and_missing_files_are_refused(tmp_path):
         ("array a 1 3\n1 2\n", r"a ends after 2 of 3 numbers"),
         ("array a 1 2\n1 2 3\n", r"a has more numbers than its shape, 2"),
         ("array a 2 2\n1 2\n", r"the shape of a is damaged"),
-        ("array a 1 1\nx\n", r"a holds 'x', no number"),
+        ("array a 1 1\nx\n", r"a contains 'x', which is not a number"),
         ("array a 1 99999999999\n1\n", r"the shape of a is damaged"),
         ("text 9a\nx\n", r"'9a' is not a valid name of an array"),
     ],
@@ -89,5 +89,5 @@ def test_damaged_text_is_named(text, sentence, tmp_path):
 
 def test_complex_numbers_are_refused(tmp_path):
     containers.write(tmp_path / "file.mat", {"z": np.array([1j])}, {})
-    with pytest.raises(GGBenchError, match="z holds complex numbers, not real numbers"):
+    with pytest.raises(GGBenchError, match="z contains complex numbers, not real numbers"):
         containers.read(tmp_path / "file.mat")

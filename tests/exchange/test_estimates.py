@@ -133,7 +133,7 @@ def test_every_declared_variable_is_there_with_its_axes(folder):
         ({"lag": np.array(3.0)}, "lag requires causality fixed-lag"),
         ({"seconds": -np.ones(3)}, "seconds must not be below zero"),
         ({"estimator": "x" * 70}, "must be a printable name"),
-        ({"sigma": np.zeros(3)}, "holds sigma, which is not allowed in estimates"),
+        ({"sigma": np.zeros(3)}, "contains sigma, which is not allowed in estimates"),
         ({"problem": "{}"}, "problem must be copied unchanged from the problem's file"),
     ],
 )

@@ -49,7 +49,7 @@ def reason_of(folder: Path, text: str, **options: object) -> str:
         ("kill -SEGV $$", "ended with signal 11"),
         ("exit 0", "ended without writing its second argument"),
         ("echo nonsense > $2", "estimates.mat is damaged"),
-        ("cp $1 $2", "holds channels, which is not allowed in estimates"),
+        ("cp $1 $2", "contains channels, which is not allowed in estimates"),
     ],
 )
 def test_a_program_that_fails_is_a_record_with_its_reason(text, sentence, small):

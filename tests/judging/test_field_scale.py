@@ -61,7 +61,7 @@ def test_too_few_readings_and_standing_still_have_no_length():
 
 
 @pytest.mark.parametrize(
-    ("position", "words"), [(100.0, "EKF"), (650.0, "wrong place"), (1500.0, "bank")]
+    ("position", "words"), [(100.0, "EKF"), (650.0, "wrong position"), (1500.0, "bank")]
 )
 def test_the_width_of_the_prior_has_a_consequence(position, words):
     said = on_the_prior(position, 1000.0)

@@ -75,10 +75,13 @@ def test_what_cannot_be_judged(run):
         ((problem, dataclasses.replace(estimate, mean=bare * np.nan), truth), "is not finite"),
         ((problem, dataclasses.replace(estimate, mean=None), truth), r"mean has shape \(\), not"),
         ((problem, negative, truth), "cov is not positive definite at epoch 0"),
-        ((problem, estimate, shorter), r"truth is of another problem: its states have shape \(19"),
+        (
+            (problem, estimate, shorter),
+            r"truth belongs to another problem: its states have shape \(19",
+        ),
         (
             (problem, estimate, shifted),
-            "truth belongs to another problem: its epochs differ (1.5 to",
+            r"truth belongs to another problem: its epochs differ \(1.5 to",
         ),
         ((problem, estimate, truth, late), "must not lie beyond the last epoch, at 20 s"),
     )

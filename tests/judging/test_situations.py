@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from ggbench.spec.case import CaseSpec
 
 
 def case() -> CaseSpec:
-    return scenario.parse(scenario.tomllib.loads(SMALL), "s", "s").cases[0]
+    return scenario.parse(tomllib.loads(SMALL), "s", "s").cases[0]
 
 
 @pytest.mark.parametrize(
@@ -120,5 +121,5 @@ def test_a_delayed_filter_leaves_noise_that_is_assumed_white(changes, right):
 
 def test_gaps_at_known_times_are_no_error_of_the_model():
     text = SMALL + "\n[truth.gradiometer]\ndropouts_s = [[5.0, 8.0]]\n"
-    spec = scenario.parse(scenario.tomllib.loads(text), "s", "s").cases[0]
+    spec = scenario.parse(tomllib.loads(text), "s", "s").cases[0]
     assert is_right_model(spec) and situation_of(spec) == "readings"

@@ -194,7 +194,7 @@ JACKSBORO = MapRecipe(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"south_deg": 36.0}, r"south_deg = 36.0 is outside .* 'jacksboro' .*36.16 to 36.4458"),
+        ({"south_deg": 36.0}, r"south_deg = 36.0 is outside .* 'jacksboro': 36.16 to 36.4458"),
         ({"east_deg": -84.0}, r"east_deg = -84.0 is outside .*-84.4133 to -84.0783 is allowed"),
         ({"min_height_m": 1100.0}, r"min_height_m = 1100.0 is outside .*1126 to 3000"),
         ({"max_height_m": 3500.0}, r"max_height_m = 3500.0 is outside .*1126 to 3000"),

@@ -151,7 +151,7 @@ def test_bounds_hold_the_cells(field):
         ({"cell_deg": 1.0, "spacing_m": None}, Bounds(), "contains no cell of 1°"),
         ({}, Bounds(40.0), "contains no cell of 0.07°"),
         ({"cell_deg": 0.0005, "spacing_m": None}, Bounds(), "at most 20000 are allowed"),
-        ({"spacing_m": 2000.0}, Bounds(), "it has not 8 to 1000 of them"),
+        ({"spacing_m": 2000.0}, Bounds(), "it does not have 8 to 1000 nodes along a side"),
     ],
 )
 def test_what_the_map_does_not_hold(field, changes, bounds, sentence):

@@ -32,9 +32,9 @@ def estimate(filter: ExtendedKalmanFilter, problem: Problem) -> Estimate:
         update = Gated(
             problem,
             k,
-            mean=ekf.x,
+            predicted=ekf.x,
             cov=ekf.P,
-            noise=believed,
+            noise_cov=believed,
             loss=filter.loss,
             threshold=threshold,
         )

@@ -112,7 +112,7 @@ def bad(kind: str) -> tuple[np.ndarray, np.ndarray]:
             "gap",
             "longest part without gaps has 700 samples; an Allan deviation needs at least 1000",
         ),
-        ("in g", r"mean specific force is 0.9\d+ m/s².* other units"),
+        ("in g", r"mean specific force is 0.9\d+ m/s².* check the unit; if it is in g"),
         ("moved", "is not at rest: .* cut the log"),
         ("backwards", "times must increase"),
     ],

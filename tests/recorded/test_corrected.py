@@ -139,7 +139,7 @@ def test_an_estimate_that_is_none_is_refused(flown, changes, said):
 def test_a_problem_without_a_track_has_none_to_correct(flown):
     problem, _ = simulate(flown, SEED, RUN)
     estimate = gg.estimate(problem, "ekf")
-    with pytest.raises(EstimateError, match="no track"):
+    with pytest.raises(EstimateError, match="no INS track"):
         gg.corrected(dataclasses.replace(problem, track=None), estimate)
     for wrong in ((estimate, estimate), (problem, problem), (problem, "ekf")):
         with pytest.raises(gg.GGBenchError, match="an object of type"):

@@ -81,7 +81,14 @@ ROWS = {
     # the clock of the INS
     "duplicate": ("solution", "ins", _times(_twice), "ins.csv: line 9: time 0.6", "is there twice"),
     "backwards": ("solution", "ins", _times(_back), "line 9", "is behind that of the row before"),
-    "gap": ("solution", "ins", _drop_rows(50, 60), "line 52", "a gap of 1.1 s", "0.15 s is"),
+    "gap": (
+        "solution",
+        "ins",
+        _drop_rows(50, 60),
+        "line 52",
+        "a gap of 1.1 s",
+        "0.15 s (max_gap_s) is",
+    ),
     "milliseconds": ("solution", "ins", _times(lambda t: 1e3 * t), "100 s apart", "in seconds"),
     "two rows": ("solution", "ins", _drop_rows(2, 201), "has 2 rows"),
     "gap of increments": ("increments", "imu", _drop_rows(50, 60), "a gap of 1.1 s"),

@@ -280,8 +280,8 @@ DAMAGES = {
     "database overwritten": "records.sqlite",
     "database spoilt inside": "records.sqlite",
     "database cut": "records.sqlite",
-    "database empty": "records.sqlite has other columns",
-    "database of something else": "records.sqlite has other columns",
+    "database empty": "records.sqlite comes from another version",
+    "database of something else": "records.sqlite comes from another version",
     "database gone": "holds no results: it has no records.sqlite",
     "info that is no JSON": "the info of a run in .*records.sqlite is damaged",
     "one series an epoch short": "a time series in .*records.sqlite is damaged",
@@ -297,11 +297,11 @@ DAMAGES = {
     "no runs": "manifest.json is damaged: its runs is invalid",
     "seed below 0": "manifest.json is damaged: its seed is invalid",
     "arrays gone": "lacks the shared data of case base.*resumes",
-    "arrays cut": "case base share.* cannot be unpacked",
-    "arrays of something else": "case base share.* is damaged: it has no times",
-    "arrays not zipped": "case base share.* cannot be unpacked",
-    "arrays pickled": "case base share.* cannot be unpacked",
-    "arrays a bare pickle": "case base share.* cannot be unpacked",
+    "arrays cut": "shared data of case base.* cannot be unpacked",
+    "arrays of something else": "shared data of case base.* is damaged: it has no times",
+    "arrays not zipped": "shared data of case base.* cannot be unpacked",
+    "arrays pickled": "shared data of case base.* cannot be unpacked",
+    "arrays a bare pickle": "shared data of case base.* cannot be unpacked",
 }
 
 

@@ -99,9 +99,9 @@ def test_the_recommended_estimator_was_flown(found):
 
 
 def test_times_of_a_first_run_decide_nothing(found):
-    """The times are those of the suite, and the EKF's are below those of the Gaussian sum."""
+    """The times are those of the suite, to one digit; the EKF's are below the Gaussian sum's."""
     usual = advice.usual_seconds()
-    assert 0.0 < usual["ins"] < usual["ekf"] < usual["gaussian-sum"] < 10.0
+    assert 0.0 < usual["ins"] <= usual["ekf"] < usual["gaussian-sum"] < 10.0
     rows = [("gaussian-sum", 1.0, True, 1e-3), ("ekf", 1.0, True, 2.3), ("ins", 9.0, False, 1e-3)]
     columns = ["estimator", "rms_m", "recommended", "seconds_per_run"]
     qualified = pd.DataFrame(rows, columns=columns).assign(window="settled")

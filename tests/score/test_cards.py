@@ -57,7 +57,7 @@ def card(seed: int = 1, factor: float = 1.0, **changes) -> Card:
         "ggbench": "0",
         "results_version": 1,
         "suite": "ab",
-        "seed": 3700,
+        "seed": 3702,
         "public": True,
         "runs": RUNS,
         "judged": "all",
@@ -181,7 +181,7 @@ def test_false_alarms_of_two_cards():
 
 
 def test_cards_of_other_runs_are_not_compared():
-    with pytest.raises(ScoreError, match=r"different runs \(seed 3700 and 5\)"):
+    with pytest.raises(ScoreError, match=r"different runs \(seed 3702 and 5\)"):
         cards_compared.worse(card(), card(seed=1).model_copy(update={"seed": 5}))
 
 

@@ -249,7 +249,9 @@ def test_a_local_level_gradiometer_knows_no_clock():
             for longitude in (10.0, 70.0)
         )
         assert (np.abs(here - there).max() < 1e-9) == still
-    with pytest.raises(ScenarioError, match=r"local-level.* needs none"):
+    with pytest.raises(
+        ScenarioError, match=r'requires instrument = "platform".* found "local-level"'
+    ):
         mounted("local-level", truth__gradiometer__clock_error_s=100.0)
 
 

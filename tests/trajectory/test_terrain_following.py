@@ -114,7 +114,7 @@ def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
     """... and the height that the message gives is enough."""
     with pytest.raises(TrajectoryError, match=r"segment\[0\]: begins at 700.0 m") as caught:
         trajectory_of(spec(over_ridges, height_m=700.0), 0.1)
-    needed = float(str(caught.value).split("asks for ")[1].split(" m")[0])
+    needed = float(str(caught.value).split("needs ")[1].split(" m")[0])
     trajectory_of(spec(over_ridges, height_m=needed), 0.1)
     with pytest.raises(TrajectoryError, match="too low"):
         trajectory_of(spec(over_ridges, height_m=needed - 5.0), 0.1)
@@ -127,7 +127,7 @@ def test_a_flight_without_a_height_starts_as_high_as_the_terrain_asks_for(over_r
     height = float(flight.positions[0, 2])
     assert height == round(height)
     assert free.duration_s == pytest.approx(310.0)
-    with pytest.raises(TrajectoryError, match=f"asks for {height - 1.0:.0f} m there"):
+    with pytest.raises(TrajectoryError, match=f"needs {height - 1.0:.0f} m there"):
         trajectory_of(spec(over_ridges, height_m=height - 3.0), 0.1)
     ground = float(ridges("", *flight.positions[:1, :2].T)[0])
     assert trajectory_of(spec(over_ridges, height_m=height), 0.1).positions[0, 2] == height
@@ -158,7 +158,7 @@ def test_a_gap_in_the_terrain_under_the_flight_is_told(monkeypatch):
     monkeypatch.setattr(terrain_following, "version_of", lambda _: (0, 0))
     places = np.radians([[10.2, 10.4], [-1.9, -1.6]])
     with pytest.raises(
-        TrajectoryError, match=r"no height at 10\.4\d*° N, -1\.6\d*° E, .* gaps first"
+        TrajectoryError, match=r"no height at 10\.4\d*° N, -1\.6\d*° E on .*; fill its gaps first"
     ):
         terrain_following.heights("x", *places)
 
@@ -183,7 +183,7 @@ def test_a_plateau_is_climbed_as_steeply_as_is_allowed(
 @pytest.mark.parametrize(
     ("before", "changes", "sentence"),
     [
-        ([], {"distance_km": 3.8}, r"segment\[0\]: lasts 19 s; .* for 20 to 36000 s"),
+        ([], {"distance_km": 3.8}, r"segment\[0\]: lasts 19 s and must last 20 to 36000 s"),
         ([{"duration_s": 5.0, "climb_rate_deg_per_s": 1.0}], {}, "must begin in level flight"),
         ([{"duration_s": 5.0, "climb_rate_deg_per_s": -1.0}], {}, "must begin in level flight"),
     ],

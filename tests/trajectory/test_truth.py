@@ -84,7 +84,7 @@ def test_a_climb_begins_below_the_ellipsoid_too():
         (
             Climb(by=0.5, angle=0.1),
             1.0,
-            "climbs within 9.* s, too short for an IMU interval of 7 s",
+            "climbs within 9.* s, which is too short for an IMU interval of 7 s",
         ),
     ],
 )
