@@ -210,7 +210,7 @@ def test_what_cannot_be_compared_is_refused_before_it_is_flown():
     cards_compared.require_comparable(old, CASES[:1], here["seed"])
     for changes, cases, seed, said in [
         ({}, ("outliers",), None, "no question of the card"),
-        ({}, (), 7, "of the seed"),
+        ({}, (), 7, "different runs .seed 3702 and 7"),
         ({"suite": "ab"}, (), None, "of the suite ab"),
         ({"results_version": -1}, (), None, "of the version of results -1"),
     ]:
