@@ -14,6 +14,7 @@ from grids import write_grid
 from random_harmonics import write_gfc
 from terrain_fields import rough_terrain
 
+from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.harmonics import gravity_and_gradient
@@ -409,3 +410,32 @@ def test_a_long_build_says_how_far_it_is(folder, monkeypatch):
     monkeypatch.setattr("time.monotonic", lambda: next(clock))
     code, output = build(folder, "--clearance-from", 100)
     assert code == 0 and "2 of 4 layers, about 1" in output and "4 of 4 layers" not in output
+
+
+@pytest.mark.long
+def test_a_draped_map_is_free_of_trace_and_curl_between_its_nodes(folder):
+    """At the default spacings, 60 m above rough ground: both within 1 % of the tensor's rms."""
+    words = shlex.split(
+        "--south 45.012 --north 45.022 --west 7.012 --east 7.022 --clearance-to 300"
+    )
+    dem = folder / "dem.npz"
+    assert run("map", "build", "-o", folder / "m.nc", "--terrain", dem, "--drape", *words)[0] == 0
+    field = Field.from_map(read(folder / "m.nc"))
+    share = np.random.default_rng(1).uniform([0.15, 0.15, 0.1], [0.85, 0.85, 0.9], (300, 3))
+    places = field.lower + share * (field.upper - field.lower)
+    places = np.stack(field.over_nodes(*places.T), axis=-1)
+    tensor = field.continued_tensor(places) - Field.normal().continued_tensor(places)
+    whole = tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    rms = np.sqrt(np.mean(whole**2))
+    assert rms > 100.0
+    north, east = metres_per_radian(places[0])
+    gradient = np.empty((len(places), 3, 3))
+    for axis, (column, metres) in enumerate(((1, east), (0, north), (2, 1.0))):
+        step = np.zeros(3)
+        step[column] = 0.5 / metres
+        ahead, behind = (field.gravity_disturbance(*(places + s * step).T) for s in (1.0, -1.0))
+        gradient[:, axis] = 1e9 * (ahead - behind)
+    curl = gradient - np.swapaxes(gradient, 1, 2)
+    assert np.sqrt(np.mean(np.trace(whole, axis1=1, axis2=2) ** 2)) < 0.01 * rms
+    assert np.sqrt(np.mean(curl**2)) < 0.01 * rms
+    assert np.sqrt(np.mean((gradient - whole) ** 2)) < 0.01 * rms
