@@ -1,10 +1,13 @@
-"""Cost of one call of h or H, in NumPy and compiled."""
+"""Cost of one call of h or H, in NumPy and compiled, and of a field over level or draped layers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+
+from ggbench.gravity.field import Field
+from ggbench.gravity.gradient_map import GradientMap
 
 from . import export
 from .numpy_model import NumpyModel
@@ -35,3 +38,36 @@ class Calls:
         for k in range(self.runs_per_call):
             self.function(k)
         return np.empty(0)
+
+
+class FieldCalls:
+    """Evaluations of the tensor, or of it and its derivatives, along a track in a random map.
+
+    The level map has the nodes of the draped one, and the tracks are at equal heights above them.
+    """
+
+    NODES = 160, 160, 13
+    STEP = np.array([1.2e-5, 1.6e-5, 25.0])
+    ORIGIN = np.array([0.7, 0.2, 25.0])
+
+    def __init__(self, which: str) -> None:
+        layers, _, self.what = which.partition("-")
+        rng = np.random.default_rng(0)
+        values = rng.standard_normal((*self.NODES, 9))
+        base = 1500.0 + 30.0 * rng.standard_normal(self.NODES[:2])
+        field = Field.from_map(
+            GradientMap(
+                *self.ORIGIN, *self.STEP, values[..., :6], values[..., 6:], "random", base=base
+            )
+        )
+        self.field = field if layers == "draped" else field.flattened()
+        self.runs_per_call = 2000
+        share = np.linspace(0.1, 0.9, self.runs_per_call)[:, np.newaxis]
+        places = field.lower + share * (field.upper - field.lower)
+        self.places = np.stack(self.field.over_nodes(*places.T), axis=-1)
+
+    def solve(self, run: int) -> object:
+        """Evaluate all places: one counts as a run."""
+        if self.what == "tensor":
+            return self.field.continued_tensor(self.places)
+        return self.field.tensor_and_derivative(*self.places.T)

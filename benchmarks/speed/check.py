@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from . import export
-from .calls import Calls
+from .calls import Calls, FieldCalls
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,8 @@ class Guard:
 
     Attributes
     ----------
-    name : what is compared. floor : about half of what was measured when it was set.
+    name : what is compared.
+    floor : about half of what was measured when it was set; of draped layers what is required.
     slow, fast : make what is timed, ``runs_per_call`` and ``solve(run)``.
     """
 
@@ -140,6 +141,18 @@ def guards() -> list[Guard]:
         ),
         Guard(
             "H, compiled against NumPy", 5.0, lambda: Calls("numpy-H"), lambda: Calls("compiled-H")
+        ),
+        Guard(
+            "h on draped layers, against level ones",
+            1.0 / 1.3,
+            lambda: FieldCalls("level-tensor"),
+            lambda: FieldCalls("draped-tensor"),
+        ),
+        Guard(
+            "H on draped layers, against level ones",
+            1.0 / 1.3,
+            lambda: FieldCalls("level-slopes"),
+            lambda: FieldCalls("draped-slopes"),
         ),
         *(
             Guard(

@@ -19,6 +19,7 @@ from ..problem import Problem
 from ..results.store import DETAILED_RUN
 from ..simulation.error_free_flight import Flight, prepare
 from ..simulation.flight_bounds import bounds
+from ..simulation.input_versions import Versions, input_versions
 from ..simulation.runs import simulate, simulate_block, simulate_flights
 from ..spec.case import CaseSpec
 from .truth_isolation import HiddenArray
@@ -33,33 +34,39 @@ LEAST_RUNS = 8
 
 def flight_of(case: CaseSpec) -> Flight:
     """Return the flight of a case, made once in each process; of one with draws, of run 0."""
-    return _flight(case.of_run(0))
+    of_run = case.of_run(0)
+    return _flight(of_run, input_versions(of_run))
 
 
 @lru_cache(maxsize=64)
-def _flight(case: CaseSpec) -> Flight:
+def _flight(case: CaseSpec, versions: Versions) -> Flight:
     return prepare(case)
 
 
-@lru_cache(maxsize=BLOCK_RUNS)
 def first_problem(case: CaseSpec, seed: int) -> Problem:
     """Return the problem of a case's first run, made once for all that ask what it is like."""
+    return _first_problem(case, seed, input_versions(case))
+
+
+@lru_cache(maxsize=BLOCK_RUNS)
+def _first_problem(case: CaseSpec, seed: int, versions: Versions) -> Problem:
     return simulate(flight_of(case), seed, DETAILED_RUN)[0]
 
 
-_bounds: dict[CaseSpec, CaseBound] = {}
+_bounds: dict[tuple[CaseSpec, Versions], CaseBound] = {}
 
 
 def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
     """Return the bounds of cases without draws, together; kept of the latest in each process."""
-    unknown = [case for case in dict.fromkeys(cases) if case not in _bounds]
+    keys = [(case, input_versions(case)) for case in cases]
+    unknown = [key for key in dict.fromkeys(keys) if key not in _bounds]
     if unknown:
-        flights = [flight_of(case) for case in unknown]
+        flights = [flight_of(case) for case, _ in unknown]
         new_bounds = zip(flights, bounds(flights), strict=True)
         _bounds.update(zip(unknown, itertools.starmap(CaseBound, new_bounds), strict=True))
-    requested = [_bounds[case] for case in cases]
-    for case in [*_bounds][: max(len(_bounds) - BLOCK_RUNS, 0)]:
-        del _bounds[case]
+    requested = [_bounds[key] for key in keys]
+    for key in [*_bounds][: max(len(_bounds) - BLOCK_RUNS, 0)]:
+        del _bounds[key]
     return requested
 
 
@@ -82,7 +89,7 @@ def fly_unseen(case: CaseSpec) -> None:
 def forget_flights() -> None:
     """Let go of the flights of this process: a library of scenarios has many, and large ones."""
     _flight.cache_clear()
-    first_problem.cache_clear()
+    _first_problem.cache_clear()
     _bounds.clear()
 
 

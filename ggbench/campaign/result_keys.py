@@ -16,9 +16,10 @@ from functools import cache
 from typing import Any
 
 from ..numerics.source import VERSION
-from ..simulation.field_source import map_content, map_files
+from ..simulation.field_source import map_content, map_files, map_version
 from ..simulation.instruments import noise_files
 from ..spec.case import CaseSpec
+from ..spec.sensors import FieldSpec
 
 RESULTS_VERSION = 2
 """Version of the numbers that runs end with.
@@ -59,7 +60,8 @@ def problem_key(case: CaseSpec, seed: int) -> str:
         field = side.field.model_copy(update={"source": None})
         change = {"field": field, "gradiometer": _placeless(side.gradiometer)}
         placeless[name] = side.model_copy(update=change)
-    maps = [_map_content(case.side(name).field) for name in ("truth", "model")]
+    fields = [case.side(name).field for name in ("truth", "model")]
+    maps = [_map_content(field, map_version(field)) for field in fields]
     content = case.model_copy(update=placeless).content_hash
     noises = [key for _, key in noise_files(case)]
     return _hash([content, *maps, *case.trajectory.file_hashes(), *noises, seed])
@@ -109,5 +111,7 @@ def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
     return [{"role": role, "name": name, "sha256": key} for role, name, key in files]
 
 
-_map_content = cache(map_content)
-"""A hash of the map of a field; a process reads its file once."""
+@cache
+def _map_content(spec: FieldSpec, version: tuple[int, int]) -> str | None:
+    """Return a hash of the map of a field; a process reads a version of its file once."""
+    return map_content(spec)

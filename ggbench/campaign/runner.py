@@ -27,6 +27,7 @@ from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
 from ..problem import CountingModel, Estimate, Estimator, Problem
 from ..results.database import Result
+from ..simulation.input_versions import Versions, input_versions
 from ..spec.case import CaseSpec
 from . import result_keys
 from .flights import SimulatedRuns, groups_of_runs, simulated
@@ -85,8 +86,11 @@ def chosen(label: str) -> Choice:
 
 
 @lru_cache(maxsize=4096)
-def key_of(case: CaseSpec, label: str, seed: int) -> str:
-    """Return the key of an estimator's results on a case, made once in each process."""
+def key_of(case: CaseSpec, label: str, seed: int, versions: Versions) -> str:
+    """Return the key of an estimator's results on a case, made once in each process.
+
+    ``versions`` are those of the files that the case is made of.
+    """
     return result_keys.run_key(case, chosen(label).content, seed)
 
 
@@ -114,8 +118,9 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
     together, ``Started`` again for each of them. Raise OtherSourceError if a version, an
     estimator's source or a map file is not what the task's keys were made with.
     """
+    versions = input_versions(task.case)
     for label, key in task.estimators:
-        if key_of(task.case, label, task.seed) != key:
+        if key_of(task.case, label, task.seed, versions) != key:
             raise OtherSourceError(
                 f"the version of ggbench or of a library, the source of {label} or a map file "
                 f"differs from that of the campaign; this machine has {result_keys.environment()}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..judging.field_scale import correlation_m
 from ..maps import recipe
 from ..recorded.motion import angles_of
 from ..sensors.gradiometer.instrument import COMPONENTS
-from ..simulation.field_source import beside, is_file, make_field, map_recipe
+from ..simulation.field_source import beside, is_file, make_field, map_recipe, map_version
 from ..simulation.formulation import require_short_delays
 from ..simulation.ins_error import InsError, inertial_alone, ins_error
 from ..simulation.instruments import faults, spinning_disks
@@ -124,7 +124,8 @@ def examined(scenario: Scenario) -> Iterator[Examined]:
 def _examined(study: str, case: CaseSpec) -> Examined:
     if case.trajectory.files():
         case.check_duration()
-    bounds = [_bounds(case.side(name).field) for name in ("truth", "model")]
+    fields = [case.side(name).field for name in ("truth", "model")]
+    bounds = [_bounds(field, map_version(field)) for field in fields]
     for name in ("truth", "model"):
         suite_of_case(case, name)
     faults(case.truth.gradiometer)
@@ -169,9 +170,9 @@ def _clear(examination: Examined) -> bool:
     return possible and examination.inside
 
 
-@cache
-def _bounds(spec: FieldSpec) -> Bounds:
-    """Return what a map serves.
+@lru_cache(maxsize=64)
+def _bounds(spec: FieldSpec, version: tuple[int, int]) -> Bounds:
+    """Return what a map serves; ``version`` is that of its file.
 
     Of a map that is not built, those that are asked for: its nodes reach at least so far.
     """

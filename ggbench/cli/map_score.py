@@ -22,7 +22,10 @@ _LEAST_SHARE = 1e-4
 @click.command()
 @click.argument("name", metavar="MAP")
 @click.option(
-    "--height", type=float, help="Height of the flights above the ellipsoid [m; the lowest]."
+    "--height",
+    type=float,
+    help="Height of the flights above the ellipsoid, over a draped map above its base [m; the "
+    "lowest].",
 )
 @click.option("--cell-deg", type=float, default=0.5, show_default=True, help="Side of a cell [°].")
 @click.option(
@@ -134,7 +137,7 @@ def _print_scored(scored: Any) -> None:
     """Print the design, the components, and the best and worst cells by a track's accuracy."""
     design, table = scored.design, scored.table
     console.out(
-        f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {design.height_m:g} m: "
+        f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {scored.height}: "
         f"{design.instrument.kind}, {design.instrument.noise:g} {design.instrument.unit}; nodes "
         f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1e3:.3g} km with "
         f"{counted(design.readings, 'reading')}; prior position {design.sigma_m / 1e3:g} km "

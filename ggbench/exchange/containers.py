@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import GGBenchError, text_of
 from ..files import written_whole
-from ..linked_files import require_own_values
+from ..netcdf_files import netcdf_file
 
 Content = Mapping[str, np.ndarray | str]
 """Arrays of floats and texts by their names."""
@@ -134,11 +134,8 @@ def _write_netcdf(path: Path, content: Content, notes: Mapping[str, str]) -> Non
 
 
 def _read_netcdf(path: Path) -> dict[str, np.ndarray | str]:
-    import netCDF4
-
     content: dict[str, np.ndarray | str] = {}
-    require_own_values(path, ExchangeError, str(path))
-    with netCDF4.Dataset(path) as file:
+    with netcdf_file(path, ExchangeError, str(path)) as file:
         file.set_auto_mask(False)
         total = sum(math.prod(v.shape) for v in file.variables.values()) * 8
         if total > LARGEST_BYTES:

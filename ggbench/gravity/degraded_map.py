@@ -8,6 +8,7 @@ carry noise, of each node by itself or correlated over the spacing of the survey
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,12 @@ from .gradient_map import GradientMap, MapError
 Array = NDArray[np.float64]
 
 _MOST_NODES = 4_000_000  # of the plane of a random field: some seconds per layer of the map
+_LEAST_LEVELS, _LEVELS_PER_LENGTH = 12, 4.0
+"""Levels between which a random field is interpolated by a polynomial in the height: in any case,
+and in addition for each correlation length between the lowest and the highest node."""
+_DEEPEST = 0.5
+"""Depth of the lowest node below its layer's mean height, over the correlation length: a random
+field is three times as large there, and grows quickly below."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +39,10 @@ class MapDegradation:
     white_noise_eotvos : RMS of noise in each component at each node, all independent [E].
     correlated_noise_eotvos : RMS of Γ_UU of a random field at the lowest nodes [E]. The field is
         harmonic: one random potential, continued upwards, gives all components and the gravity
-        disturbance, so that curl and Laplacian stay zero.
-    correlation_m : distance at which the correlation of that Γ_UU has fallen to 1/e [m].
+        disturbance, so that curl and Laplacian stay zero. In the valleys of a draped map it is
+        larger than above its summits.
+    correlation_m : distance at which the correlation of that Γ_UU has fallen to 1/e [m], at the
+        mean height of the lowest nodes.
     seed : of the noise.
     """
 
@@ -101,12 +110,15 @@ def _check(grid: GradientMap, degradation: MapDegradation) -> None:
         )
     if degradation.correlated_noise_eotvos == 0.0:
         return
-    if grid.base is not None:
-        raise MapError(
-            "the map error has correlated_noise_eotvos, which requires level layers; for a "
-            "draped map use white_noise_eotvos, resolution_km or density_factor"
-        )
     correlation = f"correlation_km = {1e-3 * degradation.correlation_m:g}"
+    if grid.base is not None:
+        depth = float(grid.base.mean() - grid.base.min())
+        if _DEEPEST * degradation.correlation_m < depth:
+            raise MapError(
+                f"the map error has {correlation}, too short for the base surface, whose lowest "
+                f"point is {depth:.0f} m below its mean: at least "
+                f"{1e-3 * depth / _DEEPEST:.3g} km is allowed"
+            )
     if degradation.correlation_m < max(steps):
         raise MapError(
             f"the map error has {correlation}, which must be at least the node spacing, "
@@ -131,7 +143,9 @@ def _plane_shape(
 def _node_distances(grid: GradientMap) -> tuple[float, float]:
     """Return the distances between nodes to the north and east, at the middle [m]."""
     count = grid.tensor.shape[0]
-    middle = np.array([grid.latitude0 + 0.5 * (count - 1) * grid.latitude_step, 0.0, grid.height0])
+    base = 0.0 if grid.base is None else float(grid.base.mean())
+    latitude = grid.latitude0 + 0.5 * (count - 1) * grid.latitude_step
+    middle = np.array([latitude, 0.0, base + grid.height0])
     per_north, per_east = metres_per_radian(middle)
     return per_north * grid.latitude_step, per_east * grid.longitude_step
 
@@ -146,6 +160,8 @@ def _harmonic_noise(
     """Return a random harmonic field on the nodes: tensor [E] and gravity vector [m/s²].
 
     Γ_UU has the covariance σ² exp(−d²/ℓ²) at the lowest layer, whose spectrum is a Gaussian, too.
+    Of draped layers it has this correlation at the mean height of the lowest one, and the variance
+    σ² on average over that layer.
     """
     n_lat, n_lon, n_h = grid.tensor.shape[:3]
     pad_lat, pad_lon = _plane_shape(grid, degradation, north, east)
@@ -163,7 +179,9 @@ def _harmonic_noise(
     vertical = np.fft.rfft2(rng.standard_normal((pad_lat, pad_lon))) * shape
     with np.errstate(divide="ignore", invalid="ignore"):
         potential = np.where(k > 0.0, vertical / k**2, 0.0)
-    potential *= degradation.correlated_noise_eotvos * EOTVOS
+    heights = _heights_above_reference(grid)
+    variances = _relative_variance(heights[..., 0], degradation.correlation_m)
+    potential *= degradation.correlated_noise_eotvos * EOTVOS / math.sqrt(variances.mean())
     # Of the highest wave number there is no odd derivative on a grid.
     odd = k_n.copy()
     if pad_lat % 2 == 0:
@@ -176,13 +194,59 @@ def _harmonic_noise(
         rows = np.fft.ifft(spectrum, axis=0)[:n_lat]
         return np.fft.irfft(rows, pad_lon, axis=1)[:, :n_lon]
 
-    for layer in range(n_h):
-        continued = potential * np.exp(-k * grid.height_step * layer)
+    def planes(fading: Array) -> Iterator[tuple[Array, int, Array]]:
+        """Yield an array of the result, a component's index in it, and its values on a level."""
+        continued = potential * fading
         first = [continued * slope for slope in slopes]
         for i in range(3):
-            gravity[:, :, layer, i] = on_nodes(first[i])
+            yield gravity, i, on_nodes(first[i])
         pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
         for column, (i, j) in enumerate(pairs):
             second = -(k_n**2) * continued if i == j == 1 else first[i] * slopes[j]
-            tensor[:, :, layer, column] = on_nodes(second) / EOTVOS
+            yield tensor, column, on_nodes(second) / EOTVOS
+
+    if grid.base is None:
+        for layer in range(n_h):
+            for array, index, values in planes(np.exp(-k * grid.height_step * layer)):
+                array[:, :, layer, index] = values
+        return tensor, gravity
+    tensor[...], gravity[...] = 0.0, 0.0
+    levels = _levels(heights, degradation.correlation_m)
+    for level in levels:
+        others = levels[levels != level]
+        weight = np.ones_like(heights)  # of the level in the polynomial through all of them
+        for other in others:
+            weight *= (heights - other) / (level - other)
+        for array, index, values in planes(np.exp(-k * level)):
+            array[..., index] += weight * values[:, :, np.newaxis]
     return tensor, gravity
+
+
+def _heights_above_reference(grid: GradientMap) -> Array:
+    """Return heights of nodes above the lowest layer's mean height [m], (n_lat, n_lon, n_h).
+
+    (1, 1, n_h) of level layers.
+    """
+    above = grid.height_step * np.arange(grid.tensor.shape[2], dtype=float)
+    if grid.base is None:
+        return above[np.newaxis, np.newaxis]
+    return np.asarray(grid.base - grid.base.mean())[..., np.newaxis] + above
+
+
+def _relative_variance(height: Array, correlation_m: float) -> Array:
+    """Return the variance of a random Γ_UU at heights [m] (...), over that at the reference.
+
+    The mean of exp(−2kz) over wave numbers k of the power spectrum k exp(−k²ℓ²/4).
+    """
+    from scipy.special import erfcx
+
+    a = 2.0 * height / correlation_m
+    return np.asarray(1.0 - math.sqrt(math.pi) * a * erfcx(a))
+
+
+def _levels(heights: Array, correlation_m: float) -> Array:
+    """Return Chebyshev's points over the range of heights [m]."""
+    low, high = float(heights.min()), float(heights.max())
+    count = _LEAST_LEVELS + math.ceil(_LEVELS_PER_LENGTH * (high - low) / correlation_m)
+    angles = math.pi * (np.arange(count) + 0.5) / count
+    return np.asarray(0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles))

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from ..archives import read_arrays
 from ..errors import text_of
-from ..linked_files import require_own_values
+from ..netcdf_files import netcdf_file
 from .datums import require_wgs84
 from .meridians import Area
-from .optional_modules import imported
 from .rasters import read_raster
 from .regular_grid import Grid, check_size, is_netcdf, refuse_old_gmt, regular_grid
 from .terrain import Terrain, TerrainError
@@ -75,18 +74,8 @@ def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
 
 def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
     """Read the heights of a netCDF file, of version 3 or 4, with coordinates in degrees."""
-    xarray = imported("xarray", path)
-    imported("netCDF4", path)
-    require_own_values(path, TerrainError, path.name)
-    try:
-        with xarray.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
-            return _from_variables(dataset, path, area, units)
-    except TerrainError:
-        raise
-    except Exception as error:  # the engines raise a dozen kinds
-        raise TerrainError(
-            f"{path.name} cannot be read as a netCDF grid ({text_of(error)})."
-        ) from None
+    with netcdf_file(path, TerrainError, path.name, "xarray") as dataset:
+        return _from_variables(dataset, path, area, units)
 
 
 def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -> Grid:

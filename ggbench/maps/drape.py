@@ -31,8 +31,8 @@ _RAISED = 4
 """Times that the base is raised where ground stands out of it, before it is raised everywhere."""
 _LEVELS = 12
 """Level layers between which a smooth field is interpolated by a polynomial in the height."""
-_MOST_COLUMNS = 4_000_000
-"""Nodes of a layer: twelve level layers of nine components are kept, 1.7 GB."""
+_MOST_BYTES = 1.75e9
+"""Of the level layers that are kept, of nine components each."""
 _REACH = 4.0
 """Height over which a smooth terrain's field is known, over the depth to which it is continued."""
 _LEAST_REACH_M = 2000.0
@@ -182,7 +182,8 @@ class SmoothTerrain:
         if part.above_degree is None:
             return None
         terrain = smoothed(terrain_about(part.terrain, nodes), part.above_degree, part.options)
-        whole = dataclasses.replace(part, terrain=terrain, above_degree=None)
+        # A field that is continued downwards has its rounding multiplied by some thousands.
+        whole = dataclasses.replace(part, terrain=terrain, above_degree=None, dtype="float64")
         return cls(whole, Ground(terrain, part.geoid_height_m).lowest_m())
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
@@ -213,13 +214,14 @@ def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[La
     Raise MapError if a layer has too many nodes.
     """
     assert nodes.base_m is not None
-    if nodes.base_m.size > _MOST_COLUMNS:
+    lowest = float(nodes.base_m.min() + nodes.height_m[0])
+    dtype = np.dtype(np.float64 if floor > lowest else np.float32)
+    most = int(_MOST_BYTES / (_LEVELS * 9 * dtype.itemsize))
+    if nodes.base_m.size > most:
         raise MapError(
             f"a layer of the draped map has {nodes.base_m.size} nodes; with harmonics or a "
-            f"gravity grid at most {_MOST_COLUMNS} are allowed: use a smaller area or a wider "
-            "spacing."
+            f"gravity grid at most {most} are allowed: use a smaller area or a wider spacing."
         )
-    lowest = float(nodes.base_m.min() + nodes.height_m[0])
     highest = float(nodes.base_m.max() + nodes.height_m[-1])
     low, high = max(lowest, floor), highest
     if floor > lowest:
@@ -227,7 +229,7 @@ def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[La
     angles = math.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS
     heights = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles)
     level = Nodes(nodes.latitude_deg, nodes.longitude_deg, heights)
-    layers = [np.concatenate(layer, axis=-1).astype(np.float32) for layer in part.layers(level)]
+    layers = [np.concatenate(layer, axis=-1).astype(dtype) for layer in part.layers(level)]
     for height in nodes.height_m:
         weights = _polynomials(heights, nodes.base_m + height)
         total = np.zeros((*nodes.shape[:2], 9))

@@ -24,7 +24,7 @@ from ..gravity.remove_restore import GravityGrid, linear_weights
 from ..gravity.terrain import TerrainError
 from ..gravity.units import GEOID, GRAVITY, Units
 from ..gravity.voids import marks_removed
-from ..linked_files import require_own_values
+from ..netcdf_files import netcdf_file
 from .icgem_grid import ReadGrid, read_icgem
 
 if TYPE_CHECKING:
@@ -214,22 +214,13 @@ def _from_raster(path: Path, area: Area | None, units: Units) -> ReadGrid:
 
 
 def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
-    import xarray
-
-    require_own_values(path, MapError, str(path))
-    try:
-        with xarray.open_dataset(path) as dataset:
-            if dataset.nbytes > MOST_ARRAYS:
-                raise MapError(
-                    f"{path} contains {dataset.nbytes / 1e6:.0f} MB of arrays; at most "
-                    f"{MOST_ARRAYS / 1e6:g} are allowed: crop it to the area of the map."
-                )
-            dataset.load()
-    except MapError:
-        raise
-    except Exception as error:
-        message = text_of(error).split(". Consider", maxsplit=1)[0]
-        raise MapError(f"{path} cannot be read as a netCDF grid: {message}") from None
+    with netcdf_file(path, MapError, str(path), "xarray") as dataset:
+        if dataset.nbytes > MOST_ARRAYS:
+            raise MapError(
+                f"{path} contains {dataset.nbytes / 1e6:.0f} MB of arrays; at most "
+                f"{MOST_ARRAYS / 1e6:g} are allowed: crop it to the area of the map."
+            )
+        dataset.load()
     refuse_old_gmt(dataset, path.name)
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from ..errors import text_of
 from ..gravity.gradient_map import GradientMap, MapError, unknown
 from ..gravity.meridians import Area
-from ..linked_files import require_own_values
+from ..netcdf_files import netcdf_file
 from . import checks
 from .netcdf import (
     AXES,
@@ -57,7 +58,7 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
     Raises MapError if there is no such file, or it is no complete map; the message says what is
     wrong.
     """
-    with opened(path) as file:
+    with _opened(path) as file:
         nodes, slices = _read_nodes(path, file)
         keep = _kept(path, nodes, crop)
         shape = tuple(s.stop - s.start for s in keep.values())
@@ -79,7 +80,7 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
 
     Raises MapError as :func:`read` does, for the values when a layer is asked for.
     """
-    with opened(path) as file:
+    with _opened(path) as file:
         nodes, descends = _read_nodes(path, file)
         shape = tuple(values.size for values in nodes.values())
         checks.require_size(str(path), shape, checks.MOST_NODES)
@@ -98,7 +99,7 @@ def source_files(path: Path) -> dict[str, str]:
 
     Nothing of a map that does not say so, as one from elsewhere. Raises MapError if there is none.
     """
-    with opened(path) as file:
+    with _opened(path) as file:
         text = _text(file, "source_files")
     try:
         files = json.loads(text)
@@ -108,7 +109,7 @@ def source_files(path: Path) -> dict[str, str]:
 
 
 def _layers(path: Path) -> Iterator[Layer]:
-    with opened(path) as file:
+    with _opened(path) as file:
         nodes, slices = _read_nodes(path, file)
         whole = _kept(path, nodes, None)
         for index in range(nodes["height"].size):
@@ -122,28 +123,17 @@ def _layers(path: Path) -> Iterator[Layer]:
             yield tensor, disturbance
 
 
-def opened(path: Path) -> Any:
-    """Return the open netCDF file. Raises MapError if it is none."""
-    import netCDF4
-
-    try:
-        path.open("rb").close()
-    except OSError as error:
-        raise MapError(f"cannot read the map {path}: {error.strerror}") from None
-    require_own_values(path, MapError, f"the map {path}")
-    try:
-        file = netCDF4.Dataset(path, "r")
-    except (OSError, RuntimeError) as error:
-        if path.suffix == ".npz":
-            raise MapError(
-                f"{path} is a NumPy archive; maps are netCDF files: build it again with 'ggbench "
-                "map build -o MAP.nc'."
-            ) from None
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a netCDF file as it is stored. Raises MapError if it is none."""
+    if path.suffix == ".npz" and path.is_file():
         raise MapError(
-            f"{path} is not a gradient map: it is not a complete netCDF file ({text_of(error)})"
-        ) from None
-    file.set_auto_maskandscale(False)
-    return file
+            f"{path} is a NumPy archive; maps are netCDF files: build it again with 'ggbench map "
+            "build -o MAP.nc'."
+        )
+    with netcdf_file(path, MapError, f"the map {path}") as file:
+        file.set_auto_maskandscale(False)
+        yield file
 
 
 def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool]]:

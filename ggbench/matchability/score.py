@@ -33,6 +33,7 @@ _STEPS = 20
 _MOST_CELLS = 20_000
 _MOST_NODES = 1000
 """Along a side of a cell."""
+ABOVE_BASE = " above the base surface"
 _ROUNDING = 1e-6
 
 
@@ -65,7 +66,8 @@ class Design:
 
     Attributes
     ----------
-    height_m : of the flights above the ellipsoid [m]; by default that of the map's lowest nodes.
+    height_m : of the flights above the ellipsoid, over a draped map above its base surface [m]; by
+        default that of the map's lowest nodes.
     cell_deg : side of a cell [deg].
     instrument : what reads the field.
     spacing_m : between the nodes of the statistics; by default a fiftieth of the cell.
@@ -127,11 +129,19 @@ class Scored:
     design : what was asked, nothing of it None.
     table : a row for each cell; see :func:`score`.
     components : the principal components behind its index; None with too few cells.
+    draped : whether the map is a draped one.
     """
 
     design: Design
     table: pd.DataFrame
     components: Components | None
+    draped: bool = False
+
+    @property
+    def height(self) -> str:
+        """The height of the flights, in words."""
+        above = ABOVE_BASE if self.draped else ""
+        return f"{self.design.height_m:g} m{above}"
 
 
 def score(
@@ -178,15 +188,15 @@ def score(
     """
     import pandas as pd  # not at the top: it loads slowly
 
-    field = field.flattened()
     cells, design = cells_of(field, design, bounds or Bounds(), name)
+    draped, field = field.is_draped, field.flattened()
     table = pd.DataFrame([score_cell(field, cell, design) for cell in cells])
     components = principal_components({key: table[key].to_numpy() for key in table})
     if components is None:
         table["index"], table["grade"] = math.nan, ""
     else:
         table["index"], table["grade"] = components.index, grades(components.index)
-    return Scored(design, table, components)
+    return Scored(design, table, components, draped)
 
 
 def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
@@ -201,19 +211,21 @@ def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[l
     """
     if not field.has_map:
         raise MapError("the normal field has no map to score")
-    return cells_between(field.lower, field.upper, design, bounds, name)
+    above = ABOVE_BASE if field.is_draped else ""
+    return cells_between(field.lower, field.upper, design, bounds, name, above)
 
 
 def cells_between(
-    lower: Array, upper: Array, design: Design, bounds: Bounds, name: str
+    lower: Array, upper: Array, design: Design, bounds: Bounds, name: str, above: str = ""
 ) -> tuple[list[Cell], Design]:
     """Return what :func:`cells_of` does of a map from and to a node (3,) [rad, rad, m].
 
+    ``above`` says above what heights are, in messages.
     Raise MapError if the height or the cells do not fit in the map.
     """
     height = float(lower[2]) if design.height_m is None else design.height_m
     if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
-        heights = f"{lower[2]:g} to {upper[2]:g} m"
+        heights = f"{lower[2]:g} to {upper[2]:g} m{above}"
         raise MapError(f"the height {height:g} m is outside {name}, which has {heights}")
     farthest = max(abs(lower[0]), abs(upper[0]))
     metres = np.array(metres_per_radian(np.array([farthest, 0.0, height])))

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..archives import MOST_ARRAYS
-from ..errors import GGBenchError, text_of
+from ..errors import GGBenchError
 from ..files import written_whole
 from ..gravity.unit_names import factor_to_key
-from ..linked_files import require_own_values
+from ..netcdf_files import netcdf_file
 from ..spec.flight import FlightError
 from ..trajectory.column_names import (
     PRESETS,
@@ -198,14 +198,7 @@ def _read_netcdf(
     empty: frozenset[str],
     called: Names,
 ) -> Columns:
-    import netCDF4  # not at the top: it loads slowly, and most files are CSV
-
-    require_own_values(path, FlightError, f"the record {path}")
-    try:
-        file = netCDF4.Dataset(path)
-    except (OSError, RuntimeError) as error:
-        raise FlightError(f"{path}: is not a netCDF file ({text_of(error)})") from None
-    with file:
+    with netcdf_file(path, FlightError, f"the record {path}") as file:
         variables = list(file.variables)
         places = _places(path, variables, required, optional, called, "it")
         size = 8 * sum(int(file.variables[variables[place.at]].size) for place in places.values())

@@ -46,12 +46,26 @@ def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
     MapError
         If the map cannot be made; the message says why and what is allowed.
     """
-    # A map of the user's own may be written again while this process lives.
-    own = Path(spec.source)
-    version = own.stat().st_mtime_ns if is_file(spec.source) and own.exists() else 0
     # What the accelerometers feel is no part of the map.
-    field = _make(spec.model_copy(update={"gravity_disturbance": False}), version)
+    field = _make(spec.model_copy(update={"gravity_disturbance": False}), map_version(spec))
     return field if not any(constant) else _with_constant(field, constant)
+
+
+def map_version(spec: FieldSpec) -> tuple[int, int]:
+    """Return the version of a map's file; zeros of a map that is built, or that is missing."""
+    return version_of(Path(spec.source)) if is_file(spec.source) else (0, 0)
+
+
+def version_of(path: Path) -> tuple[int, int]:
+    """Return time of change [ns] and size [bytes] of a file; zeros if it cannot be found.
+
+    A user's file may be written again while a process lives.
+    """
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # its reader says what is wrong
+        return 0, 0
+    return status.st_mtime_ns, status.st_size
 
 
 @lru_cache(maxsize=8)
@@ -95,7 +109,7 @@ def _turned(field: Field, turn: float) -> Field:
 
 
 @lru_cache(maxsize=8)
-def _make(spec: FieldSpec, version: int) -> Field:
+def _make(spec: FieldSpec, version: tuple[int, int]) -> Field:
     if spec.source == "normal" or is_file(spec.source):
         _refuse_recipe(spec)
     if spec.source == "normal":
@@ -109,7 +123,7 @@ def _make(spec: FieldSpec, version: int) -> Field:
 
 
 @lru_cache(maxsize=2)
-def _exact_map(spec: FieldSpec, version: int) -> GradientMap:
+def _exact_map(spec: FieldSpec, version: tuple[int, int]) -> GradientMap:
     """Return the map of a field without errors, read once for many draws of its errors."""
     if is_file(spec.source):
         return read(Path(spec.source), _crop(spec))

@@ -129,11 +129,16 @@ def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
     ColouredNoiseError
         If one cannot be read.
     """
-    specs = [case.side(name).gradiometer for name in ("truth", "model")]
-    names = dict.fromkeys(spec.coloured_noise for spec in specs if spec is not None)
-    for name in filter(None, names):
+    for name in noise_names(case):
         path = shipped_or_own(name)
         yield path, sha256_of(path, ColouredNoiseError)
+
+
+def noise_names(case: CaseSpec) -> list[str]:
+    """Return the models of coloured noise that a case names, each once."""
+    specs = [case.side(name).gradiometer for name in ("truth", "model")]
+    names = dict.fromkeys(spec.coloured_noise for spec in specs if spec is not None)
+    return list(filter(None, names))
 
 
 def _colour(spec: GradiometerSpec) -> VectorAutoregression | None:

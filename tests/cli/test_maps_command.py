@@ -233,7 +233,7 @@ BAD = {
     "missing model": (["--coefficients", "gone.gfc", *BOX], "cannot read gone.gfc"),
     "missing grid": (["--geoid", "gone.nc"], "cannot read gone.nc: No such file"),
     "no model": (["--coefficients", "text.txt", *BOX], "no line 'end_of_head'"),
-    "no grid": (["--geoid", "text.nc"], "text.nc cannot be read as a netCDF grid"),
+    "no grid": (["--geoid", "text.nc"], "text.nc cannot be read as a netCDF file"),
     "no bounds": (["--coefficients", "model.gfc"], "cover the whole Earth: give --south"),
     "degree too high": (["--coefficients", "model.gfc", "--max-degree", 99, *BOX], "up to 8"),
     "shipped degree": (
@@ -300,7 +300,7 @@ def test_what_cannot_be_is_refused_with_one_sentence(name, folder, monkeypatch):
 def test_files_that_cannot_be_shown_or_written_are_refused(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert "gone.nc: No such file" in run("show", "gone.nc", code=2)
-    assert "is not a complete netCDF file" in run("show", "text.nc", code=2)
+    assert "cannot be read as a netCDF file" in run("show", "text.nc", code=2)
     assert "lacks height" in run("show", "gravity.nc", code=2)
     assert "must be named *.nc" in run("build", "-o", "x.tif", "--terrain", DEM, code=2)
     words = ["--geoid", GEOID, *BOX, *HEIGHTS, "--spacing-arcmin", 5]

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from command import invoke
 from problems import SMALL
-from small_cases import rough_map
+from small_cases import blank_map, rough_map
 from thinning import thinned
 
 from ggbench.campaign.campaign import CampaignError, check
@@ -25,6 +25,7 @@ from ggbench.cli.flight_summary import absurdities, remarks_on_the_prior
 from ggbench.display import compiling
 from ggbench.display.compiling import Compiled
 from ggbench.maps import recipe
+from ggbench.maps.recipe import write
 from ggbench.numerics.cache import CACHE_VARIABLE
 from ggbench.simulation.field_source import map_recipe
 from ggbench.spec import scenario
@@ -389,3 +390,15 @@ def test_the_prior_is_compared_with_the_field_of_a_built_map(tmp_path):
     assert f"Prior: the initial uncertainty is {width:.2g} correlation lengths" in done.stdout
     (plain, *_) = examined(of(tmp_path, SMALL))
     assert math.isnan(plain.correlation_m)
+
+
+def test_margins_are_those_of_the_present_map(tmp_path):
+    """A map that is built again under the same path, within a process: a notebook, say."""
+    path = Path(rough_map(tmp_path / "map.nc"))
+    text = SMALL.replace('source = "normal"', f'source = "{path}"')
+    (before, *_) = examined(of(tmp_path, text))
+    assert before.inside
+    write(path, replace(blank_map(), height0=20e3))
+    os.utime(path, ns=(path.stat().st_mtime_ns + 10**9,) * 2)
+    with pytest.raises(CampaignError, match="is outside the gradient map"):
+        list(examined(of(tmp_path, text)))

@@ -121,5 +121,5 @@ def test_a_map_keeps_its_base_when_it_is_degraded(draped):
     values = field_at(latitude, longitude, above + base[..., np.newaxis])
     right = GradientMap(*ORIGIN, *STEP, values[..., :6], values[..., 6:], "a slope", base=base)
     assert degrade(right, MapDegradation(density_factor=0.9)).base is base
-    with pytest.raises(MapError, match="for a draped map use"):
-        degrade(right, MapDegradation(correlated_noise_eotvos=1.0, correlation_m=500.0))
+    with pytest.raises(MapError, match=r"correlation_km = 0\.2, too short .* at least 0\.415 km"):
+        degrade(right, MapDegradation(correlated_noise_eotvos=1.0, correlation_m=200.0))

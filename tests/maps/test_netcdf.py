@@ -250,11 +250,11 @@ def overwrite(content):
             "gradient_uu",
             "not packed",
         ),
-        (overwrite(b""), "", "is not a complete netCDF file"),
-        (overwrite(b"not a map" * 1000), "", "is not a complete netCDF file"),
-        (overwrite(b"\x89HDF\r\n\x1a\n" + b"\0" * 5000), "", "is not a complete netCDF file"),
-        (cut(0.5), "", "is not a complete netCDF file|cannot be read"),
-        (cut(0.98), "", "is not a complete netCDF file|cannot be read"),
+        (overwrite(b""), "", "cannot be read as a netCDF file"),
+        (overwrite(b"not a map" * 1000), "", "cannot be read as a netCDF file"),
+        (overwrite(b"\x89HDF\r\n\x1a\n" + b"\0" * 5000), "", "cannot be read as a netCDF file"),
+        (cut(0.5), "", "cannot be read"),
+        (cut(0.98), "", "cannot be read"),
     ],
 )
 def test_what_is_no_map_is_refused_with_a_sentence(file, change, variable, message):

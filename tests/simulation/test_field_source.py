@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from small_cases import blank_map, rough_map, small_case
 
+from ggbench.campaign.flights import case_bounds, first_problem, flight_of
+from ggbench.campaign.result_keys import run_key
 from ggbench.gravity.field import OutsideMapError
 from ggbench.gravity.gradient_map import MapError
 from ggbench.judging.references import CaseBound
@@ -38,6 +40,28 @@ def test_a_map_that_is_written_anew_is_read_anew(tmp_path):
     os.utime(path, ns=(path.stat().st_mtime_ns + 10**9,) * 2)
     after = make_field(FieldSpec(source=str(path)))
     assert (after.tensor_coefficients != before.tensor_coefficients).any()
+
+
+def test_what_is_kept_of_a_case_is_of_the_present_map(tmp_path):
+    """Its flight, problem, bound and key; and without a change, all are kept."""
+    path = Path(rough_map(tmp_path / "map.nc", rms=10.0))
+    case = small_case({"field.source": str(path)})
+
+    def kept():
+        (bound,) = case_bounds([case])
+        return flight_of(case), first_problem(case, 5), bound, run_key(case, {}, 5)
+
+    before = kept()
+    assert all(new is old for new, old in zip(kept()[:3], before[:3], strict=True))
+    assert kept()[3] == before[3]
+    rough_map(path, rms=30.0)
+    os.utime(path, ns=(path.stat().st_mtime_ns + 10**9,) * 2)
+    after = kept()
+    assert after[0].field.tensor_coefficients == pytest.approx(
+        3.0 * before[0].field.tensor_coefficients
+    )
+    assert (after[1].measurements != before[1].measurements).any()
+    assert after[2] is not before[2] and after[3] != before[3]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
-"""netCDF files that take values from other files are refused; others of the same form are read."""
+"""netCDF files: damaged ones and those with values in other files are refused, others are read."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import h5py
@@ -11,9 +12,9 @@ import pytest
 from ggbench.errors import GGBenchError
 from ggbench.exchange import containers
 from ggbench.gravity.terrain_files import read_terrain
-from ggbench.linked_files import require_own_values
 from ggbench.maps.gravity_grid import read_grid
 from ggbench.maps.recipe import read as read_map
+from ggbench.netcdf_files import require_own_values
 from ggbench.recorded import columns
 
 AXES = {"lat": 45.0 + 0.1 * np.arange(20), "lon": 7.0 + 0.1 * np.arange(24)}
@@ -89,3 +90,44 @@ def test_own_values_are_read(reader, tmp_path):
     READERS[reader](write(tmp_path / "a.nc", "own"))
     with pytest.raises(GGBenchError, match=r"cannot read It: .*directory"):
         require_own_values(tmp_path, GGBenchError, "It")
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"no file of any kind\n" * 40,
+        b"\x89HDF\r\n\x1a\n" + b"\0" * 5000,
+        b"CDF\x01" + b"\xff" * 500,
+    ],
+    ids=["text", "version 4", "version 3"],
+)
+def test_every_reader_says_alike_that_a_file_is_damaged(reader, content, tmp_path):
+    (tmp_path / "a.nc").write_bytes(content)
+    with pytest.raises(GGBenchError, match=r"a\.nc cannot be read as a netCDF file: ") as refusal:
+        READERS[reader](tmp_path / "a.nc")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("reader", ["terrain", "gravity", "estimates"])
+def test_values_that_cannot_be_unpacked_are_said_in_one_sentence(reader, tmp_path):
+    """The file opens: its compressed values are damaged."""
+    path = write(tmp_path / "a.nc", "own")
+    with h5py.File(path, "a") as file:
+        del file["z"]
+        values = file.create_dataset("z", data=VALUES, chunks=VALUES.shape, compression="gzip")
+        for axis, name in enumerate(AXES):
+            values.dims[axis].attach_scale(file[name])
+        chunk = values.id.get_chunk_info(0)
+    content = bytearray(path.read_bytes())
+    content[chunk.byte_offset : chunk.byte_offset + chunk.size] = b"\xff" * chunk.size
+    path.write_bytes(content)
+    with pytest.raises(GGBenchError, match=r"a\.nc cannot be read as a netCDF file: "):
+        READERS[reader](path)
+
+
+@pytest.mark.parametrize("reader", ["terrain", "gravity"])
+def test_a_package_that_is_not_installed_is_named(reader, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(GGBenchError, match=r"needs the package xarray .*ggbench\[terrain\]"):
+        READERS[reader](write(tmp_path / "a.nc", "own"))

@@ -1,18 +1,22 @@
-"""netCDF files that take values from other files of the computer, found before they are opened.
+"""Open netCDF files of anyone's: values of their own, and one sentence for any failure.
 
-HDF5, the format of netCDF-4, has three ways to do so: external storage, virtual datasets and
-external links (HDF5 File Format Specification 3.0, IV.A.2.g, h, i). netCDF follows them silently.
+HDF5, the format of netCDF-4, has three ways to take values from other files of the computer:
+external storage, virtual datasets and external links (HDF5 File Format Specification 3.0,
+IV.A.2.g, h, i). netCDF follows them silently: they are found before a file is opened.
 """
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import mmap
 import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, Literal
 
-from .errors import GGBenchError
+from .errors import GGBenchError, text_of
 from .files import reason_of
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -22,6 +26,47 @@ _VIRTUAL = re.compile(rb"[\x04\x05]\x03")
 """Version and class of a data layout message of a virtual dataset; an address follows."""
 _MOST_HEAPS = 1000
 _LONGEST_NAME = 1 << 16
+
+
+@contextlib.contextmanager
+def netcdf_file(
+    path: Path,
+    error: type[GGBenchError],
+    what: str,
+    library: Literal["netCDF4", "xarray"] = "netCDF4",
+) -> Iterator[Any]:
+    """Open a netCDF file to read it, and close it.
+
+    Parameters
+    ----------
+    path : of the file, of version 3 or 4.
+    error : raised, with a sentence, if the file takes values from another file, or if opening or
+        reading it fails. Libraries raise a dozen kinds of errors for damaged files. An error of
+        the package passes.
+    what : it is, at the beginning of that sentence.
+    library : by which it is opened: a ``netCDF4.Dataset``, or an ``xarray.Dataset`` with missing
+        values as NaN and times as numbers.
+    """
+    require_own_values(path, error, what)
+    try:
+        package = importlib.import_module(library)
+        importlib.import_module("netCDF4")
+    except ImportError as failure:
+        raise error(
+            f"{what} needs the package {failure.name or library} ({text_of(failure)}): pip "
+            "install 'ggbench[terrain]'"
+        ) from None
+    try:
+        with (
+            package.open_dataset(path, engine="netcdf4", decode_times=False)
+            if library == "xarray"
+            else package.Dataset(path)
+        ) as file:
+            yield file
+    except GGBenchError:
+        raise
+    except Exception as failure:
+        raise error(f"{what} cannot be read as a netCDF file: {text_of(failure)}") from None
 
 
 def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None:
