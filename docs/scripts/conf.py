@@ -1,4 +1,4 @@
-"""Settings of the documentation's site: Sphinx, markdown by MyST, the theme furo.
+"""Settings of the documentation's site: Sphinx, markdown and notebooks by MyST, the theme furo.
 
 ``make docs`` builds it. Pages below ``docs/generated`` are made from the repository at each build
 (:mod:`site_pages`); links from any page into ``reports/`` and ``scenarios/data`` lead to them.
@@ -22,11 +22,13 @@ project = "ggbench"
 author = "The ggbench authors"
 project_copyright = author
 version = release = ggbench.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_nb", "sphinx.ext.autodoc"]
 exclude_patterns: list[str] = []
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
+nb_execution_mode = "off"  # `make tutorial-check` executes the notebook
+nb_merge_streams = True
 # Reports begin sections at the depth that suits them.
 suppress_warnings = ["myst.header"]
 
