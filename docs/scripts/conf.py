@@ -22,8 +22,9 @@ project = "ggbench"
 author = "The ggbench authors"
 project_copyright = author
 version = release = ggbench.__version__
-extensions = ["myst_nb", "sphinx.ext.autodoc"]
-exclude_patterns: list[str] = []
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_design"]
+# Parts that the landing page includes.
+exclude_patterns = ["generated/findings.md", "generated/thumbnails.md"]
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
@@ -38,7 +39,7 @@ autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 # Types with limits, by name: what they allow is in their module.
 _LIMITED = ("AtLeastOne", "NonNegative", "Positive", "Share")
-autodoc_type_aliases = {name: name for name in _LIMITED}
+autodoc_type_aliases = {name: name for name in (*_LIMITED, "ArrayLike")}
 
 # Types of other packages, and names that a docstring uses for what it explains in words.
 nitpick_ignore_regex = [
@@ -57,6 +58,8 @@ nitpick_ignore_regex = [
 ]
 
 html_extra_path = [str(site_pages.EXTRA)]
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_theme = "furo"
 html_title = f"ggbench {version}"
 html_show_sphinx = False

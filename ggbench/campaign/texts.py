@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import traceback
+from typing import TYPE_CHECKING
+
+from ..errors import brief
+
+if TYPE_CHECKING:
+    from ..problem import Estimator, Problem
 
 LONGEST_TEXT = 4000
 """Most characters of an exception, of a traceback, or of the output of a run."""
@@ -15,6 +21,18 @@ def exception_text(error: BaseException) -> str:
     except Exception:
         text = "(its text cannot be made)"
     return printable(f"{type(error).__name__}: {text}")
+
+
+def refusal(estimator: Estimator, problem: Problem) -> str:
+    """Return the reason why an estimator cannot take a problem, as one short line, or "".
+
+    An exception of its ``skip`` is a reason, too.
+    """
+    try:
+        reason = estimator.skip(problem)
+        return brief(str(reason)) if reason else ""
+    except Exception as error:
+        return brief(f"its skip raises {exception_text(error)}")
 
 
 def traceback_text() -> str:

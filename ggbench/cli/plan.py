@@ -10,6 +10,7 @@ import click
 
 from ..display.compiling import tell_first_use
 from ..display.responsive_table import ResponsiveTable
+from ..errors import brief
 from ..figures.numbers import counted
 from .screen import console
 from .tables import require_suffix, write_csv
@@ -133,7 +134,7 @@ def _print(tracks: pd.DataFrame, title: str, target: float | None) -> None:
     if len(unable):
         console.out(
             f"{counted(len(unable), 'track')} cannot be flown; reason of the first: "
-            f"{unable['reason'].iloc[0]}"
+            f"{brief(unable['reason'].iloc[0])}"
         )
     if target is not None:
         count = int((able["bound_m"] <= target).sum())
