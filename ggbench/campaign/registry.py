@@ -25,9 +25,11 @@ from ..errors import GGBenchError
 from ..estimator_spec import EstimatorSpec
 from ..exchange import PROGRAM
 from ..exchange.containers import SUFFIXES
+from ..figures.numbers import some
 from ..parameters import parameters_of
 from ..problem import Causality, Estimator, Family
 from ..spec.rosters import expanded
+from .foreign_changes import put_back
 from .truth_isolation import suspicious_names
 
 GROUP = "ggbench.estimators"
@@ -379,13 +381,21 @@ def _from_file(path: Path) -> type[Estimator]:
         module.__file__ = str(path)
         vars(module)[_SOURCE] = source
         sys.modules[module_name] = module
+        replaced: list[str] = []
         try:
-            exec(compile(source, str(path), "exec"), vars(module))
+            with put_back(replaced):
+                exec(compile(source, str(path), "exec"), vars(module))
         except (Exception, SystemExit) as error:
             del sys.modules[module_name]
             raise EstimatorError(
                 f"{path} cannot be imported: {type(error).__name__}: {error}"
             ) from error
+        if replaced:
+            del sys.modules[module_name]
+            raise EstimatorError(
+                f"{path} replaces {some(replaced)} when it is imported; an estimator must leave "
+                "functions of other modules as they are"
+            )
     classes = [
         item
         for item in vars(module).values()

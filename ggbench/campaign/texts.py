@@ -6,6 +6,8 @@ import traceback
 from typing import TYPE_CHECKING
 
 from ..errors import brief
+from ..figures.numbers import some
+from .foreign_changes import put_back
 
 if TYPE_CHECKING:
     from ..problem import Estimator, Problem
@@ -26,10 +28,14 @@ def exception_text(error: BaseException) -> str:
 def refusal(estimator: Estimator, problem: Problem) -> str:
     """Return the reason why an estimator cannot take a problem, as one short line, or "".
 
-    An exception of its ``skip`` is a reason, too.
+    An exception of its ``skip`` is a reason; so is a replaced function of another module.
     """
+    replaced: list[str] = []
     try:
-        reason = estimator.skip(problem)
+        with put_back(replaced):
+            reason = estimator.skip(problem)
+        if replaced:
+            reason = f"its skip replaces {some(replaced)}"
         return brief(str(reason)) if reason else ""
     except Exception as error:
         return brief(f"its skip raises {exception_text(error)}")
