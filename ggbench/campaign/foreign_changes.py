@@ -12,9 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_GUARDED = frozenset(
-    "builtins ggbench json math numba numpy pandas pickle random scipy struct time".split()
-)
+OWN_MODULE = "ggbench_user_"
+"""How the module names of users' files begin."""
+_GUARDED = {"builtins", "json", "math", "pickle", "random", "struct", "time"}
+_GUARDED |= {"ggbench", "numba", "numpy", "pandas", "scipy"}
 """Packages whose functions and classes must stay as they are."""
 
 

@@ -29,15 +29,13 @@ from ..figures.numbers import some
 from ..parameters import parameters_of
 from ..problem import Causality, Estimator, Family
 from ..spec.rosters import expanded
-from .foreign_changes import put_back
+from .foreign_changes import OWN_MODULE, put_back
 from .truth_isolation import suspicious_names
 
 GROUP = "ggbench.estimators"
 FRAMEWORKS = "ggbench.frameworks"
 """Entry points of estimators that need another package, each with an extra."""
 _SOURCE = "__ggbench_source__"
-_OWN_MODULE = "ggbench_user_"
-"""How the module names of files of a user's own begin."""
 _SHIPPED = ("ggbench.estimators.", "ggbench.adapters.")
 """How the names of modules of shipped estimators begin."""
 _ADAPTERS = "ggbench.adapters."
@@ -201,7 +199,7 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
     """
     cls = type(estimator)
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
-    if cls.__module__.startswith(_OWN_MODULE):
+    if cls.__module__.startswith(OWN_MODULE):
         name = str(file)
     else:
         place = f"{cls.__module__}:{cls.__qualname__}"
@@ -373,7 +371,7 @@ def _from_file(path: Path) -> type[Estimator]:
     except OSError as error:
         raise EstimatorError(f"cannot read estimator file {path}: {error.strerror}") from None
     # The same file is imported once; two files of one name do not collide.
-    module_name = f"{_OWN_MODULE}{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
+    module_name = f"{OWN_MODULE}{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
     module = sys.modules.get(module_name)
     if module is None:
         # Not by an import: a cached byte code could be older than what is hashed here.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import traceback
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from ..errors import brief
 from ..figures.numbers import some
-from .foreign_changes import put_back
+from .foreign_changes import OWN_MODULE, put_back
 
 if TYPE_CHECKING:
     from ..problem import Estimator, Problem
@@ -31,8 +32,9 @@ def refusal(estimator: Estimator, problem: Problem) -> str:
     An exception of its ``skip`` is a reason; so is a replaced function of another module.
     """
     replaced: list[str] = []
+    own = type(estimator).__module__.startswith(OWN_MODULE)
     try:
-        with put_back(replaced):
+        with put_back(replaced) if own else nullcontext():
             reason = estimator.skip(problem)
         if replaced:
             reason = f"its skip replaces {some(replaced)}"
