@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep suite library reports golden bench bench-check frameworks matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
+.PHONY: help paper sweep suite library reports golden bench bench-check frameworks matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs tutorial tutorial-check wheel-check browser lock clean
 
 help:
 	@echo "make paper        fly the paper's three cases, 10 runs each; the report is in results/wang2013/report"
@@ -32,6 +32,8 @@ help:
 	@echo "make pictures     draw the pictures of docs/concepts"
 	@echo "make turbulence   fly the tracks of the scenario turbulence again, by JSBSim"
 	@echo "make docs         build the documentation into build/docs; a warning is an error"
+	@echo "make tutorial     execute docs/tutorial.ipynb and keep its outputs"
+	@echo "make tutorial-check  execute it and compare the outputs with those that are kept"
 	@echo "make wheel-check  build the wheel, install it in an empty environment and use it"
 	@echo "make browser      install Chromium, with which pages are tested, where apt-get can"
 	@echo "make lock         renew requirements.lock with the newest versions allowed"
@@ -133,6 +135,13 @@ turbulence: $(INSTALLED)
 # Everything that it reads is here: it needs no network.
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs/scripts -b html docs build/docs
+
+tutorial tutorial-check: export OPENBLAS_NUM_THREADS := 1
+tutorial: $(INSTALLED)
+	$(BIN)/python docs/scripts/tutorial.py --write
+
+tutorial-check: $(INSTALLED)
+	$(BIN)/python docs/scripts/tutorial.py
 
 wheel-check: $(INSTALLED)
 	tests/check_wheel.sh $(BIN)/python

@@ -371,5 +371,8 @@ class Estimator(ABC):
         return None
 
     def skip(self, problem: Problem) -> str | None:
-        """Return why this estimator cannot take the problem, or None if it can."""
+        """Return why this estimator cannot take the problem, or None if it can.
+
+        A campaign asks it once a case, with the first run. The answer must not depend on the run.
+        """
         return None

@@ -1,4 +1,4 @@
-"""Settings of the documentation's site: Sphinx, markdown by MyST, the theme furo.
+"""Settings of the documentation's site: Sphinx, markdown and notebooks by MyST, the theme furo.
 
 ``make docs`` builds it. Pages below ``docs/generated`` are made from the repository at each build
 (:mod:`site_pages`); links from any page into ``reports/`` and ``scenarios/data`` lead to them.
@@ -22,11 +22,14 @@ project = "ggbench"
 author = "The ggbench authors"
 project_copyright = author
 version = release = ggbench.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
-exclude_patterns: list[str] = []
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_design"]
+# Parts that the landing page includes.
+exclude_patterns = ["generated/findings.md", "generated/thumbnails.md"]
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
+nb_execution_mode = "off"  # `make tutorial-check` executes the notebook
+nb_merge_streams = True
 # Reports begin sections at the depth that suits them.
 suppress_warnings = ["myst.header"]
 
@@ -36,7 +39,7 @@ autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 # Types with limits, by name: what they allow is in their module.
 _LIMITED = ("AtLeastOne", "NonNegative", "Positive", "Share")
-autodoc_type_aliases = {name: name for name in _LIMITED}
+autodoc_type_aliases = {name: name for name in (*_LIMITED, "ArrayLike")}
 
 # Types of other packages, and names that a docstring uses for what it explains in words.
 nitpick_ignore_regex = [
@@ -55,6 +58,8 @@ nitpick_ignore_regex = [
 ]
 
 html_extra_path = [str(site_pages.EXTRA)]
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_theme = "furo"
 html_title = f"ggbench {version}"
 html_show_sphinx = False

@@ -1,7 +1,8 @@
 """Pages of the site that are made from the repository at each build, into ``docs/generated``.
 
 The definitions (from the text of which ``reports/definitions.md`` is made, too), the reports, what
-is said of the data, and a gallery of the shipped scenarios with their answers.
+is said of the data, a gallery of the shipped scenarios with their answers, and the findings and
+thumbnails of the landing page.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from PIL import Image
+
 from ggbench.report import render
 from ggbench.spec import scenario
 
@@ -20,6 +23,21 @@ ROOT = DOCS.parent
 GENERATED = DOCS / "generated"
 EXTRA = DOCS.parent / "build" / "extra"
 """Files that the site has as they are: the reports' HTML pages, in ``pages``, if any."""
+THUMBNAILS = "thumbnails"
+"""Folder of small pictures, in that of the generated pages."""
+FIRST = (
+    "suite",
+    "wang2013",
+    "vinton2008",
+    "wide_prior",
+    "outliers",
+    "map_error",
+    "gnss_outage",
+    "ship_strategic",
+    "below_summits",
+)
+"""Scenarios that the gallery shows first: those of the findings."""
+_THUMBNAIL_PX, _THUMBNAIL_COLOURS = 640, 64
 _REPORTS, _DATA = ROOT / "reports", ROOT / "scenarios" / "data"
 _LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
 _PICTURE = re.compile(r"^!\[(.*?)\]\((.+?)\)$", re.MULTILINE)
@@ -43,8 +61,11 @@ def write() -> None:
     (EXTRA / "pages").mkdir(parents=True, exist_ok=True)
     for source in pages:
         shutil.copy(source, EXTRA / "pages")
-    page = GENERATED / "gallery.md"
-    page.write_text(relinked(gallery(), ROOT / "gallery.md", page), encoding="utf-8")
+    write_thumbnails(GENERATED / THUMBNAILS)
+    (GENERATED / "gallery.md").write_text(gallery(), encoding="utf-8")
+    parts = {"findings": findings(), "thumbnails": thumbnails()}
+    for name, text in parts.items():
+        (GENERATED / f"{name}.md").write_text(text, encoding="utf-8")
 
 
 def _interactive() -> list[str]:
@@ -84,8 +105,75 @@ def relinked(text: str, written: Path, page: Path) -> str:
     return _LINK.sub(led, text)
 
 
+def scenarios() -> list[str]:
+    """Return the names of the shipped scenarios, those of :data:`FIRST` first."""
+    shipped = scenario.shipped()
+    return [*FIRST, *(name for name in shipped if name not in FIRST)]
+
+
+def findings() -> str:
+    """Return the opening of the reports' front page, for a page in ``docs``.
+
+    Raises
+    ------
+    ValueError
+        If it has none.
+    """
+    front = _REPORTS / "README.md"
+    opening = re.search(r"^# [^\n]*\n+(.*?)(?=^## )", _text(front), re.MULTILINE | re.DOTALL)
+    if opening is None or not opening[1].strip():
+        raise ValueError(f"{front.name} has no findings before its first section")
+    return relinked(opening[1], front, DOCS / "index.md")
+
+
+def write_thumbnails(folder: Path) -> None:
+    """Write a small picture ``NAME.png`` of each report that has a picture.
+
+    Parameters
+    ----------
+    folder : to write into; it is created.
+    """
+    folder.mkdir(parents=True)
+    for name, source in _pictures().items():
+        with Image.open(source) as picture:
+            picture.thumbnail((_THUMBNAIL_PX, 2 * _THUMBNAIL_PX))
+            small = picture.convert("RGB").quantize(_THUMBNAIL_COLOURS)
+        small.save(folder / f"{name}.png", optimize=True)
+
+
+def _pictures() -> dict[str, Path]:
+    """Return the main picture of each shipped scenario whose report has one."""
+    found = {}
+    for name in scenarios():
+        page = _REPORTS / f"{name}.md"
+        picture = main_picture(_text(page)) if page.exists() else None
+        if picture is not None:
+            found[name] = _REPORTS / picture[1]
+    return found
+
+
+def thumbnails() -> str:
+    """Return a grid of the pictures of the reports, each a link, for a page in ``docs``."""
+    lines = ["::::{grid} 2 3 4 4", ":gutter: 2", ""]
+    for name in _pictures():
+        lines += [
+            f":::{{grid-item-card}} {_plain(scenario.load(name).title)}",
+            f":img-top: {GENERATED.name}/{THUMBNAILS}/{name}.png",
+            f":link: {GENERATED.name}/reports/{name}",
+            ":link-type: doc",
+            ":class-title: thumbnail-title",
+            ":::",
+        ]
+    return "\n".join([*lines, "::::"]) + "\n"
+
+
+def _plain(title: str) -> str:
+    """Return a title as text of a directive's argument."""
+    return title.replace("`", "\\`").replace("*", "\\*")
+
+
 def gallery() -> str:
-    """Return the page of the shipped scenarios, as if it stood in the root of the repository."""
+    """Return the page of the shipped scenarios, in the folder of the generated pages."""
     return "\n\n".join(_gallery()) + "\n"
 
 
@@ -96,22 +184,20 @@ def _gallery() -> Iterator[str]:
         "it has one. `ggbench run NAME` runs one again, `ggbench report` writes its report. Terms "
         "are [defined](reports/definitions.md) once."
     )
-    for name in scenario.shipped():
-        loaded = scenario.load(name)
-        yield f"## {loaded.title}"
+    yield "::::{grid} 1 2 3 3\n:gutter: 3"
+    pictures = _pictures()
+    for name in scenarios():
+        loaded, page = scenario.load(name), _REPORTS / f"{name}.md"
+        options = [f":img-top: {THUMBNAILS}/{name}.png"] if name in pictures else []
+        yield "\n".join([f":::{{grid-item-card}} {_plain(loaded.title)}", *options])
         yield loaded.description
-        if not (_REPORTS / f"{name}.md").exists():
-            yield f"`{name}`: [the scenario's file](scenarios/{name}.toml)"
-            continue
-        report = _text(_REPORTS / f"{name}.md")
-        yield answer(report)
-        picture = main_picture(report)
-        if picture is not None:
-            yield f"![{picture[0]}](reports/{picture[1]})"
-        yield (
-            f"`{name}`: [the report](reports/{name}.md), "
-            f"[the scenario's file](scenarios/{name}.toml)"
-        )
+        links = f"[the scenario's file](../../scenarios/{name}.toml)"
+        if page.exists():
+            yield relinked(answer(_text(page)), page, GENERATED / "gallery.md")
+            links = f"[the report](reports/{name}.md), {links}"
+        yield f"`{name}`: {links}"
+        yield ":::"
+    yield "::::"
 
 
 def answer(report: str) -> str:

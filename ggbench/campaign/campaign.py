@@ -32,7 +32,7 @@ from .flights import first_problem, flight_of
 from .plan import PendingCell, Plan, Tasks
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
-from .texts import exception_text
+from .texts import refusal
 
 _NAMED_CASES = 3
 
@@ -199,11 +199,7 @@ class Campaign:
         estimators = {label: choose(label).estimator for label in self.labels}
         for study, case, problem in check(self.plan.scenario, self.seed):
             for label, estimator in estimators.items() if not study else ():
-                try:
-                    reason = estimator.skip(problem)
-                except Exception as error:
-                    reason = f"its skip raises {exception_text(error)}"
-                if reason:
+                if reason := refusal(estimator, problem):
                     left_out.setdefault(label, {})[case.name] = reason
         cases = [case.name for case in self.plan.scenario.cases]
         remarks = left_out_remarks(left_out, cases)

@@ -25,17 +25,17 @@ from ..errors import GGBenchError
 from ..estimator_spec import EstimatorSpec
 from ..exchange import PROGRAM
 from ..exchange.containers import SUFFIXES
+from ..figures.numbers import some
 from ..parameters import parameters_of
 from ..problem import Causality, Estimator, Family
 from ..spec.rosters import expanded
+from .foreign_changes import OWN_MODULE, put_back
 from .truth_isolation import suspicious_names
 
 GROUP = "ggbench.estimators"
 FRAMEWORKS = "ggbench.frameworks"
 """Entry points of estimators that need another package, each with an extra."""
 _SOURCE = "__ggbench_source__"
-_OWN_MODULE = "ggbench_user_"
-"""How the module names of files of a user's own begin."""
 _SHIPPED = ("ggbench.estimators.", "ggbench.adapters.")
 """How the names of modules of shipped estimators begin."""
 _ADAPTERS = "ggbench.adapters."
@@ -199,7 +199,7 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
     """
     cls = type(estimator)
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
-    if cls.__module__.startswith(_OWN_MODULE):
+    if cls.__module__.startswith(OWN_MODULE):
         name = str(file)
     else:
         place = f"{cls.__module__}:{cls.__qualname__}"
@@ -371,7 +371,7 @@ def _from_file(path: Path) -> type[Estimator]:
     except OSError as error:
         raise EstimatorError(f"cannot read estimator file {path}: {error.strerror}") from None
     # The same file is imported once; two files of one name do not collide.
-    module_name = f"{_OWN_MODULE}{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
+    module_name = f"{OWN_MODULE}{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
     module = sys.modules.get(module_name)
     if module is None:
         # Not by an import: a cached byte code could be older than what is hashed here.
@@ -379,13 +379,21 @@ def _from_file(path: Path) -> type[Estimator]:
         module.__file__ = str(path)
         vars(module)[_SOURCE] = source
         sys.modules[module_name] = module
+        replaced: list[str] = []
         try:
-            exec(compile(source, str(path), "exec"), vars(module))
+            with put_back(replaced):
+                exec(compile(source, str(path), "exec"), vars(module))
         except (Exception, SystemExit) as error:
             del sys.modules[module_name]
             raise EstimatorError(
                 f"{path} cannot be imported: {type(error).__name__}: {error}"
             ) from error
+        if replaced:
+            del sys.modules[module_name]
+            raise EstimatorError(
+                f"{path} replaces {some(replaced)} when it is imported; an estimator must leave "
+                "functions of other modules as they are"
+            )
     classes = [
         item
         for item in vars(module).values()

@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 import traceback
+from contextlib import nullcontext
+from typing import TYPE_CHECKING
+
+from ..errors import brief
+from ..figures.numbers import some
+from .foreign_changes import OWN_MODULE, put_back
+
+if TYPE_CHECKING:
+    from ..problem import Estimator, Problem
 
 LONGEST_TEXT = 4000
 """Most characters of an exception, of a traceback, or of the output of a run."""
@@ -15,6 +24,23 @@ def exception_text(error: BaseException) -> str:
     except Exception:
         text = "(its text cannot be made)"
     return printable(f"{type(error).__name__}: {text}")
+
+
+def refusal(estimator: Estimator, problem: Problem) -> str:
+    """Return the reason why an estimator cannot take a problem, as one short line, or "".
+
+    An exception of its ``skip`` is a reason; so is a replaced function of another module.
+    """
+    replaced: list[str] = []
+    own = type(estimator).__module__.startswith(OWN_MODULE)
+    try:
+        with put_back(replaced) if own else nullcontext():
+            reason = estimator.skip(problem)
+        if replaced:
+            reason = f"its skip replaces {some(replaced)}"
+        return brief(str(reason)) if reason else ""
+    except Exception as error:
+        return brief(f"its skip raises {exception_text(error)}")
 
 
 def traceback_text() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +14,14 @@ from ..display.responsive_table import ResponsiveTable
 from ..display.timing import Moment
 from ..spec.limits import MOST_RUNS
 from .screen import console
+from .tables import require_suffix
 
 if TYPE_CHECKING:
     from ..score.advice import Advice
 
 _EXIT_OUT_OF_REACH = 1
-_SMALL = 0.005
-"""Relative gain of the bound below which a cause does not limit the accuracy."""
+_HEADINGS = 8
+"""Headings of the tracks on the page."""
 
 
 @click.command()
@@ -44,6 +44,11 @@ _SMALL = 0.005
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="Results folder [results/advise/NAME]."
 )
+@click.option(
+    "--page",
+    type=click.Path(path_type=Path),
+    help="HTML page to write, with map, track and the bounds of other headings.",
+)
 @click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
 def advise(
     scenario_name: str,
@@ -51,6 +56,7 @@ def advise(
     target: float | None,
     runs: int,
     output: Path | None,
+    page: Path | None,
     jobs: int | None,
 ) -> None:
     """Recommend an estimator and an instrument for a SCENARIO.
@@ -61,6 +67,7 @@ def advise(
 
     Exit code 1 if no gradiometer reaches the target.
     """
+    require_suffix(page, ".html")
     start = Moment.now()
     tell_first_use("ins/strapdown.py", "in a minute or two")
     with Progress(console, scenario_name) as progress:
@@ -81,69 +88,47 @@ def advise(
         )
     _print(advice)
     reached = target is None or _print_target(advice, target)
+    if page is not None:
+        from ..judging.planned import around
+        from ..score import decision_page
+
+        tracks = around(flown, headings=_HEADINGS, starts=1, step_km=1.0)
+        decision_page.write(loaded, advice, tracks, target, page)
+        click.echo(f"Wrote {page}")
     click.echo(f"It took {start.since()}.")
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
 
 
 def _print(advice: Advice) -> None:
     """Print the estimators, the recommended one, and what limits the accuracy."""
-    from ..judging.field_scale import on_the_prior
     from ..report import columns
-    from ..score import advice as advices
+    from ..score import decisions
 
-    headings = ("RMS m", "× oracle", "success", "", "usual ms/run")
+    name, *numbers = decisions.ESTIMATOR_HEAD
     table = ResponsiveTable(
         f"{advice.case.title}: bound {columns.metres(advice.bound_m)} m",
-        [("estimator", "name"), *((heading, "number") for heading in headings)],
+        [(name, "name"), *((heading, "number") for heading in numbers)],
     )
-    rows, usual = advices.table(advice), advices.usual_seconds()
-    for row in rows.to_dict("records"):
-        table.add_row(
-            row["estimator"],
-            columns.cell("rms_m", row["rms_m"]),
-            columns.cell("efficiency", row["efficiency"]),
-            columns.cell("success", row["success"]),
-            columns.SYMBOLS.get(row["consistency"], ""),
-            f"{1e3 * usual[row['estimator']]:.3g}" if row["estimator"] in usual else "",
-        )
+    for row in decisions.estimator_rows(advice):
+        table.add_row(*row)
     table.print(console)
-    errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
-    label, surely = advices.recommended(advice)
-    if label in errors:
-        verdict = "use" if surely else "no estimator is recommended; the least bad is"
-        console.out(f"In flight: {verdict} {label}, RMS error {columns.metres(errors[label])} m.")
-    smoother = advices.after_landing(advice)
-    if smoother in errors:
-        console.out(f"After landing: {smoother}, RMS error {columns.metres(errors[smoother])} m.")
-    row = advice.results.cases().iloc[0]
-    if math.isfinite(row["width"]):
-        prior = on_the_prior(row["position_m"], row["correlation_m"])
-        console.out(f"{prior[0].upper()}{prior[1:]}.")
+    for sentence in decisions.verdicts(advice):
+        console.out(sentence)
+    cause, *numbers = decisions.LIMIT_HEAD
     table = ResponsiveTable(
-        "What limits the accuracy: each cause halved",
-        [("cause", "text"), ("bound m", "number"), ("change", "number")],
+        decisions.LIMITS, [(cause, "text"), *((heading, "number") for heading in numbers)]
     )
-    for limit in advice.limits:
-        change = f"−{100.0 * limit.gain:.0f} %" if limit.gain > _SMALL else "none"
-        table.add_row(limit.cause, columns.metres(limit.bound_m), change)
+    for row in decisions.limit_rows(advice):
+        table.add_row(*row)
     table.print(console)
-    console.out("For each cause, truth and model have half the errors.")
+    console.out(decisions.HALVED)
 
 
 def _print_target(advice: Advice, target: float) -> bool:
     """Print which gradiometer reaches a target; return whether any does."""
-    from ..report import columns
+    from ..score import decisions
 
-    if advice.bound_m <= target:
-        console.out(f"The bound allows {target:g} m with the sensors as they are.")
-    if not advice.unit:
-        console.out("The case has no gradiometer whose noise could be changed.")
-        return advice.bound_m <= target
-    if math.isnan(advice.noise):
-        console.out(f"No gradiometer reaches {target:g} m here: change the track, map or INS.")
-        return False
-    console.out(
-        f"{target:g} m need a gradiometer noise of at most {columns.metres(advice.noise)} "
-        f"{advice.unit}, in truth and model, at the rate of the case."
-    )
-    return True
+    sentences, reached = decisions.instrument(advice, target)
+    for sentence in sentences:
+        console.out(sentence)
+    return reached

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..errors import brief
 from ..spec.limits import MOST_RUNS, MOST_SEED
 
 _EXIT_FAILED = 1
@@ -120,7 +121,7 @@ def judge(
     for sentence in exchange.misreadings(estimates, results):
         click.echo(f"Warning: {sentence}.")
     failed = results.failures()
-    for reason in dict.fromkeys(failed["reason"]) if len(failed) else ():
+    for reason in dict.fromkeys(map(brief, failed["reason"])) if len(failed) else ():
         click.echo(f"Failed: {reason}")
     name = as_argument(str(folder))
     click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")

@@ -17,11 +17,8 @@ from .tables import require_suffix, write_csv
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..figures.style import Drawing
-    from ..spec.case import CaseSpec
 
 _EXIT_OUT_OF_REACH = 1
-_SHOWN = 10
 
 
 @click.command()
@@ -88,55 +85,24 @@ def plan(
         write_csv(tracks, output)
     if figure is not None:
         from ..figures.style import save
+        from ..score.decision_page import over_map
 
-        save(drawn(tracks, flown), figure)
+        save(over_map(tracks, flown), figure)
         click.echo(f"Wrote {figure}")
     reached = target is None or bool((tracks["bound_m"] <= target).any())
     sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
 
 
-def drawn(tracks: pd.DataFrame, case: CaseSpec) -> Drawing:
-    """Return the figure of tracks over the map, on the side of the date line of the flight."""
-    from ..figures.planned import planned_tracks
-    from ..simulation.field_source import beside, make_field
-    from ..simulation.true_motion import trajectory_of
-
-    present = trajectory_of(case.trajectory, case.imu.period_s).positions
-    field = beside(make_field(case.side("truth").field), float(present[0, 1]))
-    return planned_tracks(tracks, field, present, case.title)
-
-
 def _print(tracks: pd.DataFrame, title: str, target: float | None) -> None:
     """Print the best tracks and the worst one, and what cannot be flown."""
-    able = tracks[tracks["reason"] == ""]
+    from ..score import decisions
+
     table = ResponsiveTable(
         f"{title}: the best of {counted(len(tracks), 'track')}",
-        [
-            ("heading °", "number"),
-            ("east km", "number"),
-            ("north km", "number"),
-            ("bound m", "number"),
-        ],
+        [(heading, "number") for heading in decisions.TRACK_HEAD],
     )
-    for row in able.head(_SHOWN).itertuples():
-        table.add_row(
-            f"{row.heading_deg:.0f}", f"{row.east_km:g}", f"{row.north_km:g}", f"{row.bound_m:.3g}"
-        )
+    for row in decisions.track_rows(tracks):
+        table.add_row(*row)
     table.print(console)
-    if len(able):
-        console.out(f"The worst track has a bound of {able['bound_m'].iloc[-1]:.3g} m.")
-        present = able[able["present"]]
-        if len(present):
-            rank, bound = int(present.index[0]) + 1, present["bound_m"].iloc[0]
-            console.out(f"The track of the case has a bound of {bound:.3g} m and rank {rank}.")
-    unable = tracks[tracks["reason"] != ""]
-    if len(unable):
-        console.out(
-            f"{counted(len(unable), 'track')} cannot be flown; reason of the first: "
-            f"{unable['reason'].iloc[0]}"
-        )
-    if target is not None:
-        count = int((able["bound_m"] <= target).sum())
-        console.out(
-            f"{counted(count, 'track')} of {len(tracks)} have a bound of at most {target:g} m."
-        )
+    for sentence in decisions.track_sentences(tracks, target):
+        console.out(sentence)

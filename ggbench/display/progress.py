@@ -29,7 +29,8 @@ class Progress(progress.Progress):
 
     Compilation before the campaign is shown, too. Results that the folder already holds count in
     the errors. ``title`` is the name of the campaign until it begins; ``live`` says whether what is
-    shown can be changed, by default in a terminal.
+    shown can be changed, by default in a terminal. A pipe is none, even where ``FORCE_COLOR`` is
+    set, as in the shell cells of notebooks.
     """
 
     def __init__(self, console: Console, title: str, live: bool | None = None) -> None:
@@ -44,13 +45,15 @@ class Progress(progress.Progress):
         self._waiting = ""
         self._last = 0.0
         self._ended = threading.Event()
+        if live is None:
+            live = console.is_terminal and console.file.isatty()
         super().__init__(
             progress.BarColumn(20),
             progress.TextColumn("{task.description}", markup=False),
             console=console,
             refresh_per_second=4.0,
             transient=True,
-            disable=not (console.is_terminal if live is None else live),
+            disable=not live,
         )
 
     def start(self) -> None:

@@ -14,6 +14,7 @@ from ..campaign import campaign, running
 from ..campaign.flights import first_problem
 from ..campaign.registry import Choice, choose
 from ..campaign.result_keys import RESULTS_VERSION
+from ..campaign.texts import refusal
 from ..judging.pairs import PairedRuns, compared, judged, kind
 from ..judging.statistics import EQUIVALENT
 from ..judging.summary import succeeded
@@ -166,7 +167,7 @@ def _skipped(choice: Choice, suite: Scenario, seed: int) -> dict[str, str]:
     return {
         case.name: reason
         for case in suite.cases
-        if (reason := choice.estimator.skip(first_problem(case, seed)))
+        if (reason := refusal(choice.estimator, first_problem(case, seed)))
     }
 
 

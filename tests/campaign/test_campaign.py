@@ -14,6 +14,7 @@ from thinning import thinned
 from ggbench.block import ProblemBlock
 from ggbench.campaign import execution, flights, registry, result_keys, runner, running
 from ggbench.campaign.campaign import CampaignError
+from ggbench.campaign.texts import refusal
 from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.simulation.runs import simulate
@@ -318,6 +319,28 @@ def test_an_estimator_is_left_out_of_the_case_that_it_cannot_take(tmp_path):
     results = running.fly(again, jobs=0)
     assert results.manifest["left_out"] == {label: {"noisy": "its noise is too large"}}
     results.store.close()
+
+
+class Hesitant(registry.choose("ins").estimator.__class__):
+    """An estimator whose skip raises a long text, or returns one."""
+
+    raises = False
+
+    def skip(self, problem):
+        if self.raises:
+            raise KeyError("a" * 9000)
+        return "b\n" * 9000
+
+
+def test_a_refusal_is_one_short_line():
+    """Whatever a skip returns or raises; no reason is an empty text."""
+    estimator = Hesitant()
+    reason = refusal(estimator, None)
+    assert reason.startswith("b b b") and len(reason) <= 300
+    object.__setattr__(estimator, "raises", True)
+    reason = refusal(estimator, None)
+    assert reason.startswith("its skip raises KeyError: 'aaa") and len(reason) <= 300
+    assert refusal(registry.choose("ins").estimator, None) == ""
 
 
 def missing(work, store) -> set[tuple[str, str, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import struct
 import time
@@ -13,9 +14,11 @@ import pytest
 from campaigns import LABELS, plan, ran, records, small
 from problems import SMALL
 
+from ggbench import problem
 from ggbench.campaign import campaign, registry
 from ggbench.campaign.campaign import CampaignError
 from ggbench.campaign.messages import GarbledError, Inbox, packed
+from ggbench.campaign.texts import refusal
 from ggbench.display.timing import Moment, duration
 from ggbench.results.database import StoreError
 from ggbench.results.store import Store, read_manifest
@@ -57,6 +60,58 @@ class Foreign(Estimator):
         mean = np.zeros((problem.epochs, problem.dimension))
         return Estimate(mean, None, "filter", info={"oom_score": told})
 """
+
+
+REPLACING = (
+    FOREIGN.replace("NAME", "replacing")
+    + """
+    def skip(self, problem):
+        if SKIPPING:
+            pickle.dumps = refuse
+
+
+import math
+import pickle
+import scipy.signal
+SKIPPING = False
+NUMBER = np.isfinite
+"""
+)
+
+
+@pytest.mark.parametrize(
+    ("statement", "said"),
+    [
+        ("np.isfinite = refuse", "numpy.isfinite"),
+        ("time.perf_counter = lambda: 0.0", "time.perf_counter"),
+        ("np.linalg.inv, math.sqrt = refuse, refuse", "(numpy.linalg.inv|math.sqrt)"),
+        ("import ggbench.problem as p; p.Estimate = Foreign", "ggbench.problem.Estimate"),
+        ("np.isfinite = refuse; raise ValueError('no')", "cannot be imported: ValueError: no"),
+        ("", ""),
+    ],
+)
+def test_a_file_that_replaces_functions_when_it_is_imported_is_refused(statement, said, tmp_path):
+    """The process that asks has them back; control: a file that only imports is accepted."""
+    functions = np.isfinite, time.perf_counter, np.linalg.inv, math.sqrt, problem.Estimate
+    file = tmp_path / "replacing.py"
+    file.write_text(REPLACING + statement + "\n")
+    if said:
+        with pytest.raises(registry.EstimatorError, match=said):
+            registry.choose(str(file))
+    else:
+        assert registry.choose(str(file)).estimator.name == "replacing"
+    present = np.isfinite, time.perf_counter, np.linalg.inv, math.sqrt, problem.Estimate
+    assert all(one is other for one, other in zip(functions, present, strict=True))
+
+
+def test_a_skip_that_replaces_a_function_is_a_refusal(tmp_path):
+    """The function is put back; control: a skip that replaces nothing refuses nothing."""
+    dumps, file = pickle.dumps, tmp_path / "skipping.py"
+    for text, reason in (("True", "its skip replaces pickle.dumps"), ("False", "")):
+        file.write_text(REPLACING.replace("SKIPPING = False", f"SKIPPING = {text}"))
+        estimator = registry.choose(str(file)).estimator
+        assert refusal(estimator, None) == reason
+        assert pickle.dumps is dumps
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ from matplotlib.quiver import Quiver
 from problems import SMALL
 from small_cases import blank_map, rough_map, small_case
 
-from ggbench.cli.plan import drawn
 from ggbench.errors import GGBenchError
 from ggbench.figures.planned import planned_tracks
 from ggbench.gravity.ellipsoid import metres_along
@@ -25,6 +24,7 @@ from ggbench.gravity.field import Field
 from ggbench.judging.planned import bound_of, tracks
 from ggbench.maps.recipe import read, write
 from ggbench.recorded.motion import angles_of
+from ggbench.score.decision_page import over_map
 from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec import scenario
 from ggbench.spec.draws import moved
@@ -99,7 +99,7 @@ def test_the_map_is_drawn_beside_the_flight(turn, tmp_path):
             dataclasses.replace(found, longitude0=found.longitude0 + longitude),
         )
         other = small_case({"field.source": str(tmp_path / "other.nc")})
-        axis = drawn(table, other).axes[0]
+        axis = over_map(table, other).axes[0]
         meshes += [each for each in axis.collections if isinstance(each, QuadMesh)]
         (tmp_path / "other.nc").rename(tmp_path / f"{turn}-{longitude}.nc")
     here, there = meshes

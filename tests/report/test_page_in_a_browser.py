@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from ggbench.report import render
 
 pytestmark = pytest.mark.long
 LABELS = ("ins", "ekf", "ukf[points=merwe]", "factor-graph[mode=batch]")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 READY = "body[data-ready=yes]"
 
 
@@ -25,20 +23,6 @@ def path(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     ran(folder, labels=LABELS).store.close()
     return render.write(folder / "out", folder)[1]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Chromium, as the system has it; ``make browser`` installs it."""
-    sync_api = pytest.importorskip("playwright.sync_api")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        pytest.skip("there is no Chromium on the path; 'make browser' installs it")
-    with sync_api.sync_playwright() as playwright:
-        # The sandbox asks for rights that a container has not.
-        opened = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(params=[400, 1280])

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import html
+import io
 import math
+import re
+import time
 from unittest.mock import Mock
 
 import pandas as pd
 import pytest
 from campaigns import small
 from command import invoke
+from matplotlib.image import imread
 from problems import SMALL
 
 from ggbench.judging.planned import bound_of
-from ggbench.score import advice
+from ggbench.score import advice, decisions
+from ggbench.spec import scenario
 
 KEY = "gradiometer.noise_eotvos"
 
@@ -118,6 +125,37 @@ def test_the_command_says_what_to_use_and_what_limits(tmp_path):
     both = "For each cause, truth and model have half the errors."
     for words in (best, "After landing: ", "What limits", both, "No gradiometer reaches 1e-09 m"):
         assert words in done.stdout
+
+
+@pytest.mark.long
+def test_one_command_writes_a_page_for_a_decision(tmp_path):
+    """Estimator, accuracy, instrument, where to fly, limits, and map and track as a picture.
+
+    The page says what the command prints.
+    """
+    (tmp_path / "own.toml").write_text(SMALL, encoding="utf-8")
+    command = ["advise", "own.toml", "-n", "4", "-j", "0", "--target", "1e6", "--page", "d.html"]
+    done = invoke(command, tmp_path, columns=160)
+    assert done.returncode == 0, done.stderr
+    assert "Wrote d.html" in done.stdout
+    text = html.unescape((tmp_path / "d.html").read_text(encoding="utf-8"))
+    loaded = scenario.load(tmp_path / "own.toml")
+    assert f"<h1>{loaded.title}: {loaded.cases[0].title}</h1>" in text
+    assert loaded.description in text and time.strftime("%Y-") in text
+    heads = re.findall("<h2>(.*?)</h2>", text)
+    assert heads == ["Estimator and accuracy", "Instrument", "Where to fly", decisions.LIMITS]
+    sentences = re.findall("<li>(.*?)</li>", text)
+    assert [each.split(":")[0] for each in sentences[:2]] == ["In flight", "After landing"]
+    printed = " ".join(done.stdout.split())
+    assert all(sentence in printed for sentence in sentences[:4])
+    assert "8 tracks of 8 have a bound of at most 1e+06 m." in sentences
+    (image,) = re.findall('<img src="data:image/png;base64,(.*?)"', text)
+    assert imread(io.BytesIO(base64.b64decode(image)), "png").shape[1] > 400
+
+
+def test_a_page_that_is_no_html_is_refused_before_anything_is_flown(tmp_path):
+    done = invoke(["advise", "wang2013", "--page", "d.pdf"], tmp_path)
+    assert done.returncode == 2 and ".html" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -274,7 +274,7 @@ def test_texts_of_an_estimator_stay_texts_on_a_page(tmp_path):
         assert html.count("<img") == 1 and "http://e" not in "".join(re.findall("<img[^>]*>", html))
         assert "<b>" not in html
         assert len(re.findall("<h[1-6]", html)) == 3
-        assert html.split("<tr>")[-1].count("<td>") == 3
+        assert len(re.findall("<td[ >]", html.split("<tr>")[-1])) == 3
     assert (tmp_path / "card.png").stat().st_size > 5000
 
 
@@ -298,3 +298,25 @@ def test_failures_of_a_kind_are_one_line(tmp_path):
     assert page.kinds_of_failures(failures.iloc[:0]) == []
     text = page.write(card(), failures, tmp_path)[0].read_text()
     assert text.count("`again ") == 3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("width", "stacked"), [(400, True), (1280, False)])
+def test_a_card_fits_on_a_telephone(width, stacked, tmp_path, browser):
+    """Nothing is cut at 400 pixels: cells of a row stand below each other, behind their heads."""
+    rows = [("air-narrow", 1, "ValueError: " + "word " * 40, f"ggbench run suite {'x' * 300}")]
+    failures = pd.DataFrame(rows, columns=["case", "run", "reason", "command"])
+    written = page.write(card(), failures, tmp_path)[1]
+    opened = browser.new_page(viewport={"width": width, "height": 900})
+    opened.goto(written.as_uri())
+    assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    cut = "all => all.filter(e => e.scrollWidth > e.clientWidth + 1).length"
+    assert opened.locator("table, td").evaluate_all(cut) == 0
+    assert opened.locator("table").count() == 2
+    for table in opened.locator("table").all():
+        assert table.locator("th").first.is_visible() is not stacked
+        cells = [cell.bounding_box() for cell in table.locator("tr").nth(1).locator("td").all()]
+        assert (cells[0]["x"] == cells[1]["x"]) is stacked
+    head = "e => getComputedStyle(e, '::before').content"
+    assert (page.HEAD[1] in opened.locator("td").nth(1).evaluate(head)) is stacked
+    opened.close()

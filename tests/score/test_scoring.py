@@ -156,6 +156,17 @@ def test_cases_that_are_skipped_and_runs_that_fail_are_named(tmp_path):
         scoring.score(str(file), tmp_path / "none", 4, cases=("air-narrow",), jobs=0)
 
 
+def test_a_skip_that_raises_is_a_reason(tmp_path):
+    """Of one short line, however long its text is."""
+    file = tmp_path / "raising.py"
+    raising = 'return "six channels are too many" if problem.noise_cov.shape[0] == 6 else ""'
+    assert raising in SHY
+    file.write_text(textwrap.dedent(SHY).replace(raising, 'raise KeyError("a" * 9000)'))
+    with pytest.raises(ScoreError, match="skips all cases: its skip raises KeyError") as refused:
+        scoring.score(str(file), tmp_path / "out", 4, cases=("air-narrow",), jobs=0)
+    assert len(str(refused.value)) < 500
+
+
 def test_unequal_runs_are_refused(monkeypatch, tmp_path):
     """Control: stored runs of which one is missing are never compared."""
     whole = stored()

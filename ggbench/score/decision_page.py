@@ -1,0 +1,83 @@
+"""One HTML page for a decision, with the map and the track as a picture."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+import time
+from pathlib import Path
+
+import pandas as pd
+
+from ..figures.planned import planned_tracks
+from ..figures.style import Drawing, save
+from ..files import written_whole
+from ..report import columns
+from ..report.page_templates import environment
+from ..simulation.field_source import beside, make_field
+from ..simulation.true_motion import trajectory_of
+from ..spec.case import CaseSpec
+from ..spec.scenario import Scenario
+from . import decisions
+from .advice import Advice
+from .stored_runs import ScoreError
+
+
+def over_map(tracks: pd.DataFrame, case: CaseSpec) -> Drawing:
+    """Return the figure of tracks over the map, on the side of the date line of the flight.
+
+    Parameters
+    ----------
+    tracks : of :func:`ggbench.judging.planned.around`.
+    case : whose flight was moved.
+    """
+    present = trajectory_of(case.trajectory, case.imu.period_s).positions
+    field = beside(make_field(case.side("truth").field), float(present[0, 1]))
+    return planned_tracks(tracks, field, present, case.title)
+
+
+def write(
+    scenario: Scenario, advice: Advice, tracks: pd.DataFrame, target_m: float | None, path: Path
+) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    scenario : of the case.
+    advice : on the case.
+    tracks : of :func:`ggbench.judging.planned.around`, for the case.
+    target_m : RMS position error that is wanted [m], None if none is stated.
+    path : of the page.
+
+    Raises
+    ------
+    ScoreError
+        If the page cannot be written.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "tracks.png"
+        save(over_map(tracks, advice.case), picture)
+        image = base64.b64encode(picture.read_bytes()).decode()
+    style = (columns.TEMPLATES / "page.css").read_text(encoding="utf-8")
+    text = (
+        environment(html=True)
+        .get_template("decision.html.j2")
+        .render(
+            style=style,
+            scenario=scenario,
+            advice=advice,
+            runs=advice.results.run_count,
+            date=time.strftime("%Y-%m-%d"),
+            answers=decisions.verdicts(advice),
+            instrument=[] if target_m is None else decisions.instrument(advice, target_m)[0],
+            estimators=(decisions.ESTIMATOR_HEAD, decisions.estimator_rows(advice)),
+            limits=(decisions.LIMIT_HEAD, decisions.limit_rows(advice)),
+            limits_title=decisions.LIMITS,
+            halved=decisions.HALVED,
+            tracks=(decisions.TRACK_HEAD, decisions.track_rows(tracks)),
+            where=decisions.track_sentences(tracks, target_m),
+            image=image,
+        )
+    )
+    with written_whole(path, ScoreError) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,141 @@
+"""Sentences and tables of a decision: estimator, accuracy, instrument, where to fly, limits."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+
+from ..errors import brief
+from ..figures.numbers import counted
+from ..judging.field_scale import on_the_prior
+from ..report import columns
+from . import advice as advices
+from .advice import Advice
+
+ESTIMATOR_HEAD = ("estimator", "RMS m", "× oracle", "success", "", "usual ms/run")
+LIMIT_HEAD = ("cause", "bound m", "change")
+TRACK_HEAD = ("heading °", "east km", "north km", "bound m")
+LIMITS = "What limits the accuracy: each cause halved"
+HALVED = "For each cause, truth and model have half the errors."
+_SMALL = 0.005
+"""Relative gain of the bound below which a cause does not limit the accuracy."""
+_SHOWN = 10
+
+
+def estimator_rows(advice: Advice) -> list[tuple[str, ...]]:
+    """Return a row of texts for each estimator that was flown, with the columns of the head."""
+    usual = advices.usual_seconds()
+    return [
+        (
+            row["estimator"],
+            columns.cell("rms_m", row["rms_m"]),
+            columns.cell("efficiency", row["efficiency"]),
+            columns.cell("success", row["success"]),
+            columns.SYMBOLS.get(row["consistency"], ""),
+            f"{1e3 * usual[row['estimator']]:.3g}" if row["estimator"] in usual else "",
+        )
+        for row in advices.table(advice).to_dict("records")
+    ]
+
+
+def verdicts(advice: Advice) -> list[str]:
+    """Return the estimators to use in flight and after landing, and the width of the prior."""
+    rows = advices.table(advice)
+    errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
+    sentences = []
+    label, surely = advices.recommended(advice)
+    if label in errors:
+        verdict = "use" if surely else "no estimator is recommended; the least bad is"
+        sentences.append(f"In flight: {verdict} {label}, RMS error {_metres(errors[label])}.")
+    smoother = advices.after_landing(advice)
+    if smoother in errors:
+        sentences.append(f"After landing: {smoother}, RMS error {_metres(errors[smoother])}.")
+    row = advice.results.cases().iloc[0]
+    if math.isfinite(row["width"]):
+        prior = on_the_prior(row["position_m"], row["correlation_m"])
+        sentences.append(f"{prior[0].upper()}{prior[1:]}.")
+    return sentences
+
+
+def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
+    """Return a row of texts for each cause of error, the one that gains most first."""
+    return [
+        (
+            limit.cause,
+            columns.metres(limit.bound_m),
+            f"−{100.0 * limit.gain:.0f} %" if limit.gain > _SMALL else "none",
+        )
+        for limit in advice.limits
+    ]
+
+
+def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
+    """Return which gradiometer reaches an RMS position error [m], and whether any does."""
+    sentences = []
+    if advice.bound_m <= target_m:
+        sentences.append(f"The bound allows {target_m:g} m with the sensors as they are.")
+    if not advice.unit:
+        sentences.append("The case has no gradiometer whose noise could be changed.")
+        return sentences, advice.bound_m <= target_m
+    if math.isnan(advice.noise):
+        sentences.append(
+            f"No gradiometer reaches {target_m:g} m here: change the track, map or INS."
+        )
+        return sentences, False
+    sentences.append(
+        f"{target_m:g} m need a gradiometer noise of at most {columns.metres(advice.noise)} "
+        f"{advice.unit}, in truth and model, at the rate of the case."
+    )
+    return sentences, True
+
+
+def track_rows(tracks: pd.DataFrame) -> list[tuple[str, ...]]:
+    """Return a row of texts for each of the best tracks.
+
+    Parameters
+    ----------
+    tracks : of :func:`ggbench.judging.planned.around`.
+    """
+    return [
+        (f"{row.heading_deg:.0f}", f"{row.east_km:g}", f"{row.north_km:g}", f"{row.bound_m:.3g}")
+        for row in _able(tracks).head(_SHOWN).itertuples()
+    ]
+
+
+def track_sentences(tracks: pd.DataFrame, target_m: float | None) -> list[str]:
+    """Return the bounds of the worst and the present track, and what cannot be flown.
+
+    Parameters
+    ----------
+    tracks : of :func:`ggbench.judging.planned.around`.
+    target_m : RMS position error that is wanted [m], None if none is stated.
+    """
+    able, sentences = _able(tracks), []
+    if len(able):
+        sentences.append(f"The worst track has a bound of {able['bound_m'].iloc[-1]:.3g} m.")
+        present = able[able["present"]]
+        if len(present):
+            rank, bound = int(present.index[0]) + 1, present["bound_m"].iloc[0]
+            sentences.append(f"The track of the case has a bound of {bound:.3g} m and rank {rank}.")
+    unable = tracks[tracks["reason"] != ""]
+    if len(unable):
+        sentences.append(
+            f"{counted(len(unable), 'track')} cannot be flown; reason of the first: "
+            f"{brief(unable['reason'].iloc[0])}"
+        )
+    if target_m is not None:
+        count = int((able["bound_m"] <= target_m).sum())
+        sentences.append(
+            f"{counted(count, 'track')} of {len(tracks)} have a bound of at most {target_m:g} m."
+        )
+    return sentences
+
+
+def _able(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return the tracks that can be flown."""
+    return tracks[tracks["reason"] == ""]
+
+
+def _metres(error: float) -> str:
+    return f"{columns.metres(error)} m"
