@@ -9,19 +9,15 @@ import re
 import numpy as np
 import pytest
 from oracles import multiple_model as oracle
+from oracles.augmented_problem import augmented
 from problems import block_of_runs
 
 from ggbench.block import block_of
 from ggbench.campaign.registry import choose
 from ggbench.engines import model_hypotheses
 from ggbench.engines.extended_filter import UpdateOptions, extended_with_evidence
-from ggbench.engines.model_hypotheses import (
-    Hypothesis,
-    augmented,
-    heavy_tails,
-    map_error,
-    motion_of,
-)
+from ggbench.engines.hypothesis_motion import motion_of
+from ggbench.engines.model_hypotheses import Hypothesis, heavy_tails, map_error
 from ggbench.engines.multiple_model import SearchOptions, log_weights, multiple_model
 from ggbench.engines.robust_weights import losses
 from ggbench.estimators.multiple_model import MultipleModel
@@ -109,13 +105,71 @@ def test_evidence_is_the_density_of_the_readings():
         np.testing.assert_allclose(evidence[0], expected, rtol=1e-6, atol=1e-6)
 
 
+def _assert_plain(block, hypothesis):
+    """Compare the bank of one hypothesis with the plain filter of a problem with dense matrices.
+
+    Rounding decides when the search of a loss ends.
+    """
+    limit = 1e-9 if hypothesis.loss == "none" else 1e-6
+    found = multiple_model(block, [hypothesis], ONE_CELL)
+    problem, _ = augmented(block, hypothesis, motion_of(block))
+    options = UpdateOptions(
+        iterations=1 if hypothesis.loss == "none" else 2,
+        loss=hypothesis.loss,
+        threshold=hypothesis.threshold,
+    )
+    dense, _ = extended_with_evidence(problem, options)
+    n, sigma = block.dimension, np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((found.mean - dense.mean[..., :n]) / sigma).max() < limit
+    apart = found.cov - dense.cov[..., :n, :n]
+    assert np.abs(apart / np.outer(sigma, sigma)).max() < limit
+    if hypothesis.loss == "none":
+        np.testing.assert_array_equal(found.info["map_evaluations"], block.epochs)
+
+
+@pytest.mark.parametrize(
+    ("case", "hypothesis"),
+    [
+        ("air-narrow", Hypothesis("noise", noise=3.0)),
+        ("air-narrow", dataclasses.replace(SMOOTH, rough=True)),
+        ("air-narrow", dataclasses.replace(SMOOTH, constant=0.0)),
+        ("air-narrow", dataclasses.replace(SMOOTH, gravity_mgal=30.0, gravity_km=40.0, noise=0.7)),
+        ("gravity", Hypothesis("gravity", gravity_mgal=60.0, integrated=True, constant=9.0)),
+        ("map-error-known", SMOOTH),
+        ("one-channel", SMOOTH),
+        ("gravimeter", dataclasses.replace(SMOOTH, noise=2.0)),
+        ("gaps", heavy_tails("outliers", 2.0).estimate),
+        ("gnss-outage", SMOOTH),
+    ],
+)
+def test_a_filter_of_the_bank_is_the_plain_one_of_a_dense_problem(case, hypothesis):
+    """The zeros that the bank leaves out change nothing, of any kind of states and sensors."""
+    block = flight(case, epochs=30)
+    _assert_plain(block, hypothesis)
+
+
+def test_noise_that_is_correlated_across_sensors_is_scaled_exactly():
+    """A factor on some channels then does not scale whole equations; with and without a loss."""
+    block = flight("gnss-outage", epochs=20)
+    m, channels = block.measurements.shape[2], list(block.channels)
+    channels[-1] = dataclasses.replace(channels[-1], unit="mGal")
+    noise_cov = block.noise_cov.reshape(-1, m, m)[:1].copy()
+    noise_cov[0, -1, -2] = noise_cov[0, -2, -1] = 0.6 * np.sqrt(
+        noise_cov[0, -1, -1] * noise_cov[0, -2, -2]
+    )
+    block = dataclasses.replace(block, channels=tuple(channels), noise_cov=noise_cov)
+    bank = (Hypothesis("noise", noise=4.0), heavy_tails("outliers", 2.0).estimate)
+    for hypothesis in bank:
+        _assert_plain(block, hypothesis)
+
+
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_a_loss_is_a_density(loss):
     """What its tails take is counted: ∫ exp(−ρ) is that of the normal density by this factor."""
     hypothesis = Hypothesis("outliers", loss=loss, threshold=2.385)
     grid = np.linspace(-2e4, 2e4, 4_000_001)
     total = np.exp(-losses(grid, loss, 2.385)).sum() * (grid[1] - grid[0])
-    found = model_hypotheses._spread(hypothesis)
+    found = model_hypotheses.spread(hypothesis)
     assert found == pytest.approx(math.log(total / math.sqrt(2.0 * math.pi)), abs=1e-5)
 
 
@@ -175,7 +229,7 @@ def test_of_a_problem_without_map_or_track_only_what_it_has_is_doubted():
 def test_less_noise_is_no_answer_to_errors_that_are_modelled_too_rough():
     """Where the model has walking biases no noise below the assumed one is doubted."""
     less, more = Hypothesis("noise", noise=0.5), Hypothesis("noise", noise=2.0)
-    for case, taken in (("map-error", True), ("map-error-modelled", False)):
+    for case, taken in (("map-error", True), ("map-error-known", False)):
         block = flight(case, runs=1, epochs=3)
         assert model_hypotheses.takes(less, block) is taken
         assert model_hypotheses.takes(more, block)
