@@ -15,8 +15,7 @@ import numpy as np
 from ..block import EstimateBlock, ProblemBlock
 from ..problem import GravityMap
 from . import position_grid
-from .banks import split_prior
-from .gaussian_sum import WIDTH, gaussian_sum_with_evidence
+from .gaussian_sum import WIDTH, CarriedSum, Hypotheses, prior_cells, space_for
 from .hypothesis_bank import Bank, follow
 from .hypothesis_families import bank_of
 from .hypothesis_motion import motion_of
@@ -83,7 +82,7 @@ def multiple_model(
         weights=np.full((len(chosen), runs, epochs), -np.inf),
         counts=np.zeros(runs, dtype=np.int64),
     )
-    log_cells, _, _ = split_prior(block.problem(0), options.spacing_m, options.most, WIDTH)
+    prior = prior_cells(block, options.spacing_m, options.most)
     # The states of a group of runs are in memory at the same time.
     for first in range(0, runs, _GROUP):
         some = slice(first, min(first + _GROUP, runs))
@@ -96,8 +95,8 @@ def multiple_model(
         )
         begins = np.zeros(part.runs, dtype=np.int64)
         logs = np.tile(priors[:, np.newaxis], part.runs)
-        if len(log_cells) > 1:
-            begins = _search(part, chosen, logs, options, out)
+        if len(prior.weights) > 1:
+            begins = _search(part, chosen, logs, prior, options, out)
         bank = bank_of(part, chosen, motion_of(part), options.iterations)
         _follow(bank, begins, part, logs, out)
         all_of.weights[:, some] = out.weights
@@ -137,51 +136,83 @@ def _search(
     block: ProblemBlock,
     hypotheses: Sequence[Hypothesis],
     logs: np.ndarray,
+    prior: Hypotheses,
     options: SearchOptions,
     out: Mixture,
 ) -> np.ndarray:
     """Fill the mixture of Gaussian sums; return the epoch (R,) from which all hypotheses run.
 
-    ``logs`` (J, R), the weights of the hypotheses, are made what they are at that epoch.
+    Parameters
+    ----------
+    logs : (J, R) the weights of the hypotheses; made what they are at that epoch.
+    prior : the prior's Gaussians.
     """
     simple = [j for j, hypothesis in enumerate(hypotheses) if hypothesis.keeps_states]
-    found, evidences = [], []
-    for j in simple:
-        for one in (hypotheses[j], hypotheses[j].estimate):
-            if one is None:
-                continue
-            problem, peak = _with_noise(block, one)
-            estimate, evidence = gaussian_sum_with_evidence(
-                problem,
-                options.spacing_m,
-                options.most,
-                _iterations(one, options),
-                one.loss,
-                one.threshold,
-            )
-            out.counts[:] += estimate.info["map_evaluations"]
-            if one is hypotheses[j]:
-                evidences.append(evidence + peak)
-        found.append(estimate)
-    weights = log_weights(np.array(evidences), logs[simple])
-    mix(
-        weights,
-        np.array([estimate.mean for estimate in found]),
-        np.array([estimate.cov for estimate in found]),
-        out.mean,
-        out.cov,
-    )
-    out.weights[simple] = weights
-    states = position_grid.states_in_metres(block.problem(0))
-    deviations = np.sqrt(np.linalg.eigvalsh(out.cov[..., states, :][..., states])[..., -1])
-    known = deviations < WIDTH * options.spacing_m
-    epochs = np.arange(block.epochs)
-    checked = known & (epochs % max(block.epochs // _CHECKS, 1) == 0)
-    begins = np.where(checked.any(axis=1), checked.argmax(axis=1) + 1, block.epochs)
-    total = np.logaddexp.reduce(logs[simple], axis=0)
-    for run, begin in enumerate(begins):
-        logs[simple, run] = total[run] + weights[:, run, begin - 1]
-    return np.asarray(begins)
+    begins = np.empty(block.runs, dtype=np.int64)
+    for run in range(block.runs):
+        one = slice(run, run + 1)
+        own = Mixture(out.mean[one], out.cov[one], out.weights[simple, one].copy(), out.counts[one])
+        begins[run] = begin = _search_run(
+            block=block if block.runs == 1 else block.some(run, run + 1),
+            hypotheses=[hypotheses[j] for j in simple],
+            logs=logs[simple, one],
+            prior=prior,
+            options=options,
+            out=own,
+        )
+        out.weights[simple, one] = own.weights
+        total = np.logaddexp.reduce(logs[simple, run])
+        logs[simple, run] = total + own.weights[:, 0, begin - 1]
+    return begins
+
+
+def _search_run(
+    block: ProblemBlock,
+    hypotheses: Sequence[Hypothesis],
+    logs: np.ndarray,
+    prior: Hypotheses,
+    options: SearchOptions,
+    out: Mixture,
+) -> int:
+    """Fill the mixture of one run until its position is known; return the epoch after that."""
+    space, states = space_for(prior), position_grid.states_in_metres(block.problem(0))
+    sums: list[CarriedSum] = []
+    evident, peaks, estimating = [], [], []
+    for hypothesis in hypotheses:
+        for one in (hypothesis, hypothesis.estimate):
+            if one is not None:
+                problem, peak = _with_noise(block, one)
+                rules = _iterations(one, options), one.loss, one.threshold
+                sums.append(CarriedSum(problem, prior, space, *rules))
+                if one is hypothesis:
+                    evident.append(sums[-1])
+                    peaks.append(peak)
+        estimating.append(sums[-1])
+    between = max(block.epochs // _CHECKS, 1)
+    first, stop = 0, 1
+    while True:
+        for one_sum in sums:
+            one_sum.advance(stop)
+        evidences = np.array([one_sum.evidence[:, first:stop] for one_sum in evident])
+        evidences += np.array(peaks)[..., first:stop]
+        weights = log_weights(evidences, logs)
+        span = slice(first, stop)
+        out.weights[..., span] = weights
+        mix(
+            weights,
+            np.array([one_sum.mean[:, span] for one_sum in estimating]),
+            np.array([one_sum.cov[:, span] for one_sum in estimating]),
+            out.mean[:, span],
+            out.cov[:, span],
+        )
+        positions = out.cov[0, span][:, states][..., states]
+        known = np.sqrt(np.linalg.eigvalsh(positions)[:, -1]) < WIDTH * options.spacing_m
+        known &= np.arange(first, stop) % between == 0
+        if known.any() or stop == block.epochs:
+            out.counts[:] += sum(one_sum.evaluations for one_sum in sums)
+            return first + int(known.argmax()) + 1 if known.any() else block.epochs
+        logs = np.logaddexp.reduce(logs, axis=0) + weights[..., -1]
+        first, stop = stop, min(max(2 * (stop - 1), between) + 1, block.epochs)
 
 
 def _follow(
