@@ -483,15 +483,19 @@ def _write_estimates(
     stage: Stage,
 ) -> None:
     """Write the means and covariances of the block's states."""
-    n = stage.mean.shape[2]
+    epochs, n = stage.mean.shape[1:]
+    places, lane, used = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64), 0
     for r in range(count):
         if bank.estimating[members.filters[at[r]]]:
-            slot = members.slots[at[r]]
-            mean, cov = stage.mean[slot, k - stage.first], stage.cov[slot, k - stage.first]
-            for i in range(n):
-                mean[i] = x[0, i, r]
-                for j in range(i + 1):
-                    cov[i, j] = p[i, j, r]
+            lane[used], places[used] = r, members.slots[at[r]] * epochs + k - stage.first
+            used += 1
+    mean, cov = stage.mean.reshape(-1), stage.cov.reshape(-1)
+    for i in range(n):
+        for u in range(used):
+            mean[places[u] * n + i] = x[0, i, lane[u]]
+        for j in range(i + 1):  # an element of P of all lanes is in one line of the cache
+            for u in range(used):
+                cov[(places[u] * n + i) * n + j] = p[i, j, lane[u]]
 
 
 @compiled

@@ -12,7 +12,7 @@ from ..block import ProblemBlock
 from ..numerics.frozen import read_only
 from ..sensors.aiding import MGAL
 from ..sensors.gradiometer.instrument import STRAPDOWN
-from ..sensors.model_arrays import immutable
+from ..sensors.model_arrays import ModelArrays, immutable
 from .hypothesis_bank import Bank, Families
 from .hypothesis_motion import Motion
 from .model_hypotheses import Hypothesis, accelerometer, of_the_map, spread
@@ -29,12 +29,12 @@ class _Filter(NamedTuple):
     Attributes
     ----------
     hypothesis : whose model it has.
-    index : of the hypothesis that it belongs to.
+    owner : number of the hypothesis that it belongs to.
     evident, estimating : whether it gives that one's evidence, and its estimates.
     """
 
     hypothesis: Hypothesis
-    index: int
+    owner: int
     evident: bool
     estimating: bool
 
@@ -71,7 +71,7 @@ def bank_of(
     """
     batch, of_map = batch_of(block), of_the_map(block)
     roots = np.linalg.cholesky(batch.noise_cov)
-    mixed = bool(roots[:, of_map][:, :, ~of_map].any() or roots[:, ~of_map][:, :, of_map].any())
+    mixed = mixed_noise(block)
     members: dict[_Family, list[_Filter]] = {}
     for index, hypothesis in enumerate(hypotheses):
         other = hypothesis.estimate
@@ -104,7 +104,7 @@ def bank_of(
         batch=batch,
         families=families,
         iterations=iterations,
-        hypotheses=np.array([one.index for one in filters]),
+        hypotheses=np.array([one.owner for one in filters]),
         evident=np.array([one.evident for one in filters]),
         estimating=np.array([one.estimating for one in filters]),
         scales=scales,
@@ -119,6 +119,38 @@ def bank_of(
         inverses=np.stack([_inverse(batch, of_map, family.noise) for family in members]),
         square=read_only(np.zeros(max(widths) ** 2)),
     )
+
+
+def mixed_noise(block: ProblemBlock) -> bool:
+    """Return whether channels matched with the map have noise correlated with that of others."""
+    of_map = of_the_map(block)
+    return bool(block.noise_cov[..., of_map, :][..., ~of_map].any())
+
+
+def _gradient_equations(model: ModelArrays, first_linear: int) -> int:
+    """Return how many equations the channels of the gradiometer become in a plain update.
+
+    As :func:`.readings_of` has it.
+    """
+    g = len(model.channels)
+    return g if first_linear < g else min(g, _moving_errors(model))
+
+
+def _moving_errors(model: ModelArrays) -> int:
+    """Return on how many errors of position and attitude gradients depend."""
+    return 6 if model.instrument == STRAPDOWN else 3
+
+
+def precisions_of(block: ProblemBlock, noises: Sequence[float]) -> np.ndarray:
+    """Return the precision (S, equations) of a plain update's equations for factors on the noise.
+
+    The noise is not :func:`mixed_noise`.
+    """
+    of_map, g = of_the_map(block), len(block.model.channels)
+    gradients = _gradient_equations(block.model, block.model.first_linear)
+    mapped = [*of_map[:gradients], *of_map[g:]]
+    mapped += [False] * max(3 - len(mapped), 0)
+    return np.where(mapped, 1.0 / np.array(noises)[:, np.newaxis], 1.0)
 
 
 def _family_of(hypothesis: Hypothesis, mixed: bool) -> _Family:
@@ -163,9 +195,8 @@ def _families(
     plain = np.zeros((m, n), dtype=bool)
     plain[:] = model.linear.any(axis=(0, 1))
     plain[:, :3] |= model.weights.any(axis=(0, 1, 3))[:, np.newaxis]
-    moving = 6 if model.instrument == STRAPDOWN else 3
-    moved = np.flatnonzero(model.rows[:, :, :moving].any(axis=(0, 1, 2)))
-    linked = (batch.noise_inverse != 0.0).any(axis=0)
+    moved = np.flatnonzero(model.rows[:, :, : _moving_errors(model)].any(axis=(0, 1, 2)))
+    linked = np.asarray((batch.noise_inverse != 0.0).any(axis=0))
     lengths = [block.runs * block.epochs * m * size for size in sizes]
     linears, firsts, columns, gradients = np.zeros(sum(lengths)), [], [], []
     starts = np.cumsum([0, *lengths])
@@ -183,8 +214,8 @@ def _families(
         reached = np.flatnonzero(dependent.any(axis=1))
         firsts.append(int(reached[0]) if len(reached) else m)
         columns.append(np.flatnonzero(dependent.any(axis=0)))
-        whole = iterations > 1 or family.loss != NONE or firsts[-1] < g
-        gradients.append(g if whole else min(g, moving))
+        whole = iterations > 1 or family.loss != NONE
+        gradients.append(g if whole else _gradient_equations(model, firsts[-1]))
         pattern = []
         for c in (*range(gradients[-1]), *range(g, m)):
             used = dependent[linked[c]].any(axis=0)

@@ -15,9 +15,10 @@ import numpy as np
 from ..block import EstimateBlock, ProblemBlock
 from ..problem import GravityMap
 from . import position_grid
+from .cell_screening import Screened, screened
 from .gaussian_sum import WIDTH, CarriedSum, Hypotheses, prior_cells, space_for
 from .hypothesis_bank import Bank, follow
-from .hypothesis_families import bank_of
+from .hypothesis_families import bank_of, mixed_noise, precisions_of
 from .hypothesis_motion import motion_of
 from .model_hypotheses import Hypothesis, of_the_map, spread, takes
 
@@ -176,14 +177,25 @@ def _search_run(
 ) -> int:
     """Fill the mixture of one run until its position is known; return the epoch after that."""
     space, states = space_for(prior), position_grid.states_in_metres(block.problem(0))
+    first_epoch: dict[float, Screened] = {}
+    noises = [one.noise for one in hypotheses if one.loss == "none"]
+    if noises and options.iterations == 1 and not mixed_noise(block):
+        results = screened(block, prior, precisions_of(block, noises))
+        first_epoch = dict(zip(noises, results, strict=True))
+        out.counts[:] += len(prior.weights)
     sums: list[CarriedSum] = []
-    evident, peaks, estimating = [], [], []
+    evident, peaks, estimating, known_first = [], [], [], []
     for hypothesis in hypotheses:
         for one in (hypothesis, hypothesis.estimate):
             if one is not None:
                 problem, peak = _with_noise(block, one)
                 rules = _iterations(one, options), one.loss, one.threshold
-                sums.append(CarriedSum(problem, prior, space, *rules))
+                part = first_epoch.get(one.noise) if one.loss == "none" else None
+                if part is None:
+                    sums.append(CarriedSum(problem, prior, space, *rules))
+                else:
+                    sums.append(CarriedSum(problem, part.prior, space_for(part.prior), *rules))
+                    known_first.append((sums[-1], part.evidence))
                 if one is hypothesis:
                     evident.append(sums[-1])
                     peaks.append(peak)
@@ -193,6 +205,8 @@ def _search_run(
     while True:
         for one_sum in sums:
             one_sum.advance(stop)
+        for one_sum, evidence in known_first if first == 0 else ():
+            one_sum.evidence[0, 0] = evidence  # Gaussians that were left out count, too
         evidences = np.array([one_sum.evidence[:, first:stop] for one_sum in evident])
         evidences += np.array(peaks)[..., first:stop]
         weights = log_weights(evidences, logs)
