@@ -31,7 +31,7 @@ from .whitened_measurements import (
     scatter_squares,
 )
 
-_HALVINGS = 12
+HALVINGS = 12
 
 
 @record
@@ -303,7 +303,7 @@ def _run(
     loss, memory = number_of(options.loss, options.threshold), options.noise_memory
     whole, rules = loss != NONE or memory > 0, None
     if options.iterations > 1 or whole:
-        rules = Rules(options.iterations, _HALVINGS, loss, options.threshold, True)
+        rules = Rules(options.iterations, HALVINGS, loss, options.threshold, True)
     gating = gate_options(block, options.gate, options.underweighting)
     _extended(
         batch=batch_of(block),

@@ -50,83 +50,132 @@ def _filter(
     rules: Rules,
     mean: np.ndarray,
     cov: np.ndarray,
-    evidence: np.ndarray,
     counts: np.ndarray,
     sizes: np.ndarray,
 ) -> None:
-    """Fill mean (R, K, n), cov (R, K, n, n), evidence (R, K), counts of h and mean sizes (R,).
+    """Fill mean (R, K, n), cov (R, K, n, n), counts of h and mean sizes (R,).
 
     The mean is NaN from the epoch on at which no hypothesis has a finite likelihood.
 
     Parameters
     ----------
     prior : J hypotheses of one covariance (1, n, n).
-    evidence : (0, 0) if it is not wanted, and then takes no time.
     """
     runs, epochs = batch.measurements.shape[:2]
     most, n = prior.means.shape
+    now = Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
+    for run in range(runs):
+        start(prior, now)
+        advance(
+            batch=batch,
+            run=run,
+            first=0,
+            stop=epochs,
+            rules=rules,
+            now=now,
+            mean=mean[run],
+            cov=cov[run],
+            evidence=np.empty(0),
+            counts=counts[run : run + 1],
+            sizes=sizes[run : run + 1],
+        )
+        sizes[run] /= epochs
+
+
+@compiled
+def start(prior: Hypotheses, now: Hypotheses) -> None:
+    """Copy hypotheses of one covariance (1, n, n)."""
+    n = prior.means.shape[1]
+    for j in range(len(prior.weights)):
+        now.weights[j] = prior.weights[j]
+        for a in range(n):
+            now.means[j, a] = prior.means[j, a]
+            for b in range(n):
+                now.covs[j, a, b] = prior.covs[0, a, b]
+
+
+@compiled
+def advance(
+    batch: Batch,
+    run: int,
+    first: int,
+    stop: int,
+    rules: Rules,
+    now: Hypotheses,
+    mean: np.ndarray,
+    cov: np.ndarray,
+    evidence: np.ndarray,
+    counts: np.ndarray,
+    sizes: np.ndarray,
+) -> int:
+    """Carry the hypotheses of a run through the epochs from ``first`` to before ``stop``.
+
+    Parameters
+    ----------
+    now : the hypotheses; the first ones are those that are left.
+    mean, cov, evidence : (K, n), (K, n, n), (K,) output; evidence of size zero if not wanted.
+    counts, sizes : (1,) evaluations of h and sum of the sizes, to which those of the epochs are
+        added.
+
+    Returns
+    -------
+    How many are left.
+    """
+    n, count = now.means.shape[1], len(now.weights)
     expected = lanes.moving_states(batch.transition, batch.process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
     reading = readings_of(batch, rules.loss != NONE)
     m = reading.rows.shape[0]
     search = search_of(batch, rules, reading)
-    now = Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
-    everyone = np.zeros(most, dtype=np.int64)
-    for run in range(runs):
-        group = lanes.group_members(run, run + 1)
-        search.counts[:] = 0
-        count = most
-        for j in range(most):
-            now.weights[j] = prior.weights[j]
-            for a in range(n):
-                now.means[j, a] = prior.means[j, a]
-                for b in range(n):
-                    now.covs[j, a, b] = prior.covs[0, a, b]
-        total, before = 0, 0.0
+    everyone = np.zeros(count, dtype=np.int64)
+    group = lanes.group_members(run, run + 1)
+    before = 0.0
+    if evidence.shape[0] > 0 and count > 0:
+        before = _log_sum(now.weights[:count])
+    for k in range(first, stop):
+        moving = lanes.gather(
+            transition=batch.transition,
+            process_cov=batch.process_cov,
+            group=group,
+            k=k,
+            expected=expected,
+            phi=phi,
+            q=q,
+        )
+        for place in lanes.group_starts(count):
+            used = lanes.count_from(place, count)
+            _pack(now, place, used, x, p)
+            lane_algebra.predict(phi, q, moving, x, p, scratch)
+            linearise(batch, group, used, k, x, reading)
+            minimise(search, group, used, k, x, p)
+            update(search, x, p, scratch)
+            if rules.iterations == 1:
+                lane_algebra.add_squares(search.white, m, reading.squared)
+                for r in range(used):
+                    search.cost[r] = 0.5 * reading.squared[0, 0, r]
+            for r in range(used):
+                # The diagonal of a factor is inverted.
+                now.weights[place + r] -= search.cost[r]
+                for c in range(m):
+                    now.weights[place + r] += math.log(search.s[c, c, r])
+            _unpack(x, p, place, used, now)
+        if evidence.shape[0] > 0:
+            evidence[k] = _log_sum(now.weights[:count]) - before
+        count = _dropped(now, count)
+        if count == 0:
+            mean[k:stop] = np.nan
+            cov[k:stop] = np.nan
+            for rest in range(k, min(stop, evidence.shape[0])):
+                evidence[rest] = -math.inf
+            break
+        count = _merged(now, count)
         if evidence.shape[0] > 0:
             before = _log_sum(now.weights[:count])
-        for k in range(epochs):
-            moving = lanes.gather(
-                transition=batch.transition,
-                process_cov=batch.process_cov,
-                group=group,
-                k=k,
-                expected=expected,
-                phi=phi,
-                q=q,
-            )
-            for first in lanes.group_starts(count):
-                used = lanes.count_from(first, count)
-                _pack(now, first, used, x, p)
-                lane_algebra.predict(phi, q, moving, x, p, scratch)
-                linearise(batch, group, used, k, x, reading)
-                minimise(search, group, used, k, x, p)
-                update(search, x, p, scratch)
-                if rules.iterations == 1:
-                    lane_algebra.add_squares(search.white, m, reading.squared)
-                    for r in range(used):
-                        search.cost[r] = 0.5 * reading.squared[0, 0, r]
-                for r in range(used):
-                    # The diagonal of a factor is inverted.
-                    now.weights[first + r] -= search.cost[r]
-                    for c in range(m):
-                        now.weights[first + r] += math.log(search.s[c, c, r])
-                _unpack(x, p, first, used, now)
-            if evidence.shape[0] > 0:
-                evidence[run, k] = _log_sum(now.weights[:count]) - before
-            count = _dropped(now, count)
-            if count == 0:
-                mean[run, k:] = np.nan
-                cov[run, k:] = np.nan
-                evidence[run : run + 1, k:] = -math.inf
-                break
-            count = _merged(now, count)
-            if evidence.shape[0] > 0:
-                before = _log_sum(now.weights[:count])
-            total += count
-            _moments(now, everyone[:count], 0, 0.0, mean[run, k], cov[run, k])
-        counts[run], sizes[run] = search.counts[:, 1].sum(), total / epochs
+        sizes[0] += count
+        _moments(now, everyone[:count], 0, 0.0, mean[k], cov[k])
+    counts[0] += search.counts[:, 1].sum()
+    return count
 
 
 @compiled
@@ -298,6 +347,13 @@ def _moments(
     return total
 
 
+def prior_cells(block: ProblemBlock, spacing_m: float, most: int) -> Hypotheses:
+    """Return the prior's Gaussians, of one covariance (1, n, n); see :func:`.split_prior`."""
+    weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
+    scale = np.sqrt(np.diag(block.prior_cov))
+    return Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
+
+
 def gaussian_sum(
     block: ProblemBlock, spacing_m: float, most: int, iterations: int, loss: str, threshold: float
 ) -> EstimateBlock:
@@ -311,41 +367,79 @@ def gaussian_sum(
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     """
     rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
-    return _run(block, spacing_m, most, rules, np.empty((0, 0)))
-
-
-def gaussian_sum_with_evidence(
-    block: ProblemBlock, spacing_m: float, most: int, iterations: int, loss: str, threshold: float
-) -> tuple[EstimateBlock, np.ndarray]:
-    """Run the filter; return the estimates and the evidence of each epoch's readings (R, K).
-
-    See :func:`.extended_with_evidence`.
-    """
-    rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
-    evidence = np.empty((block.runs, block.epochs))
-    return _run(block, spacing_m, most, rules, evidence), evidence
-
-
-def _run(
-    block: ProblemBlock, spacing_m: float, most: int, rules: Rules, evidence: np.ndarray
-) -> EstimateBlock:
-    """Run the filter; fill the evidence unless it is empty."""
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
-    scale = np.sqrt(np.diag(block.prior_cov))
     counts, sizes = np.zeros(runs, dtype=np.int64), np.zeros(runs)
-    prior = Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
+    prior = prior_cells(block, spacing_m, most)
     _filter(
         batch=batch_of(block),
         prior=prior,
         rules=rules,
         mean=mean,
         cov=cov,
-        evidence=evidence,
         counts=counts,
         sizes=sizes,
     )
-    started = np.full(runs, len(weights))
+    started = np.full(runs, len(prior.weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}
     return EstimateBlock(mean, cov, "filter", info=info)
+
+
+def space_for(prior: Hypotheses) -> Hypotheses:
+    """Return arrays for as many Gaussians as a prior has, each with a covariance of its own."""
+    most, n = prior.means.shape
+    return Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
+
+
+class CarriedSum:
+    """Gaussian sum of one run, carried through the epochs in parts.
+
+    Attributes
+    ----------
+    mean, cov : (1, K, n), (1, K, n, n) of the epochs so far.
+    evidence : (1, K) see :func:`.extended_with_evidence`.
+    evaluations : (1,) evaluations of h.
+
+    Parameters
+    ----------
+    block : one run.
+    prior : from :func:`prior_cells`.
+    space : from :func:`space_for`; scratch of the first part, which sums can share.
+    iterations, loss, threshold : see :func:`gaussian_sum`.
+    """
+
+    def __init__(
+        self,
+        block: ProblemBlock,
+        prior: Hypotheses,
+        space: Hypotheses,
+        iterations: int,
+        loss: str,
+        threshold: float,
+    ) -> None:
+        shape = 1, block.epochs, block.dimension
+        self.mean, self.cov = np.empty(shape), np.empty((*shape, block.dimension))
+        self.evidence, self.evaluations = np.empty(shape[:2]), np.zeros(1, dtype=np.int64)
+        self._batch, self._prior, self._now, self._stop = batch_of(block), prior, space, 0
+        self._rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
+
+    def advance(self, stop: int) -> None:
+        """Carry the sum through the epochs before ``stop``."""
+        if self._stop == 0:
+            start(self._prior, self._now)
+        left = advance(
+            batch=self._batch,
+            run=0,
+            first=self._stop,
+            stop=stop,
+            rules=self._rules,
+            now=self._now,
+            mean=self.mean[0],
+            cov=self.cov[0],
+            evidence=self.evidence[0],
+            counts=self.evaluations,
+            sizes=np.zeros(1),
+        )
+        now = self._now
+        self._now = Hypotheses(*(part[:left].copy() for part in (now.weights, now.means, now.covs)))
+        self._stop = stop

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +15,12 @@ import numpy as np
 from ..block import EstimateBlock, ProblemBlock
 from ..problem import GravityMap
 from . import position_grid
-from .banks import split_prior
-from .extended_filter import Starts, UpdateOptions, extended_with_evidence, prior_of
-from .gaussian_sum import WIDTH, gaussian_sum_with_evidence
-from .model_hypotheses import Hypothesis, Motion, augmented, motion_of, takes
+from .cell_screening import Screened, screened
+from .gaussian_sum import WIDTH, CarriedSum, Hypotheses, prior_cells, space_for
+from .hypothesis_bank import Bank, follow
+from .hypothesis_families import bank_of, mixed_noise, precisions_of
+from .hypothesis_motion import motion_of
+from .model_hypotheses import Hypothesis, of_the_map, spread, takes
 
 _GROUP = 8
 """Runs whose filters are in memory at the same time."""
@@ -27,8 +29,6 @@ _SUMMARIES = 4
 _WORTH_TELLING, _MOST_TOLD = 0.05, 3
 _STAGES = (1, 2, 4, 8, 16)
 """Ends of the stages, in sixteenths of the epochs."""
-_NEGLIGIBLE = -25.0
-"""Logarithm of the weight at the end of a stage below which a hypothesis is dropped."""
 _SAMPLES, _STEP_M, _EARTH_RADIUS = 64, 50.0, 6.371e6
 _STRAIGHT = 0.3
 """Spacing over the distance in which the gradients' slope changes by itself."""
@@ -83,31 +83,24 @@ def multiple_model(
         weights=np.full((len(chosen), runs, epochs), -np.inf),
         counts=np.zeros(runs, dtype=np.int64),
     )
-    log_cells, _, _ = split_prior(block.problem(0), options.spacing_m, options.most, WIDTH)
-    # The hypotheses' estimates of a group of runs are in memory at the same time.
+    prior = prior_cells(block, options.spacing_m, options.most)
+    # The states of a group of runs are in memory at the same time.
     for first in range(0, runs, _GROUP):
         some = slice(first, min(first + _GROUP, runs))
-        part = block.some(some.start, some.stop)
+        part = block if runs <= _GROUP else block.some(some.start, some.stop)
         out = Mixture(
-            all_of.mean[some], all_of.cov[some], all_of.weights[:, some], all_of.counts[some]
+            all_of.mean[some],
+            all_of.cov[some],
+            np.full((len(chosen), part.runs, epochs), -np.inf),
+            all_of.counts[some],
         )
-        motion = motion_of(part)
         begins = np.zeros(part.runs, dtype=np.int64)
         logs = np.tile(priors[:, np.newaxis], part.runs)
-        if len(log_cells) > 1:
-            begins = _search(part, chosen, logs, motion, options, out)
-        for begin in np.unique(begins):
-            if begin < epochs:
-                _follow(
-                    block=part,
-                    hypotheses=chosen,
-                    logs=logs,
-                    motion=motion,
-                    options=options,
-                    begin=int(begin),
-                    chosen=begins == begin,
-                    out=out,
-                )
+        if len(prior.weights) > 1:
+            begins = _search(part, chosen, logs, prior, options, out)
+        bank = bank_of(part, chosen, motion_of(part), options.iterations)
+        _follow(bank, begins, part, logs, out)
+        all_of.weights[:, some] = out.weights
     shares = np.exp(all_of.weights)
     info = {"map_evaluations": all_of.counts, **summaries(block.times, chosen, shares)}
     for kind in dict.fromkeys(hypothesis.kind for hypothesis in chosen):
@@ -144,129 +137,143 @@ def _search(
     block: ProblemBlock,
     hypotheses: Sequence[Hypothesis],
     logs: np.ndarray,
-    motion: Motion,
+    prior: Hypotheses,
     options: SearchOptions,
     out: Mixture,
 ) -> np.ndarray:
     """Fill the mixture of Gaussian sums; return the epoch (R,) from which all hypotheses run.
 
-    ``logs`` (J, R), the weights of the hypotheses, are made what they are at that epoch.
+    Parameters
+    ----------
+    logs : (J, R) the weights of the hypotheses; made what they are at that epoch.
+    prior : the prior's Gaussians.
     """
     simple = [j for j, hypothesis in enumerate(hypotheses) if hypothesis.keeps_states]
-    found, evidences = [], []
-    for j in simple:
-        for one in (hypotheses[j], hypotheses[j].estimate):
-            if one is None:
-                continue
-            problem, peak = augmented(block, one, motion)
-            estimate, evidence = gaussian_sum_with_evidence(
-                problem,
-                options.spacing_m,
-                options.most,
-                _iterations(one, options),
-                one.loss,
-                one.threshold,
-            )
-            out.counts[:] += estimate.info["map_evaluations"]
-            if one is hypotheses[j]:
-                evidences.append(evidence + peak)
-        found.append(estimate)
-    weights = log_weights(np.array(evidences), logs[simple])
-    mix(
-        weights,
-        np.array([estimate.mean for estimate in found]),
-        np.array([estimate.cov for estimate in found]),
-        out.mean,
-        out.cov,
-    )
-    out.weights[simple] = weights
-    states = position_grid.states_in_metres(block.problem(0))
-    deviations = np.sqrt(np.linalg.eigvalsh(out.cov[..., states, :][..., states])[..., -1])
-    known = deviations < WIDTH * options.spacing_m
-    epochs = np.arange(block.epochs)
-    checked = known & (epochs % max(block.epochs // _CHECKS, 1) == 0)
-    begins = np.where(checked.any(axis=1), checked.argmax(axis=1) + 1, block.epochs)
-    total = np.logaddexp.reduce(logs[simple], axis=0)
-    for run, begin in enumerate(begins):
-        logs[simple, run] = total[run] + weights[:, run, begin - 1]
-    return np.asarray(begins)
+    begins = np.empty(block.runs, dtype=np.int64)
+    for run in range(block.runs):
+        one = slice(run, run + 1)
+        own = Mixture(out.mean[one], out.cov[one], out.weights[simple, one].copy(), out.counts[one])
+        begins[run] = begin = _search_run(
+            block=block if block.runs == 1 else block.some(run, run + 1),
+            hypotheses=[hypotheses[j] for j in simple],
+            logs=logs[simple, one],
+            prior=prior,
+            options=options,
+            out=own,
+        )
+        out.weights[simple, one] = own.weights
+        total = np.logaddexp.reduce(logs[simple, run])
+        logs[simple, run] = total + own.weights[:, 0, begin - 1]
+    return begins
 
 
-def _follow(
+def _search_run(
     block: ProblemBlock,
     hypotheses: Sequence[Hypothesis],
     logs: np.ndarray,
-    motion: Motion,
+    prior: Hypotheses,
     options: SearchOptions,
-    begin: int,
-    chosen: np.ndarray,
     out: Mixture,
-) -> None:
-    """Fill the mixture of all hypotheses from an epoch on, in the chosen runs (R,).
-
-    At the end of each stage the hypotheses are dropped that weigh nothing.
-    """
-    runs, n = block.runs, block.dimension
-    before = begin - 1
-    starts = None if begin == 0 else (out.mean[:, before], out.cov[:, before])
-    states: dict[tuple[int, bool], Starts] = {}
-    alive = np.tile(chosen, (len(hypotheses), 1))
-    logs = logs.copy()
-    ends = sorted({begin + max((block.epochs - begin) * part // 16, 1) for part in _STAGES})
-    for first, stop in pairwise([begin, *ends]):
-        shape = len(hypotheses), runs, stop - first
-        mean, cov = np.zeros((*shape, n)), np.zeros((*shape, n, n))
-        evidence = np.full(shape, -np.inf)
-        part = block.part(first, stop, block.prior_mean, block.prior_cov)
-        for j, hypothesis in enumerate(hypotheses):
-            if not alive[j].any():
-                continue
-            for one in (hypothesis, hypothesis.estimate):
-                if one is None:
-                    continue
-                key = j, one is hypothesis
-                problem, peak = augmented(part, one, motion.part(first, stop))
-                if key not in states:
-                    states[key] = _starts(problem, starts)
-                estimate, found = extended_with_evidence(
-                    problem,
-                    UpdateOptions(
-                        iterations=_iterations(one, options), loss=one.loss, threshold=one.threshold
-                    ),
-                    states[key],
-                )
-                states[key] = Starts(
-                    np.ascontiguousarray(estimate.mean[:, -1:]),
-                    np.ascontiguousarray(estimate.cov[:, -1:]),
-                )
-                out.counts[:] += np.where(alive[j], estimate.info["map_evaluations"], 0)
+) -> int:
+    """Fill the mixture of one run until its position is known; return the epoch after that."""
+    space, states = space_for(prior), position_grid.states_in_metres(block.problem(0))
+    first_epoch: dict[float, Screened] = {}
+    noises = [one.noise for one in hypotheses if one.loss == "none"]
+    if noises and options.iterations == 1 and not mixed_noise(block):
+        results = screened(block, prior, precisions_of(block, noises))
+        first_epoch = dict(zip(noises, results, strict=True))
+        out.counts[:] += len(prior.weights)
+    sums: list[CarriedSum] = []
+    evident, peaks, estimating, known_first = [], [], [], []
+    for hypothesis in hypotheses:
+        for one in (hypothesis, hypothesis.estimate):
+            if one is not None:
+                problem, peak = _with_noise(block, one)
+                rules = _iterations(one, options), one.loss, one.threshold
+                part = first_epoch.get(one.noise) if one.loss == "none" else None
+                if part is None:
+                    sums.append(CarriedSum(problem, prior, space, *rules))
+                else:
+                    sums.append(CarriedSum(problem, part.prior, space_for(part.prior), *rules))
+                    known_first.append((sums[-1], part.evidence))
                 if one is hypothesis:
-                    evidence[j] = found + peak
-                mean[j], cov[j] = estimate.mean[..., :n], estimate.cov[..., :n, :n]
-        evidence[~alive] = -np.inf
-        weights = log_weights(evidence, logs)
-        part_mean, part_cov = np.empty(mean.shape[1:]), np.empty(cov.shape[1:])
-        mix(weights, mean, cov, part_mean, part_cov)
-        out.mean[chosen, first:stop] = part_mean[chosen]
-        out.cov[chosen, first:stop] = part_cov[chosen]
-        out.weights[:, chosen, first:stop] = weights[:, chosen]
-        logs = weights[:, :, -1]
-        alive &= logs > _NEGLIGIBLE
+                    evident.append(sums[-1])
+                    peaks.append(peak)
+        estimating.append(sums[-1])
+    between = max(block.epochs // _CHECKS, 1)
+    first, stop = 0, 1
+    while True:
+        for one_sum in sums:
+            one_sum.advance(stop)
+        for one_sum, evidence in known_first if first == 0 else ():
+            one_sum.evidence[0, 0] = evidence  # Gaussians that were left out count, too
+        evidences = np.array([one_sum.evidence[:, first:stop] for one_sum in evident])
+        evidences += np.array(peaks)[..., first:stop]
+        weights = log_weights(evidences, logs)
+        span = slice(first, stop)
+        out.weights[..., span] = weights
+        mix(
+            weights,
+            np.array([one_sum.mean[:, span] for one_sum in estimating]),
+            np.array([one_sum.cov[:, span] for one_sum in estimating]),
+            out.mean[:, span],
+            out.cov[:, span],
+        )
+        positions = out.cov[0, span][:, states][..., states]
+        known = np.sqrt(np.linalg.eigvalsh(positions)[:, -1]) < WIDTH * options.spacing_m
+        known &= np.arange(first, stop) % between == 0
+        if known.any() or stop == block.epochs:
+            out.counts[:] += sum(one_sum.evaluations for one_sum in sums)
+            return first + int(known.argmax()) + 1 if known.any() else block.epochs
+        logs = np.logaddexp.reduce(logs, axis=0) + weights[..., -1]
+        first, stop = stop, min(max(2 * (stop - 1), between) + 1, block.epochs)
 
 
-def _starts(problem: ProblemBlock, known: tuple[np.ndarray, np.ndarray] | None) -> Starts:
-    """Return the prior of a problem's runs; of its first states, what is known of them by now."""
-    starts = prior_of(problem)
-    if known is not None:
-        n = known[0].shape[1]
-        starts.means[:, 0, :n] = known[0]
-        starts.covs[:, 0, :n, :n] = known[1]
-    return starts
+def _follow(
+    bank: Bank, begins: np.ndarray, block: ProblemBlock, logs: np.ndarray, out: Mixture
+) -> None:
+    """Fill the mixture of all hypotheses from the epoch (R,) on from which each run has them.
+
+    ``logs`` (J, R) are the logarithms of the weights before that epoch.
+    """
+    runs, epochs = block.runs, block.epochs
+    for begin in np.unique(begins[begins < epochs]):
+        means, covs = out.mean[:, begin - 1].copy(), out.cov[:, begin - 1].copy()
+        if begin == 0:
+            means = np.tile(block.prior_mean, (runs, 1))
+            covs = np.tile(block.prior_cov, (runs, 1, 1))
+        parts = {max((epochs - int(begin)) * part // 16, 1) for part in _STAGES}
+        follow(
+            bank=bank,
+            begin=int(begin),
+            ends=np.array(sorted(int(begin) + part for part in parts)),
+            chosen=begins == begin,
+            means=means,
+            covs=covs,
+            logs=logs,
+            mean=out.mean,
+            cov=out.cov,
+            weights=out.weights,
+            counts=out.counts,
+        )
 
 
 def _iterations(hypothesis: Hypothesis, options: SearchOptions) -> int:
     """Return how often an update linearises; a loss needs a second time."""
     return options.iterations if hypothesis.loss == "none" else max(options.iterations, 2)
+
+
+def _with_noise(block: ProblemBlock, hypothesis: Hypothesis) -> tuple[ProblemBlock, np.ndarray]:
+    """Return a block with the noise of a hypothesis.
+
+    Also what the evidence (R, K) lacks of it: the logarithm of the density of noise that is zero.
+    """
+    scales = np.where(of_the_map(block), hypothesis.noise, 1.0)
+    noise_cov = block.noise_cov * np.outer(scales, scales)
+    roots = np.linalg.cholesky(noise_cov).diagonal(axis1=-2, axis2=-1)
+    height = -np.log(np.broadcast_to(roots, block.present.shape)) - spread(hypothesis)
+    peak = np.sum(np.where(block.present, height, 0.0), axis=2)
+    return replace(block, noise_cov=noise_cov), peak
 
 
 def log_weights(evidences: np.ndarray, logs: np.ndarray) -> np.ndarray:

@@ -9,20 +9,19 @@ import re
 import numpy as np
 import pytest
 from oracles import multiple_model as oracle
+from oracles.augmented_problem import augmented
 from problems import block_of_runs
 
 from ggbench.block import block_of
 from ggbench.campaign.registry import choose
 from ggbench.engines import model_hypotheses
+from ggbench.engines.cell_screening import screened
 from ggbench.engines.extended_filter import UpdateOptions, extended_with_evidence
-from ggbench.engines.model_hypotheses import (
-    Hypothesis,
-    augmented,
-    heavy_tails,
-    map_error,
-    motion_of,
-)
-from ggbench.engines.multiple_model import SearchOptions, log_weights, multiple_model
+from ggbench.engines.gaussian_sum import CarriedSum, prior_cells, space_for
+from ggbench.engines.hypothesis_families import precisions_of
+from ggbench.engines.hypothesis_motion import motion_of
+from ggbench.engines.model_hypotheses import Hypothesis, heavy_tails, map_error
+from ggbench.engines.multiple_model import SearchOptions, log_weights, mix, multiple_model
 from ggbench.engines.robust_weights import losses
 from ggbench.estimators.multiple_model import MultipleModel
 
@@ -109,13 +108,117 @@ def test_evidence_is_the_density_of_the_readings():
         np.testing.assert_allclose(evidence[0], expected, rtol=1e-6, atol=1e-6)
 
 
+def _assert_plain(block, hypothesis):
+    """Compare the bank of one hypothesis with the plain filter of a problem with dense matrices.
+
+    Rounding decides when the search of a loss ends.
+    """
+    limit = 1e-9 if hypothesis.loss == "none" else 1e-6
+    found = multiple_model(block, [hypothesis], ONE_CELL)
+    problem, _ = augmented(block, hypothesis, motion_of(block))
+    options = UpdateOptions(
+        iterations=1 if hypothesis.loss == "none" else 2,
+        loss=hypothesis.loss,
+        threshold=hypothesis.threshold,
+    )
+    dense, _ = extended_with_evidence(problem, options)
+    n, sigma = block.dimension, np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((found.mean - dense.mean[..., :n]) / sigma).max() < limit
+    apart = found.cov - dense.cov[..., :n, :n]
+    assert np.abs(apart / np.outer(sigma, sigma)).max() < limit
+    if hypothesis.loss == "none":
+        np.testing.assert_array_equal(found.info["map_evaluations"], block.epochs)
+
+
+@pytest.mark.parametrize(
+    ("case", "hypothesis"),
+    [
+        ("air-narrow", Hypothesis("noise", noise=3.0)),
+        ("air-narrow", dataclasses.replace(SMOOTH, rough=True)),
+        ("air-narrow", dataclasses.replace(SMOOTH, constant=0.0)),
+        ("air-narrow", dataclasses.replace(SMOOTH, gravity_mgal=30.0, gravity_km=40.0, noise=0.7)),
+        ("gravity", Hypothesis("gravity", gravity_mgal=60.0, integrated=True, constant=9.0)),
+        ("map-error-known", SMOOTH),
+        ("one-channel", SMOOTH),
+        ("gravimeter", dataclasses.replace(SMOOTH, noise=2.0)),
+        ("gaps", heavy_tails("outliers", 2.0).estimate),
+        ("gnss-outage", SMOOTH),
+    ],
+)
+def test_a_filter_of_the_bank_is_the_plain_one_of_a_dense_problem(case, hypothesis):
+    """The zeros that the bank leaves out change nothing, of any kind of states and sensors."""
+    block = flight(case, epochs=30)
+    _assert_plain(block, hypothesis)
+
+
+def test_noise_that_is_correlated_across_sensors_is_scaled_exactly():
+    """A factor on some channels then does not scale whole equations; with and without a loss."""
+    block = flight("gnss-outage", epochs=20)
+    m, channels = block.measurements.shape[2], list(block.channels)
+    channels[-1] = dataclasses.replace(channels[-1], unit="mGal")
+    noise_cov = block.noise_cov.reshape(-1, m, m)[:1].copy()
+    noise_cov[0, -1, -2] = noise_cov[0, -2, -1] = 0.6 * np.sqrt(
+        noise_cov[0, -1, -1] * noise_cov[0, -2, -2]
+    )
+    block = dataclasses.replace(block, channels=tuple(channels), noise_cov=noise_cov)
+    bank = (Hypothesis("noise", noise=4.0), heavy_tails("outliers", 2.0).estimate)
+    for hypothesis in bank:
+        _assert_plain(block, hypothesis)
+
+
+@pytest.mark.parametrize("noise", [0.25, 1.0, 6.0])
+def test_a_sum_of_screened_cells_is_the_whole_one(noise):
+    """Also carried in parts: the same bits. The first epoch's evidence counts all cells."""
+    block = flight("prior-0.3", runs=1, epochs=12)
+    prior = prior_cells(block, 800.0, 1000)
+    scaled, _ = augmented(block, Hypothesis("noise", noise=noise), motion_of(block))
+    whole = CarriedSum(scaled, prior, space_for(prior), 1, "none", np.inf)
+    whole.advance(12)
+    (first,) = screened(block, prior, precisions_of(block, [noise]))
+    assert 1 <= len(first.prior.weights) < len(prior.weights)
+    part = CarriedSum(scaled, first.prior, space_for(first.prior), 1, "none", np.inf)
+    for stop in (1, 5, 12):
+        part.advance(stop)
+    np.testing.assert_array_equal(part.mean, whole.mean)
+    np.testing.assert_array_equal(part.cov, whole.cov)
+    np.testing.assert_array_equal(part.evidence[0, 1:], whole.evidence[0, 1:])
+    assert first.evidence == pytest.approx(whole.evidence[0, 0], abs=1e-9)
+    assert part.evidence[0, 0] != whole.evidence[0, 0]  # of the screened cells alone
+
+
+def test_a_wide_prior_is_searched_until_the_position_is_known():
+    """The mixture of sums that run through the whole flight, up to that epoch; then all filters."""
+    block = flight("prior-0.3", runs=2, epochs=40)
+    bank = (Hypothesis("as_assumed", prior=4.0), Hypothesis("noise", noise=2.0))
+    options = SearchOptions(spacing_m=800.0, most=1000, iterations=1)
+    found = multiple_model(block, bank, options)
+    prior, evidences, estimates = prior_cells(block, 800.0, 1000), [], []
+    for hypothesis in bank:
+        scaled, peak = augmented(block, hypothesis, motion_of(block))
+        alone = scaled.some(0, 1)
+        carried = CarriedSum(alone, prior, space_for(prior), 1, "none", np.inf)
+        carried.advance(40)
+        estimates.append(carried)
+        evidences.append(carried.evidence + peak[:1])
+    weights = log_weights(np.array(evidences), np.log([[4.0], [1.0]]))
+    mean, cov = np.empty((1, 40, block.dimension)), np.empty((1, 40, *block.prior_cov.shape))
+    means, covs = (np.array([getattr(e, name) for e in estimates]) for name in ("mean", "cov"))
+    mix(weights, means, covs, mean, cov)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((found.mean[0, 0] - mean[0, 0]) / sigma).max() < 1e-9
+    assert np.abs((found.cov[0, 0] - cov[0, 0]) / np.outer(sigma, sigma)).max() < 1e-9
+    # Both follow one maximum by then.
+    assert np.abs((found.mean[0, -1] - mean[0, -1]) / sigma).max() < 0.1
+    assert (found.info["map_evaluations"] < sum(e.evaluations[0] for e in estimates)).all()
+
+
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_a_loss_is_a_density(loss):
     """What its tails take is counted: ∫ exp(−ρ) is that of the normal density by this factor."""
     hypothesis = Hypothesis("outliers", loss=loss, threshold=2.385)
     grid = np.linspace(-2e4, 2e4, 4_000_001)
     total = np.exp(-losses(grid, loss, 2.385)).sum() * (grid[1] - grid[0])
-    found = model_hypotheses._spread(hypothesis)
+    found = model_hypotheses.spread(hypothesis)
     assert found == pytest.approx(math.log(total / math.sqrt(2.0 * math.pi)), abs=1e-5)
 
 

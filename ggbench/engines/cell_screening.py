@@ -1,0 +1,109 @@
+"""Weights of a prior's Gaussians after the first epoch, for several noises at once.
+
+Gaussian sums that differ only in the noise share the predictions and linearisations of that epoch.
+Most of their Gaussians are dropped after it, and need no update.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..block import ProblemBlock
+from ..numerics import lane_algebra, lanes
+from ..numerics.kernels import compiled
+from ..numerics.vectors import load, splat, store
+from .gaussian_sum import NEGLIGIBLE, Hypotheses
+from .whitened_measurements import Batch, batch_of, linearise, readings_of
+
+_MARGIN = 1e-3
+"""Added to the logarithm of the ratio of weights at which Gaussians are dropped: for rounding."""
+
+
+class Screened(NamedTuple):
+    """Result of the first epoch of a Gaussian sum.
+
+    Attributes
+    ----------
+    prior : the Gaussians that are not dropped after it, with their weights before it.
+    evidence : of its measurements, see :func:`.extended_with_evidence`.
+    """
+
+    prior: Hypotheses
+    evidence: float
+
+
+def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> list[Screened]:
+    """Return the result of the first epoch for each of several noises.
+
+    Parameters
+    ----------
+    block : one run.
+    prior : from :func:`.prior_cells`.
+    precisions : (S, equations) by which the equations of a measurement are multiplied: inverse
+        deviations of their noise in units of the given.
+    """
+    weights = np.empty((len(precisions), len(prior.weights)))
+    _screen(batch_of(block), prior, precisions, weights)
+    before = np.logaddexp.reduce(prior.weights)
+    found = []
+    for own in np.where(np.isfinite(weights), weights, -np.inf):
+        kept = own > own.max() + math.log(NEGLIGIBLE) - _MARGIN
+        if not np.isfinite(own.max()):
+            kept[:] = True
+        part = Hypotheses(prior.weights[kept], prior.means[kept], prior.covs)
+        found.append(Screened(part, float(np.logaddexp.reduce(own) - before)))
+    return found
+
+
+@compiled
+def _screen(batch: Batch, prior: Hypotheses, precisions: np.ndarray, weights: np.ndarray) -> None:
+    """Fill the logarithms of the weights (S, J) after the first epoch."""
+    most, n = prior.means.shape
+    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
+    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
+    reading = readings_of(batch)
+    m = reading.rows.shape[0]
+    hp, s, root = lanes.lanes(m, n), lanes.lanes(m, m), lanes.lanes(m, m)
+    innovation, white, squared = lanes.lanes(1, m), lanes.lanes(1, m), lanes.lanes(1, 1)
+    group = lanes.group_members(0, 1)
+    moving = lanes.gather(
+        transition=batch.transition,
+        process_cov=batch.process_cov,
+        group=group,
+        k=0,
+        expected=lanes.moving_states(batch.transition, batch.process_cov),
+        phi=phi,
+        q=q,
+    )
+    lanes.broadcast(prior.covs[0], p)
+    lane_algebra.predict(phi, q, moving, x, p, scratch)
+    for first in lanes.group_starts(most):
+        count = lanes.count_from(first, most)
+        for r in lanes.each():
+            for i in range(n):
+                x[0, i, r] = prior.means[first + min(r, count - 1), i]
+        lane_algebra.move(phi, max(moving, 3), x, scratch)
+        linearise(batch, group, count, 0, x, reading)
+        lane_algebra.project(reading.rows, p, m, hp, s)
+        for noise in range(len(precisions)):
+            scale = precisions[noise]
+            for c in range(m):
+                store(innovation, 0, c, scale[c] * load(reading.innovation, 0, c))
+                for d in range(c):
+                    store(root, c, d, (scale[c] * scale[d]) * load(s, c, d))
+                explained = load(s, c, c) - splat(1.0)
+                store(root, c, c, (scale[c] * scale[c]) * explained + splat(1.0))
+            lane_algebra.factorise(root, m, root)
+            lane_algebra.whiten(root, m, innovation, white)
+            store(squared, 0, 0, (scale[0] * scale[0]) * load(reading.squared, 0, 0))
+            lane_algebra.add_squares(white, m, squared)
+            for r in range(count):
+                inverse = 1.0
+                for c in range(m):
+                    inverse *= root[c, c, r]
+                weights[noise, first + r] = (
+                    prior.weights[first + r] - 0.5 * squared[0, 0, r] + math.log(inverse)
+                )
