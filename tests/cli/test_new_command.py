@@ -279,33 +279,32 @@ def test_a_flight_below_the_summits_stays_in_a_draped_map(tmp_path):
 def test_a_flight_in_a_draped_map_is_planned_bounded_and_advised_on(tmp_path):
     """By the commands, and with a map error that is correlated; the map is scored."""
     draped_map(tmp_path, "--clearance-to", "800", "--clearance-from", "100")
-    words = ["new", "scenario", "mine", "--map", "low.nc", "--terrain", "dem.npz"]
-    assert invoke([*words, "--clearance", "200"], tmp_path).returncode == 0
 
-    def said(*words, code=0):
-        done = invoke([*words], tmp_path, columns=300)
+    def output(words, code=0):
+        done = invoke(words.split(), tmp_path, columns=300)
         assert done.returncode == code, done.stdout + done.stderr
         return " ".join((done.stdout + done.stderr).split())
 
-    bound = float(re.findall(r"130 ([0-9.]+) ([0-9.]+)", said("bound", "mine.toml"))[0][0])
+    output("new scenario mine --map low.nc --terrain dem.npz --clearance 200")
+    bound = float(re.findall(r"130 ([0-9.]+) ([0-9.]+)", output("bound mine.toml"))[0][0])
     assert 0.01 < bound < 10.0
-    planned = said("plan", "mine.toml", "--headings", "4")
+    planned = output("plan mine.toml --headings 4")
     assert "The track of the case has a bound of" in planned
     assert "3 tracks cannot be flown" in planned and "above its base surface" in planned
-    score = "map", "score", "low.nc", "--cell-deg", "0.02", "--sigma-km", "0.1"
-    assert "4 cells of 0.02° at 100 m above the base surface" in said(*score)
-    assert "at 150 m above the base surface" in said(*score, "--height", "150")
-    outside = said(*score, "--height", "2000", code=2)
+    score = "map score low.nc --cell-deg 0.02 --sigma-km 0.1"
+    assert "4 cells of 0.02° at 100 m above the base surface" in output(score)
+    assert "at 150 m above the base surface" in output(f"{score} --height 150")
+    outside = output(f"{score} --height 2000", code=2)
     assert "outside low.nc, which has 100 to 800 m above the base surface" in outside
-    advice = said("advise", "mine.toml", "-n", "2", "-j", "0", "-o", "advice")
+    advice = output("advise mine.toml -n 2 -j 0 -o advice")
     assert "After landing" in advice and "What limits the accuracy" in advice
     text = (tmp_path / "mine.toml").read_text()
     wrong = "[model.field.error]\ncorrelated_noise_eotvos = 3.0\ncorrelation_km = {}\n\n[imu]"
     (tmp_path / "wrong.toml").write_text(text.replace("[imu]", wrong.format(1.5), 1))
-    assert "above its base surface" in said("validate", "wrong.toml")
-    assert "of the position" in said("bound", "wrong.toml")
+    assert "above its base surface" in output("validate wrong.toml")
+    assert "of the position" in output("bound wrong.toml")
     (tmp_path / "short.toml").write_text(text.replace("[imu]", wrong.format(0.4), 1))
-    refused = said("validate", "short.toml", code=2)
+    refused = output("validate short.toml", code=2)
     assert "correlation_km = 0.4, too short for the base surface, whose lowest point is" in refused
 
 
