@@ -77,7 +77,8 @@ def panel(
     ----------
     rows : metrics of one window, a row for each case and estimator.
     names, labels : of n cases, and of estimators.
-    title, places : of the panel; the places are 0 to n − 1 by default.
+    title : of the panel.
+    places : (n,) of the cases on the axis; 0 to n − 1 by default.
     """
     table = rows.set_index(["estimator", "case"])
 
