@@ -1,4 +1,4 @@
-"""Sentences and tables of a decision: estimator, accuracy, instrument, where to fly, limits."""
+"""Sentences and tables of a decision: estimator, accuracy, instrument, track, limits."""
 
 from __future__ import annotations
 
