@@ -194,7 +194,7 @@ def _families(
         effects.append(effect)
     plain = np.zeros((m, n), dtype=bool)
     plain[:] = model.linear.any(axis=(0, 1))
-    plain[:, :3] |= model.weights.any(axis=(0, 1, 3))[:, np.newaxis]
+    plain[:, :3] |= np.asarray(model.weights.any(axis=(0, 1, 3)))[:, np.newaxis]
     moved = np.flatnonzero(model.rows[:, :, : _moving_errors(model)].any(axis=(0, 1, 2)))
     linked = np.asarray((batch.noise_inverse != 0.0).any(axis=0))
     lengths = [block.runs * block.epochs * m * size for size in sizes]

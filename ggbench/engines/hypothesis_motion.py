@@ -1,4 +1,4 @@
-"""Motion of a block's tracks, by which the errors of hypotheses change from epoch to epoch."""
+"""Distances along tracks, and changes of gravity from integrated gradients."""
 
 from __future__ import annotations
 
