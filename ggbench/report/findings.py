@@ -14,7 +14,7 @@ import pandas as pd
 from ..figures.numbers import span
 from ..judging.consistency import CONSERVATIVE, CONSISTENT, OVERCONFIDENT, UNSAFE
 from ..results.digest import Digest
-from .columns import metres, share
+from .columns import duration, metres, share
 
 SUITE, MEASURED = "suite", "vinton2008"
 """Scenarios of findings: the cases of the first one are the columns of the matrix."""
@@ -74,11 +74,12 @@ def measured(of: Metrics) -> str:
     right = all(of.consistency(fold, name) in (CONSISTENT, CONSERVATIVE) for fold in folds)
     if not (all(i >= 2.0 * a for i, a in zip(ins, aided, strict=True)) and right):
         return ""
-    shares = span(*(share(of.value(fold, name, "success")) for fold in folds))
+    shares = span(*(share(of.value(fold, name, "success")) for fold in folds), " and ")
     return (
         "Measured gradients over Vinton Dome navigate on lines that the map does not know. The INS "
-        f"errs by {span(*map(metres, ins))} m, the Gaussian sum in flight by "
-        f"{span(*map(metres, aided))} m. It succeeds in {shares} of the runs, and is consistent."
+        f"errs by {span(*map(metres, ins), ' and ')} m in two folds, the Gaussian sum in flight by "
+        f"{span(*map(metres, aided), ' and ')} m. It succeeds in {shares} of the runs, and is "
+        "consistent."
     )
 
 
@@ -148,7 +149,7 @@ def wide_prior(of: Metrics) -> str:
         return ""
     costs = ", ".join(
         f"`{name}` {metres(of.rms(case, name))} m in "
-        f"{1e3 * of.value(case, name, 'seconds_per_run'):.0f} ms a run"
+        f"{duration(of.value(case, name, 'seconds_per_run'))} a run"
         for name in good
     )
     return (

@@ -25,7 +25,7 @@ _ON_GRAVITY = (
 _ON_ESTIMATORS = "Claims of the source on pairs of estimators"
 
 
-def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cost: bool) -> str:
+def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
     """Return the page of a scenario as markdown, and write its figures into a folder.
 
     Parameters
@@ -33,7 +33,6 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
     results, picture : what is reported, and the figure that answers the scenario's question.
     folder : folder of the figures.
     notes : the scenario's, in markdown.
-    with_cost : whether the page of the suite, which has the column of costs, is next to it.
     """
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
     page_cases = sweeps.shown_cases(results)
@@ -65,7 +64,6 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str, with_cos
         notes=notes,
         command=results.rerun(),
         manifest=results.manifest,
-        with_cost=with_cost,
         **_published(results, stated["allowed"], folder),
     )
 

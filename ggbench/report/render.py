@@ -11,7 +11,6 @@ from ..errors import GGBenchError
 from ..files import reason_of, written_together
 from ..results import digest
 from . import columns, html_page, libraries, links, markdown_page, pictures
-from .findings import SUITE
 from .page_templates import markdown
 from .reported import Reported
 
@@ -47,12 +46,11 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
     name = results.scenario.name
     path = output / f"{name}.md"
     notes = links.without_dead(results.scenario.notes.strip(), output, pages)
-    with_cost = name != SUITE and (f"{SUITE}.md" in pages or (output / f"{SUITE}.md").exists())
     try:
         with written_together(output) as place:
             results.write_data(place / name / digest.FOLDER)
             answer = pictures.of_answer(results)
-            text = markdown_page.text(results, answer, place / name, notes, with_cost)
+            text = markdown_page.text(results, answer, place / name, notes)
             (place / path.name).write_text(text, encoding="utf-8")
             write_definitions(place)
             written = [path]

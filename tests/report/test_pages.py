@@ -162,7 +162,7 @@ def test_the_suite_is_answered_by_its_league(output, monkeypatch):
         len(picture.figure.axes) == 2
         and "recommended" in picture.figure.legends[0].get_texts()[-5].get_text()
     )
-    text = markdown_page.text(results, picture, output / "league", "", with_cost=False)
+    text = markdown_page.text(results, picture, output / "league", "")
     assert "† overconfident, ‡ unsafe; lost" in text
     results.store.close()
 
@@ -172,7 +172,7 @@ def test_a_remark_on_the_map_is_below_the_table(output, monkeypatch, tmp_path):
     monkeypatch.setattr(answers, "left_the_map", lambda runs: ["ekf", "ukf"])
     results = Reported(output.parent / "out")
     picture = pictures.of_answer(results)
-    text = markdown_page.text(results, picture, tmp_path / "small", "", with_cost=False)
+    text = markdown_page.text(results, picture, tmp_path / "small", "")
     page = html_page.text(results, {}, "")
     results.store.close()
     remark = "Runs of `ekf` and `ukf` left the map"
@@ -337,7 +337,7 @@ def test_a_page_warns_of_an_estimator_that_may_have_seen_the_truth(output, monke
     monkeypatch.setattr(Reported, "seeking", {"spy.py": "gc"})
     results = Reported(output.parent / "out")
     picture = pictures.of_answer(results)
-    text = markdown_page.text(results, picture, tmp_path / "small", "", with_cost=False)
+    text = markdown_page.text(results, picture, tmp_path / "small", "")
     results.store.close()
     assert 0 < text.index("**Read with care.** `spy.py` uses gc and may") < text.index("\n|")
 
@@ -349,7 +349,7 @@ def test_an_estimator_has_its_own_name_in_tables_figures_and_data(output, monkey
     )
     results = Reported(output.parent / "out")
     picture = pictures.of_answer(results)
-    text = markdown_page.text(results, picture, tmp_path / "small", "", with_cost=False)
+    text = markdown_page.text(results, picture, tmp_path / "small", "")
     results.write_data(tmp_path / "data")
     assert "`mine`" in text and "`ekf`" not in text.partition("## Conditions")[0]
     assert "mine" in picture.figure.series and "ekf" not in picture.figure.series
