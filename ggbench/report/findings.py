@@ -92,7 +92,8 @@ def measured_biases(of: Metrics) -> str:
         return ""
     return (
         f"A constant of 1 E in each of their channels leaves the Gaussian sum {metres(small)} m, "
-        f"of 10 E {metres(biased)} m; if the constants are estimated as states, {metres(estimated)} m."
+        f"of 10 E {metres(biased)} m; if the constants are estimated as states, "
+        f"{metres(estimated)} m."
     )
 
 
