@@ -31,8 +31,6 @@ SHOWN = (
     "factor-graph[mode=batch]",
     "gauss-newton",
     "particle",
-    "tercom",
-    "correlation",
 )
 """Estimators on the page; estimators.csv has all."""
 DIFFERENCE = "largest_difference_prior_sd"

@@ -91,8 +91,9 @@ def measured_biases(of: Metrics) -> str:
     if not (biased >= 2.0 * small and estimated < biased):
         return ""
     return (
-        f"With constants of 1 E added to each channel of them the error is {metres(small)} m, with "
-        f"10 E {metres(biased)} m. If these are estimated as states, it is {metres(estimated)} m."
+        f"A constant of 1 E in each of their channels leaves the Gaussian sum {metres(small)} m, "
+        f"of 10 E {metres(biased)} m; if the constants are estimated as states, "
+        f"{metres(estimated)} m."
     )
 
 

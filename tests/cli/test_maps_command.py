@@ -211,7 +211,7 @@ def test_a_sum_is_finer_than_its_coefficients():
     ):
         output = run("build", "-o", "map.nc", *words, *box)
         made[name] = read(Path("map.nc")).tensor
-        assert ("wider than" in output) == ("terrain" in words[-2])
+        assert ("the spacing of 300″ exceeds" in output) == ("terrain" in words[-2])
     added, whole = made["sum"] - made["coefficients"], made["terrain"]
     assert 0.1 < added.std() / whole.std() < 1.0
     assert np.corrcoef(added[..., 5].ravel(), whole[..., 5].ravel())[0, 1] > 0.8

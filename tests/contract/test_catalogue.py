@@ -69,7 +69,7 @@ BROKEN = {
     "exact": (
         "exact_if_linear_gaussian = True",
         "exact_if_linear_gaussian = False",
-        "on a linear problem: its mean is",
+        "on a linear problem: the mean differs by",
     ),
     "noise": ("problem.noise_of(k)", "problem.noise_of(0)", "deviations of the posterior from"),
     "gaps": (
@@ -137,7 +137,7 @@ def test_the_right_check_fails(tmp_path, name):
             "estimate",
             "must return an Estimate, not None",
         ),
-        (", self.causality)", ", 'batch')", "estimate", "causality is 'batch', that of its"),
+        (", self.causality)", ", 'batch')", "estimate", "the causality of the estimate is 'batch'"),
         ("Estimate(means, ", "Estimate(means + 0j, ", "estimate", "type complex128"),
         ("Estimate(means, ", "Estimate(means * np.nan, ", "estimate", "not finite at 40 epochs"),
         (END, f"        covs[-1, 2, 2] *= -1.0\n{END}", "covariance", "variance of state 2 at"),

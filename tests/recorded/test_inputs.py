@@ -110,7 +110,12 @@ ROWS = {
         'outside = "drop"',
     ),
     "reading behind": ("solution", "gnss", _times(lambda t: t + 2.0), "line 20", "lies outside"),
-    "another day": ("solution", "gnss", _times(lambda t: t + 86400.0), "with 20 of 20 readings"),
+    "another day": (
+        "solution",
+        "gnss",
+        _times(lambda t: t + 86400.0),
+        "as do 20 of 20 measurements",
+    ),
     "between samples": (
         "solution",
         "gnss",
