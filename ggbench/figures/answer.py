@@ -23,6 +23,8 @@ _TITLES = 84
 """Characters in a line of the titles of all panels."""
 _NAME = 30
 """Characters in a line of a case's name."""
+MOST_BEYOND = 10.0
+"""Factor by which an axis of errors extends beyond its outermost values, for intervals."""
 
 
 class Curve(NamedTuple):
@@ -145,6 +147,7 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
     for name, values, colour, line in panel.references:
         figure.attribute(name, errors.vlines(values, *ends, color=colour, ls=line, lw=1.8))
     errors.set(xscale="log", xlabel="RMS position error [m], 95 % interval")
+    errors.set_xlim(_limits([panel], errors.get_xlim()))
     errors.set_yticks(middle, [fill(name, _NAME) for name in names])
     errors.set_ylim(count - 0.5, -0.5)
     plain_numbers(errors, "x")
@@ -207,6 +210,7 @@ def over_axis(
         top.set_title(fill(panel.title, _TITLES // len(panels)), fontsize=9)
         grid[-1, column].set_xlabel(fill(label, _TITLES // len(panels)))
     grid[0, 0].set_ylabel("RMS position error [m]")
+    grid[0, 0].set_ylim(_limits(panels, grid[0, 0].get_ylim()))
     if rows == 2:
         grid[1, 0].set(ylabel="success [%]", ylim=(-4.0, 104.0))
     plain_numbers(grid[0, 0])
@@ -215,6 +219,22 @@ def over_axis(
             plain_numbers(axis, "x")
     legend_below(figure, figure.handles)
     return figure
+
+
+def _limits(panels: Sequence[Panel], limits: tuple[float, float]) -> tuple[float, float]:
+    """Return the limits of an axis of errors: intervals end there if they reach much further."""
+    shown: list[np.ndarray] = []
+    for panel in panels:
+        shown += [curve.rms for curve in panel.curves.values()]
+        shown += [values for _, values, _, _ in panel.references]
+    values = np.concatenate(shown)
+    values = values[np.isfinite(values) & (values > 0.0)]
+    if not len(values):
+        return limits
+    return (
+        max(limits[0], float(values.min()) / MOST_BEYOND),
+        min(limits[1], float(values.max()) * MOST_BEYOND),
+    )
 
 
 def _columns(panel: Panel) -> int:

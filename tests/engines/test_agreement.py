@@ -67,12 +67,13 @@ def cases_of(name: str) -> list[tuple[str, str]]:
     return [(name, case.name) for case in cases[:: -(-len(cases) // MOST_CASES)]]
 
 
-TOO_LONG = ("vinton2008_flight",)
-"""Scenarios of thousands of epochs, each of nine places of the map: hours for a framework."""
+LEFT_OUT = ("vinton2008_biases", "vinton2008_flight")
+"""The former has the flights of vinton2008. The latter has thousands of epochs, each of nine
+positions of the map: hours for a framework."""
 CASES = [
     pytest.param(*case, marks=pytest.mark.long)
     for name in scenario.shipped()
-    if name not in TOO_LONG
+    if name not in LEFT_OUT
     for case in cases_of(name)
 ]
 

@@ -91,6 +91,17 @@ def test_errors_by_case_have_intervals_bound_and_ins():
     assert list(success.get_lines()[1].get_xdata()) == [50.0, 50.0]
 
 
+def test_an_interval_without_end_leaves_the_errors_apart():
+    """The axis ends at ten times its largest value; control: a shorter interval is drawn whole."""
+    for high, reached in ((1e17, 500.0), (200.0, 200.0)):
+        curve = Curve(np.full(2, 5.0), np.full(2, 4.0), np.array([6.0, high]), np.ones(2))
+        panel = Panel("", np.arange(2.0), {"ekf": curve}, *np.full((2, 2), 2.0), np.full(2, 50.0))
+        by_case = answer.over_cases(["a", "b"], panel, FAMILIES).axes[0].get_xlim()
+        over_axis = answer.over_axis([panel], "x", log=False, families=FAMILIES).axes[0].get_ylim()
+        for low, end in (by_case, over_axis):
+            assert 0.2 <= low < 2.0 and reached <= end <= 500.0
+
+
 def test_errors_over_an_axis_have_a_panel_for_each_part():
     levels = np.ones(2), np.full(2, 0.5), np.full(2, 9.0)
     panels = [
