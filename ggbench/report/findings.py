@@ -74,12 +74,12 @@ def measured(of: Metrics) -> str:
     right = all(of.consistency(fold, name) in (CONSISTENT, CONSERVATIVE) for fold in folds)
     if not (all(i >= 2.0 * a for i, a in zip(ins, aided, strict=True)) and right):
         return ""
-    shares = span(*(share(of.value(fold, name, "success")) for fold in folds), " and ")
+    errors = [span(*map(metres, both), separator=" and ") for both in (ins, aided)]
+    shares = span(*(share(of.value(fold, name, "success")) for fold in folds), separator=" and ")
     return (
         "Measured gradients over Vinton Dome navigate on lines that the map does not know. The INS "
-        f"errs by {span(*map(metres, ins), ' and ')} m in two folds, the Gaussian sum in flight by "
-        f"{span(*map(metres, aided), ' and ')} m. It succeeds in {shares} of the runs, and is "
-        "consistent."
+        f"errs by {errors[0]} m in two folds, the Gaussian sum in flight by {errors[1]} m. It "
+        f"succeeds in {shares} of the runs, and is consistent."
     )
 
 

@@ -211,8 +211,8 @@ def test_what_cannot_be_compared_is_refused_before_it_is_flown():
     for changes, cases, seed, said in [
         ({}, ("outliers",), None, "no question of the card"),
         ({}, (), 7, "different runs .seed 3702 and 7"),
-        ({"suite": "ab"}, (), None, "of the suite ab"),
-        ({"results_version": -1}, (), None, "of the version of results -1"),
+        ({"suite": "ab"}, (), None, "different runs .suite ab and"),
+        ({"results_version": -1}, (), None, "different runs .version of results -1 and"),
     ]:
         with pytest.raises(ScoreError, match=said):
             cards_compared.require_comparable(old.model_copy(update=changes), cases, seed)
