@@ -66,7 +66,7 @@ def print_metrics(
                 _digits(row["rms_m"]),
                 ""
                 if math.isnan(row["rms_lo"])
-                else span(_digits(row["rms_lo"]), _digits(row["rms_hi"]), "-"),
+                else span(_digits(row["rms_lo"]), _digits(row["rms_hi"]), separator="-"),
                 f"{row['efficiency']:.3f}",
                 f"{100.0 * row['success']:.0f} %",
                 f"{row['nees']:.2f}",
@@ -117,7 +117,9 @@ def print_comparison(compared: Comparison, console: Console) -> None:
             f"{row['before']:.4g}",
             f"{row['after']:.4g}",
             "" if math.isnan(row["ratio"]) else f"{row['ratio']:.4f}",
-            "" if math.isnan(row["lo"]) else span(f"{row['lo']:.4f}", f"{row['hi']:.4f}", "-"),
+            ""
+            if math.isnan(row["lo"])
+            else span(f"{row['lo']:.4f}", f"{row['hi']:.4f}", separator="-"),
             f"{row['runs']}",
             f"{row['p_better' if row['verdict'] == 'better' else 'p']:.2g}",
             f"[{colour}]{row['verdict']}[/]" if colour else row["verdict"],

@@ -25,6 +25,6 @@ def short(value: float) -> str:
     return f"{value:.{digits}f}" if digits else f"{value:.0f}"
 
 
-def span(first: str, last: str, separator: str = " to ") -> str:
+def span(first: str, last: str, *, separator: str = " to ") -> str:
     """Return two numbers, as they are shown, as ends of a range; equal ones as one number."""
     return first if first == last else f"{first}{separator}{last}"

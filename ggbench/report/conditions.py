@@ -74,7 +74,7 @@ def _initial(cases: Sequence[CaseSpec]) -> str:
 def _span(values: Iterable[float]) -> str:
     """Return a value, or the least and the largest."""
     ordered = sorted(values)
-    return span(f"{ordered[0]:g}", f"{ordered[-1]:g}", "–")
+    return span(f"{ordered[0]:g}", f"{ordered[-1]:g}", separator="–")
 
 
 def _flight(shared: pd.DataFrame) -> str:
@@ -141,4 +141,4 @@ def _differences(case: CaseSpec) -> list[str]:
 
 def _range(values: pd.Series, unit: str) -> str:
     low, high = float(values.min()), float(values.max())
-    return f"{span(significant(low, 3), significant(high, 3), '–')} {unit}"
+    return f"{span(significant(low, 3), significant(high, 3), separator='–')} {unit}"
