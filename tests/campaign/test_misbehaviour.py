@@ -116,7 +116,7 @@ def test_processes_left_running_end_and_are_told(wild):
     assert table["remark"].tolist() == [left] * 4 + [""] * 2
     render.write(results.folder, wild / "reports")
     remarks = next((wild / "reports").glob("*/data/remarks.csv")).read_text()
-    assert f'wild[way=orphan],"{left}",1' in remarks
+    assert f"wild[way=orphan],{left},1" in remarks
 
 
 @pytest.mark.long
