@@ -79,19 +79,22 @@ class Database:
 
     def __init__(self, path: Path, create: bool = False) -> None:
         self.path = path
-        try:
-            self._connection = self._connect(create)
-            if create:
-                # In the file itself, before there is a log that it could be in instead.
-                self._connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-                self._connection.execute("PRAGMA journal_mode = WAL")
-                if not _tables(self._connection):
-                    self._connection.executescript(f"BEGIN; {SCHEMA} COMMIT")
-            self._connection.execute("PRAGMA synchronous = FULL")
-            self._connection.execute("PRAGMA foreign_keys = ON")
-            self._require_sound()
-        except sqlite3.Error as error:
-            raise StoreError(f"{path} is not a usable database: {text_of(error)}") from None
+        with contextlib.ExitStack() as failure:
+            try:
+                self._connection = self._connect(create)
+                failure.callback(self._connection.close)
+                if create:
+                    # In the file itself, before there is a log that it could be in instead.
+                    self._connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+                    self._connection.execute("PRAGMA journal_mode = WAL")
+                    if not _tables(self._connection):
+                        self._connection.executescript(f"BEGIN; {SCHEMA} COMMIT")
+                self._connection.execute("PRAGMA synchronous = FULL")
+                self._connection.execute("PRAGMA foreign_keys = ON")
+                self._require_sound()
+            except sqlite3.Error as error:
+                raise StoreError(f"{path} is not a usable database: {text_of(error)}") from None
+            failure.pop_all()
 
     def _connect(self, write: bool) -> sqlite3.Connection:
         """Open the database; a folder in which nothing may be written is read as it is."""

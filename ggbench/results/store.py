@@ -10,6 +10,7 @@ ever executed.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import io
 import json
@@ -84,19 +85,23 @@ class Store(Database):
     def __init__(self, folder: Path, create: bool = False, fresh: bool = False) -> None:
         self.folder = folder
         self._locked: io.BufferedWriter | None = None
-        try:
-            if create:
-                new = not folder.exists()
-                folder.mkdir(parents=True, exist_ok=True)
-                if new:
-                    _sync(folder.parent)
-                self._lock()
-                _remove_left(folder, all_of_them=fresh)
-            elif not (folder / "records.sqlite").exists():
-                raise StoreError(f"{folder} holds no results: it has no records.sqlite")
-            super().__init__(folder / "records.sqlite", create)
-        except OSError as error:
-            raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
+        # An exception keeps this object, and with it the lock, until it is collected.
+        with contextlib.ExitStack() as failure:
+            failure.callback(self._leave)
+            try:
+                if create:
+                    new = not folder.exists()
+                    folder.mkdir(parents=True, exist_ok=True)
+                    if new:
+                        _sync(folder.parent)
+                    self._lock()
+                    _remove_left(folder, all_of_them=fresh)
+                elif not (folder / "records.sqlite").exists():
+                    raise StoreError(f"{folder} holds no results: it has no records.sqlite")
+                super().__init__(folder / "records.sqlite", create)
+            except OSError as error:
+                raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
+            failure.pop_all()
 
     def _lock(self) -> None:
         """Take the folder for this process, until it ends however it ends."""
@@ -112,6 +117,10 @@ class Store(Database):
     def close(self) -> None:
         """Close the database, whose log is merged into it, and leave the folder to others."""
         super().close()
+        self._leave()
+
+    def _leave(self) -> None:
+        """Let other processes use the folder."""
         if self._locked is not None:
             self._locked.close()
 

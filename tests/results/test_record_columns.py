@@ -141,9 +141,14 @@ def test_a_row_that_was_spoilt_is_found(change, store):
         connection.execute("PRAGMA ignore_check_constraints = ON")
         connection.execute(f"UPDATE {change}")
     connection.close()
+    refusals = []
     for create in (False, True):
-        with pytest.raises(StoreError, match=r"records\.sqlite is damaged \(.*\): .*--fresh"):
+        with pytest.raises(
+            StoreError, match=r"records\.sqlite is damaged \(.*\): .*--fresh"
+        ) as told:
             Store(store.folder, create)
+        refusals.append(told)
+    # The refusals are held, and with them all that their frames hold: no lock may be among it.
     Store(store.folder, create=True, fresh=True).close()
 
 
