@@ -122,7 +122,7 @@ def _unscented(
     equations = reading.rows.shape[0]
     hp, linear = lanes.lanes(equations, n), lanes.lanes(equations, equations)
     s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
-    points = sigma_points_of(moving_errors(model), n, m, model.channels.shape[0])
+    points = sigma_points_of(moving_errors(model.instrument), n, m, model.channels.shape[0])
     offset, cross, reweighed = lanes.lanes(1, m), lanes.lanes(m, n), lanes.lanes(m + 1, m)
     h_cov, gain, squared = lanes.lanes(m, m), lanes.lanes(m, n), lanes.lanes(1, 1)
     for first in lanes.group_starts(runs):

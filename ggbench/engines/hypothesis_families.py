@@ -11,13 +11,13 @@ import numpy as np
 from ..block import ProblemBlock
 from ..numerics.frozen import read_only
 from ..sensors.aiding import MGAL
-from ..sensors.gradiometer.instrument import STRAPDOWN
-from ..sensors.model_arrays import ModelArrays, immutable
+from ..sensors.model_arrays import immutable
+from ..sensors.model_kernels import moving_errors
 from .hypothesis_bank import Bank, Families
 from .hypothesis_motion import Motion
 from .model_hypotheses import Hypothesis, accelerometer, of_the_map, spread
 from .robust_weights import NONE, number_of
-from .whitened_measurements import Batch, batch_of
+from .whitened_measurements import Batch, batch_of, gradient_equations
 
 _FIXED = 1e-6
 """Standard deviation of the state that stands for the number one: a covariance is positive."""
@@ -122,23 +122,9 @@ def bank_of(
 
 
 def mixed_noise(block: ProblemBlock) -> bool:
-    """Return whether channels matched with the map have noise correlated with that of others."""
+    """Return whether noise of channels matched with the map correlates with other noise."""
     of_map = of_the_map(block)
     return bool(block.noise_cov[..., of_map, :][..., ~of_map].any())
-
-
-def _gradient_equations(model: ModelArrays, first_linear: int) -> int:
-    """Return how many equations the channels of the gradiometer become in a plain update.
-
-    As :func:`.readings_of` has it.
-    """
-    g = len(model.channels)
-    return g if first_linear < g else min(g, _moving_errors(model))
-
-
-def _moving_errors(model: ModelArrays) -> int:
-    """Return on how many errors of position and attitude gradients depend."""
-    return 6 if model.instrument == STRAPDOWN else 3
 
 
 def precisions_of(block: ProblemBlock, noises: Sequence[float]) -> np.ndarray:
@@ -146,8 +132,9 @@ def precisions_of(block: ProblemBlock, noises: Sequence[float]) -> np.ndarray:
 
     The noise is not :func:`mixed_noise`.
     """
-    of_map, g = of_the_map(block), len(block.model.channels)
-    gradients = _gradient_equations(block.model, block.model.first_linear)
+    model, of_map = block.model, of_the_map(block)
+    g, moving = len(model.channels), moving_errors(model.instrument)
+    gradients = gradient_equations(g, moving, model.first_linear, False)
     mapped = [*of_map[:gradients], *of_map[g:]]
     mapped += [False] * max(3 - len(mapped), 0)
     return np.where(mapped, 1.0 / np.array(noises)[:, np.newaxis], 1.0)
@@ -183,7 +170,7 @@ def _families(
     """Return the arrays of families."""
     model, of_map = block.model, of_the_map(block)
     channels, n, m = np.flatnonzero(of_map), block.dimension, len(of_map)
-    g, sizes = len(model.channels), _sizes(block, members)
+    g, moving, sizes = len(model.channels), moving_errors(model.instrument), _sizes(block, members)
     effects: list[np.ndarray] = []
     for family, size in zip(members, sizes, strict=True):
         effect = np.zeros((m, size), dtype=bool)
@@ -195,7 +182,7 @@ def _families(
     plain = np.zeros((m, n), dtype=bool)
     plain[:] = model.linear.any(axis=(0, 1))
     plain[:, :3] |= np.asarray(model.weights.any(axis=(0, 1, 3)))[:, np.newaxis]
-    moved = np.flatnonzero(model.rows[:, :, : _moving_errors(model)].any(axis=(0, 1, 2)))
+    moved = np.flatnonzero(model.rows[:, :, :moving].any(axis=(0, 1, 2)))
     linked = np.asarray((batch.noise_inverse != 0.0).any(axis=0))
     lengths = [block.runs * block.epochs * m * size for size in sizes]
     linears, firsts, columns, gradients = np.zeros(sum(lengths)), [], [], []
@@ -215,7 +202,7 @@ def _families(
         firsts.append(int(reached[0]) if len(reached) else m)
         columns.append(np.flatnonzero(dependent.any(axis=0)))
         whole = iterations > 1 or family.loss != NONE
-        gradients.append(g if whole else _gradient_equations(model, firsts[-1]))
+        gradients.append(gradient_equations(g, moving, firsts[-1], whole))
         pattern = []
         for c in (*range(gradients[-1]), *range(g, m)):
             used = dependent[linked[c]].any(axis=0)
@@ -321,10 +308,10 @@ def _fill_matern(decay: np.ndarray, move: np.ndarray, drive: np.ndarray) -> None
 
 
 def _coupling(block: ProblemBlock, motion: Motion, wanted: bool) -> np.ndarray:
-    """Return what an acceleration ENU [m/s²] that the INS does not know adds to x (R, K, n, 4).
+    """Return the effect (R, K, n, 4) of uncompensated acceleration ENU [m/s²] on x.
 
-    As a bias of the accelerometers does that is constant from epoch to epoch; and what the known
-    change of it adds. Of no epoch unless it is wanted.
+    Three columns: of an acceleration that is constant from epoch to epoch, like an accelerometer
+    bias. The last one: of its known change. Of no epoch unless it is wanted.
     """
     if not wanted:
         return np.zeros((1, 1, 1, 4))

@@ -106,8 +106,8 @@ def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
     With ``whole`` each channel keeps an equation of its own; else equivalent ones are merged.
     """
     model, m, n = batch.model, batch.measurements.shape[2], batch.prior_cov.shape[0]
-    moving, g = moving_errors(model), model.channels.shape[0]
-    equations = max(_gradient_equations(model, whole) + m - g, 3)
+    moving, g = moving_errors(model.instrument), model.channels.shape[0]
+    equations = max(gradient_equations(g, moving, model.first_linear, whole) + m - g, 3)
     precision = lanes(1, equations)
     precision[:] = 1.0
     return LinearisedMeasurement(
@@ -125,13 +125,19 @@ def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
 
 
 @compiled
-def _gradient_equations(model: ModelArrays, whole: bool) -> int:
+def gradient_equations(channels: int, moving: int, first_linear: int, whole: bool) -> int:
     """Return how many equations the gradiometer's channels become.
 
-    What channels without a linear part say about ``moving`` errors is at most so many.
+    Channels without a linear part determine at most as many errors as there are ``moving`` ones.
+
+    Parameters
+    ----------
+    channels : number of them.
+    moving : from :func:`.moving_errors`.
+    first_linear : see :class:`.ModelArrays`.
+    whole : see :func:`readings_of`.
     """
-    g = model.channels.shape[0]
-    return g if whole or model.first_linear < g else min(g, moving_errors(model))
+    return channels if whole or first_linear < channels else min(channels, moving)
 
 
 @compiled
@@ -157,7 +163,8 @@ def linearise(
     expand(model, group, count, k, x, out.expansion)
     _whiten_residuals(root, out)
     _whiten_slope(root, out)
-    equations = _gradient_equations(model, out.whole)
+    moving = moving_errors(model.instrument)
+    equations = gradient_equations(g, moving, model.first_linear, out.whole)
     if equations < g:
         _compress(out)
     total = splat(0.0)

@@ -284,9 +284,9 @@ def _along(found: np.ndarray, first: int) -> Tensor:
 
 
 @compiled
-def moving_errors(model: ModelArrays) -> int:
+def moving_errors(instrument: int) -> int:
     """Return on how many elements of B_k x the readings depend."""
-    return 6 if model.instrument == STRAPDOWN else 3
+    return 6 if instrument == STRAPDOWN else 3
 
 
 @record
@@ -323,7 +323,7 @@ def expansion_of(model: ModelArrays) -> Expansion:
     g, m, n = model.channels.shape[0], model.linear.shape[2], model.linear.shape[3]
     return Expansion(
         slope=new(g, 6),
-        b=new(moving_errors(model), model.rows.shape[3]),
+        b=new(moving_errors(model.instrument), model.rows.shape[3]),
         errors=new(6, 1),
         linear=new(m, n),
         by_tensor=new(1, m),

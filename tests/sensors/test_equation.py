@@ -86,7 +86,7 @@ def expansion_of(model: ModelArrays) -> Expansion:
     g, (m, n) = len(model.channels), model.linear.shape[2:]
     return Expansion(
         slope=lanes(g, 6),
-        b=lanes(moving_errors(model), model.rows.shape[-1]),
+        b=lanes(moving_errors(model.instrument), model.rows.shape[-1]),
         errors=lanes(6, 1),
         linear=lanes(m, n),
         by_tensor=lanes(1, m),
@@ -120,7 +120,7 @@ def test_pairs_of_points_are_the_odd_and_the_even_part_of_h(block, states):
     root = np.tril(0.5 * np.random.default_rng(7).normal(size=(RUNS, n, n))) * sigma[:, np.newaxis]
     root[:, :3, :3] = np.tril(np.random.default_rng(8).normal(size=(RUNS, 3, 3))) * 200.0
     at, centre, lower = expansion_of(model), in_lanes(x[:, np.newaxis]), in_lanes(root)
-    g, moving = len(model.channels), moving_errors(model)
+    g, moving = len(model.channels), moving_errors(model.instrument)
     pairs = SigmaPoints(
         shift=lanes(moving, n),
         odd=lanes(m, n),
