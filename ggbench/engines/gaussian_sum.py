@@ -47,6 +47,7 @@ class Hypotheses:
 def _filter(
     batch: Batch,
     prior: Hypotheses,
+    space: Hypotheses,
     rules: Rules,
     mean: np.ndarray,
     cov: np.ndarray,
@@ -60,19 +61,18 @@ def _filter(
     Parameters
     ----------
     prior : J hypotheses of one covariance (1, n, n).
+    space : from :func:`space_for`, scratch.
     """
     runs, epochs = batch.measurements.shape[:2]
-    most, n = prior.means.shape
-    now = Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
     for run in range(runs):
-        start(prior, now)
+        start(prior, space)
         advance(
             batch=batch,
             run=run,
             first=0,
             stop=epochs,
             rules=rules,
-            now=now,
+            now=space,
             mean=mean[run],
             cov=cov[run],
             evidence=np.empty(0),
@@ -374,6 +374,7 @@ def gaussian_sum(
     _filter(
         batch=batch_of(block),
         prior=prior,
+        space=space_for(prior),
         rules=rules,
         mean=mean,
         cov=cov,

@@ -184,6 +184,34 @@ def _move_means(
 
 
 @compiled
+def multiply_rows(
+    rows: np.ndarray, used: np.ndarray, used_counts: np.ndarray, p: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill H P (m, N), m being the rows of ``out``, from the states that H uses.
+
+    Parameters
+    ----------
+    rows : H (m or more, N, lanes).
+    used, used_counts : see :class:`.hypothesis_bank.Families`, of one family.
+    p, out : (N, N, lanes), (m, N, lanes).
+    """
+    size = p.shape[0]
+    for c in range(out.shape[0]):
+        for j_0 in range(0, size, 3):
+            j = min(j_0, size - 3)
+            t_0 = t_1 = t_2 = splat(0.0)
+            for i in range(used_counts[c]):
+                column = used[c, i]
+                value = load(rows, c, column)
+                t_0 += value * load(p, column, j)
+                t_1 += value * load(p, column, j + 1)
+                t_2 += value * load(p, column, j + 2)
+            store(out, c, j, t_0)
+            store(out, c, j + 1, t_1)
+            store(out, c, j + 2, t_2)
+
+
+@compiled
 def project(
     rows: np.ndarray,
     used: np.ndarray,
@@ -194,20 +222,7 @@ def project(
     s: np.ndarray,
 ) -> None:
     """Fill H P (m, N) and the lower half of H P Hᵀ + 1 (m, m), from the states that H uses."""
-    size = p.shape[0]
-    for c in range(m):
-        for j_0 in range(0, size, 3):
-            j = min(j_0, size - 3)
-            t_0 = t_1 = t_2 = splat(0.0)
-            for i in range(used_counts[c]):
-                column = used[c, i]
-                value = load(rows, c, column)
-                t_0 += value * load(p, column, j)
-                t_1 += value * load(p, column, j + 1)
-                t_2 += value * load(p, column, j + 2)
-            store(hp, c, j, t_0)
-            store(hp, c, j + 1, t_1)
-            store(hp, c, j + 2, t_2)
+    multiply_rows(rows, used, used_counts, p, hp)
     for c in range(m):
         for d in range(c + 1):
             total = splat(1.0) if c == d else splat(0.0)
@@ -228,19 +243,9 @@ def joseph(
     change: np.ndarray,
 ) -> None:
     """Update P as :func:`.lane_algebra.joseph` does, from the states that rows of H use."""
-    size = p.shape[0]
     lane_algebra.add_products(gain, hp, -1.0, p, scratch)
+    multiply_rows(rows, used, used_counts, scratch, change)
     for c in range(gain.shape[0]):
-        for j_0 in range(0, size, 3):
-            j = min(j_0, size - 3)
-            t_0 = t_1 = t_2 = splat(0.0)
-            for i in range(used_counts[c]):
-                column = used[c, i]
-                value = load(rows, c, column)
-                t_0 += value * load(scratch, column, j)
-                t_1 += value * load(scratch, column, j + 1)
-                t_2 += value * load(scratch, column, j + 2)
-            store(change, c, j, load(gain, c, j) - t_0)
-            store(change, c, j + 1, load(gain, c, j + 1) - t_1)
-            store(change, c, j + 2, load(gain, c, j + 2) - t_2)
+        for j in range(p.shape[0]):
+            store(change, c, j, load(gain, c, j) - load(change, c, j))
     lane_algebra.add_products(gain, change, 1.0, scratch, p)

@@ -19,7 +19,7 @@ _WITHOUT_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 
 class Motion(NamedTuple):
-    """What hypotheses need to know of a block's tracks, epoch by epoch.
+    """Track data of a block for its hypotheses, epoch by epoch.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Motion(NamedTuple):
 
 
 def motion_of(block: ProblemBlock) -> Motion:
-    """Return what hypotheses need to know of the tracks of a whole flight."""
+    """Return the track data of a whole flight."""
     runs, epochs = block.runs, block.epochs
     known, walked = np.zeros((runs, epochs, 3)), np.zeros((runs, epochs))
     if block.tracks is None:
