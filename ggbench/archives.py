@@ -7,18 +7,18 @@ zlib.error). Here each becomes an error of the caller's kind, with a sentence.
 
 from __future__ import annotations
 
-import contextlib
 import gzip
 import io
 import tarfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from .errors import GGBenchError, line_of, text_of
+from .errors import GGBenchError, line_of, reported
 from .files import MOST_TEXT
 
 MOST_ARRAYS = 1_000_000_000
@@ -28,15 +28,9 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Compression of zip files: the others are unpacked without a limit of memory."""
 
 
-@contextlib.contextmanager
-def _unpacking(error: type[GGBenchError], what: str) -> Iterator[None]:
-    """Turn whatever damage makes of a library into an error with a sentence."""
-    try:
-        yield
-    except GGBenchError:
-        raise
-    except Exception as failure:
-        raise error(f"{what} cannot be unpacked: {text_of(failure)}") from None
+def _unpacking(error: type[GGBenchError], what: str) -> AbstractContextManager[None]:
+    """Return the context in which damage becomes an error with a sentence."""
+    return reported(error, f"{what} cannot be unpacked")
 
 
 def gunzipped(content: bytes, error: type[GGBenchError], what: str) -> bytes:

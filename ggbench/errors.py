@@ -1,5 +1,10 @@
 """The base class of the errors that users can cause, and the texts of other errors."""
 
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
 _LONGEST_REASON = 300
 _LONGEST_TEXT = 200
 
@@ -9,6 +14,25 @@ class GGBenchError(Exception):
 
     Its message is a sentence that says what was wrong, where, and what is allowed.
     """
+
+
+@contextlib.contextmanager
+def reported(error: type[GGBenchError], failure: str) -> Iterator[None]:
+    """Raise whatever a library raises within the context as an error with one sentence.
+
+    Errors of the package pass.
+
+    Parameters
+    ----------
+    error : raised instead.
+    failure : beginning of the sentence; the reason follows.
+    """
+    try:
+        yield
+    except GGBenchError:
+        raise
+    except Exception as reason:
+        raise error(f"{failure}: {text_of(reason)}") from None
 
 
 def text_of(error: BaseException) -> str:

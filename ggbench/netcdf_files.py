@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from .errors import GGBenchError, text_of
+from .errors import GGBenchError, reported, text_of
 from .files import reason_of
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -56,17 +56,15 @@ def netcdf_file(
             f"{what} needs the package {failure.name or library} ({text_of(failure)}): pip "
             "install 'ggbench[terrain]'"
         ) from None
-    try:
-        with (
+    with (
+        reported(error, f"{what} cannot be read as a netCDF file"),
+        (
             package.open_dataset(path, engine="netcdf4", decode_times=False)
             if library == "xarray"
             else package.Dataset(path)
-        ) as file:
-            yield file
-    except GGBenchError:
-        raise
-    except Exception as failure:
-        raise error(f"{what} cannot be read as a netCDF file: {text_of(failure)}") from None
+        ) as file,
+    ):
+        yield file
 
 
 def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None:
