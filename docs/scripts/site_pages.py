@@ -16,6 +16,7 @@ from pathlib import Path
 from PIL import Image
 
 from ggbench.report import render
+from ggbench.report.findings import FINDINGS
 from ggbench.spec import scenario
 
 DOCS = Path(__file__).parents[1]
@@ -24,19 +25,9 @@ GENERATED = DOCS / "generated"
 EXTRA = DOCS.parent / "build" / "extra"
 """Files that the site has as they are: the reports' HTML pages, in ``pages``, if any."""
 THUMBNAILS = "thumbnails"
-"""Folder of small pictures, in that of the generated pages."""
-FIRST = (
-    "suite",
-    "wang2013",
-    "vinton2008",
-    "wide_prior",
-    "outliers",
-    "map_error",
-    "gnss_outage",
-    "ship_strategic",
-    "below_summits",
-)
-"""Scenarios that the gallery shows first: those of the findings."""
+"""Folder of thumbnails, inside the folder of generated pages."""
+FIRST = tuple(dict.fromkeys([*(name for name, _ in FINDINGS), "wang2013"]))
+"""First scenarios of the gallery: the sources of the findings, and the paper."""
 _THUMBNAIL_PX, _THUMBNAIL_COLOURS = 640, 64
 _REPORTS, _DATA = ROOT / "reports", ROOT / "scenarios" / "data"
 _LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
@@ -106,7 +97,7 @@ def relinked(text: str, written: Path, page: Path) -> str:
 
 
 def scenarios() -> list[str]:
-    """Return the names of the shipped scenarios, those of :data:`FIRST` first."""
+    """Return the names of the shipped scenarios, beginning with :data:`FIRST`."""
     shipped = scenario.shipped()
     return [*FIRST, *(name for name in shipped if name not in FIRST)]
 

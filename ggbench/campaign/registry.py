@@ -36,10 +36,10 @@ GROUP = "ggbench.estimators"
 FRAMEWORKS = "ggbench.frameworks"
 """Entry points of estimators that need another package, each with an extra."""
 _SOURCE = "__ggbench_source__"
-_SHIPPED = ("ggbench.estimators.", "ggbench.adapters.")
-"""How the names of modules of shipped estimators begin."""
 _ADAPTERS = "ggbench.adapters."
-"""How the names of the modules begin by which other packages' estimators join."""
+"""Begin of the names of modules that adapt other packages' estimators."""
+_SHIPPED = ("ggbench.estimators.", _ADAPTERS)
+"""Begin of the names of modules of shipped estimators."""
 
 
 class EstimatorError(GGBenchError):

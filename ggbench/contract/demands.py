@@ -217,16 +217,14 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
         epoch = int(ahead.argmax())
         raise Broken(
             f"it uses later measurements although its causality is '{first.causality}': when "
-            f"{change}, the estimate at epoch {epoch} moved by {moved[epoch]:.2g} "
-            "deviations of "
+            f"{change}, the estimate at epoch {epoch} moved by {moved[epoch]:.2g} deviations of "
             "the prior"
         )
     if first.fixes is None:
         if moved[~blind][0] <= _MOVED:
             raise Broken(
                 f"when {change} the estimate at epoch {int((~blind).argmax())} did not move, "
-                f"although its causality is '{first.causality}': "
-                "declare 'none' for an estimator "
+                f"although its causality is '{first.causality}': declare 'none' for an estimator "
                 "without aiding"
             )
     else:  # a matcher waits for its window, and may refuse what it finds: its fixes have seen them

@@ -138,7 +138,7 @@ def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:
     return environment.get_template(template).render(
         policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
         f"script-src {libraries.script_hash(script)} blob:",
-        style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
+        style=page_templates.style(),
         table_style=table_style,
         table_script=table_script,
         script=script,

@@ -44,6 +44,16 @@ def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Envir
     return templating
 
 
+def style() -> str:
+    """Return the style sheet of HTML pages."""
+    return (TEMPLATES / "page.css").read_text(encoding="utf-8")
+
+
+def html(template: str, **values: Any) -> str:
+    """Return an HTML page of a template that takes ``style``."""
+    return environment(html=True).get_template(template).render(style=style(), **values)
+
+
 def markdown(template: str, templates: Path = TEMPLATES, **values: Any) -> str:
     """Return a markdown page, without empty lines in a row."""
     text = environment(templates=templates).get_template(template).render(values)

@@ -12,8 +12,7 @@ import pandas as pd
 from ..figures.planned import planned_tracks
 from ..figures.style import Drawing, save
 from ..files import written_whole
-from ..report import columns
-from ..report.page_templates import environment
+from ..report.page_templates import html
 from ..simulation.field_source import beside, make_field
 from ..simulation.true_motion import trajectory_of
 from ..spec.case import CaseSpec
@@ -58,26 +57,21 @@ def write(
         picture = Path(folder) / "tracks.png"
         save(over_map(tracks, advice.case), picture)
         image = base64.b64encode(picture.read_bytes()).decode()
-    style = (columns.TEMPLATES / "page.css").read_text(encoding="utf-8")
-    text = (
-        environment(html=True)
-        .get_template("decision.html.j2")
-        .render(
-            style=style,
-            scenario=scenario,
-            advice=advice,
-            runs=advice.results.run_count,
-            date=time.strftime("%Y-%m-%d"),
-            answers=decisions.verdicts(advice),
-            instrument=[] if target_m is None else decisions.instrument(advice, target_m)[0],
-            estimators=(decisions.ESTIMATOR_HEAD, decisions.estimator_rows(advice)),
-            limits=(decisions.LIMIT_HEAD, decisions.limit_rows(advice)),
-            limits_title=decisions.LIMITS,
-            halved=decisions.HALVED,
-            tracks=(decisions.TRACK_HEAD, decisions.track_rows(tracks)),
-            where=decisions.track_sentences(tracks, target_m),
-            image=image,
-        )
+    text = html(
+        "decision.html.j2",
+        scenario=scenario,
+        advice=advice,
+        runs=advice.results.run_count,
+        date=time.strftime("%Y-%m-%d"),
+        answers=decisions.verdicts(advice),
+        instrument=[] if target_m is None else decisions.instrument(advice, target_m)[0],
+        estimators=(decisions.ESTIMATOR_HEAD, decisions.estimator_rows(advice)),
+        limits=(decisions.LIMIT_HEAD, decisions.limit_rows(advice)),
+        limits_title=decisions.LIMITS,
+        halved=decisions.HALVED,
+        tracks=(decisions.TRACK_HEAD, decisions.track_rows(tracks)),
+        where=decisions.track_sentences(tracks, target_m),
+        image=image,
     )
     with written_whole(path, ScoreError) as temporary:
         temporary.write_text(text, encoding="utf-8")

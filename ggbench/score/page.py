@@ -15,7 +15,7 @@ from ..figures.numbers import some
 from ..figures.style import Drawing, save
 from ..files import written_whole
 from ..report import columns, tables
-from ..report.page_templates import environment, markdown
+from ..report.page_templates import html, markdown
 from .card import VERDICTS, Card, Opponent, Question
 from .stored_runs import ScoreError
 
@@ -146,11 +146,9 @@ def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
     failures_table = tables.markdown(FAILURE_HEAD, failed)
     save(_picture(card), folder / PICTURE)
     image = base64.b64encode((folder / PICTURE).read_bytes()).decode()
-    style = (columns.TEMPLATES / "page.css").read_text(encoding="utf-8")
-    html = environment(html=True).get_template("card.html.j2")
     texts = {
         "card.md": markdown("card.md.j2", table=table, failures_table=failures_table, **values),
-        "card.html": html.render(style=style, image=image, **values),
+        "card.html": html("card.html.j2", image=image, **values),
     }
     for name, text in texts.items():
         with written_whole(folder / name, ScoreError) as temporary:
