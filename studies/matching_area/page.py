@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ggbench.figures.numbers import short
 from ggbench.figures.style import save
+from ggbench.judging.statistics import wilson
 from ggbench.report import page_templates, tables
 from ggbench.report.columns import share, significant
 from ggbench.results import digest
@@ -82,6 +84,7 @@ def page(found: Found) -> str:
         third=_thirds(found.tables["thirds"]),
         heading_gain=_heading_gain(found.tables["headings"]),
         instruments=_instruments(found.tables["instruments"]),
+        wide=_wide(tracks),
         cells=tracks.groupby(["region", "cell"]).ngroups,
         tracks=len(tracks),
         design=design,
@@ -175,3 +178,9 @@ def _instruments(instruments: pd.DataFrame) -> dict[str, str]:
     """Return the least correlation over regions of six components with each other instrument."""
     first = instruments[instruments["first"] == findings.INSTRUMENTS["track_m"]]
     return {str(k): f"{v:.2f}" for k, v in first.groupby("second")["spearman"].min().items()}
+
+
+def _wide(tracks: pd.DataFrame) -> dict[str, Any]:
+    """Return the fixes of the wide flights: how many, and the share accepted and right."""
+    fixes, locked = int(tracks["wide_runs"].sum()), int(tracks["wide_locked"].sum())
+    return {"fixes": fixes, "right": share(wilson(locked, fixes)[0])}
