@@ -63,7 +63,7 @@ class Plan:
         )
 
     def joined(self, old: Mapping[str, Any], whole: Scenario, finished: Set[str]) -> Plan:
-        """Return this plan together with what a folder holds of the same content.
+        """Return this plan, joined with the runs of the same content in a folder.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class PendingCell(NamedTuple):
 
 
 class Tasks:
-    """What a campaign has still to run: its tasks, made when they are asked for.
+    """Remaining tasks of a campaign, made on demand.
 
     A range of runs of all cases comes before the next one, and estimators that do not take many
     runs at once go through it run by run: an interrupted campaign has runs of all cases. Where each

@@ -172,7 +172,7 @@ def _clear(examination: Examined) -> bool:
 
 @lru_cache(maxsize=64)
 def _bounds(spec: FieldSpec, version: tuple[int, int]) -> Bounds:
-    """Return what a map serves; ``version`` is that of its file.
+    """Return the limits of a map; ``version`` is from :func:`.map_version`.
 
     Of a map that is not built, those that are asked for: its nodes reach at least so far.
     """
