@@ -27,6 +27,13 @@ _MISSING = "0.9"
 """Colour of a cell without a ratio."""
 _ROW, _HEAD, _PROFILE = 0.29, 1.35, 2.1
 """Heights [in] of a row of the grid, of its head, of the profile."""
+KEY = (
+    "Number: RMS error over the bound (m)\n"
+    "Frame: recommended\n"
+    "\N{DAGGER} overconfident, \N{DOUBLE DAGGER} unsafe\n"
+    "lost: share of runs that end far off"
+)
+"""What a cell says, in the corner above the names of the cases."""
 _TITLE = 34
 """Characters in a line of a case's name."""
 _LABELS, _NARROWEST, _GAP = 2.3, 0.28, 0.35
@@ -115,12 +122,21 @@ def _draw_grid(figure: Drawing, axes: Axes, of: League, families: Mapping[str, s
     axes.set_ylim(len(of.cases) - 0.5, -0.5)
     axes.set_yticks(range(len(of.cases)), [fill(name, _TITLE) for name in of.cases], fontsize=7.5)
     axes.xaxis.tick_top()
-    axes.set_xticks(places, of.estimators, rotation=50, ha="left", fontsize=7.5)
+    names = ["INS" if name == "ins" else name for name in of.estimators]
+    axes.set_xticks(places, names, rotation=50, ha="left", fontsize=7.5)
     shift = ScaledTranslation(-0.06, -0.03, figure.dpi_scale_trans)
     for label, name in zip(axes.get_xticklabels(), of.estimators, strict=True):
         label.set(rotation_mode="anchor", transform=label.get_transform() + shift)
         if families.get(name) == "own":
             label.set(color=COLOURS["own"], weight="bold")
+    axes.annotate(
+        KEY, (0.0, 1.0), (-6.0, 4.0), "axes fraction", "offset points", ha="right", fontsize=7.5
+    )
+    causal = len(places) - of.smoothers
+    for block, name in ((places[:causal], "in flight"), (places[causal:], "after landing")):
+        if len(block) and of.smoothers:
+            below = len(of.cases) - 0.4
+            axes.text(block.mean(), below, name, ha="center", va="top", fontsize=7.5)
     axes.tick_params(length=0.0)
     axes.grid(False)
     for spine in axes.spines.values():

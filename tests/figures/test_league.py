@@ -46,7 +46,7 @@ def cells(axis) -> dict[tuple[float, float], object]:
 def test_cells_have_texts_and_the_colour_of_their_ratio():
     """Smoothers stand apart; lost runs have the last colour; without a ratio a cell is grey."""
     grid, _ = drawn().axes
-    texts = {text.get_position(): text.get_text() for text in grid.texts}
+    texts = {text.get_position(): text.get_text() for text in grid.texts[: TEXTS.size]}
     places = sorted({x for x, _ in texts})
     assert np.diff(places)[:2].tolist() == [1.0, 1.0] and np.diff(places)[2] > 1.2
     shown = [[texts[x, y] for x in places] for y in (0, 1)]
@@ -65,9 +65,21 @@ def test_recommended_cells_have_a_frame_and_own_names_their_colour():
     grid, _ = drawn().axes
     frames = [patch for patch in grid.patches if not patch.get_fill()]
     assert [(round(f.get_x() + 0.44), round(f.get_y() + 0.42)) for f in frames] == [(1, 0)]
-    assert [label.get_text() for label in grid.get_xticklabels()] == [*FAMILIES]
+    names = ["INS", "ekf", "mine", "batch"]
+    assert [label.get_text() for label in grid.get_xticklabels()] == names
     colours = [label.get_color() == COLOURS["own"] for label in grid.get_xticklabels()]
     assert colours == [False, False, True, False]
+
+
+def test_the_corner_says_what_a_cell_is_and_blocks_have_names():
+    """Of flights that are aided in flight alone no block is named."""
+    grid, _ = drawn().axes
+    key, *blocks = grid.texts[TEXTS.size :]
+    assert "RMS error over the bound" in key.get_text() and "unsafe" in key.get_text()
+    places = {text.get_text(): text.get_position()[0] for text in blocks}
+    assert places == pytest.approx({"in flight": 1.0, "after landing": 3.35})
+    grid, _ = drawn(smoothers=0).axes
+    assert len(grid.texts) == TEXTS.size + 1
 
 
 def test_the_profile_is_the_share_of_cases_within_a_ratio():
@@ -101,7 +113,7 @@ def test_texts_fit_their_cells_at_800_pixels(count):
     grid, _ = figure.axes
     assert figure.get_figwidth() * 110.0 <= 804.0
     size = (grid.transData.transform((1.0, 1.0)) - grid.transData.transform((0.0, 0.0))) * [1, -1]
-    for text in grid.texts:
+    for text in grid.texts[: longest.size]:
         box = text.get_window_extent()
         assert box.width <= size[0] and box.height <= size[1]
         assert text.get_fontsize() >= 5.5
