@@ -97,7 +97,7 @@ def test_kills_while_it_is_compiled(tmp_path, started, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("GGBENCH_CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "small.toml").write_text(SMALL)
-    engines = ("ekf", "factor-graph[mode=batch]")
+    engines = ("ekf", "ukf")
     options = ["-n", "300", "-j", "2", *(word for engine in engines for word in ("-e", engine))]
     moment = random.Random(4)
     for _ in range(6):
