@@ -22,7 +22,7 @@ TEMPLATES = [
 ]
 DATA = sorted((SCENARIOS / "data").rglob("README.md"))
 CHANGELOG = ROOT / "CHANGELOG.md"
-MEASURED = [ROOT / "reports" / "speed.md", ROOT / "reports" / "matching_area.md"]
+MEASURED = [ROOT / "reports" / f"{name}.md" for name in ("speed", "frameworks", "matching_area")]
 """Pages of the benchmark and of the study."""
 SCANNED = [
     *documents(ROOT),

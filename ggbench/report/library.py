@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -21,6 +22,7 @@ from .tables import MOST_ROWS, code
 
 FILE = "README.md"
 """Name of the page."""
+_STUDY = re.compile(r"^\*\*Answer\.\*\* (.+?[.])(?= [^a-z]|$)", re.MULTILINE)
 
 
 def write(output: Path) -> tuple[Path, list[str]]:
@@ -45,7 +47,8 @@ def write(output: Path) -> tuple[Path, list[str]]:
     path = output / FILE
     try:
         has_league = (output / SUITE / ANSWER).exists()
-        path.write_text(text(digests, has_league), encoding="utf-8")
+        page = text(digests, has_league, studies(output, digests))
+        path.write_text(page, encoding="utf-8")
         write_definitions(output)
     except OSError as error:
         raise ReportError(f"cannot write to {output}: {reason_of(error)}") from None
@@ -63,8 +66,25 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
     return digests, remarks
 
 
-def text(digests: Sequence[Digest], has_league: bool = True) -> str:
-    """Return the page as markdown; ``has_league``: the figure of the suite is next to it."""
+def studies(output: Path, digests: Sequence[Digest]) -> dict[str, str]:
+    """Return the first sentence of the answer of each page that is of no scenario, by its name."""
+    scenarios = {each.manifest["scenario"] for each in digests}
+    pages = {path.stem: path.read_text(encoding="utf-8") for path in sorted(output.glob("*.md"))}
+    answers = {name: _STUDY.search(page) for name, page in pages.items() if name not in scenarios}
+    return {name: answer[1] for name, answer in answers.items() if answer}
+
+
+def text(
+    digests: Sequence[Digest], has_league: bool = True, studies: Mapping[str, str] | None = None
+) -> str:
+    """Return the page as markdown.
+
+    Parameters
+    ----------
+    digests : of the scenarios.
+    has_league : whether the figure of the suite is next to the page.
+    studies : answers of the pages of other measurements, by the names of the pages.
+    """
     suite = [each for each in digests if each.manifest["scenario"] == SUITE]
     newest = max(each.manifest["results_version"] for each in digests)
     scenarios = [
@@ -83,6 +103,7 @@ def text(digests: Sequence[Digest], has_league: bool = True) -> str:
         caption=CAPTION,
         explanation=EXPLANATION,
         scenarios=scenarios,
+        studies=studies or {},
         newest=newest,
     )
 

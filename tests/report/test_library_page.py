@@ -31,6 +31,19 @@ def test_pages_of_an_earlier_version_are_marked():
     assert "\\* Flown before results version" in text
 
 
+def test_pages_of_other_measurements_are_listed_with_their_answer(tmp_path):
+    """The first sentence alone, whose numbers have points, and no page of a scenario."""
+    answer = "**Answer.** A run takes 0.4 ms with `ekf`. Others take longer."
+    for name, body in {"ship": answer, "speed": answer, "definitions": "- **bound**"}.items():
+        (tmp_path / f"{name}.md").write_text(f"# Title\n\n{body}\n")
+    digests = [digest("ship", "A ship?")]
+    found = library.studies(tmp_path, digests)
+    assert found == {"speed": "A run takes 0.4 ms with `ekf`."}
+    text = library.text(digests, studies=found)
+    assert "- [speed](speed.md): A run takes 0.4 ms with `ekf`.\n" in text
+    assert "## Other measurements" not in library.text(digests)
+
+
 def test_the_front_page_has_one_table_of_ten_rows():
     """Whatever the roster; filters recommended most often come first, then the nearest ones."""
     errors = {"ekf": 1.0} | {f"filter-{k}": 2.0 + k for k in range(12)}

@@ -1,0 +1,111 @@
+"""The page of frameworks and its figure, from the table of what was measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ggbench.errors import GGBenchError
+from ggbench.figures.numbers import short
+from ggbench.figures.style import Drawing, save, styled, subplots
+from ggbench.report import page_templates
+
+from .packages import OTHERS
+
+FOLDER, TABLE = "frameworks", "frameworks.csv"
+SAME, ENDED = 1e-6, 1e-4
+"""Differences [prior σ] up to which answers of filters are the same, and those of searches, which
+end where a step is worth nothing."""
+SEARCHES = ("gtsam[mode=batch]", "pyceres-batch")
+COLUMNS = (
+    "package",
+    "estimator",
+    "difference [prior σ]",
+    "contract",
+    "ms/run",
+    "first run [ms]",
+    "memory [MB]",
+    "adapter [lines]",
+)
+"""Columns of the page; the table has all."""
+
+
+def write(output: Path) -> Path:
+    """Write ``frameworks.md`` and its figure from the table; return the page.
+
+    Raises
+    ------
+    GGBenchError
+        If the table is missing.
+    """
+    measured = read(output / FOLDER)
+    save(figure(measured), output / FOLDER / "answer.png")
+    path = output / "frameworks.md"
+    path.write_text(page(measured), encoding="utf-8")
+    return path
+
+
+def read(folder: Path) -> pd.DataFrame:
+    """Return the table of a folder, a row an estimator.
+
+    Raises
+    ------
+    GGBenchError
+        If it is missing.
+    """
+    try:
+        return pd.read_csv(folder / TABLE)
+    except OSError as error:
+        raise GGBenchError(f"{error.filename} cannot be read; make frameworks writes it") from None
+
+
+def page(measured: pd.DataFrame) -> str:
+    """Return the page; its table has the first estimator of each package."""
+    difference, batch = measured["difference [prior σ]"], measured["estimator"].isin(SEARCHES)
+    same = difference <= np.where(batch, ENDED, SAME)
+    first = measured.drop_duplicates("package")
+    cells = first.assign(
+        **{
+            "estimator": [f"`{label}`" for label in first["estimator"]],
+            "difference [prior σ]": [f"{d:.0e}" for d in first["difference [prior σ]"]],
+            **{
+                name: [short(value) for value in first[name]]
+                for name in ("ms/run", "first run [ms]", "memory [MB]")
+            },
+        }
+    )
+    kalman = measured[measured["estimator"].str.endswith("-ekf")].sort_values("ms/run")
+    return page_templates.markdown(
+        "frameworks.md.j2",
+        Path(__file__).parent,
+        packages=len(first),
+        same=int(same.sum()),
+        rows=len(measured),
+        limit=f"{SAME:.0e}",
+        searches=f"{difference[batch].max():.0e}",
+        apart=measured[~same].to_dict("records"),
+        fastest=kalman.iloc[0],
+        slowest=kalman.iloc[-1],
+        failing=measured[~measured["contract"].str.startswith("9 of 9")].to_dict("records"),
+        measured=cells[list(COLUMNS)],
+        silent=sorted(measured.loc[measured["NaN measured"].str.contains("silent"), "estimator"]),
+        others=OTHERS,
+    )
+
+
+@styled()
+def figure(measured: pd.DataFrame) -> Drawing:
+    """Return the times of a later run and of the first, by estimator."""
+    rows = measured.sort_values("ms/run", ascending=False)
+    drawing, axes = subplots(figsize=(7.2, 3.6))
+    places = np.arange(len(rows))
+    axes.plot(rows["ms/run"], places, "o", ms=7, label="later runs (median)")
+    axes.plot(rows["first run [ms]"], places, "|", ms=11, mew=2, label="first run of a process")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.set_yticks(places, rows["estimator"])
+    axes.set_xlabel("processor time of a run of 200 epochs [ms]")
+    axes.legend(loc="lower left")
+    return drawing
