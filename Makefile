@@ -23,7 +23,7 @@ help:
 	@echo "make matching     fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
 	@echo "make test         run the tests, on all processors"
-	@echo "make test-all     run these and the long ones: agreement on every scenario, loops of faults"
+	@echo "make test-all     run these and the long ones: agreement on scenarios of each kind, loops of faults"
 	@echo "make coverage     run the tests, and write which lines none of them runs to build/coverage"
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"

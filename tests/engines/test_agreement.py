@@ -1,16 +1,13 @@
-"""The compiled engines and the frameworks, which are the reference, on every shipped scenario.
+"""The compiled engines and the frameworks, which are the reference, on the shipped scenarios.
 
-Four runs of the first case of each scenario by filters, one by all others, in ``make test-all``;
-in ``make test`` test_filters.py and test_trajectory_search.py do it. Losses and long noise memories
-are tried on scenarios of each kind there (``VARIED``). ``make agreement`` sets
-GGBENCH_TEST_AGREEMENT=all: then 20 runs of all cases (twelve of a sweep), and all modes on all.
+Four runs of the first case of a scenario of each kind by filters, one by all others, in ``make
+test-all``; in ``make test`` test_filters.py and test_trajectory_search.py do it. ``make agreement``
+sets GGBENCH_TEST_AGREEMENT=all: then 20 runs of all cases (twelve of a sweep) of every scenario.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,8 +34,7 @@ EDGE = 0.1
 Above and below the layers of a map h does not depend on the height, so that H jumps at the edge.
 A minimum on an edge (30 of 599 epochs in submarine2021, one in matching) is found to so much."""
 SEARCHING = ("ekf[iterations=5]", "gaussian-sum", "gauss-newton")
-VARIANTS = ("ekf[loss=cauchy]", "ekf[noise_memory=20]", "ukf[loss=huber]")
-MORE = (*VARIANTS, *SEARCHING)
+MORE = ("ekf[loss=cauchy]", "ekf[noise_memory=20]", "ukf[loss=huber]", *SEARCHING)
 MORE_RUNS = RUNS if EVERYTHING else 1
 COARSER = {
     "zhou2015": 1e-3,
@@ -83,22 +79,17 @@ VARIED = (
     "li2011",
     "map_error",
     "outliers",
+    "parallel_valleys",
     "suite",
     "wang2013",
 )
 """A scenario of each kind: a draped map, aiding, biases, a terrain, one channel, a wrong map,
-outliers, the suite and the paper's. What a loss does is the same on any map."""
-
-
-def cases(names: Iterable[str]) -> list[Any]:
-    """The tested cases of scenarios, marked as long."""
-    return [
-        pytest.param(*case, marks=pytest.mark.long) for name in names for case in cases_of(name)
-    ]
-
-
-CASES = cases(SHIPPED)
-VARIED_CASES = cases(SHIPPED if EVERYTHING else VARIED)
+outliers, several valleys, the suite and the paper's."""
+CASES = [
+    pytest.param(*case, marks=pytest.mark.long)
+    for name in (SHIPPED if EVERYTHING else VARIED)
+    for case in cases_of(name)
+]
 
 
 def difference(one: Estimate, other: Estimate, problem: Problem) -> float:
@@ -125,14 +116,8 @@ def nudged(problem: Problem) -> Problem:
     return Problem(**{**vars(problem), "measurements": moved})
 
 
-@pytest.mark.parametrize(
-    ("label", "name", "case"),
-    [
-        pytest.param(label, *case.values, marks=case.marks)
-        for label in ("ekf", "ukf", *MORE)
-        for case in (VARIED_CASES if label in VARIANTS else CASES)
-    ],
-)
+@pytest.mark.parametrize(("name", "case"), CASES)
+@pytest.mark.parametrize("label", ["ekf", "ukf", *MORE])
 def test_filters_are_those_of_the_frameworks(label, name, case):
     """To a millionth of the prior; fewer runs with iterations, a loss or hypotheses.
 
@@ -181,14 +166,8 @@ def test_incremental_solutions_are_gtsams(mode, name, case):
             assert name in LOST or EVERYTHING
 
 
-@pytest.mark.parametrize(
-    ("name", "case", "loss"),
-    [
-        pytest.param(*case.values, loss, marks=case.marks)
-        for loss, chosen in (("none", CASES), ("cauchy", VARIED_CASES))
-        for case in chosen
-    ],
-)
+@pytest.mark.parametrize("loss", ["none", "cauchy"])
+@pytest.mark.parametrize(("name", "case"), CASES)
 def test_the_batch_solution_is_gtsams(name, case, loss):
     """To a thousandth of the prior where GTSAM converges, or to what its own answer moves by.
 
