@@ -62,17 +62,19 @@ def updated_covs(
 def split_prior(
     problem: Problem, spacing_m: float, most: int, width: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return log weights, means and covariances of the prior's grid of Gaussians.
+    """Return log weights (J,), means (J, n) and covariances (J, n, n) of a grid of Gaussians.
 
-    The grid lies along the principal axes of the states in metres. A Gaussian at a point of it is
-    the prior with the standard deviation along these axes made narrow: all correlations are kept.
+    The grid lies along the principal axes of the prior's states in metres. Each Gaussian is the
+    prior with a smaller standard deviation along these axes; all correlations are kept. Means and
+    covariances are in units of the prior's standard deviations.
 
     Parameters
     ----------
-    spacing_m : distance of the Gaussians [m]; an axis along which the prior is narrower is not
-        split.
-    most : largest number of Gaussians; where the grid would need more, it is made coarser.
-    width : standard deviation of a Gaussian over the spacing.
+    problem : its prior is split.
+    spacing_m : distance of the Gaussians [m]. An axis along which the prior is narrower than that
+        is not split.
+    most : largest number of Gaussians; a grid that needs more is made coarser.
+    width : standard deviation of a Gaussian along a split axis, in units of the spacing.
     """
     scale = np.sqrt(np.diag(problem.prior_cov))
     mean = problem.prior_mean / scale

@@ -52,7 +52,7 @@ class AdaptiveNoise:
 
 @compiled
 def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -> None:
-    """Whiten a whole reading by what is believed, and all that are linearised after it."""
+    """Whiten this and all later readings by the estimated noise, variances (1, m, lanes)."""
     for c in range(reading.precision.shape[1]):
         for r in range(reading.precision.shape[2]):
             reading.precision[0, c, r] = 1.0 / math.sqrt(noise.variances[0, c, r])

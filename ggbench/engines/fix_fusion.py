@@ -124,13 +124,23 @@ class FixFusion:
         return self.block.part(last + 1, end + 1, *self.before(last))
 
     def before(self, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return what a window that begins behind epoch ``last`` may know: mean and covariance."""
+        """Return the prior of a window that begins behind epoch ``last``: (n,) and (n, n).
+
+        It is the estimate at ``last``; with ``fusion`` "none" the state without any fix.
+        """
         return (self._unaided if self.fusion == "none" else self._estimate).at(last)
 
     def add(
         self, epoch: int, mean: np.ndarray, cov: np.ndarray, accepted: bool, statistic: float
     ) -> None:
-        """Note a fix of all states at an epoch; one that is accepted is the estimate from there."""
+        """Record a fix at an epoch; an accepted fix replaces the estimate.
+
+        Parameters
+        ----------
+        mean, cov : (n,), (n, n) of all states.
+        accepted : whether the fix passed its test.
+        statistic : of the test.
+        """
         at = self._position
         self._attempts.append((epoch, mean[at], cov[np.ix_(at, at)], accepted, statistic))
         if accepted:

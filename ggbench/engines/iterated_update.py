@@ -89,7 +89,7 @@ class Search:
 
 @compiled
 def search_of(batch: Batch, rules: Rules, reading: LinearisedMeasurement) -> Search:
-    """Return the arrays of searches by readings."""
+    """Return unfilled arrays (1, n, lanes) for iterated updates with readings."""
     n, equations = batch.prior_cov.shape[0], reading.rows.shape[0]
     weights = lanes(1, equations)
     weights[:] = 1.0

@@ -38,7 +38,7 @@ class Lattice:
         return np.asarray(self.base + index @ self.axes.T)
 
     def move(self, transition: np.ndarray) -> None:
-        """Move the points as the states are moved, which smears nothing."""
+        """Propagate the points as states, by Φ (d, d); the masses stay with their points."""
         self.base, self.axes = transition @ self.base, transition @ self.axes
 
     def in_cells(self, cov: np.ndarray) -> np.ndarray:

@@ -159,7 +159,21 @@ def _mixed_motion(path: Linearisation, costs: CostTerms, mixed: np.ndarray) -> N
 def assign_trials(
     trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: TrialSlots
 ) -> int:
-    """Give the slots the next shares of those that still try, as many to each; return how many."""
+    """Assign the next shortened steps of unfinished line searches to the slots.
+
+    Each search gets equally many slots; the shares of its step are successive halvings.
+
+    Parameters
+    ----------
+    trying : (lanes,) searches whose cost has not fallen yet.
+    halved : (lanes,) number of shares that each search has tried.
+    group : (lanes,) run of each search.
+    slots : ``lane``, ``share`` and ``group`` are filled; unused slots repeat the first one.
+
+    Returns
+    -------
+    Number of used slots.
+    """
     share, used = len(trying) // trying.sum(), 0
     for r in lanes.each():
         if trying[r]:
@@ -193,9 +207,14 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 
 @compiled
 def search(problems: BatchProblem, most: int, enough: float, found: MapSearches) -> None:
-    """Follow the searches to their ends, in at most so many steps each.
+    """Follow the searches to their ends.
 
-    A search ends with a step that lowers the cost by less than ``enough``.
+    Parameters
+    ----------
+    problems : of all runs.
+    most : largest number of steps of a search.
+    enough : a search ends with a step that lowers the cost by less.
+    found : J searches; all arrays but ``runs`` are updated.
     """
     searches, epochs, n = found.states.shape
     smoother = smoother_of(problems)
@@ -310,7 +329,7 @@ def _move(
 
 @compiled
 def undisturbed(batch: Batch, found: MapSearches) -> None:
-    """Fill the undisturbed motions from prior_mean + P_0 λ, and what these cost."""
+    """Fill ``states`` (J, K, n), propagated from prior_mean + P_0 λ, and ``motion`` (J,)."""
     n = batch.prior_cov.shape[0]
     x, moved = np.empty(n), np.empty(n)
     for job in range(found.runs.shape[0]):

@@ -143,7 +143,7 @@ def scratch_of(n: int, m: int) -> Scratch:
 
 @compiled
 def smoother_of(problems: BatchProblem) -> Smoother:
-    """Return the arrays of a group."""
+    """Return unfilled arrays for a group of runs, in the shapes of :class:`Linearisation`."""
     batch, new = problems.batch, lanes.series
     epochs, n = batch.transition.shape[1:3]
     reading = readings_of(batch, problems.loss != NONE)
@@ -195,7 +195,13 @@ def gather_motions(smoother: Smoother, group: np.ndarray) -> None:
 
 @compiled
 def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
-    """Linearise about the trial trajectories of a group, of which ``count`` runs differ."""
+    """Linearise about the trial trajectories of a group.
+
+    Parameters
+    ----------
+    smoother : ``path.trial`` is read; ``path.rows``, ``path.target`` and ``costs`` are filled.
+    group : (lanes,) runs, of which ``count`` differ.
+    """
     path, costs = smoother.path, smoother.costs
     costs.unexplained[:] = 0.0
     costs.explained[:] = 0.0
@@ -207,9 +213,9 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
 
 @compiled
 def relinearise_epoch(smoother: Smoother, k: int) -> None:
-    """Replace the linear problem of an epoch by the one about the trial; add up the costs.
+    """Replace H (m, n) and its target (1, m) of epoch ``k`` by those about the trial trajectory.
 
-    Equations of a reading are multiplied with the roots of the weights that a loss gives them.
+    Costs are added up. With a loss, each equation is multiplied by the root of its weight.
     """
     problems, reading = smoother.problems, smoother.reading
     path, costs = smoother.path, smoother.costs

@@ -47,7 +47,7 @@ def across_prior(problem: Problem, count: int) -> np.ndarray:
 
 
 def shown_epochs(epochs: int) -> np.ndarray:
-    """Return the epochs at which the cost of a start is looked at."""
+    """Return the epochs (E,) at which the costs of starts are compared, evenly spaced."""
     return np.linspace(0, epochs - 1, min(epochs, _SCREENED)).astype(int)
 
 

@@ -51,7 +51,14 @@ def states_in_metres(problem: Problem) -> list[int]:
 
 
 def fits(sigma: np.ndarray, spacing: float, most: float) -> bool:
-    """Return whether the box around the ellipsoid of a grid has no more points than fit."""
+    """Return whether the box around the ellipsoid of a grid has at most ``most`` points.
+
+    Parameters
+    ----------
+    sigma : (d,) standard deviations along the axes [m].
+    spacing : of the points [m].
+    most : largest number of points.
+    """
     return bool(np.sum(np.log1p(2.0 * REACH * sigma / spacing)) <= np.log(most))
 
 

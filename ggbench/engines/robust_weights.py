@@ -170,7 +170,7 @@ def reweigh_unwhitened(
 
 
 def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return the loss ρ(r) of each residual in standard deviations; ½ r² without a loss."""
+    """Return the loss ρ(r) (...) of residuals (...) in standard deviations; ½ r² without a loss."""
     half = 0.5 * residuals**2
     if loss == "none" or threshold == np.inf:
         return half
@@ -181,7 +181,7 @@ def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
 
 
 def weights(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return the weight ρ'(r) / r of each residual, 1 for small ones."""
+    """Return the weight ρ'(r) / r (...) of residuals (...) in standard deviations."""
     if loss == "none" or threshold == np.inf:
         return np.ones_like(residuals)
     if loss == "huber":

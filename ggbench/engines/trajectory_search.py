@@ -19,7 +19,7 @@ _ENOUGH = 1e-5
 
 
 def chosen(searches: MapSearches, which: np.ndarray) -> MapSearches:
-    """Return some of the searches."""
+    """Return the searches of a mask or of indices (J,)."""
     return MapSearches(*(array[which] for array in fields_of(searches)))
 
 
@@ -51,7 +51,10 @@ class TrajectorySearch:
         return begun
 
     def unstarted(self, runs: np.ndarray, starts: np.ndarray) -> MapSearches:
-        """Return searches that have yet no states."""
+        """Return searches of runs (J,) whose trajectories are not filled.
+
+        ``starts`` (J, n) are λ of the state before the first epoch, prior_mean + P_0 λ.
+        """
         jobs, epochs, n = len(runs), self.block.epochs, self.block.dimension
         return MapSearches(
             runs=np.array(runs, dtype=np.int64),

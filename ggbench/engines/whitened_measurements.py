@@ -222,7 +222,7 @@ def _fill_row(
 
 @inlined
 def take_readings(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasurement) -> None:
-    """Fill the readings of a group at epoch ``k`` and what they depend on, but for the states."""
+    """Fill the measurements of a group (lanes,) at epoch ``k`` and the arrays of h."""
     gather_row(batch.measurements, group, k, out.z)
     load_expansion(batch.model, group, k, out.expansion)
 
@@ -231,9 +231,9 @@ def take_readings(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasur
 def whiten_residuals(
     batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: LinearisedMeasurement
 ) -> None:
-    """Fill ``out.residual``, z − h whitened by the given noise, at x: what needs no derivative.
+    """Fill ``out.residual`` (1, m, lanes), z − h(x) whitened by R; H is not evaluated.
 
-    Of readings that :func:`take_readings` has filled; parameters as those of :func:`linearise`.
+    :func:`take_readings` must have filled ``out``. Parameters are those of :func:`linearise`.
     """
     predict_runs(batch.model, group, count, k, x, out.expansion)
     _whiten_residuals(batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)], out)
@@ -264,7 +264,7 @@ def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
 
 @compiled
 def scale_equations(out: LinearisedMeasurement) -> None:
-    """Multiply the equations of a whole reading with their precision."""
+    """Multiply H (m, n) and the innovation (1, m) of whole readings by ``precision`` (1, m)."""
     for c in range(out.rows.shape[0]):
         factor = load(out.precision, 0, c)
         store(out.innovation, 0, c, factor * load(out.innovation, 0, c))
@@ -337,7 +337,15 @@ def _compress(out: LinearisedMeasurement) -> None:
 def scatter_squares(
     reading: LinearisedMeasurement, first: int, count: int, k: int, nis: np.ndarray
 ) -> None:
-    """Write the squares of the innovations of a group; NaN where there was no reading."""
+    """Write the normalised innovation squares of a group's first ``count`` runs.
+
+    Parameters
+    ----------
+    reading : of the group.
+    first : run of the first lane.
+    k : epoch.
+    nis : (R, K) output; NaN where no channel delivers.
+    """
     for r in range(count):
         there = reading.there[0, 0, r] != 0.0
         nis[first + r, k] = reading.squared[0, 0, r] if there else np.nan

@@ -219,9 +219,10 @@ class Search:
         return found
 
     def starts(self, count: int) -> list[np.ndarray]:
-        """Return the best places as :meth:`multipliers`.
+        """Return the multipliers λ (n,) of the best places, see :meth:`multipliers`.
 
-        The lowest points of so many hollows, each looked at in finer steps.
+        They are the lowest points of up to ``count`` minima of the criterion, each searched again
+        in finer steps.
         """
         hollows = self.points[self.best(count)]
         if not len(hollows):

@@ -68,20 +68,31 @@ def radii_of_curvature(latitude: float) -> tuple[float, float]:
 
 @inlined
 def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
-    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
+    """Return metres per radian of latitude and of longitude, R_M + h and (R_N + h) cos L [m/rad].
+
+    Parameters
+    ----------
+    sine, cosine : of the latitude.
+    height : above the ellipsoid [m].
+    """
     meridian, prime_vertical = radii_of_sine(sine)
     return meridian + height, (prime_vertical + height) * cosine
 
 
 @compiled
 def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
-    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
+    """Return metres per radian of latitude and of longitude, R_M + h and (R_N + h) cos L [m/rad].
+
+    Parameters
+    ----------
+    position : (3,) latitude, longitude [rad], height [m].
+    """
     return metres_per_radian_of(math.sin(position[0]), math.cos(position[0]), position[2])
 
 
 @compiled
 def metres_along(positions: np.ndarray) -> np.ndarray:
-    """Return what a radian of longitude and of latitude is worth (N, 2) [m] at positions (N, 3)."""
+    """Return metres per radian of longitude and of latitude (N, 2) at positions (N, 3)."""
     out = np.empty((positions.shape[0], 2))
     for k in range(positions.shape[0]):
         out[k, 1], out[k, 0] = metres_per_radian(positions[k])

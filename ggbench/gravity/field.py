@@ -274,12 +274,12 @@ class Field:
 
     @property
     def lower(self) -> np.ndarray:
-        """First node of the map in its coordinates [rad, rad, m]; −∞ without a map."""
+        """First node (3,) of the map in its coordinates [rad, rad, m]; −∞ without a map."""
         return self.origin if self.has_map else np.full(3, -np.inf)
 
     @property
     def upper(self) -> np.ndarray:
-        """Last node of the map in its coordinates [rad, rad, m]; ∞ without a map."""
+        """Last node (3,) of the map in its coordinates [rad, rad, m]; ∞ without a map."""
         if not self.has_map:
             return np.full(3, np.inf)
         cells = np.array(self.tensor_coefficients.shape[:3]) - 3
@@ -317,7 +317,13 @@ class Field:
     def over_nodes(
         self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return latitude, longitude [rad] and height [m] of a place in the map's coordinates."""
+        """Return latitude, longitude [rad] and ellipsoidal height [m] of map coordinates.
+
+        Parameters
+        ----------
+        latitude, longitude : [rad], of shapes that broadcast to (...), as all results.
+        third : height above the map's base surface [m].
+        """
         axes = np.broadcast_arrays(*(np.asarray(a, float) for a in (latitude, longitude, third)))
         positions = np.stack(axes, axis=-1)
         return positions[..., 0], positions[..., 1], positions[..., 2] + self.base(positions)
@@ -383,7 +389,11 @@ class Field:
     def vertical_disturbance(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
     ) -> np.ndarray:
-        """Return Γ_UU [E] of the map alone at positions of any (broadcast) shape.
+        """Return Γ_UU [E] (...) of the map alone.
+
+        Parameters
+        ----------
+        latitude, longitude, height : [rad, rad, m], of shapes that broadcast to (...).
 
         Raises OutsideMapError if a position lies outside the map.
         """

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def unknown() -> Array:
-    """Return nine values that are not known."""
+    """Return NaN for the six tensor and three gravity components (9,): their errors are unknown."""
     return np.full(9, np.nan)
 
 

@@ -72,7 +72,10 @@ class Area(NamedTuple):
         return Area(*(s if s is None else s + a for s, a in zip(self, added, strict=True)))
 
     def within(self, latitude: Array, longitude: Array) -> Area:
-        """Return what of the area is left between the outermost of some positions [deg]."""
+        """Return the area, cut to the bounding box of positions (N,) [deg].
+
+        A side without a limit becomes that of the box.
+        """
         bounds = latitude.min(), latitude.max(), longitude.min(), longitude.max()
         pick = (max, min, max, min)
         return Area(
@@ -83,7 +86,13 @@ class Area(NamedTuple):
         )
 
     def holds(self, latitude: Array, longitude: Array) -> NDArray[np.bool_]:
-        """Return which positions, of one shape, lie in the area; longitudes as the area's."""
+        """Return the positions in the area (...), as a mask.
+
+        Parameters
+        ----------
+        latitude, longitude : of shapes that broadcast to (...) [deg]; longitudes in the turn of
+            the area's own, see :meth:`about`.
+        """
         inside = np.ones(np.broadcast(latitude, longitude).shape, dtype=bool)
         for values, low, high in ((latitude, *self[:2]), (longitude, *self[2:])):
             inside &= (-math.inf if low is None else low) <= values

@@ -348,7 +348,19 @@ class _Series:
 def density_layers(
     surface: NDArray, edge: float, options: TerrainOptions
 ) -> list[tuple[NDArray, float, float]]:
-    """Surfaces with their level at the edge and the density between them and the zero level."""
+    """Split terrain into a layer of rock above the zero level and one below it.
+
+    Parameters
+    ----------
+    surface : (n_y, n_x) heights of the ground [m]; below zero there is water.
+    edge : height at which the ground goes on beyond the edge [m].
+    options : densities of rock and water.
+
+    Returns
+    -------
+    One or two layers: its surface (n_y, n_x) [m], its height beyond the edge [m], and the density
+    between it and the zero level [kg/m³].
+    """
     below = options.density - options.water_density
     lowest, highest = min(surface.min(), edge), max(surface.max(), edge)
     if lowest >= 0.0:

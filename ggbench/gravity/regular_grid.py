@@ -104,7 +104,16 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
 
 
 def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
-    """Return values and their first longitude, cut opposite to an area that a globe ends in."""
+    """Return values (n_lat, n_lon) and their first longitude [deg], with the area in one piece.
+
+    Values that go around the Earth are cut opposite to the area if their edge crosses it.
+
+    Parameters
+    ----------
+    values : (n_lat, n_lon).
+    west, step : first longitude and spacing of the columns [deg].
+    area : needed.
+    """
     width = step * (values.shape[1] - 1)
     placed = area.about(west + 0.5 * width)
     if (

@@ -124,8 +124,19 @@ class Residual:
     def field(
         self, latitude: Array, longitude: Array, height: Array, centre: float
     ) -> tuple[Array, Array]:
-        """Gravity vector and gradient tensor, with the convergence of one latitude ``centre``.
+        """Return the gravity vector and the gradient tensor on a grid, ENU.
 
+        Parameters
+        ----------
+        latitude, longitude, height : (n_lat,), (n_lon,) [rad], (n_h,) [m].
+        centre : latitude of which the meridians' convergence is taken [rad].
+
+        Returns
+        -------
+        Vector (n_lat, n_lon, n_h, 3) [m/s²] and tensor (n_lat, n_lon, n_h, 6) [E].
+
+        Notes
+        -----
         The horizontal Laplacian of a wave on the sphere of radius R is -n(n+1)/R²; that gives
         its degree n, not a whole number, and with it the continuation (R/(R+h))^(n+1), the
         vertical derivative -(n+1)/(R+h), and so all derivatives. For n -> infinity this is the
@@ -188,9 +199,12 @@ class Residual:
 
 
 def height_anomaly(geoid: Array, elevation: Array) -> Array:
-    """Height anomaly of the field continued to the ellipsoid [m]; both arguments in m.
+    """Return the height anomaly (...) [m] of the field continued to the ellipsoid.
 
-    ``elevation`` is that of land above the sea; 0 at sea.
+    Parameters
+    ----------
+    geoid : (...) its height above the ellipsoid [m].
+    elevation : (...) of land above the sea [m]; 0 at sea.
     """
     return geoid + _GEOID_TO_HEIGHT_ANOMALY * elevation**2
 

@@ -129,8 +129,8 @@ class TerrainMasses:
     def ratio_for(self, points: Array, tolerance: float) -> tuple[float, float]:
         """Return the smallest ratio that keeps a tolerance [E], and its error [E].
 
-        The error is the largest of all components at some of the points, against a sum with prisms
-        up to 24 widths away. If no ratio keeps the tolerance, it is that of the largest ratio.
+        The error is the largest of all components at some of the points (N, 3), against a sum with
+        prisms up to 24 widths away. Without a ratio that keeps the tolerance, the largest is used.
         """
         some = points[np.linspace(0, len(points) - 1, min(_SAMPLES, len(points))).astype(int)]
         exact, _ = self.field(some, _REFERENCE)

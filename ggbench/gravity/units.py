@@ -93,13 +93,21 @@ GRAVITY = Units(
 def upward(
     values: Array, attributes: Mapping[str, Any], variable: str, name: str
 ) -> tuple[Array, str]:
-    """Return heights, positive up, and what to say of them.
+    """Return heights (...), positive up, and a remark ("" if the values are unchanged).
 
-    Depths are negated: those whose attribute ``positive`` is ``down``; those that the standard
-    names of the CF conventions call a depth; those that are called one and are nowhere negative.
-    Values are NaN where there is none; ``variable`` is their name, and ``name`` the file's.
+    Depths are negated: values whose attribute ``positive`` is ``down``; values with a depth's
+    standard name of the CF conventions; values that are named depth and are nowhere negative.
 
-    Raises TerrainError if it is not clear which way they count.
+    Parameters
+    ----------
+    values : (...) heights or depths, in any unit; NaN where there is none.
+    attributes : of the variable.
+    variable, name : of the variable and of the file, for remarks and messages.
+
+    Raises
+    ------
+    TerrainError
+        If the direction of the values is not clear.
     """
     positive = str(attributes.get("positive", "")).strip().lower()
     if positive == "down":

@@ -62,9 +62,15 @@ _HEIGHT = STATES + 3
 
 @copied
 def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
-    """Return whether the short series is accurate over the intervals (., ENTRIES, LANES) of F.
+    """Return whether :func:`propagate_short_series` is accurate for all intervals.
 
-    Only where nothing but the navigation state moves.
+    It is only where nothing but the navigation state moves.
+
+    Parameters
+    ----------
+    entries : (N, ENTRIES, LANES) of F, of each interval.
+    dt : length of an interval [s].
+    noise : of the INS.
     """
     if noise.damped or noise.wandering or noise.disturbance.shape[0] > 0:
         return False
@@ -258,7 +264,7 @@ def propagate(
 
     Returns
     -------
-    How many factors there are.
+    Number of factors.
     """
     count = 0
     for i in range(columns.shape[0]):
@@ -345,11 +351,22 @@ def _put_sums(
 def propagate_short_series(
     f: np.ndarray, noise: Noise, columns: np.ndarray, factors: np.ndarray
 ) -> int:
-    """Do what :func:`propagate` does, to a lower order, where :func:`is_slow` allows it.
+    """Propagate as :func:`propagate`, to a lower order, where :func:`is_slow` allows it.
 
-    To the third order, and the fourth of the attitude, at the end of the chain position ← velocity
-    ← attitude. Biases, which are constant, gain what the means of velocity and attitude say:
+    The series has the third order, and the fourth in the attitude, where the chain position ←
+    velocity ← attitude ends. Biases are constant and gain the means of velocity and attitude:
     y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
+
+    Parameters
+    ----------
+    f : (1, SCALED, LANES), of :func:`scaled_entries`.
+    noise : over the interval.
+    columns : (C, 15, LANES), changed in place.
+    factors : (MOST_FACTORS, C, LANES) output, as of :func:`propagate`.
+
+    Returns
+    -------
+    Number of factors.
     """
     for i in range(columns.shape[0]):
         p_0, v_0, a_0 = three(columns, i, 0), three(columns, i, 3), three(columns, i, 6)

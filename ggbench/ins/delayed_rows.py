@@ -126,9 +126,17 @@ def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
 
 @compiled
 def intervals_of(delay: float, epoch: int, dt: float) -> tuple[int, float, int]:
-    """Return what a delay before an epoch spans.
+    """Return the IMU intervals that a delay before an epoch spans.
 
-    The first IMU interval in it, how much of that one [s], and the sample next to its beginning.
+    Parameters
+    ----------
+    delay, dt : delay and IMU interval [s].
+    epoch : IMU sample of the epoch.
+
+    Returns
+    -------
+    The first interval, the part of it within the delay [s], and the sample nearest to the start of
+    the delay.
     """
     steps = delay / dt
     whole = math.ceil(steps - 1e-9)

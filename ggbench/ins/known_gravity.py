@@ -87,7 +87,14 @@ def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGr
 
 @compiled
 def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
-    """Hold the reading that has come at sample ``n`` of a track (., TRACK, LANES), if one has."""
+    """Hold the gradients that are read at sample ``n``, if any; a missing one keeps the last.
+
+    Parameters
+    ----------
+    readings : their ``held`` [s⁻²], without normal gradients, is filled.
+    track : (N + 1, TRACK, LANES) indicated, of which sample ``n`` is known.
+    n : sample of the INS.
+    """
     now = readings.latest[n]
     if now == 0 or (n > 0 and now == readings.latest[n - 1]):
         return

@@ -139,7 +139,15 @@ def advance_position(
     dt: float,
     out: np.ndarray,
 ) -> None:
-    """Fill the position after a step, as :func:`advance_position_of` gives it."""
+    """Fill the position after a step, see :func:`advance_position_of`.
+
+    Parameters
+    ----------
+    position : (3,) before the step [rad, rad, m].
+    velocity, next_velocity : (3,) before and after the step, ENU [m/s].
+    dt : step [s].
+    out : (3,) output, position after the step [rad, rad, m].
+    """
     out[0], out[1], out[2] = advance_position_of(
         _numbers(position), _numbers(velocity), _numbers(next_velocity), dt
     )
@@ -281,13 +289,13 @@ def _look_up(
 
 @inlined
 def three(rows: np.ndarray, n: int, i: int) -> Vector:
-    """Return three numbers of a row, from ``i`` on."""
+    """Return columns i, i + 1, i + 2 of row ``n`` of an array (rows, columns, LANES)."""
     return load(rows, n, i), load(rows, n, i + 1), load(rows, n, i + 2)
 
 
 @inlined
 def keep(rows: np.ndarray, n: int, i: int, numbers: Vector) -> None:
-    """Set three numbers of a row, from ``i`` on."""
+    """Set columns i, i + 1, i + 2 of row ``n`` of an array (rows, columns, LANES)."""
     store(rows, n, i, numbers[0])
     store(rows, n, i + 1, numbers[1])
     store(rows, n, i + 2, numbers[2])

@@ -51,7 +51,14 @@ def unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None
 
 @compiled
 def as_row(columns: np.ndarray, i: int, metres: np.ndarray, r: int, out: np.ndarray) -> None:
-    """Fill ``out`` with column ``i`` of run ``r``, of a state in metres."""
+    """Fill a row of Φ of run ``r`` with column ``i``; position errors ENU in metres.
+
+    Parameters
+    ----------
+    columns : (rows, n, LANES) of :func:`unit_columns`, propagated; positions in radians.
+    metres : (1, 2, LANES) [m/rad] of :func:`metres_at`.
+    out : (n,) output.
+    """
     out[0] = columns[i, 1, r] / metres[0, 1, r]
     out[1] = columns[i, 0, r] / metres[0, 0, r]
     for j in range(2, columns.shape[1]):

@@ -66,7 +66,7 @@ def _column_products(a: np.ndarray, i: int, b: np.ndarray, j: int) -> Tile:
 
 @compiled
 def copy(source: np.ndarray, out: np.ndarray) -> None:
-    """Copy a matrix."""
+    """Copy a matrix (rows, columns)."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             store(out, i, j, load(source, i, j))
@@ -74,7 +74,14 @@ def copy(source: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def products_of_rows(a: np.ndarray, count: int, b: np.ndarray, out: np.ndarray) -> None:
-    """Fill A Bᵀ of the first ``count`` rows, three or more, of A (., n) and all of B (., n)."""
+    """Fill the first ``count`` rows of A Bᵀ.
+
+    Parameters
+    ----------
+    a, b : (count or more, n), (rows, n); each has three rows or more.
+    count : three or more.
+    out : (count or more, rows).
+    """
     rows = b.shape[0]
     for i_0 in range(0, count, 3):
         i = min(i_0, count - 3)  # the last tile may overlap
@@ -179,7 +186,7 @@ def project(rows: np.ndarray, p: np.ndarray, m: int, hp: np.ndarray, s: np.ndarr
 
 @compiled
 def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
-    """Fill the lower triangle of L, L Lᵀ = a matrix of which the lower half is given.
+    """Fill the lower triangle of L (m, m), L Lᵀ = a symmetric matrix given by its lower half.
 
     The diagonal of ``lower`` is that of 1 / L; NaN or infinite in a lane and from the row on where
     the matrix is not positive definite. ``matrix`` and ``lower`` may be the same array.
@@ -245,7 +252,10 @@ def transposed_root(matrix: np.ndarray, size: int, out: np.ndarray) -> None:
 
 @compiled
 def is_positive(inverse: np.ndarray, r: int) -> bool:
-    """Return whether a matrix was positive definite, from :func:`triangular_root`."""
+    """Return whether the matrix of lane ``r`` was positive definite.
+
+    ``inverse`` (1, n) is the output of :func:`triangular_root`.
+    """
     good = True
     for i in range(inverse.shape[1]):
         good &= 0.0 < inverse[0, i, r] < np.inf
@@ -254,7 +264,10 @@ def is_positive(inverse: np.ndarray, r: int) -> bool:
 
 @compiled
 def solve_lower(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
-    """Fill L⁻¹ B of L from :func:`factorise` and the first m rows of B (., n); may be in place."""
+    """Fill L⁻¹ B (m, n) of L (m, m) from :func:`factorise` and the first m rows of B.
+
+    ``out`` may be ``right``.
+    """
     for j in range(right.shape[1]):
         for i in range(m):
             total = load(right, i, j)
@@ -265,7 +278,10 @@ def solve_lower(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -
 
 @compiled
 def solve_upper(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
-    """Fill L⁻ᵀ B of L from :func:`factorise` and the first m rows of B (., n); may be in place."""
+    """Fill L⁻ᵀ B (m, n) of L (m, m) from :func:`factorise` and the first m rows of B.
+
+    ``out`` may be ``right``.
+    """
     for j in range(right.shape[1]):
         for i in range(m - 1, -1, -1):
             total = load(right, i, j)
@@ -314,7 +330,16 @@ def kalman_gain(
     half: np.ndarray,
     gain: np.ndarray,
 ) -> None:
-    """Fill H P, the root L of H P Hᵀ + 1 as :func:`factorise` has it, L⁻¹ H P, and Kᵀ."""
+    """Fill the Kalman gain of whitened measurements, K = P Hᵀ (H P Hᵀ + 1)⁻¹.
+
+    Parameters
+    ----------
+    rows, p : H (m, n) and P (n, n).
+    m : equations.
+    hp : (m, n) output, H P.
+    lower : (m, m) output, L of H P Hᵀ + 1, see :func:`factorise`.
+    half, gain : (m, n) outputs, L⁻¹ H P and Kᵀ.
+    """
     project(rows, p, m, hp, lower)
     factorise(lower, m, lower)
     solve_lower(lower, m, hp, half)

@@ -21,9 +21,9 @@ def unfilled(rows: int, columns: int) -> np.ndarray:
 
 
 def allocate(*shapes: tuple[int, int]) -> list[np.ndarray]:
-    """Return what :func:`unfilled` does of several shapes, in one piece of memory.
+    """Return unfilled arrays (rows, columns, LANES) of several shapes, in one piece of memory.
 
-    NumPy has large pieces mapped in large pages, whose first touch costs next to nothing.
+    NumPy maps large pieces in large pages, whose first access costs little time.
     """
     ends = np.cumsum([0, *(rows * columns * LANES for rows, columns in shapes)])
     memory = np.empty(ends[-1] + LANES)
@@ -36,7 +36,7 @@ def allocate(*shapes: tuple[int, int]) -> list[np.ndarray]:
 
 @compiled
 def lanes(rows: int, columns: int) -> np.ndarray:
-    """Return what :func:`unfilled` does, filled with zeros; long tracks are not written twice."""
+    """Return an array (rows, columns, LANES) of zeros, aligned as by :func:`unfilled`."""
     array = unfilled(rows, columns)
     array[:] = 0.0
     return array
@@ -50,7 +50,7 @@ def series(count: int, rows: int, columns: int) -> np.ndarray:
 
 @compiled
 def group_starts(runs: int) -> np.ndarray:
-    """Return with which run each group of up to LANES runs begins."""
+    """Return the first run of each group of up to LANES runs, (groups,)."""
     first = np.empty((runs + LANES - 1) // LANES, dtype=np.int64)
     for i in range(first.shape[0]):
         first[i] = i * LANES

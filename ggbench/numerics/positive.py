@@ -62,7 +62,7 @@ class MatrixSquareRoot:
         return nearest_root(matrix)
 
     def repaired(self, matrix: np.ndarray) -> np.ndarray:
-        """Return the symmetric, positive definite covariance that the square root is of."""
+        """Return a covariance (n, n), symmetric and positive definite: P or its nearest one."""
         before = self.repairs
         root = self(matrix)
         return 0.5 * (matrix + matrix.T) if self.repairs == before else root.T @ root

@@ -135,7 +135,7 @@ def rotation_vector(matrix: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` with the product of two 3 by 3 matrices."""
+    """Fill ``out`` (3, 3) with the product of two matrices (3, 3)."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
@@ -143,7 +143,14 @@ def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
-    """Return C_nb of heading (clockwise from north), pitch (nose up), roll (right down) [rad]."""
+    """Return C_nb (3, 3), from axes of the body (right, forward, up) to ENU.
+
+    Parameters
+    ----------
+    heading : clockwise from north [rad].
+    pitch : nose up [rad].
+    roll : right side down [rad].
+    """
     sin_h, cos_h = math.sin(heading), math.cos(heading)
     sin_p, cos_p = math.sin(pitch), math.cos(pitch)
     sin_r, cos_r = math.sin(roll), math.cos(roll)

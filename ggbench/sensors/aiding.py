@@ -187,14 +187,14 @@ class VelocityLog(AidingSensor):
         return tuple(Channel(f"velocity {names[i]}", "m/s", self.name) for i in self._axes)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return components of the true velocity."""
+        """Return the true velocity components (..., K, e) [m/s]."""
         found = truth.velocities
         if self.body:
             found = np.einsum("...ji,...j->...i", truth.attitudes, found)
         return np.broadcast_to(found, ins.velocities.shape)[..., self._axes]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return Ĉ_bn (v̂ − δv + v̂ × φ), or v̂ − δv."""
+        """Return the offset (..., K, e) [m/s] and C_k of Ĉ_bn (v̂ − δv + v̂ × φ), or of v̂ − δv."""
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         offset = ins.velocities
         if self.body:
@@ -219,11 +219,11 @@ class Barometer(AidingSensor):
         return (Channel("height", "m", self.name),)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the true height."""
+        """Return the true height (..., K, 1) [m]."""
         return np.broadcast_to(truth.positions, ins.positions.shape)[..., 2:]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return ĥ − δh."""
+        """Return the offset ĥ (..., K, 1) [m] and C_k (..., K, 1, 9) of ĥ − δh."""
         rows = np.zeros((*ins.positions.shape[:-1], 1, MOVED))
         rows[..., 0, 2] = -1.0
         return ins.positions[..., 2:], rows
@@ -258,11 +258,11 @@ class Gravimeter(AidingSensor):
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the disturbance: its components; against it upwards."""
+        """W (e, 3) [mGal / (m/s²)]: east, north, and the negative of the upward component."""
         return np.asarray((MGAL * _SIGNS[:, np.newaxis] * np.eye(3))[self._axes])
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the disturbance at the true place, reduced with the INS's errors."""
+        """Return the reduced disturbance at the true place (..., K, e) [mGal]."""
         disturbance = gravity.gravity_disturbance(*np.moveaxis(truth.positions, -1, 0))
         felt = self.steady_force(truth.positions, truth.velocities) - disturbance
         turn = ins.attitudes @ np.swapaxes(truth.attitudes, -1, -2)
@@ -271,10 +271,10 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS * reduced)[..., self._axes])
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return the readings reduced with the new track.
+        """Return the readings (..., K, e) [mGal], reduced with the new track.
 
-        What was felt is turned from the old attitude to the new one; of components that are not
-        measured it is what a steady flight in the new attitude has.
+        The measured specific force is rotated from the old attitude to the new one. Components that
+        are not measured are those of steady flight in the new attitude.
         """
         turn = new.attitudes @ np.swapaxes(old.attitudes, -1, -2)
         reduced = self.steady_force(new.positions, new.velocities)
@@ -286,7 +286,10 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS * again)[..., self._axes])
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return what the INS's errors make of the reduction, linearised."""
+        """Return zeros (..., K, e) and the Jacobian of the reduction by the INS errors.
+
+        The Jacobian (..., K, e, 9) is in mGal per m, m/s and rad.
+        """
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         for j, step in ((1, 100.0), (2, 100.0), (3, 1.0), (4, 1.0), (5, 1.0)):
             # c and γ are smooth: the fourth digit of a central difference is beyond any reading.
@@ -325,7 +328,13 @@ def corrected_positions(indicated: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def corrected_motion(indicated: Motion, errors: np.ndarray) -> Motion:
-    """Return what an INS indicates at K epochs, less errors (K, 9 or more) of the error state."""
+    """Return the motion that an INS indicates, corrected for estimated errors.
+
+    Parameters
+    ----------
+    indicated : positions and velocities (K, 3), attitudes (K, 3, 3).
+    errors : (K, n), the first nine are errors of position, velocity, attitude [m, m/s, rad].
+    """
     attitudes, turn = np.empty((len(errors), 3, 3)), np.empty((3, 3))
     for k, c_nb in enumerate(indicated.attitudes):
         rotation_matrix(np.ascontiguousarray(errors[k, 6:9]), turn)

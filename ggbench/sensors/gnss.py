@@ -82,13 +82,13 @@ class Gnss(AidingSensor):
         return 3 if self.position and self.bias > 0.0 else 0
 
     def by_arm(self, motion: Motion, turning: np.ndarray) -> np.ndarray:
-        """Return C_nb of positions, C_nb [ω×] of velocities."""
+        """Return C_nb for positions [m/m], C_nb [ω×] for velocities [m/s per m]: (..., K, e, 3)."""
         c_nb = motion.attitudes
         parts = [c_nb] * self.position + [c_nb @ cross_matrix(turning)] * self.velocity
         return np.concatenate(parts, axis=-2)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return true positions relative to the INS's, and true velocities."""
+        """Return the antenna's true position less the INS's [m], and true velocity: (..., K, e)."""
         parts = []
         if self.position:
             antenna = truth.attitudes @ np.array(self.lever)
@@ -98,7 +98,7 @@ class Gnss(AidingSensor):
         return np.concatenate(parts, axis=-1)
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv."""
+        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv: offset (..., K, e), C_k (..., K, e, 9)."""
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
         rows[..., np.arange(len(selected)), selected] = -1.0
@@ -113,7 +113,7 @@ class Gnss(AidingSensor):
         return np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return positions relative to the new track."""
+        """Return the readings (..., K, e), positions relative to the new track [m]."""
         if not self.position:
             return readings
         # Metres of the new track: a radian of longitude is worth another length there.

@@ -91,9 +91,12 @@ class ModelArrays:
         return self.mapped(lambda array: array[np.newaxis])
 
     def mapped(self, change: Callable[..., np.ndarray], *others: ModelArrays) -> ModelArrays:
-        """Return the same with the arrays that differ from run to run changed.
+        """Return a copy in which a function replaces each array that differs from run to run.
 
-        ``change`` is given an array, and behind it that of each of the others.
+        Parameters
+        ----------
+        change : receives the array (...) of this model and of each of ``others``, returns the new.
+        others : models of which the arrays are combined with this one's.
         """
         models = (self, *others)
         own: dict[str, Any] = {
@@ -130,7 +133,7 @@ def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarr
 
 
 def immutable(indices: np.ndarray) -> np.ndarray:
-    """Return a read-only copy of integers."""
+    """Return a read-only copy of integers (...)."""
     return np.frombuffer(indices.tobytes(), indices.dtype).reshape(indices.shape)
 
 
@@ -170,7 +173,7 @@ class PointScratch:
 
 @compiled
 def epoch_context(model: ModelArrays) -> EpochContext:
-    """Return an unfilled context of a block."""
+    """Return an unfilled context of a block, in the shapes of :class:`EpochContext`."""
     new, m = lanes.lanes, model.offset.shape[2]
     return EpochContext(new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1))
 

@@ -285,7 +285,7 @@ def _along(found: np.ndarray, first: int) -> Tensor:
 
 @compiled
 def moving_errors(instrument: int) -> int:
-    """Return on how many elements of B_k x the readings depend."""
+    """Return the number of elements of B_k x (6,) on which the readings depend."""
     return 6 if instrument == STRAPDOWN else 3
 
 
@@ -318,7 +318,7 @@ class Expansion:
 
 @compiled
 def expansion_of(model: ModelArrays) -> Expansion:
-    """Return unfilled arrays of a block."""
+    """Return unfilled arrays of a block, in the shapes of :class:`Expansion`."""
     new = lanes.lanes
     g, m, n = model.channels.shape[0], model.linear.shape[2], model.linear.shape[3]
     return Expansion(
@@ -412,12 +412,12 @@ def predict_runs(
 def expand(
     model: ModelArrays, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Expansion
 ) -> None:
-    """Fill h and its derivative at a state of each run.
+    """Fill h (1, m, lanes) and its Jacobian at a state of each run.
 
     Parameters
     ----------
     model, group, count, k, x : as in :func:`predict_runs`.
-    out : output; :func:`load_expansion` is part of this.
+    out : output; this function calls :func:`load_expansion`.
     """
     load_expansion(model, group, k, out)
     _displace(x, out)

@@ -88,7 +88,7 @@ class GravityDisturbance(SensorStates):
     """Gravity that neither the INS nor its map knows [m/s²]; its motion is that of the INS."""
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return W of a gravimeter."""
+        """Return W (e, 3) of a gravimeter, see :attr:`.AidingSensor.weights`."""
         return sensor.weights if isinstance(sensor, AidingSensor) else None
 
 
@@ -111,19 +111,19 @@ class GradiometerBias(SensorStates):
     stream = "biases"
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return what the walk adds."""
+        """Return the variance (K,) [E²] of the walk's steps, drift² Δt."""
         return self.gradiometer.drift**2 * np.diff(times, prepend=0.0)
 
     def draw(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return walks from a constant."""
+        """Return random walks (K, s) [E] that begin at a random constant."""
         return biases(self.gradiometer, len(self.sigma), times, rng)
 
     def distort(self, readings: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the readings plus the biases."""
+        """Return readings (G, c) plus biases (G, s), s = c [E]."""
         return readings + values
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the gain: a bias goes through the instrument's filter as its readings do."""
+        """Return gain times identity (..., G, c, s): biases are filtered as readings are."""
         if not isinstance(sensor, Gradiometer):
             return None
         return seen.gain[..., np.newaxis, np.newaxis] * np.eye(len(self.sigma))
@@ -136,15 +136,15 @@ class AidingBias(SensorStates):
     sensor: AidingSensor
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return e^(−Δt/T)."""
+        """Return e^(−Δt/T) (K,)."""
         return self.sensor.decay(times)
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return what keeps the variance."""
+        """Return σ² (1 − e^(−2 Δt/T)) (K,), which keeps the variance of the process constant."""
         return np.asarray(self.sensor.bias**2 * (1.0 - self.decay(times) ** 2))
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return one for each bias in its channel."""
+        """Return ones (e, s) where a bias belongs to a channel, zeros elsewhere."""
         if sensor is not self.sensor:
             return None
         return np.eye(len(self.sensor.channels), len(self.sigma))
@@ -157,7 +157,7 @@ class LeverArmError(SensorStates):
     sensor: AidingSensor
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return what a metre of each part makes of the channels."""
+        """Return the Jacobian (..., G, e, 3) by the lever arm, see :meth:`.AidingSensor.by_arm`."""
         return self.sensor.by_arm(seen.motion, seen.turning) if sensor is self.sensor else None
 
 

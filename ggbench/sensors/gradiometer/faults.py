@@ -110,7 +110,7 @@ class Faults:
         return np.asarray(1.0 + rates / of_rate + accelerations / of_acceleration)
 
     def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-        """Return what makes normal noise of a shape one of Student's law, with the same variance.
+        """Return factors (...) that turn normal noise into Student's t noise of equal variance.
 
         √((ν − 2)/χ²_ν): a normal number over √(χ²_ν/ν) is Student's, and its variance ν/(ν − 2).
         """
