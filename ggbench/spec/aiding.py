@@ -79,7 +79,7 @@ class GnssSpec(PeriodicSpec):
     position_bias_m: q.PositionBias = 0.0
     """Standard deviation of a correlated position error per axis, as of multipath and atmosphere.
 
-    Where estimators assume one, it is a state. Multipath and the atmosphere are correlated so.
+    Where estimators assume one, it is a state.
     """
     position_bias_time_s: q.TimeConstant | None = None
     """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
