@@ -1,7 +1,8 @@
 """Factor graph (GTSAM): batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
 
-One vector node per measurement epoch, in units of the prior's standard deviations; a prior on the
-first node; a linear process factor between neighbours; a gradient factor on each node.
+The graph has one vector node per measurement epoch, in units of the prior's standard deviations, a
+prior on the first node, a linear process factor between neighbours, and a gradient factor on each
+node.
 
 The process noise is singular: constant biases have none. A process factor therefore carries its
 residual in the eigenvectors of Q, and the directions without noise are hard constraints (Dellaert
@@ -37,7 +38,7 @@ _NO_NOISE = 1e-13
 
 @dataclass(frozen=True)
 class GtsamSmoother(GraphParameters):
-    """GTSAM's batch optimizer, iSAM2 and fixed-lag smoother on one factor graph of any model."""
+    """Batch optimizer, iSAM2 and fixed-lag smoother of GTSAM on one factor graph of any model."""
 
     name = "gtsam"
 

@@ -28,7 +28,7 @@ def over_map(tracks: pd.DataFrame, case: CaseSpec) -> Drawing:
     Parameters
     ----------
     tracks : of :func:`ggbench.judging.planned.around`.
-    case : whose flight was moved.
+    case : with the original flight.
     """
     present = trajectory_of(case.trajectory, case.imu.period_s).positions
     field = beside(make_field(case.side("truth").field), float(present[0, 1]))

@@ -35,5 +35,5 @@ class CampaignSpec(Section):
     """Time limit of one run of one estimator."""
 
     def runs_of(self, study: str, runs: int) -> int:
-        """Return the number of runs in the cases (""), or in an assumption's study."""
+        """Return the number of runs in the cases (""), or in the study of an assumption."""
         return min(runs, self.assumption_runs) if study else runs

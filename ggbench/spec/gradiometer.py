@@ -1,8 +1,8 @@
 """Tables of the gradiometer.
 
-``[gradiometer]`` holds for the simulated truth and for the estimators. ``[truth.gradiometer]``
-changes it for the truth alone, and adds errors that no estimator models; ``[model.gradiometer]``
-changes it for the estimators alone.
+``[gradiometer]`` describes both the simulated truth and the assumed model. ``[truth.gradiometer]``
+changes only the truth, and adds errors that no estimator models. ``[model.gradiometer]`` changes
+only the model.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ class GradiometerSpec(PeriodicSpec):
                 raise ValueError(f"{key} and {other} exclude each other")
 
     def require_tractable(self) -> None:
-        """Raise ValueError if estimators have no model of its readings."""
+        """Raise ValueError if estimators have no model of its measurements."""
         if self.latency_s > 0.0 and self.filter != "none":
             raise ValueError(
                 f"gradiometer.latency_s is {self.latency_s:g} s, but estimators have no model of "
@@ -209,8 +209,8 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     """``[truth.gradiometer]``: the true gradiometer.
 
     Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); a scale factor may
-    walk from there. A tilt of a level mount is a Gauss–Markov process about each horizontal axis.
-    Outliers strike single readings or come in bursts; dropouts and timing jitter are independent.
+    also be a random walk. A tilt of a level mount is a Gauss–Markov process about each horizontal
+    axis. Outliers affect single measurements or bursts. Dropouts and timing jitter are independent.
     """
 
     scale_factor_ppm: q.Ppm = 0.0
@@ -270,7 +270,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         return self
 
     def require_possible(self, spec: GradiometerSpec) -> None:
-        """Raise ValueError if an instrument, as it is in truth, cannot have these errors."""
+        """Raise ValueError if the true instrument cannot have these errors."""
         if spec.readings == "measured" and self.model_dump(exclude_defaults=True).keys() - {_ADDED}:
             raise ValueError(
                 "truth.gradiometer: measured readings already contain their errors: remove its "
