@@ -54,7 +54,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Convert a user error to a CampaignError that names the case."""
+    """Raise a user error as a CampaignError that names the case."""
     try:
         yield
     except GGBenchError as error:

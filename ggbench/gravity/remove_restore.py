@@ -44,9 +44,9 @@ class GravityGrid:
     south_deg, west_deg : the first node [deg].
     latitude_step_deg, longitude_step_deg : distances between nodes, positive [deg].
     values : (n_lat, n_lon), from south to north, undulation [m] or gravity [m/s²].
-    height_m : above the ellipsoid, where the values hold [m]; 0 for a geoid.
-    is_height_anomaly : whether a geoid's file says that it holds height anomalies.
-    remarks : what was assumed or done when it was read.
+    height_m : height of the values above the ellipsoid [m]; 0 for a geoid.
+    is_height_anomaly : whether the file of a geoid states that it contains height anomalies.
+    remarks : assumptions and changes of the reader.
     """
 
     kind: str
@@ -73,8 +73,8 @@ class GravityGrid:
 class Residual:
     """The disturbing field of a grid beyond the coefficients, as a Fourier series.
 
-    These are of the disturbing potential of low degree. ``taper_deg`` is the width of the taper
-    along the edges of the grid [deg].
+    The coefficients are those of the disturbing potential of low degree. ``taper_deg`` is the width
+    of the taper along the edges of the grid [deg].
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""CSV files whose texts spreadsheets do not execute as formulas.
+"""CSV files with texts that spreadsheets do not execute as formulas.
 
 Spreadsheets execute a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return.
 Titles, labels and reasons are untrusted. Therefore an apostrophe precedes such texts (OWASP, CSV
