@@ -1,4 +1,4 @@
-"""Rows that take an INS error at an epoch back to a delayed reading, for several runs at once."""
+"""Rows that propagate an INS error back from an epoch to a delayed measurement."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def delayed_rows_lanes(
 ) -> None:
     """Fill B: position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
 
-    Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
+    They are rows of Φ(t_k, t_k − τ_k)⁻¹. Process noise within the delay (millimetres) is neglected.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Φ and Q along INS tracks, for several runs at once.
 
-The error model x' = F x + w of :mod:`.ins.error_model` is taken over the IMU intervals between two
-measurements by its adjoint, backwards from unit vectors at the end (:mod:`.ins.adjoint`); arrays
-have the runs last, see :mod:`ggbench.numerics.lanes`.
+The error model x' = F x + w of :mod:`.ins.error_model` is integrated over the IMU intervals between
+two measurements by its adjoint, backwards from unit vectors at the end (:mod:`.ins.adjoint`). The
+run is the last axis of arrays, see :mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
 
 @compiled
 def metres_at(track: np.ndarray, n: int, out: np.ndarray) -> None:
-    """Fill ``out`` (1, 2, LANES) with what δL and δλ are worth [m/rad] at a sample of a track."""
+    """Fill ``out`` (1, 2, LANES) with metres per radian of δL and δλ at a sample of a track."""
     sine, cosine = sine_cosine(load(track, n, 0))
     north, east = metres_per_radian_of(sine, cosine, load(track, n, 2))
     store(out, 0, 0, north)
@@ -83,8 +83,8 @@ def compose(
     dt : one of them [s].
     noise : that drives the state, over an IMU interval.
     start, end : (1, 2, LANES) metres per radian of latitude and longitude at the ends.
-    transition, process_cov : (R, n, n) of the group's R runs, output; states from 15 on, or behind
-        those of the gravity disturbance, are not touched.
+    transition, process_cov : (R, n, n) of the group's R runs, output; states after those of INS and
+        gravity disturbance are unchanged.
     """
     # A bias that does not wander does not change: its rows are those of the identity.
     moving = STATES if noise.wandering else NAVIGATION_STATES
@@ -146,10 +146,10 @@ def transitions_lanes(
     increments : (N, 6, LANES) of the IMU.
     epochs : (K,) increasing indices of IMU samples.
     dt : IMU interval [s].
-    constant : (ENTRIES,) what is added to F.
-    gravity : what is added to normal gravity.
+    constant : (ENTRIES,) added to F.
+    gravity : gravity added to normal gravity.
     noise : that drives the state, over an IMU interval.
-    transition, process_cov : (R, K, n, n) of R runs, output, as :func:`compose` fills them.
+    transition, process_cov : (R, K, n, n) of R runs, output, see :func:`compose`.
     """
     entries, start, end = entries_of(epochs), lanes(1, 2), lanes(1, 2)
     first = 0
