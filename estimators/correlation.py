@@ -13,12 +13,13 @@ Weaknesses of the method:
 * Consecutive differences of white measurements have a correlation of −½, so their sum of squares is
   no likelihood. Least squares with this correlation equals the mean squared difference with an
   unknown constant removed. The plain sum loses the information of measurements that are far apart.
-  * Decreasing weights suit the position at the start of the window, from which the INS drifts. A
-    fix is the position at its end. * 1/J is no probability. With twenty measurements J at a wrong
-    hill is ten to a thousand times that of the right one. Its weight is still some per cent, at a
-    distance of kilometres. The probability of a position is exp(−½ χ²) times its width
-    (``association=likelihood``). * Five neighbours in one minimum of J are one candidate. Their
-    mean only smooths the grid. It contains no information on other positions.
+* Decreasing weights suit the position at the start of the window, from which the INS drifts. A fix
+  is the position at its end.
+* 1/J is no probability. With twenty measurements J at a wrong hill is ten to a thousand times that
+  of the right one. Its weight is still some per cent, at a distance of kilometres. The probability
+  of a position is exp(−½ χ²) times its width (``association=likelihood``).
+* Five neighbours in one minimum of J are one candidate. Their mean only smooths the grid. It
+  contains no information on other positions.
 
 The covariance of the estimate is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ). Σ_j includes the uncertainty
 of all other states of the window.

@@ -6,7 +6,8 @@ particle has a covariance and its own unscented Kalman filter, which processes t
 before sampling (van der Merwe, Doucet, de Freitas & Wan 2000). There are three kinds of weights, of
 which two are correct:
 
-``mixture`` No samples are drawn. A particle is a Gaussian, weighted by its predicted density of the
+``mixture``
+    No samples are drawn. A particle is a Gaussian, weighted by its predicted density of the
     measurement, p(z | its past). Resampling drops light particles and doubles heavy ones. For a
     linear h every particle is a Kalman filter, and the estimate is exact for any number of them.
     This is the Gaussian-sum particle filter of Kotecha & Djurić (2003b). It works here because the
@@ -14,14 +15,16 @@ which two are correct:
     kilometre find the position. If h is nonlinear over one particle (``width_m``), more particles
     do not make the filter exact. With priors of 600 m and 1 km the mean differs from a grid's
     posterior by 0.04 to 0.15 standard deviations; in one problem by 0.26, with a σ of 0.42 times
-    the correct one. ``exact`` The weights of van der Merwe: a state is drawn from the filter's N(μ,
-    S) and weighted by p(z | x) p(x | x') / N(x; μ, S). The density p(x | x') of an INS does not
-    exist, because its process noise is singular. If it exists it is narrow: S contains the whole
-    uncertainty, Q only that of one step. The ratio scatters as tr(Q⁻¹S), until one particle has all
-    the weight. ``likelihood`` Weights p(z | x) without the ratio, as in many published codes. The
-    particles stay distinct, but each measurement counts twice: in the samples and in their weights.
-    For linear h and noise of full rank, the mean differs from that of the Kalman filter by a third
-    of a standard deviation.
+    the correct one.
+``exact``
+    The weights of van der Merwe: a state is drawn from the filter's N(μ, S) and weighted by p(z |
+    x) p(x | x') / N(x; μ, S). The density p(x | x') of an INS does not exist, because its process
+    noise is singular. If it exists it is narrow: S contains the whole uncertainty, Q only that of
+    one step. The ratio scatters as tr(Q⁻¹S), until one particle has all the weight.
+``likelihood``
+    Weights p(z | x) without the ratio, as in many published codes. The particles stay distinct, but
+    each measurement counts twice: in the samples and in their weights. For linear h and noise of
+    full rank, the mean differs from that of the Kalman filter by a third of a standard deviation.
 
 ``strong_tracking`` (see :mod:`.strong_tracking`) fades the past of each particle until its
 innovations look white. This makes an overconfident filter consistent. If the model is correct, it

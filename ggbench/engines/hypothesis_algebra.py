@@ -1,4 +1,4 @@
-"""Propagation and update of filters with added states, compiled: without the zeros of Φ and H."""
+"""Compiled propagation and update of filters with added states, without zeros of Φ and H."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def predict(
     Parameters
     ----------
     phi, q : (n, n, lanes) of the block's states, of which the first rows are used.
-    moving : how many.
+    moving : number of these rows.
     added : the added states.
     x, p : (1, N, lanes), (N, N, lanes).
     turned : (N, n, lanes) scratch.

@@ -1,4 +1,4 @@
-"""Linear problems of eight runs about their trajectories, and the arrays of a smoother."""
+"""Linearised problems of eight runs about their trajectories, and the arrays of a smoother."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class BatchProblem:
 
 @record
 class Updates:
-    """What updates with the readings of all epochs leave for the way back.
+    """Data of the updates of all epochs for the backward pass.
 
     Attributes
     ----------
@@ -40,14 +40,14 @@ class Updates:
 
 @record
 class Linearisation:
-    """The linear problems of a group about its trajectories, and what the filter leaves of them.
+    """Linearised problems of a group about its trajectories, and results of the filter.
 
     Attributes
     ----------
-    moving : (K,) how many states Φ moves.
-    phi, q : (K, n, n, lanes) their rows of Φ and Q.
+    moving : (K,) number of states that Φ changes.
+    phi, q : (K, n, n, lanes) rows of Φ and Q of these states.
     rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
-    states, trial : (K, 1, n, lanes) the trajectory and the one that is tried.
+    states, trial : (K, 1, n, lanes) the trajectory and the trial trajectory.
     filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
     updates : with the readings.
     """
@@ -66,7 +66,7 @@ class Linearisation:
 
 @record
 class Scratch:
-    """Scratch for one epoch and readings of m equations, named as what it holds for a while."""
+    """Scratch for one epoch and measurements of m equations, named by its content."""
 
     x: np.ndarray
     p: np.ndarray
@@ -87,10 +87,10 @@ class CostTerms:
 
     Attributes
     ----------
-    unexplained : squares of what no state explains.
-    explained : squares of the other residuals, or twice the loss of each.
-    weighted : their squares with the weights that a loss gives them; without one ``explained``.
-    promised : what the linear problem said of these.
+    unexplained : squares of the part that does not depend on the states.
+    explained : squares of the other residuals, or twice their losses.
+    weighted : their squares with the weights of a loss; without a loss equal to ``explained``.
+    promised : predicted value of these from the linear problem.
     motion : the cost of the motion, twice.
     """
 
@@ -103,13 +103,13 @@ class CostTerms:
 
 @record
 class Smoother:
-    """What smooths one group of runs after the other.
+    """Arrays for smoothing one group of runs after the other.
 
     Attributes
     ----------
     problems : of all runs.
-    expected : how many states move, see :func:`.lanes.gather`.
-    reading : the latest to be linearised.
+    expected : expected number of states that change, see :func:`.lanes.gather`.
+    reading : latest linearised measurement.
     path, costs : of the group.
     work : scratch for the equations of readings.
     """

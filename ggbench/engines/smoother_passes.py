@@ -156,7 +156,7 @@ def _whole(half: np.ndarray, matrix: np.ndarray) -> None:
 
 @compiled
 def backward_pass(smoother: Smoother) -> None:
-    """Fill the trial trajectories, x_f + P_f r; what their motion and, linearly, readings cost."""
+    """Fill the trial trajectories x_f + P_f r, and their motion and predicted costs."""
     path, work = smoother.path, smoother.work
     prior_cov, costs = smoother.problems.batch.prior_cov, smoother.costs
     epochs, m, n = path.rows.shape[:3]
@@ -205,15 +205,15 @@ def covariances(
 ) -> None:
     """Write trajectories and their covariances, given the readings of a window.
 
-    They are (P_f⁻¹ + Λ)⁻¹ = L (1 + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and Λ the information of what is
-    read after an epoch (Fraser & Potter 1969): nothing is subtracted, however much surer the
-    readings to come make an epoch. The filter has gone along the trajectories.
+    They are (P_f⁻¹ + Λ)⁻¹ = L (1 + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and Λ the information of the later
+    measurements (Fraser & Potter 1969). No covariances are subtracted, so there is no cancellation.
+    The filter must have processed these trajectories.
 
     Parameters
     ----------
     states : (K, 1, n, lanes) the trajectories.
     newest, oldest : epochs of the window.
-    final : those from the oldest to this one are written.
+    final : last epoch to write; the first is ``oldest``.
     first, count : the runs.
     mean, cov : (R, K, n), (R, K, n, n) output.
     """

@@ -2,12 +2,16 @@
 
 A gradiometer reads the gravitational gradient tensor Γ in the axes of its mount s, C_sn Γ^n C_snᵀ:
 
-``platform`` inertially stabilised, C_sn = C_in(L, λ + ω_ie t). A position error is observable from
-    changes of the field and from the rotation of the local level in inertial space. Inertial axes
-    coincide with ECEF axes at t = 0. ``local-level`` levelled and aligned to north without error,
-    C_sn = I. A position error is observable only from changes of the field. ``strapdown`` fixed to
-    the body, C_sn = C_bn. Measurements also depend on the attitude. They are compensated for the
-    centrifugal term of ω_ib.
+``platform``
+    inertially stabilised, C_sn = C_in(L, λ + ω_ie t). A position error is observable from changes
+    of the field and from the rotation of the local level in inertial space. Inertial axes coincide
+    with ECEF axes at t = 0.
+``local-level``
+    levelled and aligned to north without error, C_sn = I. A position error is observable only from
+    changes of the field.
+``strapdown``
+    fixed to the body, C_sn = C_bn. Measurements also depend on the attitude. They are compensated
+    for the centrifugal term of ω_ib.
 
 Tensors are vectors [xx, xy, xz, yy, yz, zz], in E. A *channel* is a linear combination of the six:
 a component, half the difference of two diagonal ones (``xx-yy`` = (xx − yy)/2), or a channel of

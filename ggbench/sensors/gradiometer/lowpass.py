@@ -5,9 +5,10 @@ the first ``order`` outputs equal the inputs). The measurement model uses ``filt
 minus the filtered prediction along the INS track. Two treatments compensate its effects, delay and
 coloured noise:
 
-``whitened`` The filter is causal and invertible, so its output contains all information of its
-    input. A state augmented by the filter's own would recover it. The filter is linear and known,
-    so the innovation form of that augmented filter is computed once, before all estimators: y is
+``whitened``
+    The filter is causal and invertible, so its output contains all information of its input. A
+    state augmented by the filter's own would recover it. The filter is linear and known, so the
+    innovation form of that augmented filter is computed once, before all estimators: y is
     multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of about one sample remains.
     With ρ the noise behind the filter, in units of that in front of it, A y is white. Unmodelled
     noise is amplified up to 1/ρ near the Nyquist frequency, where the filter passes no signal.
@@ -15,9 +16,10 @@ coloured noise:
     the noise of A y is at most the assumed unit covariance; without such noise it is smaller in
     directions without signal.
 
-``delayed`` y is a measurement of the state one group delay earlier, with the noise of the
-    unfiltered data (the paper's "fixed delay compensation", done consistently). Outputs that are
-    noisier than the inputs during the start of the filter are scaled down to that noise.
+``delayed``
+    y is a measurement of the state one group delay earlier, with the noise of the unfiltered data
+    (the paper's "fixed delay compensation", done consistently). Outputs that are noisier than the
+    inputs during the start of the filter are scaled down to that noise.
 
 Both are the same formula: with W = A L (A diagonal for ``delayed``) a slowly varying error signal
 d(t) appears as g_k d(t_k − τ_k), with g_k the sum of row k of W and τ_k the centroid of its lags.
