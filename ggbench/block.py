@@ -179,7 +179,8 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
 
     Raises
     ------
-    ValueError If the blocks differ in epochs, map, or gaps of coloured measurements.
+    ValueError
+        If the blocks differ in epochs, map, or gaps of coloured measurements.
     """
     first = blocks[0]
     if len(blocks) == 1:

@@ -47,7 +47,8 @@ class Parameter(NamedTuple):
 
         Raises
         ------
-        ValueError If the value has another type or is beyond a limit.
+        ValueError
+            If the value has another type or is beyond a limit.
         """
         return _adapter(self.annotation).validate_python(value)
 

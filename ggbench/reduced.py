@@ -104,7 +104,8 @@ def reduced(problem: Problem, states: Sequence[int], noise: np.ndarray) -> Reduc
 
     Raises
     ------
-    ValueError If a state does not exist, or the noise has a wrong shape.
+    ValueError
+        If a state does not exist, or the noise has a wrong shape.
     """
     chosen = tuple(int(state) for state in states)
     n, count = problem.dimension, len(chosen)

@@ -19,7 +19,8 @@ def listed(items: Any, kind: Any, name: str) -> list[Any]:
 
     Raises
     ------
-    ArgumentError If the value is neither.
+    ArgumentError
+        If the value is neither.
     """
     if isinstance(items, kind):
         return [items]

@@ -53,7 +53,8 @@ def export(
 
     Raises
     ------
-    GGBenchError If a name does not exist, a case cannot be flown, or a file cannot be written.
+    GGBenchError
+        If a name does not exist, a case cannot be flown, or a file cannot be written.
     """
     loaded = scenario if isinstance(scenario, Scenario) else load(scenario)
     if f".{file_format}" not in containers.SUFFIXES:
@@ -127,8 +128,8 @@ def judge_estimates(
 
     Raises
     ------
-    GGBenchError If a file is invalid, its scenario has changed, or a filter uses later
-        measurements.
+    GGBenchError
+        If a file is invalid, its scenario has changed, or a filter uses later measurements.
     """
     stored = estimate_files.stored_runs(Path(estimates))
     first = stored[0].problem

@@ -102,7 +102,8 @@ def advise(
 
     Raises
     ------
-    GGBenchError If the case cannot be flown, or no run has a result.
+    GGBenchError
+        If the case cannot be flown, or no run has a result.
     """
     from ..score import advice  # not at the top: few want it
 
@@ -144,7 +145,8 @@ def scorecard(
 
     Raises
     ------
-    GGBenchError If the estimator or a case does not exist, or the estimator refuses all cases.
+    GGBenchError
+        If the estimator or a case does not exist, or the estimator refuses all cases.
     """
     from ..score import scoring
 
@@ -172,7 +174,8 @@ def check(estimator: str | Estimator, time_limit: float = examination.LIMIT_S) -
 
     Raises
     ------
-    CheckError If the estimator cannot be created.
+    CheckError
+        If the estimator cannot be created.
     """
     import pandas as pd
 

@@ -63,8 +63,9 @@ def judge(
 
     Raises
     ------
-    JudgingError If the estimate has no covariance or another shape than the problem, or the truth
-        has other epochs.
+    JudgingError
+        If the estimate has no covariance or another shape than the problem, or the truth has other
+        epochs.
     """
     return Judgement(**vars(judgement.judge(problem, estimate, truth, windows)))
 
@@ -74,7 +75,8 @@ def load(name_or_path: str | Path) -> Scenario:
 
     Raises
     ------
-    ScenarioError With a sentence that states the file, the key, the value and the allowed values.
+    ScenarioError
+        With a sentence that states the file, the key, the value and the allowed values.
     """
     if not isinstance(name_or_path, str | Path):
         raise ArgumentError(f"the scenario must be a name or a path, not {kind(name_or_path)}")
@@ -86,7 +88,8 @@ def case_of(source: CaseSpec | Scenario | str | Path) -> CaseSpec:
 
     Raises
     ------
-    ArgumentError, ScenarioError If the argument is none of these, or the scenario cannot be read.
+    ArgumentError, ScenarioError
+        If the argument is none of these, or the scenario cannot be read.
     """
     if isinstance(source, CaseSpec):
         return source
@@ -111,8 +114,10 @@ def simulate(
 
     Raises
     ------
-    ArgumentError, ScenarioError If the run does not exist, or the case breaks a rule of scenario
-        files. GGBenchError If the case cannot be flown.
+    ArgumentError, ScenarioError
+        If the run does not exist, or the case breaks a rule of scenario files.
+    GGBenchError
+        If the case cannot be flown.
     """
     case = case_of(case)
     used_seed = whole("seed", case.seed if seed is None else seed, 0, MOST_SEED)
@@ -127,8 +132,9 @@ def estimator(text: str) -> Estimator:
 
     Raises
     ------
-    EstimatorError If the text, the name, the file or a parameter is invalid; the message states the
-        allowed values.
+    EstimatorError
+        If the text, the name, the file or a parameter is invalid; the message states the allowed
+        values.
     """
     if not isinstance(text, str):
         raise ArgumentError(f"the estimator must be a text, not {kind(text)}")
@@ -146,12 +152,14 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
 
     Raises
     ------
-    EstimatorError If the estimator does not exist, refuses this problem, or returns no estimate.
-        Errors of the estimator itself pass unchanged.
+    EstimatorError
+        If the estimator does not exist, refuses this problem, or returns no estimate. Errors of the
+        estimator itself pass unchanged.
 
     Warns
     -----
-    UserWarning If the estimate lies outside the map, where the values of the border continue.
+    UserWarning
+        If the estimate lies outside the map, where the values of the border continue.
     """
     if not isinstance(problem, Problem):
         raise ArgumentError(f"the problem must be a Problem, not {kind(problem)}")
@@ -190,7 +198,8 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
 
     Raises
     ------
-    FlightError With a sentence that states the file, the place, the value and the allowed values.
+    FlightError
+        With a sentence that states the file, the place, the value and the allowed values.
     """
     if not isinstance(path, str | Path):
         raise ArgumentError(f"the flight must be the path of a file, not {kind(path)}")
@@ -217,7 +226,8 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.Da
 
     Raises
     ------
-    EstimateError If the problem has no track, or the estimate belongs to another problem.
+    EstimateError
+        If the problem has no track, or the estimate belongs to another problem.
     """
     if not isinstance(problem, Problem):
         raise ArgumentError(f"the problem must be a Problem, not {kind(problem)}")

@@ -33,7 +33,8 @@ class Results(folder.Results):
 
     Raises
     ------
-    StoreError If the folder is no results folder or is damaged.
+    StoreError
+        If the folder is no results folder or is damaged.
     """
 
     def __repr__(self) -> str:
@@ -64,7 +65,8 @@ class Results(folder.Results):
 
         Raises
         ------
-        ScenarioError If the case does not exist.
+        ScenarioError
+            If the case does not exist.
         """
         from ..figures import stored  # not at the top: tables need no Matplotlib
 
@@ -88,7 +90,8 @@ class Results(folder.Results):
 
         Raises
         ------
-        ScenarioError, ResultsError If the case or estimator does not exist, or run 0 has failed.
+        ScenarioError, ResultsError
+            If the case or estimator does not exist, or run 0 has failed.
         """
         from ..figures import stored
 
@@ -106,7 +109,8 @@ class Results(folder.Results):
 
         Raises
         ------
-        ScenarioError, ResultsError If the case does not exist or has no map.
+        ScenarioError, ResultsError
+            If the case does not exist or has no map.
         """
         from ..figures import stored
 
@@ -117,7 +121,8 @@ class Results(folder.Results):
 
         Raises
         ------
-        ScenarioError If the case does not exist.
+        ScenarioError
+            If the case does not exist.
         """
         from ..figures import stored
 
@@ -133,7 +138,8 @@ class Results(folder.Results):
 
         Raises
         ------
-        ResultsError If this number does not vary.
+        ResultsError
+            If this number does not vary.
         """
         from ..figures import stored
 

@@ -70,9 +70,11 @@ def run(
 
     Raises
     ------
-    GGBenchError If a name does not exist, a case cannot be flown, the folder is unusable, or runs
-        have no result at all. A failed run is no error: ``failures()`` of the results lists it.
-        KeyboardInterrupt If interrupted; ``output`` keeps the finished runs.
+    GGBenchError
+        If a name does not exist, a case cannot be flown, the folder is unusable, or runs have no
+        result at all. A failed run is no error: ``failures()`` of the results lists it.
+    KeyboardInterrupt
+        If interrupted; ``output`` keeps the finished runs.
     """
     count = None if runs is None else whole("runs", runs, 1, MOST_RUNS)
     start = None if seed is None else whole("seed", seed, 0, MOST_SEED)

@@ -76,9 +76,14 @@ def fly(
 
     Raises
     ------
-    StoreError, CampaignError As :meth:`Campaign.open`. ExecutionError If no run can be executed.
-        InterruptedCampaign If Ctrl-C interrupted it. MissingRunsError If runs have no result, not
-        even a failure.
+    StoreError, CampaignError
+        As :meth:`Campaign.open`.
+    ExecutionError
+        If no run can be executed.
+    InterruptedCampaign
+        If Ctrl-C interrupted it.
+    MissingRunsError
+        If runs have no result, not even a failure.
     """
     store, remarks = work.open()
     try:

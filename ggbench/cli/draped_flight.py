@@ -56,7 +56,9 @@ def draped_flight(
 
     Raises
     ------
-    NewFileError If no heading is suitable; the message states the required layers. TrajectoryError
+    NewFileError
+        If no heading is suitable; the message states the required layers.
+    TrajectoryError
         If the terrain cannot be read or does not cover the map.
     """
     # Not at the top: --help loads no numbers.

@@ -200,7 +200,8 @@ class Pace(NamedTuple):
 
         Raises
         ------
-        NewFileError If a larger speed is requested.
+        NewFileError
+            If a larger speed is requested.
         """
         if self.speed is not None:
             if self.speed > allowed:

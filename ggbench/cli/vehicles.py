@@ -52,8 +52,10 @@ def clearance_of(
 
     Raises
     ------
-    NewFileError If the track comes closer to the ground. TrajectoryError If a file is invalid, or
-        the track leaves the terrain.
+    NewFileError
+        If the track comes closer to the ground.
+    TrajectoryError
+        If a file is invalid, or the track leaves the terrain.
     """
     import numpy as np  # not at the top: --help loads no numbers
 

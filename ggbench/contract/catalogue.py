@@ -49,9 +49,12 @@ class Check:
 
         Raises
         ------
-        Broken With a sentence that states the problem and the size of the violation. Refused If the
-            estimator refuses all problems, with its reason for the first. Exception Any error of
-            the estimator.
+        Broken
+            With a sentence that states the problem and the size of the violation.
+        Refused
+            If the estimator refuses all problems, with its reason for the first.
+        Exception
+            Any error of the estimator.
         """
         refused: list[Refused] = []
         count, remark = 0, ""

@@ -60,8 +60,9 @@ def read(path: Path) -> dict[str, np.ndarray | str]:
 
     Raises
     ------
-    ExchangeError If the file cannot be read, is damaged or too large, or contains other things than
-        arrays of real numbers and texts.
+    ExchangeError
+        If the file cannot be read, is damaged or too large, or contains other things than arrays of
+        real numbers and texts.
     """
     reader = _format_of(path)[1]
     try:

@@ -84,9 +84,10 @@ def read(path: Path) -> StoredRuns:
 
     Raises
     ------
-    ExchangeError With a sentence that states the file, the array, the value and the allowed values:
-        missing or unknown names; a wrong shape, frame or unit; numbers that are not finite; epochs
-        that differ from those of the problem; a covariance that is not symmetric or not positive
+    ExchangeError
+        With a sentence that states the file, the array, the value and the allowed values: missing
+        or unknown names; a wrong shape, frame or unit; numbers that are not finite; epochs that
+        differ from those of the problem; a covariance that is not symmetric or not positive
         definite.
     """
     content = containers.read(path)

@@ -148,7 +148,8 @@ def estimator_of(text: str) -> type[ExternalProgram]:
 
     Raises
     ------
-    ExchangeError If the program does not exist or cannot be executed.
+    ExchangeError
+        If the program does not exist or cannot be executed.
     """
     path = Path(text.removeprefix(PROGRAM))
     if not path.is_file():

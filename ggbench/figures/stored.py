@@ -126,7 +126,8 @@ def swept(results: Results, key: str | None = None) -> Drawing:
 
     Raises
     ------
-    ResultsError If this number does not vary.
+    ResultsError
+        If this number does not vary.
     """
     metrics = results.metrics()
     rows = metrics[metrics["window"] == "settled"]

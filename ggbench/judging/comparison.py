@@ -106,7 +106,8 @@ def compare(
 
     Raises
     ------
-    ComparisonError If the tables have nothing in common, or threshold or window is invalid.
+    ComparisonError
+        If the tables have nothing in common, or threshold or window is invalid.
     """
     if window not in WINDOWS:
         raise ComparisonError(f"there is no window {window!r}; choose one of {', '.join(WINDOWS)}")

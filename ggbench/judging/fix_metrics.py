@@ -54,8 +54,8 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 
     Raises
     ------
-    ValueError If they violate :class:`.Fixes`, are not finite, or a covariance is not positive
-        definite.
+    ValueError
+        If they violate :class:`.Fixes`, are not finite, or a covariance is not positive definite.
     """
     if not isinstance(fixes, Fixes):
         raise ValueError(f"the estimate's fixes must be Fixes, not {type(fixes).__name__}")

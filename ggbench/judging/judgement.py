@@ -97,9 +97,10 @@ def judge(
 
     Raises
     ------
-    JudgingError If the estimate has another shape than the problem, is not finite, or has an
-        invalid covariance; if the truth has other epochs or states. The truth of another run of the
-        same case has the same epochs and states and is not detected.
+    JudgingError
+        If the estimate has another shape than the problem, is not finite, or has an invalid
+        covariance; if the truth has other epochs or states. The truth of another run of the same
+        case has the same epochs and states and is not detected.
     """
     _require(problem, estimate, truth, windows)
     try:

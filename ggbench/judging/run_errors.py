@@ -84,8 +84,9 @@ def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
 
     Raises
     ------
-    ValueError If it has another shape, contains anything but real numbers, or is a masked array or
-        one with units.
+    ValueError
+        If it has another shape, contains anything but real numbers, or is a masked array or one
+        with units.
     """
     require_plain(name, array)
     values = np.asarray(array)
@@ -254,7 +255,8 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
 
     Raises
     ------
-    ValueError If its numbers are not finite or its covariance is invalid.
+    ValueError
+        If its numbers are not finite or its covariance is invalid.
     """
     shape = (problem.epochs, problem.dimension)
     mean = real_array("mean", estimate.mean, shape)

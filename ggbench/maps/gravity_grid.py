@@ -64,7 +64,8 @@ def read_grid(
 
     Raises
     ------
-    MapError If the file cannot be read, has gaps in the area, an irregular grid, other units, or
+    MapError
+        If the file cannot be read, has gaps in the area, an irregular grid, other units, or
         impossible values.
     """
     units = dataclasses.replace(_UNITS[kind], voids=tuple(voids), kind=kind)

@@ -334,7 +334,8 @@ def read(path: Path | str, crop: Area | None = None) -> GradientMap:
 
     Raises
     ------
-    MapError If the file does not exist or is no complete map; the message states the fault.
+    MapError
+        If the file does not exist or is no complete map; the message states the fault.
     """
     return netcdf_reader.read(Path(path), crop)
 
@@ -346,7 +347,8 @@ def write(path: Path | str, gradient_map: GradientMap) -> None:
 
     Raises
     ------
-    MapError If the file has another suffix, or cannot be written.
+    MapError
+        If the file has another suffix, or cannot be written.
     """
     path = Path(path)
     if path.suffix != ".nc":

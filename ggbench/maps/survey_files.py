@@ -85,8 +85,9 @@ def read_lines(
 
     Raises
     ------
-    MapError If the file cannot be read, lacks a column, or a column has another quantity; the
-        message states the fault.
+    MapError
+        If the file cannot be read, lacks a column, or a column has another quantity; the message
+        states the fault.
     """
     table = _table(path)
     unknown = sorted(set(columns or {}) - set(_KEYS))

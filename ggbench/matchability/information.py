@@ -63,8 +63,8 @@ class Instrument:
 
         Raises
         ------
-        OutsideMapError If a gravimeter is outside the map; for a gradiometer the values of the
-            border continue.
+        OutsideMapError
+            If a gravimeter is outside the map; for a gradiometer the values of the border continue.
         """
         if self.kind == "gravity":
             disturbance = field.gravity_disturbance(*positions.T)[:, 2:]

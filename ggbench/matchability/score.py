@@ -183,7 +183,8 @@ def score(
 
     Raises
     ------
-    MapError If the map does not contain the height or a cell, or a requirement is impossible.
+    MapError
+        If the map does not contain the height or a cell, or a requirement is impossible.
     """
     import pandas as pd  # not at the top: it loads slowly
 

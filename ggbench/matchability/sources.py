@@ -41,7 +41,8 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
 
     Raises
     ------
-    MapError If the map does not exist, or a shipped region has no map of that height or size.
+    MapError
+        If the map does not exist, or a shipped region has no map of that height or size.
     """
     if name not in SOURCES:
         if not name.endswith((".nc", ".npz")):

@@ -124,7 +124,8 @@ def fractal_dimension(g: Array) -> float:
 
     Raises
     ------
-    ValueError If the grid is smaller than 64 × 64.
+    ValueError
+        If the grid is smaller than 64 × 64.
     """
     side = min(g.shape) - 1
     if side + 1 < FRACTAL_NODES:

@@ -48,7 +48,8 @@ def make_code_folder(folder: Path) -> None:
 
     Raises
     ------
-    OSError If the folder cannot be created.
+    OSError
+        If the folder cannot be created.
     """
     if not folder.exists():
         folder.mkdir(parents=True, exist_ok=True)

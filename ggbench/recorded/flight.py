@@ -121,9 +121,11 @@ def read_flight(path: Path | str) -> RecordedFlight:
 
     Raises
     ------
-    FlightError If the file or a record is invalid, with a sentence that states the file, the place,
-        the value and the allowed values. GGBenchError If the map cannot be built or read, or the
-        low-pass cannot be computed.
+    FlightError
+        If the file or a record is invalid, with a sentence that states the file, the place, the
+        value and the allowed values.
+    GGBenchError
+        If the map cannot be built or read, or the low-pass cannot be computed.
     """
     path = Path(path)
     spec, folder = load(path), path.parent

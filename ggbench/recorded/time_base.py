@@ -158,7 +158,8 @@ def time_base(
 
     Raises
     ------
-    FlightError If there are gaps, another period, or too few rows.
+    FlightError
+        If there are gaps, another period, or too few rows.
     """
     if len(times) < 3:
         raise columns.error(f"has {len(times)} rows; a record of an INS needs at least 3")

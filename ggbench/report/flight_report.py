@@ -86,8 +86,8 @@ def write(
 
     Raises
     ------
-    EstimateError, FlightError, FigureError If an estimate belongs to another problem, or a file
-        cannot be written.
+    EstimateError, FlightError, FigureError
+        If an estimate belongs to another problem, or a file cannot be written.
     """
     try:
         with written_together(output) as place:

@@ -52,7 +52,8 @@ def write(results: Reported, picture: Picture, path: Path, notes: str) -> Path:
 
     Raises
     ------
-    PageError If the page still exceeds :data:`MOST_BYTES`, or cannot be written.
+    PageError
+        If the page still exceeds :data:`MOST_BYTES`, or cannot be written.
     """
     figures, content = _figures(results, picture), b""
     for most_tables in _SIZES:

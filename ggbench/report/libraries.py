@@ -24,7 +24,8 @@ def package(name: str) -> Any:
 
     Raises
     ------
-    PageError If the package is not installed.
+    PageError
+        If the package is not installed.
     """
     try:
         return importlib.import_module(name)

@@ -37,8 +37,8 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
 
     Raises
     ------
-    StoreError, ScenarioError, ReportError If the folder is not a results folder, is damaged or has
-        no finished run.
+    StoreError, ScenarioError, ReportError
+        If the folder is not a results folder, is damaged or has no finished run.
     """
     results = Reported(folder)
     if results.metrics().empty:

@@ -73,7 +73,8 @@ class Database:
 
     Raises
     ------
-    StoreError If the file has other columns than this version of the package, or is damaged.
+    StoreError
+        If the file has other columns than this version of the package, or is damaged.
     """
 
     def __init__(self, path: Path, create: bool = False) -> None:

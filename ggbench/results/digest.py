@@ -73,8 +73,8 @@ class Digest:
 
     Attributes
     ----------
-    manifest : mapping Scenario, estimators, versions, date and machine; ``title`` is that of the
-        scenario.
+    manifest : mapping
+        Scenario, estimators, versions, date and machine; ``title`` is that of the scenario.
     metrics, cases, pairs : DataFrame
         Tables of :class:`.folder.Results`, metrics of the settled window.
     """

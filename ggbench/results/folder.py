@@ -83,8 +83,8 @@ class Results:
 
         Raises
         ------
-        ScenarioError, StoreError If this version cannot read it, or it differs from the scenario
-            that was run.
+        ScenarioError, StoreError
+            If this version cannot read it, or it differs from the scenario that was run.
         """
         manifest = self.manifest
         loaded = scenario.from_text(

@@ -76,7 +76,8 @@ class Store(Database):
 
     Raises
     ------
-    StoreError If the folder does not exist, is in use by another process, or is damaged.
+    StoreError
+        If the folder does not exist, is in use by another process, or is damaged.
     """
 
     def __init__(self, folder: Path, create: bool = False, fresh: bool = False) -> None:

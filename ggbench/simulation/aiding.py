@@ -27,8 +27,8 @@ def sensors_of_side(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, 
     ----------
     side : Side
         The tables.
-    truth : TruthSpec or None Dropouts and outliers of the true sensors; None for the assumed
-        sensors.
+    truth : TruthSpec or None
+        Dropouts and outliers of the true sensors; None for the assumed sensors.
     """
     changes = {} if truth is None else truth.sensor
     return tuple(

@@ -275,9 +275,10 @@ def prepare(case: CaseSpec) -> Flight:
 
     Raises
     ------
-    MapError, OutsideMapError, TrajectoryError If a map cannot be built, or the flight leaves it or
-        cannot be flown. GGBenchError If the low-pass cannot be computed, or errors decay within its
-        delay.
+    MapError, OutsideMapError, TrajectoryError
+        If a map cannot be built, or the flight leaves it or cannot be flown.
+    GGBenchError
+        If the low-pass cannot be computed, or errors decay within its delay.
     """
     if case.trajectory.files():
         case.check_duration()

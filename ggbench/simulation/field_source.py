@@ -43,7 +43,8 @@ def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
 
     Raises
     ------
-    MapError If the map cannot be built; the message states the reason and the allowed values.
+    MapError
+        If the map cannot be built; the message states the reason and the allowed values.
     """
     # What the accelerometers feel is no part of the map.
     field = _make(spec.model_copy(update={"gravity_disturbance": False}), map_version(spec))
@@ -77,7 +78,8 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
 
     Raises
     ------
-    MapError If the map states none.
+    MapError
+        If the map states none.
     """
     error = make_field(spec).standard_error[:6]
     if not np.isfinite(error).all():
@@ -207,7 +209,8 @@ def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
 
     Raises
     ------
-    MapError If a file cannot be read.
+    MapError
+        If a file cannot be read.
     """
     if spec.source == "normal":
         return

@@ -30,7 +30,8 @@ def bounds(flights: Sequence[Flight]) -> list[Bound]:
 
     Raises
     ------
-    ValueError If the flights differ in epochs or maps.
+    ValueError
+        If the flights differ in epochs or maps.
     """
     return _bounds(flights, flights[0].true)
 

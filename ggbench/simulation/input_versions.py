@@ -16,7 +16,8 @@ def input_versions(case: CaseSpec) -> Versions:
 
     Raises
     ------
-    TrajectoryError If a file of the flight is missing. For other missing files the result is zero.
+    TrajectoryError
+        If a file of the flight is missing. For other missing files the result is zero.
     """
     maps = tuple(map_version(case.side(name).field) for name in ("truth", "model"))
     noises = tuple(version_of(shipped_or_own(name)) for name in noise_names(case))

@@ -83,8 +83,8 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
 
     Raises
     ------
-    GGBenchError If its model of coloured noise cannot be read, or has other channels or another
-        period.
+    GGBenchError
+        If its model of coloured noise cannot be read, or has other channels or another period.
     """
     rate, colour = 1.0 / spec.period_s, _colour(spec)
     noise = spec.noise_eotvos
@@ -126,7 +126,8 @@ def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
 
     Raises
     ------
-    ColouredNoiseError If a file cannot be read.
+    ColouredNoiseError
+        If a file cannot be read.
     """
     for name in noise_names(case):
         path = shipped_or_own(name)

@@ -22,7 +22,8 @@ def measured_readings(case: CaseSpec, positions: np.ndarray) -> np.ndarray | Non
 
     Raises
     ------
-    GGBenchError If the survey lines lack components, or have samples at other times.
+    GGBenchError
+        If the survey lines lack components, or have samples at other times.
     """
     spec = case.gradiometer
     if spec is None or spec.readings == "simulated":

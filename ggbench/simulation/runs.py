@@ -81,7 +81,8 @@ def simulate_flights(
 
     Raises
     ------
-    ValueError If the flights differ in epochs or map.
+    ValueError
+        If the flights differ in epochs or map.
     """
     first = flights[0]
     for flight in flights:

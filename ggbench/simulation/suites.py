@@ -19,7 +19,8 @@ def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuit
 
     Raises
     ------
-    MapError If the model needs the map's standard error, but the map states none.
+    MapError
+        If the model needs the map's standard error, but the map states none.
     """
     suite = suite_of(
         case.side(name),
@@ -55,7 +56,8 @@ def suite_of(
 
     Raises
     ------
-    GGBenchError If gradients are integrated but the gradiometer does not measure the whole tensor.
+    GGBenchError
+        If gradients are integrated but the gradiometer does not measure the whole tensor.
     """
     damping = None
     if altimeter is not None:

@@ -103,7 +103,8 @@ def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
 
     Raises
     ------
-    TrajectoryError If the flight is impossible, or a file is invalid.
+    TrajectoryError
+        If the flight is impossible, or a file is invalid.
     """
     pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
     banks = spec.vehicle == "aircraft"

@@ -252,7 +252,8 @@ class CaseSpec(WithSensors):
 
         Raises
         ------
-        ScenarioError If the key does not exist, or the case would break a rule.
+        ScenarioError
+            If the key does not exist, or the case would break a rule.
         """
         whole = laid_over(self.model_dump(warnings=False), nested(key, value))
         case = validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
@@ -282,7 +283,8 @@ class CaseSpec(WithSensors):
 
         Raises
         ------
-        ScenarioError If ``update`` names no table; for dotted keys use :meth:`changed`.
+        ScenarioError
+            If ``update`` names no table; for dotted keys use :meth:`changed`.
         """
         for key in update or {}:
             if key not in type(self).model_fields:

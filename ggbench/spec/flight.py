@@ -257,7 +257,8 @@ def load(path: Path | str) -> FlightSpec:
 
     Raises
     ------
-    FlightError With a sentence that states the file, the key, the value and the allowed values.
+    FlightError
+        With a sentence that states the file, the key, the value and the allowed values.
     """
     path = Path(path)
     try:

@@ -166,13 +166,15 @@ def in_one_mapping(content: Any) -> Any:
 
     Parameters
     ----------
-    content : Any Tables of a case, of its truth or model, or of a recorded flight. Values that are
-        no tables pass; the check of their key follows.
+    content : Any
+        Tables of a case, of its truth or model, or of a recorded flight. Values that are no tables
+        pass; the check of their key follows.
 
     Raises
     ------
-    ValueError If a sensor has both forms, or truth or model changes a missing sensor or the kind of
-        a sensor.
+    ValueError
+        If a sensor has both forms, or truth or model changes a missing sensor or the kind of a
+        sensor.
     """
     if not isinstance(content, Mapping) or not _is_table(content.get("sensor", {})):
         return content
@@ -219,7 +221,8 @@ def sensors_of(tables: Any) -> dict[str, Any]:
 
     Parameters
     ----------
-    tables : CaseSpec, FlightSpec or Side Object with the tables as attributes.
+    tables : CaseSpec, FlightSpec or Side
+        Object with the tables as attributes.
     """
     gradiometer = tables.gradiometer
     own = {} if gradiometer is None else {"gradiometer": gradiometer}

@@ -25,7 +25,8 @@ def expanded(texts: Iterable[str]) -> tuple[str, ...]:
 
     Raises
     ------
-    ValueError If the roster, or an estimator to remove, does not exist.
+    ValueError
+        If the roster, or an estimator to remove, does not exist.
     """
     listed: dict[str, None] = {}
     for text in texts:

@@ -104,7 +104,8 @@ class Scenario:
 
         Raises
         ------
-        ScenarioError If it does not exist; the message lists the cases.
+        ScenarioError
+            If it does not exist; the message lists the cases.
         """
         if name not in self._named:
             raise self._no_case(name, list(self._named))
@@ -143,7 +144,8 @@ class Scenario:
 
         Raises
         ------
-        ScenarioError If a name does not exist.
+        ScenarioError
+            If a name does not exist.
         """
         whole = replace(self, assumptions=())
         chosen = {whole.find(name)[1].name for name in names}
@@ -162,7 +164,8 @@ def load(name_or_path: str | Path) -> Scenario:
 
     Raises
     ------
-    ScenarioError With a sentence that states the file, the key, the value and the allowed values.
+    ScenarioError
+        With a sentence that states the file, the key, the value and the allowed values.
     """
     named = str(name_or_path)
     path = Path(named)
@@ -195,8 +198,9 @@ def as_written(scenario: Scenario) -> Scenario:
 
     Raises
     ------
-    ScenarioError If the scenario was changed after reading: the stored text would differ from the
-        scenario that was run.
+    ScenarioError
+        If the scenario was changed after reading: the stored text would differ from the scenario
+        that was run.
     """
     whole = from_text(scenario.source, scenario.name, scenario.notes)
     changed = [case.name for case in scenario.cases if case not in whole.cases]

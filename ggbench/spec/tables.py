@@ -67,7 +67,8 @@ def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]],
 
     Parameters
     ----------
-    spec : Section class Other table.
+    spec : Section class
+        Other table.
     but : sequence of str
         Keys that cannot be changed.
     """
@@ -108,7 +109,8 @@ class Table(tuple[tuple[str, Any], ...]):
 
         Raises
         ------
-        ValueError If the argument is no dict.
+        ValueError
+            If the argument is no dict.
         """
         if not isinstance(table, dict):
             raise ValueError(f"must be a table, found {table!r}")

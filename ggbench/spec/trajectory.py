@@ -187,7 +187,8 @@ class TrajectorySpec(Section):
 
         Raises
         ------
-        TrajectoryError If the file is invalid.
+        TrajectoryError
+            If the file is invalid.
         """
         from ..trajectory.track import (
             read_track,  # not at the top: it loads slowly, few flights have one
@@ -220,7 +221,8 @@ class TrajectorySpec(Section):
 
         Raises
         ------
-        TrajectoryError If the file is invalid or lacks the line.
+        TrajectoryError
+            If the file is invalid or lacks the line.
         """
         from ..trajectory.made_up_turns import all_lines
         from ..trajectory.survey_lines import line_named
@@ -243,7 +245,8 @@ class TrajectorySpec(Section):
 
         Raises
         ------
-        TrajectoryError If a file cannot be read.
+        TrajectoryError
+            If a file cannot be read.
         """
         versions = file_versions(self)
         return [_hash(path, v) for path, v in zip(self.files(), versions, strict=True)]
@@ -267,7 +270,8 @@ def file_versions(spec: TrajectorySpec) -> tuple[tuple[int, int], ...]:
 
     Raises
     ------
-    TrajectoryError If a file does not exist.
+    TrajectoryError
+        If a file does not exist.
     """
     versions = []
     for path in spec.files():

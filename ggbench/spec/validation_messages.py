@@ -27,8 +27,8 @@ def validate(model: type[T], content: Any, label: str) -> T:
 
     Raises
     ------
-    ScenarioError With a sentence that begins with the label and states the key and the allowed
-        values.
+    ScenarioError
+        With a sentence that begins with the label and states the key and the allowed values.
     """
     try:
         return model.model_validate(content)

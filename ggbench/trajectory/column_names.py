@@ -98,7 +98,8 @@ def find(
 
     Raises
     ------
-    TrajectoryError If a named column is missing, or has a unit of another quantity.
+    TrajectoryError
+        If a named column is missing, or has a unit of another quantity.
     """
     for name in names.get(key, (key,)):
         if (match := _matching(name.casefold(), columns)) is None:

@@ -64,7 +64,8 @@ class CsvText:
 
         Raises
         ------
-        TrajectoryError With a sentence that states the line and the value.
+        TrajectoryError
+            With a sentence that states the line and the value.
         """
         try:
             text = content.decode("utf-8-sig")

@@ -300,7 +300,8 @@ def plan(
 
     Raises
     ------
-    TrajectoryError If a manoeuvre is impossible; the message states which one and why.
+    TrajectoryError
+        If a manoeuvre is impossible; the message states which one and why.
     """
     parts: list[Array] = []
     total, samples, state = 0.0, 0, start

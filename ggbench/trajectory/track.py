@@ -311,7 +311,8 @@ def resample(
 
     Raises
     ------
-    TrajectoryError If the velocity is too small for a heading.
+    TrajectoryError
+        If the velocity is too small for a heading.
     """
     times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
     if len(times) < 2:

@@ -90,7 +90,8 @@ def fly(
 
     Raises
     ------
-    TrajectoryError If a segment is impossible; the message states which one and why.
+    TrajectoryError
+        If a segment is impossible; the message states which one and why.
     """
     start = State(np.asarray(position, dtype=float), heading, speed, 0.0)
     rates, _ = plan(start, segments, dt, size)
