@@ -45,8 +45,8 @@ class ClosedLoop(Estimator):
         """Refuse problems without inertial measurements."""
         if problem.replay is None:
             return (
-                "there is nothing to feed back to: the problem has no inertial readings, or its "
-                "gradients depend on the track before, late, filtered or integrated by the INS"
+                "feedback needs inertial measurements, and gradients that are not late, filtered "
+                "or integrated by the INS"
             )
         return None
 

@@ -39,13 +39,13 @@ class ExtendedKalmanFilter(GatedUpdate):
     def conflict(self) -> str | None:
         """Refuse a noise memory of one, and gates or underweighting outside the plain filter."""
         if self.noise_memory == 1:
-            return "noise_memory must be 0 or at least 2, and is 1"
+            return "noise_memory must be 0 or at least 2, not 1"
         if self.gate or self.underweighting:
             name = "gate" if self.gate else "underweighting"
             if self.iterations > 1:
-                return f"{name} is of the plain update, and not with iterations = {self.iterations}"
+                return f"{name} needs iterations = 1, not {self.iterations}"
             if self.noise_memory:
-                return f"{name} needs the given noise, and not a noise_memory"
+                return f"{name} cannot be combined with noise_memory"
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:

@@ -54,7 +54,7 @@ class GaussianParticle(Estimator):
         """Refuse fewer particles than a full-rank covariance needs."""
         if self.particles <= problem.dimension:
             return (
-                f"particles must be more than the {problem.dimension} states, and is "
+                f"particles must be larger than the number of states, {problem.dimension}, not "
                 f"{self.particles}"
             )
         return None

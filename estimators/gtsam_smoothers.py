@@ -69,9 +69,9 @@ class GtsamSmoother(GraphParameters):
         before = optimizer.error()
         values = optimizer.optimize()
         if not np.isfinite(optimizer.error()):
-            raise FloatingPointError("the error of the graph is not a finite number")
+            raise FloatingPointError("the cost of the graph is not finite")
         if optimizer.iterations() == 0 and before > 0.0:
-            raise RuntimeError("Levenberg-Marquardt gave up at its first step")
+            raise RuntimeError("Levenberg-Marquardt failed at its first step")
         linear = graph.linearize(values)
         step = linear.optimize()
         promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)

@@ -71,7 +71,7 @@ class Iccp(Estimator):
     def skip(self, problem: Problem) -> str | None:
         """Refuse problems without a track or such a channel."""
         if problem.track is None:
-            return "the problem has no track that the INS indicates"
+            return "the problem has no INS track"
         if len(horizontal(problem, velocity=True)) < 4:
             return "the problem has no errors of position and velocity"
         if _channel(problem, self.channel) is None:

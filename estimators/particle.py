@@ -65,7 +65,7 @@ class CloudFilter(Estimator):
         moves = self.moves
         if moves.start * moves.particles > _MOST:
             most = _MOST // moves.particles
-            return f"start must be 1 to {most} with so many particles, and is {moves.start}"
+            return f"start must be 1 to {most} with {moves.particles} particles, not {moves.start}"
         return super().conflict()
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

@@ -62,12 +62,14 @@ class PointMass(Estimator):
         n = problem.dimension
         if n > _MOST_STATES:
             return (
-                f"a grid over {n} states has too many points; at most {_MOST_STATES}: take "
+                f"a grid may have at most {_MOST_STATES} states, and the problem has {n}: use "
                 "reduced[filter=point-mass,states=position]"
             )
         sides = 2.0 * _REACH * np.sqrt(np.diag(problem.prior_cov)) / self._first_steps(problem) + 1
         if np.prod(sides) > _MOST_POINTS:
-            return f"a step of {self.step:g} makes more than {_MOST_POINTS} points of this prior"
+            return (
+                f"with step = {self.step:g} this prior needs more than {_MOST_POINTS} grid points"
+            )
         return None
 
     def _first_steps(self, problem: Problem) -> np.ndarray:

@@ -92,7 +92,7 @@ class ReducedStates(Estimator):
         if self.beta is not None and self.filter != "strong-tracking":
             return f"{self.filter} has no beta: filter=strong-tracking has one"
         if self.weights is not None and "weights" not in vars(FILTERS[self.filter]):
-            return f"{self.filter} has one way to weigh, and no weights"
+            return f"{self.filter} has no weights"
         try:
             self._filter()
         except ValueError as error:

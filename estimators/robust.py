@@ -73,5 +73,5 @@ class GatedUpdate(RobustLoss, BlockEstimator):
         """Refuse a gate or an underweighted gain together with a loss."""
         if (self.gate or self.underweighting) and self.loss != "none":
             name = "gate" if self.gate else "underweighting"
-            return f"{name} and a loss are two answers to the same measurements: choose one"
+            return f"{name} and loss cannot be combined: choose one"
         return super().conflict()

@@ -96,8 +96,8 @@ class UnscentedParticle(Estimator):
             ranks = [problem.noise_root(k).shape[1] for k in range(problem.epochs)]
             if min(ranks) < n:
                 return (
-                    "weights=exact needs process noise in every direction: its covariance has rank "
-                    f"{min(ranks)} of {n}, and the density of the next state does not exist"
+                    "weights=exact needs process noise of full rank: its covariance has rank "
+                    f"{min(ranks)} of {n}"
                 )
         return None
 

@@ -80,8 +80,8 @@ class Viterbi(Estimator):
         step = np.sqrt(reduction.problem.process_cov.max(axis=0).diagonal().max())
         if step > _LARGEST_STEP * self.cell_m:
             return (
-                f"cells of {self.cell_m:g} m are too small for steps of the INS's error of "
-                f"{step:.0f} m"
+                f"cells of {self.cell_m:g} m are too small for INS errors that change by "
+                f"{step:.0f} m between measurements"
             )
         return None
 

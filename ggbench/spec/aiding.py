@@ -193,7 +193,7 @@ class TrueLog(LogChange, Interruptions):
     """``[truth.velocity_log]``: the true log."""
 
     outlier_mps: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to a reading."""
+    """Standard deviation of outliers, drawn for each measurement."""
 
 
 class RecordedLog(LogSpec, ReadingsRecording):
@@ -226,7 +226,7 @@ class TrueBarometer(BarometerChange, Interruptions):
     """``[truth.barometer]``: the true barometer."""
 
     outlier_m: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to a reading."""
+    """Standard deviation of outliers, drawn for each measurement."""
 
 
 class RecordedBarometer(BarometerSpec, ReadingsRecording):
@@ -251,7 +251,7 @@ class GravimeterSpec(PeriodicSpec):
     )
     """`"scalar"`: magnitude of the gravity disturbance; `"east"`, `"north"`: its components."""
     readings: Literal["simulated", "measured"] = "simulated"
-    """Whether readings are simulated, or those of the survey lines that `[trajectory]` flies."""
+    """Simulated measurements, or those of the survey lines that `[trajectory]` flies."""
 
     @model_validator(mode="after")
     def _check(self) -> GravimeterSpec:
@@ -276,7 +276,7 @@ class TrueGravimeter(GravimeterChange, Interruptions):
     """``[truth.gravimeter]``: the true gravimeter."""
 
     outlier_mgal: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to a reading."""
+    """Standard deviation of outliers, drawn for each measurement."""
 
 
 class RecordedGravimeter(GravimeterSpec, ReadingsRecording):

@@ -29,7 +29,7 @@ class CampaignSpec(Section):
     )
     """Estimators, with parameters: `"ekf[iterations=5]"`.
 
-    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` takes an estimator out of those before it.
+    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` removes an estimator from those before it.
     """
     time_limit_s: q.TimeLimit = 600.0
     """Time limit of one run of one estimator."""

@@ -66,8 +66,8 @@ class WindowsSpec(Section):
     """Spherical position error within which a run must end to succeed.
 
     Without it: three times the RMS filtering bound over the last window. A run has *converged* at
-    the first epoch from which its error stays within. A *false fix* ends outside and claims with
-    95 % to be inside.
+    the first epoch from which its error stays within. A *false fix* ends outside, but its 95 %
+    region is smaller than its error.
     """
 
 
@@ -120,7 +120,7 @@ def _changed(key: str, table: Any, change: Any) -> Any:
 
 
 class CaseSpec(WithSensors):
-    """``[[case]]``: a flight to compare; any keys of the other tables, laid over those of the file.
+    """``[[case]]``: a flight to compare; its keys replace those of the other tables.
 
     The model is a resolved case: the tables of the file with the changes of the case.
     """

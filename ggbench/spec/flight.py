@@ -57,7 +57,7 @@ class InsRecord(InertialRecording):
 
 
 class StartSpec(Section):
-    """``[imu_record.start]``: where the mechanization of recorded increments starts.
+    """``[imu_record.start]``: initial state of the mechanization of recorded increments.
 
     Radians and C_nb keep a state to the last bit; degrees do not.
     """
@@ -131,10 +131,10 @@ class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
     """``[gradiometer]`` with its readings."""
 
     readings: Literal["total", "disturbing"] = "total"  # type: ignore[assignment]
-    """Whether readings are whole gradients, or without the normal field of WGS84, as of surveys.
+    """Whether gradients are total, or disturbing ones without the normal field, as in surveys.
 
-    The normal field is added where the INS indicates to be, which errs by 0.0015 E for each metre
-    of its height error.
+    The normal field is added at the INS position. This causes an error of 0.0015 E per metre of the
+    height error.
     """
 
     @model_validator(mode="after")

@@ -197,9 +197,9 @@ class ModelField(FieldChange):
     It needs a map and `gravity_disturbance = true`.
     """
     standard_error: bool = False
-    """Whether the standard error stored in the map is added to the noise of the gradiometer.
+    """Whether the standard error of the map is added to the white noise of each channel.
 
-    As white noise of each channel. Maps of survey lines state it; needs `"local-level"`.
+    Maps of survey lines state one. It needs a `"local-level"` gradiometer.
     """
 
 
