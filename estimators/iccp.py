@@ -69,7 +69,7 @@ class Iccp(Estimator):
     exact_if_linear_gaussian = False  # of one channel, and of points that are taken as nearest
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without a track or such a channel."""
+        """Refuse problems without a track or the chosen channel."""
         if problem.track is None:
             return "the problem has no INS track"
         if len(horizontal(problem, velocity=True)) < 4:

@@ -57,7 +57,7 @@ def judge(
     Parameters
     ----------
     problem : the estimated problem.
-    estimate : of it.
+    estimate : of the problem.
     truth : of the problem, or the reference of a recorded flight.
     windows : parts of the flight to judge in addition to the whole, for example ``case.windows``.
 
@@ -215,7 +215,7 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.Da
     Parameters
     ----------
     problem : from :func:`read_flight` or :func:`simulate`.
-    estimate : of it.
+    estimate : of the problem.
     start : offset of the times [s].
 
     Returns

@@ -91,7 +91,7 @@ def judge(
     Parameters
     ----------
     problem : the estimated problem.
-    estimate : of it.
+    estimate : of the problem.
     truth : of the problem, or the reference of a recorded flight.
     windows : parts of the flight to judge in addition to the whole, for example ``case.windows``.
 

@@ -153,7 +153,8 @@ def in_our_axes(component: str, axes: str) -> tuple[str, int]:
 def turned(component: str, turn: Turn) -> tuple[str, int]:
     """Return name and sign of a component in other axes.
 
-    ``turn`` states the other axis of each axis, and its sign.
+    ``turn`` contains, for each axis of the file, the parallel axis of the other system and its
+    sign.
     """
     if "-" in component:
         first, second = (f"{turn[pair[0]][0]}" * 2 for pair in component.split("-"))
@@ -166,7 +167,7 @@ def turned(component: str, turn: Turn) -> tuple[str, int]:
 def axes_in_words(turn: Turn, names: tuple[str, str, str, str, str, str]) -> str:
     """Return axes in words, as in ``x north, y east, z down``.
 
-    ``names`` are those of the directions of x, y and z, followed by the opposite ones.
+    ``names`` contains the directions of x, y and z, then the three opposite directions.
     """
     order = "xyz"
     return ", ".join(

@@ -76,19 +76,19 @@ def lane_of(run: int) -> tuple[int, int]:
 
 @compiled
 def integers() -> np.ndarray:
-    """Return an integer of each lane (LANES,), all zero."""
+    """Return zeros (LANES,), an integer for each lane."""
     return np.zeros(LANES, dtype=np.int64)
 
 
 @compiled
 def flags() -> np.ndarray:
-    """Return a truth value of each lane (LANES,), all false."""
+    """Return False for each lane (LANES,)."""
     return np.zeros(LANES, dtype=np.bool_)
 
 
 @compiled
 def numbers(value: float) -> np.ndarray:
-    """Return a number of each lane (LANES,)."""
+    """Return an array (LANES,) with a value in every lane."""
     return np.full(LANES, value)
 
 

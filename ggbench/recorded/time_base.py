@@ -153,7 +153,7 @@ def time_base(
     times : (N,) of its rows [s].
     dt : interval of the samples [s].
     max_gap : longest interval between two rows [s].
-    tolerance : of readings' times [s].
+    tolerance : largest time difference of a measurement and its sample [s].
     before : number of samples before the first row.
 
     Raises
