@@ -107,7 +107,7 @@ class Plan:
 
 
 class PendingCell(NamedTuple):
-    """A case with its estimators, and their missing runs (estimators, runs)."""
+    """A case with its estimators, and a mask (estimators, runs) of their missing runs."""
 
     assumption: str
     case: CaseSpec

@@ -67,7 +67,7 @@ def radii_of_curvature(latitude: float) -> tuple[float, float]:
 
 @inlined
 def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
-    """Return metres per radian of latitude and of longitude, R_M + h and (R_N + h) cos L [m/rad].
+    """Return metres per radian of latitude and longitude, R_M + h and (R_N + h) cos L [m/rad].
 
     Parameters
     ----------

@@ -329,7 +329,7 @@ class Field:
         return positions[..., 0], positions[..., 1], positions[..., 2] + self.base(positions)
 
     def flattened(self) -> Field:
-        """Return the map with level layers: heights above the base become heights above the ellipsoid."""
+        """Return the map with level layers; heights above the base count from the ellipsoid."""
         return replace(self, base_coefficients=np.zeros((0, 0)))
 
     def covers(self, positions: np.ndarray, slack: float) -> np.ndarray:

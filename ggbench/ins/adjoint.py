@@ -197,7 +197,7 @@ def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> No
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an array for the terms of a series: (6, 19, LANES), order by order, not yet filled."""
+    """Return an unfilled array (6, 19, LANES) for the terms of a series, a row for each order."""
     return unfilled(_LAST + 1, STATES + 4)
 
 

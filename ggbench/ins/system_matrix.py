@@ -41,7 +41,7 @@ ENTRIES = 62
 
 @inlined
 def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, z: float) -> float:
-    """Return the product of three entries of F, from ``j`` on in strides, and (x, y, z)."""
+    """Return the dot product of the entries j, j + stride, j + 2 stride of F and (x, y, z)."""
     return load(f, n, j) * x + load(f, n, j + stride) * y + load(f, n, j + 2 * stride) * z
 
 
