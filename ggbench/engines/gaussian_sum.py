@@ -84,7 +84,7 @@ def _filter(
 
 @compiled
 def start(prior: Hypotheses, now: Hypotheses) -> None:
-    """Copy hypotheses with a common covariance (1, n, n)."""
+    """Copy hypotheses with a common covariance (1, n, n) to separate arrays."""
     n = prior.means.shape[1]
     for j in range(len(prior.weights)):
         now.weights[j] = prior.weights[j]

@@ -49,7 +49,7 @@ class Linearisation:
     rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
     states, trial : (K, 1, n, lanes) the trajectory and the trial trajectory.
     filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
-    updates : with the readings.
+    updates : data of the measurement updates.
     """
 
     moving: np.ndarray

@@ -53,8 +53,8 @@ class SurveyTable:
     path : of the file.
     columns : cells (N,) of each column; an empty cell is a missing value.
     rows : (N,) line number of each sample in the file.
-    units : of columns that state one.
-    descriptions : of columns that have one.
+    units : stated units, by column.
+    descriptions : stated descriptions, by column.
     voids : declared marks of missing values, by column.
     cut : whether an incomplete last row was omitted.
     """

@@ -45,7 +45,7 @@ def write(
     scenario : of the case.
     advice : on the case.
     tracks : of :func:`ggbench.judging.planned.around`, for the case.
-    target_m : RMS position error that is wanted [m], None if none is stated.
+    target_m : wanted RMS position error [m], or None.
     path : of the page.
 
     Raises

@@ -109,7 +109,7 @@ def track_sentences(tracks: pd.DataFrame, target_m: float | None) -> list[str]:
     Parameters
     ----------
     tracks : of :func:`ggbench.judging.planned.around`.
-    target_m : RMS position error that is wanted [m], None if none is stated.
+    target_m : wanted RMS position error [m], or None.
     """
     able, sentences = _able(tracks), []
     if len(able):
