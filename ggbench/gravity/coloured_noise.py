@@ -222,7 +222,7 @@ class VectorAutoregression:
         return Whitening(weights, lags)
 
     def simulate(self, white: np.ndarray) -> np.ndarray:
-        """Return noise (K, m) [E] of a stationary process, of standard normal numbers (K, m)."""
+        """Return stationary noise (K, m) [E] from standard normal numbers (K, m)."""
         noise, rows, p = np.zeros(white.shape), self._start_rows, self.order
         inverse = [np.linalg.inv(row[0]) for row in rows]
         for k, drawn in enumerate(white):

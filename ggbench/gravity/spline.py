@@ -20,11 +20,10 @@ from ..numerics.vectors import load_from, splat, store_from
 def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     """Return uniform cubic B-spline coefficients that interpolate values along an axis.
 
-    Values (..., n, ...) give coefficients (..., n + 2, ...), in the unit of the values: n nodes (n
-    >= 4) give n + 2 coefficients c; the two end conditions are not-a-knot (the third derivative is
-    continuous across the second and the last but one node). With c[i−1] + 4 c[i] + c[i+1] = 6 d[i],
-    they are c[2] = (8 d[2] − d[1] − d[3]) / 6 and its mirror image; the equations between them are
-    tridiagonal.
+    Values d (..., n, ...), n >= 4, give coefficients c (..., n + 2, ...) in the same unit. They
+    fulfil c[i−1] + 4 c[i] + c[i+1] = 6 d[i], a tridiagonal system. The two end conditions are
+    not-a-knot: the third derivative is continuous across the second and the last but one node, so
+    that c[2] = (8 d[2] − d[1] − d[3]) / 6, and its mirror image.
     """
     n = values.shape[axis]
     before, after = math.prod(values.shape[:axis]), math.prod(values.shape[axis + 1 :])

@@ -93,7 +93,7 @@ class Instrument:
 
 
 def moved(positions: Array, offset: Array) -> Array:
-    """Return positions (..., 3) moved by offsets (..., 2) [m] to the east and north; broadcast."""
+    """Return positions (..., 3) displaced by offsets (..., 2) [m] to the east and north."""
     metres = metres_along(positions.reshape(-1, 3)).reshape(*positions.shape[:-1], 2)
     angles = offset / metres
     out = np.empty((*np.broadcast_shapes(angles.shape[:-1], positions.shape[:-1]), 3))

@@ -19,8 +19,8 @@ class Gradients(NamedTuple):
 
     Attributes
     ----------
-    output : (R, G, g) [E].
-    missing : (R, G).
+    output : (R, G, g) measurements, after the low-pass [E].
+    missing : (R, G) mask of missing measurements.
     states : (R, K, s) true values of the instrument's states at all epochs, by name.
     """
 
