@@ -58,7 +58,7 @@ class Hypothesis:
 
     @property
     def keeps_states(self) -> bool:
-        """Whether the states are those of the block."""
+        """Whether the hypothesis has no additional states."""
         return not (self.constant or self.wander or self.gravity_mgal)
 
     @property
