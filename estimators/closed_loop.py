@@ -1,9 +1,8 @@
 """Closed-loop Kalman filter: its corrections reset the INS during the flight.
 
-The other filters estimate the error of an INS that is not corrected, linear only as long as
-that error is small. Here the mechanization starts again from what the filter believes, every so
-often, so that the error that is estimated stays small, whatever the open loop would have drifted to
-(Groves 2013, sec. 14.1.1: closed-loop integration).
+The other filters estimate the error of an INS that is never corrected. Its error equations are
+linear only while the error is small. This filter resets the mechanization to its estimate at
+regular intervals, so the error stays small (Groves 2013, sec. 14.1.1: closed-loop integration).
 """
 
 from __future__ import annotations
@@ -43,16 +42,16 @@ class ClosedLoop(Estimator):
     causality = "filter"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems whose inertial measurements are not at hand."""
+        """Refuse problems without inertial measurements."""
         if problem.replay is None:
             return (
-                "there is nothing to feed back to: the problem has no inertial readings, or its "
-                "gradients depend on the track before, late, filtered or integrated by the INS"
+                "feedback needs inertial measurements, and gradients that are not late, filtered "
+                "or integrated by the INS"
             )
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter part after part, each about the INS that the one before it has set right."""
+        """Filter one interval after the other; each starts from the corrected mechanization."""
         assert problem.replay is not None  # skip() says so
         loop = problem.replay.start(problem)
         means, covs, nis = [], [], []

@@ -1,28 +1,28 @@
 """Correlation matching by differences: Li, Wu & Ma 2011.
 
-A gravimeter's readings are reduced with what the INS indicates, so its velocity error (Eötvös) and
-its latitude error (normal gravity) are in them, as a bias that changes slowly. Li matches the
-differences of consecutive readings, which have no constant bias, and weighs earlier ones more,
-since the INS is better then: J = Σ p_i [(z_{i+1} − z_i) − (h_{i+1} − h_i)]², where p falls
-linearly to the half and Σ p = 1. Five of the places where J is least are kept. The nearest
-neighbour takes the best; probabilistic data association (PDAF) the mean x̂ = Σ β_j x_j with
-β_j ∝ 1/J_j.
+Gravimeter measurements are reduced with the INS solution. They therefore contain its velocity error
+(Eötvös) and latitude error (normal gravity) as a slowly changing bias. Li matches the differences
+of consecutive measurements, which have no constant bias. Earlier differences have larger weights,
+because the INS is more accurate then: J = Σ p_i [(z_{i+1} − z_i) − (h_{i+1} − h_i)]², where p falls
+linearly to one half and Σ p = 1. The five positions with the smallest J are kept. Nearest neighbour
+uses the best of them. Probabilistic data association (PDAF) uses the mean x̂ = Σ β_j x_j with β_j ∝
+1/J_j.
 
-What is to be said against it:
+Weaknesses of the method:
 
-* Differences of white readings are correlated, −½ from one to the next, so a sum of their squares
-  is no likelihood. Least squares that knows of the correlation is the mean squared difference with
-  an unknown constant removed; the plain sum gives away what readings far apart tell together.
-* Falling weights are right if the place at the window's start is asked for, from which the INS
-  drifts away. A fix is the place at its end.
-* 1/J is no probability: with twenty readings a wrong hill has ten or a thousand times the mismatch
-  of the right one, and still a weight of some per cent, at a distance of kilometres. The
-  probability of a place is exp(−½ χ²) times its width (``association=likelihood``).
-* Five neighbours in one hollow of J are one candidate. Their mean smooths what the grid has made
-  coarse, and tells nothing of other places.
+* Consecutive differences of white measurements have a correlation of −½, so their sum of squares is
+  no likelihood. Least squares with this correlation equals the mean squared difference with an
+  unknown constant removed. The plain sum loses the information of measurements that are far apart.
+* Decreasing weights suit the position at the start of the window, from which the INS drifts. A fix
+  is the position at its end.
+* 1/J is no probability. With twenty measurements J at a wrong hill is ten to a thousand times that
+  of the right one. Its weight is still some per cent, at a distance of kilometres. The probability
+  of a position is exp(−½ χ²) times its width (``association=likelihood``).
+* Five neighbours in one minimum of J are one candidate. Their mean only smooths the grid. It
+  contains no information on other positions.
 
-Here the covariance of an answer is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ), where Σ_j knows that all
-other states of the window are unknown, too.
+The covariance of the estimate is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ). Σ_j includes the uncertainty
+of all other states of the window.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class Correlation(Estimator):
     candidates : ``basins``: local minima of J, each refined to the most probable states of the
         window. ``nodes``, as in the paper: the grid points with the smallest J, without refinement.
     window : number of epochs with measurements in one match.
-    differenced : whether differences of measurements are matched, or the measurements.
-    descending : whether the weights decrease along the window, or are equal.
+    differenced : whether differences of measurements are matched instead of the measurements.
+    descending : whether the weights decrease along the window instead of being equal.
     fusion : use of the fixes, see :mod:`ggbench.engines.fix_fusion`.
     keep : number of candidates.
     spacing_m : grid step [m]; in the paper the node spacing of the map.
@@ -95,7 +95,7 @@ class Correlation(Estimator):
         return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Match one window after the other; carry along what has been found."""
+        """Match one window after the other; propagate the estimate between fixes."""
         return by_block(problem, self._match)
 
     def _match(self, block: ProblemBlock) -> Estimate:
@@ -201,15 +201,15 @@ class _Fix:
 class Sequences(Search):
     """Search by Li's J = Σ_c r_cᵀ W r_c, with the residuals r_c of each channel c.
 
-    The weights of all terms add up to one. Differences are between consecutive measurements of a
-    channel, also if other channels measure in between.
+    The weights of all terms add up to one. A difference is that of two consecutive measurements of
+    one channel, even if other channels measure in between.
 
     Attributes
     ----------
     form : (m, W, W) the W of each channel.
     terms : number of terms of J.
-    chi_squared : factor that converts J to a χ² of as many terms. Each term has the variance of
-        one measurement, or of two.
+    chi_squared : factor that converts J to a χ² of as many terms. A term has the variance of one
+        measurement, or of two if it is a difference.
     """
 
     _kept = (*Search._kept, "_total", "_last")
@@ -254,12 +254,13 @@ class Sequences(Search):
 
 
 def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (n,) and covariance (n, n) at the window's end, given that J is least at a node.
+    """Return mean (n,) and covariance (n, n) at the window's end, if J is least at a grid node.
 
-    About the node's trajectory the displacement that minimises χ² of J and of the prior is linear
-    in the residuals, δd = Σ M_k r_k. So it is taken for what it is: a reading of the states, with
-    errors of noise, INS and grid. How they go with the state at the end follows from carrying both
-    through the window. That J gives away what the readings tell of other states is thus known.
+    Near the node's trajectory the displacement that minimises χ² of J and of the prior is linear in
+    the residuals, δd = Σ M_k r_k. It is processed as a measurement of the states, with the errors
+    of noise, INS and grid. The correlation of these errors with the final state follows from
+    propagating both through the window. The covariance therefore includes the information on other
+    states that J loses.
     """
     problem = search.problem
     variances, gain, *_ = position_axes(problem)

@@ -37,19 +37,19 @@ class ExtendedKalmanFilter(GatedUpdate):
     family = "kalman"
 
     def conflict(self) -> str | None:
-        """Refuse a memory of one measurement, and gates of other updates than the plain one."""
+        """Refuse a noise memory of one, and gates or underweighting outside the plain filter."""
         if self.noise_memory == 1:
-            return "noise_memory must be 0 or at least 2, and is 1"
+            return "noise_memory must be 0 or at least 2, not 1"
         if self.gate or self.underweighting:
             name = "gate" if self.gate else "underweighting"
             if self.iterations > 1:
-                return f"{name} is of the plain update, and not with iterations = {self.iterations}"
+                return f"{name} needs iterations = 1, not {self.iterations}"
             if self.noise_memory:
-                return f"{name} needs the given noise, and not a noise_memory"
+                return f"{name} cannot be combined with noise_memory"
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse models without kernels where more than the plain filter is asked for."""
+        """Refuse models without kernels, unless all options are those of the plain filter."""
         if self == ExtendedKalmanFilter(noise_scale=self.noise_scale):
             return None
         return super().skip(problem)
@@ -71,9 +71,9 @@ class ExtendedKalmanFilter(GatedUpdate):
         )
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter one run; the plain filter takes any model.
+        """Filter one run; the plain filter accepts any model.
 
-        Raise TypeError if another one is given a model without kernels.
+        Raise TypeError if the filter has further options and the model has no kernels.
         """
         if isinstance(problem.model, CompiledModel):
             return super().estimate(problem, rng)
@@ -83,7 +83,7 @@ class ExtendedKalmanFilter(GatedUpdate):
 
 
 def plain(problem: Problem) -> Estimate:
-    """Return the estimate of the plain filter in NumPy, which needs h and its Jacobian alone."""
+    """Return the estimate of the plain filter in NumPy, which needs only h and its Jacobian."""
     x, p = problem.prior_mean, problem.prior_cov
     identity = np.eye(problem.dimension)
     mean = np.empty((problem.epochs, problem.dimension))

@@ -1,8 +1,8 @@
 """Factor graph, compiled: batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
 
-The solutions are those of GTSAM (:mod:`.gtsam_smoothers`), found by Kalman smoothers on many runs
-at once. The incremental modes take GTSAM's steps. The batch mode takes Gauss–Newton steps, halved
-until the cost falls (:mod:`ggbench.engines.line_search`), where GTSAM dampens.
+The solutions equal those of GTSAM (:mod:`.gtsam_smoothers`). Kalman smoothers compute them for many
+runs at once. The incremental modes make the same steps as GTSAM. The batch mode halves Gauss–Newton
+steps until the cost falls (:mod:`ggbench.engines.line_search`), whereas GTSAM damps them.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class GraphParameters(RobustLoss):
 
     Parameters
     ----------
-    mode : ``isam2`` gives the newest node after each epoch (causal), ``fixed-lag`` each node when
-        it leaves a sliding window (measurements up to ``lag`` later), ``batch`` all nodes from all
-        measurements.
+    mode : ``isam2`` returns the newest node after each epoch (causal). ``fixed-lag`` returns each
+        node when it leaves a sliding window (measurements up to ``lag`` later). ``batch`` returns
+        all nodes, given all measurements.
     lag : length of the sliding window [s].
-    relinearize_threshold : change of a measurement [standard deviations of the noise] by any one
-        state of a node, from which iSAM2 and the sliding window linearise the node again, see
+    relinearize_threshold : iSAM2 and the sliding window relinearise a node if the change of one of
+        its states changes a measurement by more than this [standard deviations of the noise], see
         :func:`noticeable_changes`. States without effect on h do not count.
     max_iterations : largest number of steps of the batch optimizer.
     """
@@ -51,12 +51,12 @@ class GraphParameters(RobustLoss):
 
     @property
     def causality(self) -> Causality:
-        """That of the mode."""
+        """Causality of the mode."""
         return "filter" if self.mode == "isam2" else self.mode
 
     @property
     def fixed_lag(self) -> float | None:
-        """The lag [s] of a sliding window, None of the other modes."""
+        """Lag [s] of the mode ``fixed-lag``; None in other modes."""
         return self.lag if self.mode == "fixed-lag" else None
 
     def skip(self, problem: Problem) -> str | None:
@@ -99,12 +99,12 @@ class FactorGraph(GraphParameters, BlockEstimator):
 
 
 def noticeable_changes(problem: Problem) -> np.ndarray:
-    """Return by how much each state (n,) must change to be noticed: to change a reading by one σ.
+    """Return the change (n,) of each state that changes a measurement by one standard deviation.
 
-    That of the noise, in the root of the mean square over epochs that are spread over the flight,
-    by H along the undisturbed motion from the prior's mean. Infinite where h does not depend on it.
-    Where the problem says what its channels are, gradients count alone: the other sensors read what
-    is as good as linear in the states.
+    The standard deviation is that of the noise. The change of h is the RMS over epochs across the
+    flight, from H along the propagated prior mean. The result is infinite where h does not depend
+    on a state. If the problem names its channels, only gradients count, because other sensors are
+    almost linear in the states.
     """
     shown = np.unique(np.linspace(0, problem.epochs - 1, _SAMPLED).astype(int))
     channels = problem.measurements.shape[1]
@@ -121,7 +121,7 @@ def noticeable_changes(problem: Problem) -> np.ndarray:
 
 
 def checked_jacobian(model: MeasurementModel, k: int, x: np.ndarray, channels: int) -> np.ndarray:
-    """Return H (m, n) of a model at a state; raise ValueError if it has another shape."""
+    """Return H (m, n) of a model at a state; raise ValueError if its shape is wrong."""
     jacobian = np.asarray(model.jacobian(k, x), dtype=float)
     require_shape("Jacobian", jacobian, (channels, len(x)))
     return jacobian

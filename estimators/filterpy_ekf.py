@@ -1,4 +1,4 @@
-"""Extended Kalman filter as filterpy has it, with nothing of it overridden."""
+"""Extended Kalman filter of filterpy, without any override."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unscented Kalman filter as filterpy has it, with nothing of it overridden."""
+"""Unscented Kalman filter of filterpy, without any override."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FilterpyUnscented(SigmaPoints):
     causality = "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Sigma points through Φ and h, epoch by epoch."""
+        """Propagate sigma points through Φ and h, epoch by epoch."""
         # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
         from filterpy.kalman import (
             JulierSigmaPoints,

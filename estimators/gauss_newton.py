@@ -2,16 +2,16 @@
 
 The steps are those of :mod:`ggbench.engines.line_search`.
 
-A field of gravity gradients looks alike in many places, and Gauss–Newton finds the nearest. So the
-cost is looked at from many starts across the prior of the position, and the best are refined.
-Those follow the drift of the INS, however far it leads; one more search starts from the smoothed
-track of an extended Kalman filter, which has corrected it on the way.
+The cost has many local minima, and Gauss–Newton converges to the nearest one. Therefore the cost is
+evaluated for many starts across the position prior, and the best starts are refined. These
+trajectories follow the uncorrected INS drift. One more search starts from the smoothed track of an
+extended Kalman filter, which has corrected the drift.
 
-Starts for whole flights are few, and where the prior is wide they lie far apart: of 1024 across a
-standard deviation of 10 km the nearest to a place beyond two of them is some 1.3 km away, and the
-cost there tells no more than anywhere. So the first window of readings is searched as matchers do
-(:mod:`ggbench.engines.window_search`), on a grid fine enough for the field, and what fits it is
-one more start each. Where the first readings say nothing, those for the whole flight remain.
+With a wide prior these starts are far apart. For 1024 starts and a standard deviation of 10 km, the
+start nearest to a position beyond 2 σ is about 1.3 km away, where the cost is no longer
+informative. Therefore the first window of measurements is also searched on a grid that resolves the
+field (:mod:`ggbench.engines.window_search`). Each of its best positions is a further start. If the
+first measurements are not informative, the starts for the whole flight remain.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class GaussNewton(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    starts : number of initial positions (states in metres) spread over the prior; 1 starts from
-        the prior's mean alone. The track of a filter is a further start.
+    starts : number of initial positions (states in metres) spread over the prior; 1 uses only the
+        prior mean. The track of a filter is a further start.
     refine : number of starts with the lowest costs that are refined.
-    window : number of epochs with measurements of a grid search; 0: no search. With one start
-        there is no search.
+    window : number of epochs with measurements in the grid search; 0: no grid search. With
+        ``starts=1`` there is none.
     spacing_m : step of that grid [m], a quarter of the field's correlation length.
     max_iterations : largest number of Gauss–Newton steps from each start.
     """
@@ -60,7 +60,7 @@ class GaussNewton(RobustLoss, BlockEstimator):
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
-        """Refine the best starts of all runs of a block; the mean is NaN where none has a cost."""
+        """Refine the best starts of all runs; the mean is NaN if no start has a finite cost."""
         window = self.window if self.starts > 1 else 0
         return multistart(
             block,

@@ -1,17 +1,17 @@
 """Gaussian particle filter: a Gaussian posterior with moments from particles.
 
-Each epoch draws particles again from a Gaussian, weighs them by the reading, and keeps nothing but
-their mean and covariance (Kotecha & Djurić 2003a). Nothing is resampled, and no particle outlives
-its epoch: what impoverishes a bootstrap filter, copies that nearly noiseless dynamics never part,
-cannot happen. The dynamics are linear, so that the Gaussian is predicted exactly.
+At each epoch the filter draws new particles from a Gaussian, weights them by the likelihood of the
+measurement, and keeps only their mean and covariance (Kotecha & Djurić 2003a). There is no
+resampling. Sample impoverishment, where nearly noiseless dynamics never separate copies, cannot
+occur. The dynamics are linear, so the prediction of the Gaussian is exact.
 
-Two things go wrong instead. A wide prior over hills is no Gaussian, and one mean has to stand for
-all hills that look alike. And where a reading is sharper than the prediction by a factor of ten in
-each of three directions, a few of 3000 particles carry all the weight: their covariance has fewer
-directions than the state, and the filter claims to know what it does not. Such a covariance is
-repaired and counted, but what it has forgotten stays forgotten. A proposal that has the reading
-(``ekf``, ``ukf``) helps as far as the reading is linear over the prediction; where it is not, it is
-a narrow Gaussian off the truth, and its weights are worse than those of the prediction.
+The filter has two other weaknesses. First, the posterior of a wide prior is multimodal, and one
+Gaussian cannot represent it. Second, if a measurement is ten times more precise than the prediction
+along three axes, a few of 3000 particles carry all the weight. Their covariance is rank-deficient
+and the filter is overconfident. Such a covariance is repaired and counted, but the lost information
+does not return. A proposal that includes the measurement (``ekf``, ``ukf``) helps if h is nearly
+linear over the prediction. Otherwise the proposal is a narrow Gaussian at a wrong position, with
+worse weights than those of the prediction.
 """
 
 from __future__ import annotations
@@ -51,16 +51,16 @@ class GaussianParticle(Estimator):
     exact_if_linear_gaussian = False  # moments of particles scatter
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse fewer particles than a covariance needs."""
+        """Refuse fewer particles than a full-rank covariance needs."""
         if self.particles <= problem.dimension:
             return (
-                f"particles must be more than the {problem.dimension} states, and is "
+                f"particles must be larger than the number of states, {problem.dimension}, not "
                 f"{self.particles}"
             )
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict exactly, draw, weigh, and keep mean and covariance, epoch by epoch."""
+        """Predict exactly, draw, weight, and keep mean and covariance, epoch by epoch."""
         n = problem.dimension
         scale = np.sqrt(np.diag(problem.prior_cov))
         mean, cov = problem.prior_mean / scale, problem.prior_cov / np.outer(scale, scale)

@@ -1,10 +1,10 @@
 """Gaussian-sum filter: a bank of iterated extended Kalman filters across a wide prior.
 
-Where the prior is wide against the features of the field, one linearisation cannot hold, and a
-filter locks onto whatever part of the field looks alike. So the prior is written as a sum of
-narrow Gaussians on a grid of positions, each with a filter of its own, weighted by how well it
-predicts (Sorenson & Alspach 1971; Alspach & Sorenson 1972; Bar-Shalom, Li & Kirubarajan 2001,
-sec. 11.6). What weighs nothing is dropped, what has become the same is merged.
+If the prior is wide compared with the features of the field, one linearisation is not valid across
+it, and a filter may converge to a wrong position. Therefore the prior is split into narrow
+Gaussians on a grid of positions. Each has its own filter, weighted by the predicted density of the
+measurements (Sorenson & Alspach 1971; Alspach & Sorenson 1972; Bar-Shalom, Li & Kirubarajan 2001,
+sec. 11.6). Filters with negligible weight are dropped. Filters with equal estimates are merged.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class GaussianSum(RobustLoss, BlockEstimator):
     causality = "filter"
 
     def conflict(self) -> str | None:
-        """Refuse a loss without a second linearisation, which has the first one's residuals."""
+        """Refuse a loss with one linearisation: the loss needs the residuals of a first one."""
         if self.loss != "none" and self.iterations == 1:
             return "a loss needs at least 2 iterations"
         return super().conflict()

@@ -1,7 +1,8 @@
 """Factor graph (GTSAM): batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
 
-One vector node per measurement epoch, in units of the prior's standard deviations; a prior on the
-first node; a linear process factor between neighbours; a gradient factor on each node.
+The graph has one vector node per measurement epoch, in units of the prior's standard deviations, a
+prior on the first node, a linear process factor between neighbours, and a gradient factor on each
+node.
 
 The process noise is singular: constant biases have none. A process factor therefore carries its
 residual in the eigenvectors of Q, and the directions without noise are hard constraints (Dellaert
@@ -37,7 +38,7 @@ _NO_NOISE = 1e-13
 
 @dataclass(frozen=True)
 class GtsamSmoother(GraphParameters):
-    """GTSAM's batch optimizer, iSAM2 and fixed-lag smoother on one factor graph of any model."""
+    """Batch optimizer, iSAM2 and fixed-lag smoother of GTSAM on one factor graph of any model."""
 
     name = "gtsam"
 
@@ -68,9 +69,9 @@ class GtsamSmoother(GraphParameters):
         before = optimizer.error()
         values = optimizer.optimize()
         if not np.isfinite(optimizer.error()):
-            raise FloatingPointError("the error of the graph is not a finite number")
+            raise FloatingPointError("the cost of the graph is not finite")
         if optimizer.iterations() == 0 and before > 0.0:
-            raise RuntimeError("Levenberg-Marquardt gave up at its first step")
+            raise RuntimeError("Levenberg-Marquardt failed at its first step")
         linear = graph.linearize(values)
         step = linear.optimize()
         promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)

@@ -1,18 +1,18 @@
 """ICCP: rigid displacement of the INS track onto the contours of the measurements.
 
-Iterated closest contour point (Kamgar-Parsi & Kamgar-Parsi 1999): every reading of a window says
-that the vehicle was somewhere on a contour of the map. Each point of the indicated track goes to
-the nearest point of its contour, the track is moved and turned as a whole so that its points come
-nearest to those, and so on until it rests (the iterated closest point of Besl & McKay 1992). With a
-scale it is a similarity (Zhang, Yang & Li 2019).
+Iterated closest contour point (Kamgar-Parsi & Kamgar-Parsi 1999). Every measurement of a window
+restricts the vehicle to a contour of the map. The method finds the nearest contour point of each
+point of the indicated track, then translates and rotates the whole track to fit these points, and
+repeats until convergence (the iterated closest point of Besl & McKay 1992). With a scale factor the
+transform is a similarity (Zhang, Yang & Li 2019).
 
-The nearest contour is the right one only where the INS is off by less than the field's hills are
-wide: it is a tracker, not a search, and was found several times worse than Kalman filters of the
-same single channel, where these are kept. A contour is of one number, so of several channels
-one is used, and the estimate says which. The literature gives no covariance; that of least squares
-at the solution is declared here, times the misfit, with what a wrong height and velocity do to it.
-It knows nothing of the wrong contours that a track may come to rest on. The method is here for the
-record.
+The nearest contour is correct only if the INS error is smaller than the width of the features of
+the field. The method tracks a position and cannot search for one. Its measured errors are several
+times those of Kalman filters with the same single channel, over the fixes of both. A contour
+belongs to one channel, so one channel is used, and ``info`` names it. The literature has no
+covariance. The estimate declares the least-squares covariance at the solution, scaled by the misfit
+and increased by the errors of height and velocity. It does not include convergence to a wrong
+contour. The method is included for completeness.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ class Iccp(Estimator):
     exact_if_linear_gaussian = False  # of one channel, and of points that are taken as nearest
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without a track or such a channel."""
+        """Refuse problems without a track or the chosen channel."""
         if problem.track is None:
-            return "the problem has no track that the INS indicates"
+            return "the problem has no INS track"
         if len(horizontal(problem, velocity=True)) < 4:
             return "the problem has no errors of position and velocity"
         if _channel(problem, self.channel) is None:
@@ -81,7 +81,7 @@ class Iccp(Estimator):
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Match window after window; carry along what has been found."""
+        """Match one window after the other; propagate the estimate between fixes."""
         channel = _channel(problem, self.channel)
         assert channel is not None  # else it would have been skipped
         matcher = _Matcher(self, problem, channel)

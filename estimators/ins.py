@@ -20,7 +20,7 @@ class InertialOnly(BlockEstimator):
     causality = "none"
 
     def skip(self, problem: Problem) -> str | None:
-        """Take every problem: no model is asked."""
+        """Accept every problem: no measurement model is evaluated."""
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -34,7 +34,7 @@ class InertialOnly(BlockEstimator):
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
-        """Do the same for all runs of a block, side by side."""
+        """Propagate the prior of all runs of a block."""
         mean, cov = _propagated(
             block.prior_mean, block.prior_cov, block.transition, block.process_cov
         )

@@ -1,9 +1,9 @@
-"""Multiple-model filter: a bank of filters, each of another hypothesis about the model.
+"""Multiple-model filter: a bank of filters with different hypotheses about the model.
 
-Each filter takes another hypothesis: noise larger or smaller than assumed, errors of the map,
-constant biases of the channels, gravity that the INS does not know, outliers. The evidence of the
-measurements weighs them (Magill 1965; Bar-Shalom, Li & Kirubarajan 2001, sec. 11.6), and the
-answer has the moments of their mixture.
+The hypotheses are noise larger or smaller than assumed, map errors, constant channel biases,
+gravity that the INS does not compensate, and outliers. The predicted densities of the measurements
+weight them (Magill 1965; Bar-Shalom, Li & Kirubarajan 2001, sec. 11.6). The estimate has the mean
+and covariance of the mixture.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class MultipleModel(BlockEstimator):
     gravity : hypotheses of a gravity disturbance that the INS does not compensate.
     outliers : hypotheses of noise with heavy tails.
     spacing_m, most : distance [m] and largest number of the Gaussians of a wide prior, as in
-        ``gaussian-sum``. Without it, the distance follows from the map.
+        ``gaussian-sum``. Without ``spacing_m`` the distance follows from the map.
     iterations : linearisations of h in each update (see ``ekf``).
     """
 
@@ -66,12 +66,12 @@ class MultipleModel(BlockEstimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Only if nothing is doubted."""
+        """Whether the bank has no other hypothesis than the assumed model."""
         return not (self.noise or self.errors or self.gravity or self.outliers)
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """The bank."""
+        """Hypotheses of the bank."""
         bank = [Hypothesis("as_assumed", prior=_AS_ASSUMED)]
         if self.noise:
             bank += _evenly(Hypothesis("noise", noise=factor) for factor in _NOISES)

@@ -1,26 +1,25 @@
 """Particle filter: the textbook algorithm, with tempering and kernel moves.
 
-A cloud of N guesses of the whole state is carried along by Φ and noise, weighed by how likely each
-makes the readings, and resampled where too few weigh anything: heavy ones are copied, light ones
-die (Gordon, Salmond & Smith 1993). It needs no linearisation and holds several hypotheses at once.
+The filter propagates N samples of the whole state with Φ and process noise, weights them by the
+likelihood of the measurements, and resamples them if too few carry the weight: heavy particles are
+copied, light ones are dropped (Gordon, Salmond & Smith 1993). It needs no linearisation and
+represents several modes.
 
-Why it fails here. An INS is a good clockwork: between two readings its errors are driven by a noise
-of millimetres, and its biases by none at all, while one reading of a gradiometer tells a position
-to some tens of metres. After the first reading a few dozen of ten thousand particles weigh
-anything; resampling makes copies of them, and copies that the dynamics hardly part stay copies.
-From then on the filter searches among the few guesses that it happened to have in the beginning,
-and is sure of the best of them, whichever it is: depletion. More particles help as slowly as a
-fifteen-dimensional grid does.
+Why it fails here: between two measurements the process noise of an INS is millimetres, and zero for
+constant biases. One gradiometer measurement locates the position to some tens of metres. After the
+first measurement a few dozen of ten thousand particles carry the weight. Resampling copies them,
+and the dynamics hardly separate the copies. From then on the filter can only choose among these few
+samples and is overconfident: depletion. The number of particles needed grows as fast as that of a
+fifteen-dimensional grid.
 
-What cures it. ``tempering`` takes a sharp reading in by stages, so that a cloud can move to where
-the weight is before it is depleted; ``kernel``, ``roughening`` and ``regularisation`` separate
-copies by noise that the flight has not, each an approximation that widens the cloud or mixes its
-modes. They help, and not enough: see ``rao-blackwellised``, which draws three states instead of
-fifteen.
+Remedies: ``tempering`` processes a precise measurement in stages, so that the cloud can move before
+it is depleted. ``kernel``, ``roughening`` and ``regularisation`` separate copies by artificial
+noise. Each is an approximation that widens the cloud or mixes its modes. They help, but not enough:
+see ``rao-blackwellised``, which samples three states instead of fifteen.
 
-Without these it is exact in the limit of many particles. On problems of three states with priors of
-600 m and 1 km its mean is 0.04 to 0.4 standard deviations off a grid's posterior with 10,000
-particles (rms), and 0.01 to 0.14 with 100,000.
+Without these remedies the filter is exact in the limit of many particles. For three states and
+priors of 600 m and 1 km, its mean differs from a grid's posterior by 0.04 to 0.4 standard
+deviations (RMS) with 10,000 particles, and by 0.01 to 0.14 with 100,000.
 """
 
 from __future__ import annotations
@@ -53,12 +52,12 @@ class CloudFilter(Estimator):
 
     @property
     def moves(self) -> Moves:
-        """How the cloud is kept alive: as the parameters say."""
+        """Options that keep the particles distinct, from the parameters."""
         given = vars(self)
         return Moves(**{name: given[name] for name in Moves._fields if name in given})
 
     def drawn(self, problem: Problem) -> int:
-        """Return how many of the states, from the first on, are drawn: all."""
+        """Return the number of sampled states, counted from the first: all."""
         return problem.dimension
 
     def conflict(self) -> str | None:
@@ -66,7 +65,7 @@ class CloudFilter(Estimator):
         moves = self.moves
         if moves.start * moves.particles > _MOST:
             most = _MOST // moves.particles
-            return f"start must be 1 to {most} with so many particles, and is {moves.start}"
+            return f"start must be 1 to {most} with {moves.particles} particles, not {moves.start}"
         return super().conflict()
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

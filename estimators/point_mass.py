@@ -1,17 +1,15 @@
 """Point-mass filter on an adaptive grid.
 
-With two states, or three, the density can be kept as it is: masses at the points of a grid, moved
-by the dynamics, smeared by the process noise and multiplied by the likelihood of each reading
-(Bucy & Senne 1971; Bergman 1999). Nothing is linearised and nothing is drawn, whatever shape the
-posterior has: it is the truth that other filters of the same problem are held to. It fails where
-states are many, for the number of points grows with the power of theirs: an INS with its biases has
-fifteen.
+With two or three states the density is represented by masses at the points of a grid. The dynamics
+move the masses, the process noise convolves them, and the likelihood of each measurement multiplies
+them (Bucy & Senne 1971; Bergman 1999). There is no linearisation and no sampling, so this posterior
+is the reference for other filters of the same problem. The number of points grows exponentially
+with the number of states: an INS with its biases has fifteen.
 
-The grid is moved with the states, point by point, so that the dynamics smear nothing. The noise is
-a convolution, done where it is a product: the characteristic function of the masses times that of
-the noise, which is exact for any covariance, singular ones too. Points of negligible mass are cut
-off; where the density at its peak is narrower than a few cells, the cells are halved, and doubled
-where it is much wider.
+The grid moves with the states, so the dynamics need no interpolation. The convolution with the
+noise is a product of characteristic functions, which is exact for any covariance, including
+singular ones. Points of negligible mass are dropped. Cells are halved if the peak of the density is
+narrower than a few cells, and doubled if it is much wider.
 """
 
 from __future__ import annotations
@@ -60,16 +58,18 @@ class PointMass(Estimator):
     exact_if_linear_gaussian = False  # in the limit of small cells only
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse more states than a grid can have, and grids that do not exist."""
+        """Refuse more states than a grid can have, and grids of invalid size."""
         n = problem.dimension
         if n > _MOST_STATES:
             return (
-                f"a grid over {n} states has too many points; at most {_MOST_STATES}: take "
+                f"a grid may have at most {_MOST_STATES} states, and the problem has {n}: use "
                 "reduced[filter=point-mass,states=position]"
             )
         sides = 2.0 * _REACH * np.sqrt(np.diag(problem.prior_cov)) / self._first_steps(problem) + 1
         if np.prod(sides) > _MOST_POINTS:
-            return f"a step of {self.step:g} makes more than {_MOST_POINTS} points of this prior"
+            return (
+                f"with step = {self.step:g} this prior needs more than {_MOST_POINTS} grid points"
+            )
         return None
 
     def _first_steps(self, problem: Problem) -> np.ndarray:
@@ -77,7 +77,7 @@ class PointMass(Estimator):
         return np.minimum(self.step, np.sqrt(np.diag(problem.prior_cov)) / self.resolution)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Move, smear and multiply, epoch by epoch."""
+        """Move, convolve and multiply the masses, epoch by epoch."""
         grid = _Grid(problem, self._first_steps(problem), self.resolution)
         n = problem.dimension
         mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
@@ -190,7 +190,8 @@ class _Grid(Lattice):
 def peak_cells(masses: np.ndarray) -> np.ndarray:
     """Return the standard deviation (n,) of the peak along each axis, in cells.
 
-    By the curvature of its logarithm at the largest mass; ∞ where that lies at the margin.
+    It follows from the curvature of the log density at the largest mass; ∞ if that is at the margin
+    of the grid.
     """
     peak = np.array(np.unravel_index(masses.argmax(), masses.shape))
     out = np.full(masses.ndim, np.inf)

@@ -1,37 +1,38 @@
-"""Rao–Blackwellised particle filter: particles of the position, a Kalman filter of all the rest.
+"""Rao–Blackwellised particle filter: particles of the position, a Kalman filter for the rest.
 
-Readings of gravity gradients bend with the position alone. Given a path of positions, velocity,
-attitude and biases are a linear problem, which a Kalman filter solves exactly, and for all
-particles with one and the same covariance. So particles need only three dimensions instead of
-fifteen (Schön, Gustafsson & Nordlund 2005; Gustafsson et al. 2002 for terrain navigation).
+Gravity gradients are nonlinear in the position only. Given a path of positions, the estimation of
+velocity, attitude and biases is linear. A Kalman filter solves it exactly, with one covariance for
+all particles. Particles therefore need three dimensions instead of fifteen (Schön, Gustafsson &
+Nordlund 2005; Gustafsson et al. 2002 for terrain navigation).
 
-That alone does not cure the depletion of the textbook filter (see ``particle``): a particle is a
-path, a path determines its velocity and its biases, and a copied path stays a copy. Four things do:
+This alone does not prevent the depletion of the textbook filter (see ``particle``). A particle is a
+path, a path determines its velocity and biases, and copies of a path never separate. Four measures
+prevent it:
 
-- As long as h is a straight line over all that is possible, to within the noise of a reading, the
-  posterior is a Gaussian, and a Kalman filter carries it, linearised statistically over a hundred
-  points.
-- Where h bends over the Gaussian, particles are drawn from it. The reading that comes then has a
-  whole prior to search: many more particles than usual weigh it (``start``). A reading that leaves
-  too few of them is taken in by stages (``tempering``), between which Metropolis–Hastings steps
-  move the particles. These stages are exact (see :mod:`ggbench.engines.annealing`).
-- While there are particles the position has an additional noise, of which the Kalman part knows
-  (``jitter``), so that copies separate.
-- As soon as h is a straight line over the cloud, and the cloud has the shape of a Gaussian, it
-  becomes one, linear states included (``straight``). So does the prediction where a reading lies in
-  its tail, and leaves fewer than 4 √N effective particles: a Gaussian has tails, a cloud has none.
+- While h is linear over the posterior, to within the measurement noise, the posterior is Gaussian.
+  A Kalman filter represents it, linearised statistically over a hundred points.
+- If h is nonlinear over the Gaussian, particles are drawn from it. The first measurement after that
+  must search the whole prior, so it uses many more particles (``start``). A measurement that would
+  leave too few particles is processed in stages (``tempering``). Metropolis–Hastings steps between
+  the stages move the particles. The stages are exact (see :mod:`ggbench.engines.annealing`).
+- While particles are used, the position has additional noise, so that copies separate (``jitter``).
+  The Kalman filter includes this noise.
+- As soon as h is linear over the particles and their distribution is Gaussian, a Gaussian of all
+  states replaces them (``straight``). A Gaussian also replaces the prediction if a measurement lies
+  in its tail and would leave fewer than 4 √N effective particles, because particles do not
+  represent tails.
 
-Without these it claims, on flights that start 100 m off, to know the position ten times better than
-the Cramér–Rao bound allows, and is wrong by hundreds of metres.
+Without these measures, on flights with an initial error of 100 m, its standard deviation is a tenth
+of the Cramér–Rao bound and its error is hundreds of metres.
 
-The posterior is exact in the limit of many particles N: jitter falls as N^{−1/2}, and the bending
-that counts as straight as N^{−1}. Priors of 600 m and 1 km, two and three states, against a grid:
-the mean is 0.03 to 0.08 standard deviations off with 4000 particles (rms), and 0.015 to 0.05 with
-16,000. What remains is sampling noise. Large biases and a truth in the tail of the prior cost
-accuracy: with 20 E per channel and 2.5 σ on one axis it is 0.09, 0.07 and 0.02 off with 1000, 4000
-and 16,000. A single run scatters by a factor of three about that. Where modes stay alike for
-minutes, each resampling lets their weights drift: the shares of two valleys after 80 readings need
-30,000 particles.
+The posterior is exact in the limit of many particles N: jitter falls as N^{−1/2}, and the limit of
+nonlinearity (``straight``) as N^{−1}. For priors of 600 m and 1 km and two or three states, the
+mean differs from a grid's posterior by 0.03 to 0.08 standard deviations (RMS) with 4000 particles,
+and by 0.015 to 0.05 with 16,000. The rest is sampling noise. Large biases and a truth in the tail
+of the prior reduce the accuracy: with 20 E per channel and 2.5 σ on one axis the difference is
+0.09, 0.07 and 0.02 with 1000, 4000 and 16,000 particles. Single runs scatter by a factor of three
+about these figures. If modes stay equally likely for minutes, each resampling changes their weights
+at random: the weights of two valleys after 80 measurements need 30,000 particles.
 """
 
 from __future__ import annotations
@@ -74,9 +75,9 @@ class RaoBlackwellisedFilter(CloudFilter):
     name = "rao-blackwellised"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse measurements that bend with other states than the position."""
+        """Refuse measurements that are nonlinear in other states than the position."""
         return mixing(problem)
 
     def drawn(self, problem: Problem) -> int:
-        """The position."""
+        """Return the number of sampled states: those of the position."""
         return POSITION

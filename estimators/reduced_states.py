@@ -1,12 +1,13 @@
-"""Filters of two or four states, as published, next to filters of the whole INS.
+"""Filters of two or four states, as published, for comparison with filters of all states.
 
-Much of the literature on matching gravity gradients estimates position and velocity alone, or the
-position alone, and takes all else as known. Then tilt and biases of the accelerometers, which turn
-into velocity within minutes and swing back within an hour and a half, are not in the model: a
-declared noise has to stand for them, and the answer depends on it. Too small a noise, and the
-filter is sure of a place that it has left; too large, and it forgets what readings have shown.
+Much of the literature on gravity-gradient matching estimates position and velocity only, or only
+the position, and assumes that all other states are known. The model then lacks tilt and
+accelerometer biases, which cause velocity errors within minutes (Schuler period 84 minutes). A
+declared process noise replaces them, and the result depends on it. With too little noise the filter
+is overconfident. With too much noise it discards the information of earlier measurements.
 
-The other states keep their prior, so that the estimate can be compared with those of the whole.
+The other states keep their prior, so that the estimate can be compared with estimates of all
+states.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ class ReducedStates(Estimator):
         if self.beta is not None and self.filter != "strong-tracking":
             return f"{self.filter} has no beta: filter=strong-tracking has one"
         if self.weights is not None and "weights" not in vars(FILTERS[self.filter]):
-            return f"{self.filter} has one way to weigh, and no weights"
+            return f"{self.filter} has no weights"
         try:
             self._filter()
         except ValueError as error:
@@ -106,7 +107,7 @@ class ReducedStates(Estimator):
         return self._filter().skip(self._reduction(problem).problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter the reduced problem, and put the answer among the other states."""
+        """Filter the reduced problem, and return the estimate of all states."""
         reduction = self._reduction(problem)
         return reduction.embedded(self._filter().estimate(reduction.problem, rng))
 

@@ -35,11 +35,11 @@ class RobustLoss(Estimator):
 
     @property
     def limit(self) -> float:
-        """The threshold, or the default of the loss [standard deviations]."""
+        """Threshold, or the default of the loss [standard deviations]."""
         return THRESHOLDS[self.loss] if self.threshold is None else self.threshold
 
     def conflict(self) -> str | None:
-        """Refuse a threshold of no loss."""
+        """Refuse a threshold without a loss."""
         if self.loss == "none" and self.threshold is not None:
             return "threshold needs a loss: huber or cauchy"
         return None
@@ -66,12 +66,12 @@ class GatedUpdate(RobustLoss, BlockEstimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Not with a gate, which rejects some good measurements, nor with another gain."""
+        """Not with a gate, which rejects some good measurements, nor with an underweighted gain."""
         return not self.gate and not self.underweighting
 
     def conflict(self) -> str | None:
-        """Refuse two remedies at once."""
+        """Refuse a gate or an underweighted gain together with a loss."""
         if (self.gate or self.underweighting) and self.loss != "none":
             name = "gate" if self.gate else "underweighting"
-            return f"{name} and a loss are two answers to the same measurements: choose one"
+            return f"{name} and loss cannot be combined: choose one"
         return super().conflict()

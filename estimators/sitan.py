@@ -1,24 +1,24 @@
 """SITAN: extended Kalman filters with stochastic linearisation of the map.
 
-Sandia's inertial terrain-aided navigation (Hostetler & Andreas 1983) is a filter that draws the
-slope of the map not from its derivative at the estimate, but from a plane that is fitted to the map
-over the region in which the position may be (stochastic linearisation). What the plane leaves of
-the field is noise to it. So it is careful where the field bends within its uncertainty, and the
-extended Kalman filter where it does not.
+Sandia's inertial terrain-aided navigation (Hostetler & Andreas 1983) takes the Jacobian from a
+plane fitted to the map over the uncertainty of the position, instead of the derivative at the
+estimate (stochastic linearisation). The residual of the plane is added to the noise. The filter is
+therefore cautious if the field is nonlinear within its uncertainty. Otherwise it equals the
+extended Kalman filter.
 
-One plane can hold for a region up to a hill's width. From a wider prior, AFTI/SITAN (Boozer &
-Fellerhoff 1988) acquires with a bank: filters on a grid, each with an uncertainty that a plane can
-hold for, all running in parallel until the residuals of one have been what they should be,
-and smaller than those of any other place, for some readings. Then that one goes on alone, and
-tracks. It differs from the Gaussian sum (``gaussian-sum``) in that filters are neither merged nor
-weighed: none is believed before one of them is, which is believed wholly. It reports its decisions
-as fixes, whose statistic is how many times larger the residuals of any other place are.
+One plane is valid over a region up to the width of a hill. For a wider prior, AFTI/SITAN (Boozer &
+Fellerhoff 1988) acquires with a bank of filters on a grid, each with an uncertainty over which a
+plane is valid. All run in parallel until one has residuals of the expected size, and smaller than
+those of all other positions, over some measurements. This filter then continues alone. In contrast
+to the Gaussian sum (``gaussian-sum``), filters are neither merged nor weighted: before the decision
+no filter is used, after it only the selected one. Decisions are reported as fixes. Their statistic
+is the smallest ratio of the residuals elsewhere to those of the selected filter.
 
-Over hills, a single filter was found not to differ from the extended Kalman filter where the prior
-is a tenth of a hill's width, to have smaller errors in most runs at a third of it, and to find its
-place more often, though in less than half of the runs, at the width itself; from three on it is
-away. The bank was found to lock as often as the Gaussian sum, which knows its place from the first
-readings on, where the bank waits for its decision.
+Measured over hills: with a prior of a tenth of a hill's width, a single filter equals the extended
+Kalman filter. At a third it has smaller errors in most runs. At one width it finds the position
+more often, but in less than half of the runs. From three widths on it diverges. The bank finds the
+position as often as the Gaussian sum. The Gaussian sum has a position from the first measurements
+on, whereas the bank has none before its decision.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _MOST = 100_000
 
 @dataclass(frozen=True)
 class Sitan(Estimator):
-    """SITAN: one filter with stochastic linearisation, or a bank of filters with a choice.
+    """SITAN: one filter with stochastic linearisation, or a bank that selects one filter.
 
     Parameters
     ----------
@@ -72,13 +72,13 @@ class Sitan(Estimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """One filter is; a bank keeps one of the cells it has cut the prior into."""
+        """Whether there is one filter; a bank keeps one of the cells of the prior."""
         return self.bank == "none"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Run all filters until one is chosen, and that one from then on.
+        """Run all filters until one is selected, and that one from then on.
 
-        Before, the answer is the INS's: the prior carried along.
+        Before the selection the estimate is that of the INS: the propagated prior.
         """
         spacing = _SPACINGS * self.sigma_m if self.bank == "auto" else np.inf
         filters = SitanFilters(problem, spacing, self.most)
@@ -130,7 +130,7 @@ class SitanFilters(Bank):
     def update(self, k: int, memory: int) -> np.ndarray:
         """Update all filters with reading k; return their squared innovations (J,).
 
-        These are smoothed over ``memory`` readings, per channel that there is.
+        The squares are per available channel, and smoothed over ``memory`` measurements.
         """
         rows, predicted, noise = self.fitted_planes(k)
         root = np.linalg.cholesky(noise)
@@ -154,8 +154,8 @@ class SitanFilters(Bank):
 
         Returns
         -------
-        H (J, m, n) with the slopes of the planes, what they predict (J, m) at the means, and the
-        noise (J, m, m) with what they leave of h.
+        H (J, m, n) with the slopes of the planes, their predictions (J, m) at the means, and the
+        noise (J, m, m) with the residuals of the planes.
         """
         model, places = self.problem.model, self.places
         region = self.covs[:, places[:, None], places]
@@ -174,10 +174,10 @@ class SitanFilters(Bank):
         return rows, predicted, noise + self.problem.noise_of(k)
 
     def best(self, largest: float) -> tuple[int, float]:
-        """Return the filter of the smallest residuals, and by how many times others' are larger.
+        """Return the filter with the smallest residuals, and the least ratio of others' to its own.
 
-        Others are those that are not within a spacing of it by now; ∞ if there are none. −∞ where
-        its own are larger than they should be.
+        Filters within one spacing of it do not count. The ratio is ∞ if no others are left, and −∞
+        if its own residuals are larger than allowed.
         """
         best = int(np.argmin(self.squares))
         if not self.squares[best] < largest:
@@ -193,7 +193,7 @@ class SitanFilters(Bank):
         return self.means[which, chosen] * unit, cov
 
     def keep(self, chosen: int) -> None:
-        """Go on with one filter alone."""
+        """Continue with one filter only."""
         only = slice(chosen, chosen + 1)
         self.weights, self.squares = self.weights[only], self.squares[only]
         self.means, self.covs = self.means[only], self.covs[only]

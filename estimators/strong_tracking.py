@@ -1,20 +1,19 @@
 """Strong tracking: fading factor that keeps the innovations white.
 
-With the right model and gain the innovations γ of a filter are white. With a wrong one they are
-not: the filter is too sure of its prediction and follows too slowly. Strong tracking (Zhou, Xi &
-Zhang 1991; Zhou & Frank 1996) makes what the past contributes to the predicted covariance larger by
-a fading factor λ ≥ 1, P⁻ = λ Φ P Φᵀ + Q, such that the innovations' covariance becomes what it is
-seen to be:
+With a correct model and gain the innovations γ of a filter are white. With a wrong model the filter
+is overconfident and reacts too slowly. Strong tracking (Zhou, Xi & Zhang 1991; Zhou & Frank 1996)
+multiplies the propagated covariance by a fading factor λ ≥ 1, P⁻ = λ Φ P Φᵀ + Q, such that the
+predicted covariance of the innovations equals the observed one:
 
     V_1 = γ_1 γ_1ᵀ,   V_k = (ρ V_{k−1} + γ_k γ_kᵀ) / (1 + ρ),
     N_k = V_k − H Q Hᵀ − β R,   M_k = H Φ P Φᵀ Hᵀ,   λ_k = max(1, tr N_k / tr M_k).
 
-ρ is a forgetting factor, β ≥ 1 weakens the fading. λ is a number, and knows of the past only how
-large innovations were: it cannot tell a wrong model from a large noise.
+ρ is a forgetting factor, and β ≥ 1 weakens the fading. λ is a scalar that depends only on the size
+of past innovations, so it cannot distinguish a wrong model from large noise.
 
-Of N and M no more than the traces matters, so that V is kept as its diagonal, of readings whitened
-by R: channels of different units, or noises, then weigh alike. With equal noises that is the
-published factor.
+Only the traces of N and M matter, so only the diagonal of V is kept. Measurements are whitened by
+R, so that channels of different units or noises have equal weights. With equal noises the result is
+the published factor.
 """
 
 from __future__ import annotations
@@ -34,8 +33,8 @@ def innovation_power(
 
     Parameters
     ----------
-    before : (J, m) those of V_{k−1}.
-    seen : (m,) which channels had an innovation before: of the others it is the first.
+    before : (J, m) diagonals of V_{k−1}.
+    seen : (m,) channels with an earlier innovation; for the others this is the first.
     rho : ρ, 0 to 1.
     """
     squares = innovations**2
@@ -45,11 +44,11 @@ def innovation_power(
 def fading_factors(
     power: np.ndarray, spread: np.ndarray, noise_spread: np.ndarray, beta: float
 ) -> np.ndarray:
-    """Return λ_k (J,), without derivatives: from a predicted covariance that holds Q already.
+    """Return λ_k (J,) without derivatives, from a predicted covariance that includes Q.
 
     Parameters
     ----------
-    power : (J, m) diagonals of V_k, of the whitened channels that there are.
+    power : (J, m) diagonals of V_k, of the available whitened channels.
     spread : (J, m) diagonals of P_zz without R: H (Φ P Φᵀ + Q) Hᵀ where h is linear.
     noise_spread : (J, m) diagonals of H Q Hᵀ with Hᵀ = (ΦPΦᵀ + Q)⁻¹ P_xz.
     beta : β ≥ 1.
@@ -64,6 +63,6 @@ def fading_factors(
 def faded(cov: np.ndarray, process_cov: np.ndarray, factors: np.ndarray) -> np.ndarray:
     """Return λ Φ P Φᵀ + Q (J, n, n) of ΦPΦᵀ + Q (J, n, n), Q (n, n) and λ (J,).
 
-    As the sum of what it was and what is added, so that λ = 1 changes no bit.
+    It is computed as the given covariance plus an increment, so that λ = 1 changes no bit.
     """
     return cov + (factors - 1.0)[:, np.newaxis, np.newaxis] * (cov - process_cov)

@@ -1,15 +1,14 @@
 """Terrain contour matching (TERCOM): the best-fitting position for a window of measurements.
 
-The oldest way to aid an INS by a map (Golden 1980; Hollowell 1990): a window of readings is
-compared with what the map says along the INS's track, displaced to each point of a grid, and the
-best displacement is a fix. What is measured here are gradients, all channels at once, and
-everything else that is on board. The criteria are in :mod:`ggbench.engines.window_search`.
+The oldest method of map aiding (Golden 1980; Hollowell 1990). A window of measurements is compared
+with the map along the INS track, displaced to each point of a grid. The best displacement is a fix.
+All channels of all sensors are compared at once. The criteria are in
+:mod:`ggbench.engines.window_search`.
 
-A fix reports what it knows: from the best points of the grid the most probable states of
-the whole window are found, and the covariance is that of a position whose velocity, height,
-attitude and biases are not known either. It is believed only if its residuals are those of noise
-and if no other place is nearly as probable. Where it is not, the window grows, and begins again
-when it has grown long.
+From the best grid points the method computes the most probable states of the whole window. The
+covariance of a fix includes the uncertainty of velocity, height, attitude and biases. A fix is
+accepted if its residuals agree with the noise and if no other position is nearly as probable.
+Otherwise the window grows. At its largest size it is discarded.
 """
 
 from __future__ import annotations
@@ -88,7 +87,7 @@ class Tercom(RobustLoss):
         return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Try windows one after the other; carry along what has been found."""
+        """Try one window after the other; propagate the estimate between fixes."""
         return by_block(problem, self._match)
 
     def _match(self, block: ProblemBlock) -> Estimate:

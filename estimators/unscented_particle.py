@@ -1,34 +1,35 @@
 """Unscented particle filter, optionally with strong tracking.
 
-A bootstrap filter draws particles where the dynamics lead and lets the reading sort them: where one
-reading is far sharper than the prediction nearly all of them are wasted. Here each particle has a
-covariance and an unscented Kalman filter of its own, which takes the reading in before anything is
-drawn (van der Merwe, Doucet, de Freitas & Wan 2000). What the particles then weigh can be read in
-three ways, and only two of them are sound:
+A bootstrap filter draws particles from the prediction and weights them by the measurement. If the
+measurement is far more precise than the prediction, nearly all particles are wasted. Here each
+particle has a covariance and its own unscented Kalman filter, which processes the measurement
+before sampling (van der Merwe, Doucet, de Freitas & Wan 2000). There are three kinds of weights, of
+which two are correct:
 
 ``mixture``
-    Nothing is drawn at all. A particle is a Gaussian, weighted by how well it predicted the
-    reading, p(z | its past); resampling drops what failed and doubles what did well. For a linear h
-    every particle is a Kalman filter and the answer exact, whatever their number. This is the
-    Gaussian-sum particle filter of Kotecha & Djurić (2003b). It works here, because the posterior
-    *is* a few narrow Gaussians: some hundreds, spread over a prior of a kilometre, find the hill.
-    Where h bends over one particle (``width_m``) more particles do not make it exact. With priors
-    of 600 m and 1 km the mean is 0.04 to 0.15 standard deviations off a grid's posterior, in one
-    problem 0.26 off, with a σ of 0.42 times the right one.
+    No samples are drawn. A particle is a Gaussian, weighted by its predicted density of the
+    measurement, p(z | its past). Resampling drops light particles and doubles heavy ones. For a
+    linear h every particle is a Kalman filter, and the estimate is exact for any number of them.
+    This is the Gaussian-sum particle filter of Kotecha & Djurić (2003b). It works here because the
+    posterior consists of a few narrow Gaussians: some hundreds of particles over a prior of a
+    kilometre find the position. If h is nonlinear over one particle (``width_m``), more particles
+    do not make the filter exact. With priors of 600 m and 1 km the mean differs from a grid's
+    posterior by 0.04 to 0.15 standard deviations; in one problem by 0.26, with a σ of 0.42 times
+    the correct one.
 ``exact``
-    Van der Merwe's own: a state is drawn from the filter's N(μ, S) and weighted by
-    p(z | x) p(x | x') / N(x; μ, S). Of an INS the density p(x | x') does not exist, for its process
-    noise is singular. Where it exists it is narrow: S has all that is unknown, Q what one step
-    adds, and the ratio scatters as tr(Q⁻¹S), until one particle has all the weight.
+    The weights of van der Merwe: a state is drawn from the filter's N(μ, S) and weighted by p(z |
+    x) p(x | x') / N(x; μ, S). The density p(x | x') of an INS does not exist, because its process
+    noise is singular. If it exists it is narrow: S contains the whole uncertainty, Q only that of
+    one step. The ratio scatters as tr(Q⁻¹S), until one particle has all the weight.
 ``likelihood``
-    The ratio left out, weighted by p(z | x) alone, as published codes often do. Alive, but each
-    reading counts twice: once for where particles are drawn, and once for their weights. Where h is
-    linear and the noise of full rank, the mean is a third of a deviation off the Kalman filter's.
+    Weights p(z | x) without the ratio, as in many published codes. The particles stay distinct, but
+    each measurement counts twice: in the samples and in their weights. For linear h and noise of
+    full rank, the mean differs from that of the Kalman filter by a third of a standard deviation.
 
 ``strong_tracking`` (see :mod:`.strong_tracking`) fades the past of each particle until its
-innovations look white. An overconfident filter becomes consistent by that. Where the
-model is right it takes chance for error and forgets what readings have shown, which costs far more
-than it can gain.
+innovations look white. This makes an overconfident filter consistent. If the model is correct, it
+reacts to random innovations and discards information, which costs far more accuracy than it can
+gain.
 """
 
 from __future__ import annotations
@@ -83,11 +84,11 @@ class UnscentedParticle(Estimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """A mixture is, of any number, where nothing is faded."""
+        """True for a mixture of any number of particles without fading."""
         return self.weights == "mixture" and not self.strong_tracking
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse parameters that mean nothing, and a density that does not exist."""
+        """Refuse invalid parameters, and ``exact`` weights with a singular process noise."""
         n = problem.dimension
         if self.kappa is not None and not 0.0 < n + self.kappa < np.inf:
             return f"n + kappa must be positive and finite, and is {n} + {self.kappa:g}"
@@ -95,13 +96,13 @@ class UnscentedParticle(Estimator):
             ranks = [problem.noise_root(k).shape[1] for k in range(problem.epochs)]
             if min(ranks) < n:
                 return (
-                    "weights=exact needs process noise in every direction: its covariance has rank "
-                    f"{min(ranks)} of {n}, and the density of the next state does not exist"
+                    "weights=exact needs process noise of full rank: its covariance has rank "
+                    f"{min(ranks)} of {n}"
                 )
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Carry the particles from epoch to epoch; return their mean and covariance."""
+        """Propagate the particles from epoch to epoch; return their mean and covariance."""
         cloud = UnscentedCloud(self, problem, rng)
         n = problem.dimension
         mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
@@ -120,7 +121,7 @@ class UnscentedParticle(Estimator):
 
 
 class UnscentedCloud:
-    """Particles: states (J, n), covariances (J, n, n), log weights (J,), in prior deviations.
+    """Particles: states (J, n), covariances (J, n, n), log weights (J,), in units of the prior's σ.
 
     Identical Gaussians are stored once, with their number (J,). Measurements are whitened: their
     noise has unit variance.
@@ -165,13 +166,13 @@ class UnscentedCloud:
         return states, np.tile(narrow, (count, 1, 1))
 
     def predict(self, k: int) -> None:
-        """Carry all particles to epoch k: the dynamics are linear, and need no sigma points."""
+        """Propagate all particles to epoch k: the dynamics are linear and need no sigma points."""
         phi = self.transition[k]
         self.states = self.states @ phi.T
         self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
 
     def update(self, k: int, there: np.ndarray) -> None:
-        """Take in reading k, of which the channels ``there`` (m,) exist."""
+        """Process measurement k, of which the channels ``there`` (m,) exist."""
         predicted = self.states
         roots = self.square_roots(self.covs)
         innovation, slope, spread = self.linear_regression(k, roots)
@@ -231,7 +232,7 @@ class UnscentedCloud:
     def linear_regression(
         self, k: int, roots: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what sigma points of N(x, L Lᵀ) say of h, whitened.
+        """Return the statistical linearisation of whitened h by sigma points of N(x, L Lᵀ).
 
         Returns
         -------
@@ -277,7 +278,7 @@ class UnscentedCloud:
         return factors
 
     def square_roots(self, covs: np.ndarray) -> np.ndarray:
-        """Return L (J, n, n) with L Lᵀ = P; of what rounding has spoilt, of the nearest one."""
+        """Return L (J, n, n) with L Lᵀ = P, or of the nearest positive definite P."""
         try:
             return np.linalg.cholesky(covs)
         except np.linalg.LinAlgError:
@@ -309,7 +310,7 @@ class UnscentedCloud:
         return mean, 0.5 * (cov + cov.T)
 
     def resample(self) -> None:
-        """Let heavy particles go on several times, and light ones not, if few carry the weight."""
+        """Copy heavy particles and drop light ones, if few carry the weight."""
         weights = np.repeat(self._shares() / self.copies, self.copies)
         self.sizes.append(effective_size(weights))
         if self.sizes[-1] >= _RESAMPLE * len(weights):

@@ -1,22 +1,21 @@
-"""Map matching as a hidden Markov model: cells of the position, and the best path through them.
+"""Map matching as a hidden Markov model: position cells and the most probable path.
 
-The cells of a grid are hidden states; from one reading to the next the position error moves to a
-neighbour as the INS may have drifted, and each reading has a likelihood in each cell. Viterbi's
-algorithm finds the most probable path (Li, Gilliam, Wang, Kealy, Greentree & Moran 2025), and the
-forward-backward algorithm on the same trellis how probable every cell was: a path alone has no
-covariance.
+The hidden states are the cells of a grid. Between two measurements the position error moves to a
+neighbouring cell, by the drift of the INS. Each measurement has a likelihood in each cell.
+Viterbi's algorithm finds the most probable path (Li, Gilliam, Wang, Kealy, Greentree & Moran 2025).
+A path has no covariance, so the forward-backward algorithm on the same trellis computes the
+probability of each cell.
 
-Nothing is linearised, so a wide prior does no harm, but the state is the position alone. The drift
-of an INS is a velocity error that lasts; here it is a random walk whose steps are as large as that
-error is believed to be, which the readings must hold at every step again. A batch of all readings
-looks at a drift from both sides; the forward pass alone lags behind it. Attitude, biases of the
-gradiometer and whatever else a reading depends on count as noise.
+There is no linearisation, so the prior may be wide, but the state is the position only. The drift
+of an INS is a persistent velocity error. Here it is a random walk with steps of the size of that
+error, so the measurements must correct every step. A batch of all measurements bounds a drift from
+both sides; the forward pass lags behind it. Attitude, gradiometer biases and all other states count
+as noise.
 
-A position is known to its cell. Where cells are much larger than what the readings could tell
-apart, as the posterior of a sharp gradiometer is, the answer is as coarse as they are, and a filter
-of all states is better in every respect; for then what changes within a cell is noise, too. It was
-found to know its place from kilometres away, which a single Kalman filter does not, and to be
-several times less accurate there than a filter of all states that does.
+The resolution is one cell. If a precise gradiometer resolves much less than a cell, the estimate is
+as coarse as the cells, and the variation of the field within a cell adds to the noise. A filter of
+all states is then better. Measured: this method finds the position from kilometres away, which a
+single Kalman filter does not. Its error is several times that of a filter bank of all states.
 """
 
 from __future__ import annotations
@@ -50,12 +49,13 @@ class Viterbi(Estimator):
     ----------
     decode : ``path``: the most probable path given all measurements. ``marginal``: the mean of the
         cell probabilities given all measurements. ``forward``: the mean given those up to t.
-    cell_m : side of a cell [m]; along an axis with a narrower prior, the prior's deviation.
+    cell_m : side of a cell [m]; along an axis with a narrower prior, the standard deviation of the
+        prior.
     most : largest number of cells; cells are enlarged east and north to keep it. Each takes 40
         bytes at every epoch at which its probability is not negligible.
     drift : factor on the steps of the INS error that follow from its prior. Steps are independent,
-        but a drift persists: with a factor of one the forward pass lags by the deviation of a
-        measurement.
+        but a drift persists: with a factor of one the forward pass lags by one standard deviation
+        of a measurement.
     """
 
     decode: Literal["path", "marginal", "forward"] = "path"
@@ -69,19 +69,19 @@ class Viterbi(Estimator):
 
     @property
     def causality(self) -> Causality:
-        """All readings; the forward pass knows those up to each epoch."""
+        """Batch; of the forward pass ``filter``."""
         return "filter" if self.decode == "forward" else "batch"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse cells that do not exist, and problems without a position that drifts."""
+        """Refuse invalid cells, and problems without a position that drifts."""
         if not horizontal(problem, velocity=True):
             return "the problem has no errors of position and velocity"
         reduction = self._reduction(problem)
         step = np.sqrt(reduction.problem.process_cov.max(axis=0).diagonal().max())
         if step > _LARGEST_STEP * self.cell_m:
             return (
-                f"cells of {self.cell_m:g} m are too small for steps of the INS's error of "
-                f"{step:.0f} m"
+                f"cells of {self.cell_m:g} m are too small for INS errors that change by "
+                f"{step:.0f} m between measurements"
             )
         return None
 

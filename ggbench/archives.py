@@ -1,8 +1,8 @@
 """Packed files: gzip, zip, tar and NumPy archives, unpacked within limits.
 
-Archives come from anyone. Damage raises a dozen kinds of exceptions in the libraries (a zip header
-alone: BadZipFile, NotImplementedError, RuntimeError, OverflowError, struct.error, EOFError,
-zlib.error). Here each becomes an error of the caller's kind, with a sentence.
+Archives are untrusted. For damaged ones the libraries raise a dozen kinds of exceptions (a zip
+header alone: BadZipFile, NotImplementedError, RuntimeError, OverflowError, struct.error, EOFError,
+zlib.error). This module converts each to the caller's error, with a sentence.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def gunzipped(content: bytes, error: type[GGBenchError], what: str) -> bytes:
     ----------
     content : packed.
     error : raised, with a sentence, if it is damaged or unpacks to more.
-    what : name of the file, at the beginning of that sentence.
+    what : name of the file, the subject of that sentence.
     """
     with _unpacking(error, what), gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
         return _bounded(packed, error, what)
@@ -57,7 +57,7 @@ def from_zip(
     choose : returns the name of the wanted file, given those of all.
     error : raised, with a sentence, if it is damaged, packed by another method than deflate, or
         unpacks to more.
-    what : it is, at the beginning of that sentence.
+    what : name of the file, the subject of that sentence.
     """
     with _unpacking(error, what), zipfile.ZipFile(io.BytesIO(content)) as archive:
         name = choose([file.filename for file in archive.infolist() if not file.is_dir()])
@@ -88,7 +88,7 @@ def read_arrays(
     ----------
     source : path or content of the archive.
     error : raised, with a sentence, if it is damaged, unpacks to more, or lacks an array.
-    what : it is, at the beginning of that sentence.
+    what : name of the archive, the subject of that sentence.
     keys : of the arrays; None: all.
     """
     opened = source if isinstance(source, Path) else io.BytesIO(source)

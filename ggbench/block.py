@@ -1,7 +1,7 @@
 """Blocks of runs: input and output of compiled estimators.
 
-The arrays of :class:`.problem.Problem` with the run as leading axis. A block is a few tens of runs,
-so that what a run needs stays in the processor's cache; a campaign is a stream of blocks.
+A block has the arrays of :class:`.problem.Problem` with the run as leading axis. It has a few tens
+of runs, so that its data fit in the processor's cache. A campaign is a stream of blocks.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FEWEST_STATES = 3
 
 @runtime_checkable
 class CompiledModel(MeasurementModel, Protocol):
-    """A measurement model that is kernels and their arrays: what a block needs of a problem's."""
+    """A measurement model with compiled kernels and their arrays."""
 
     @property
     def arrays(self) -> ModelArrays:
@@ -48,7 +48,7 @@ class ProblemBlock:
     """The estimation problems of R runs of one case.
 
     The metadata of a field names the axes of its array: R runs, K epochs, n states, m channels. The
-    first may be missing, where all epochs share a matrix.
+    axis K may be missing if all epochs share a matrix.
 
     Attributes
     ----------
@@ -57,9 +57,9 @@ class ProblemBlock:
     measurements, present : (R, K, m).
     transition, process_cov : (R, K, n, n).
     model : arrays of h and H, the run as leading axis of those that differ from run to run.
-    tracks : (R, K, 15) what the INS indicates, as :class:`.problem.InsSolution` has it: positions,
-        velocities, attitudes row by row; None if unknown.
-    replays : of each run, as :class:`.problem.Problem` has it.
+    tracks : (R, K, 15) solution of the INS, as in :class:`.problem.InsSolution`: position,
+        velocity, and C_nb row by row; None if unknown.
+    replays : of each run, as ``replay`` of :class:`.problem.Problem`.
     """
 
     times: np.ndarray = field(metadata={"axes": "K"})
@@ -96,7 +96,7 @@ class ProblemBlock:
         return len(self.prior_mean)
 
     def until(self, stop: int) -> ProblemBlock:
-        """Return the problems of the epochs before ``stop``, which are not flown again."""
+        """Return the problems of the epochs before ``stop``, without replays."""
         return self.part(0, stop, self.prior_mean, self.prior_cov)
 
     def part(self, first: int, stop: int, mean: np.ndarray, cov: np.ndarray) -> ProblemBlock:
@@ -104,8 +104,8 @@ class ProblemBlock:
 
         Parameters
         ----------
-        mean, cov : (n,), (n, n) of the state one epoch before ``first``, or at the start of the
-            flight: what is known without the measurements of these epochs. All runs share it.
+        mean, cov : (n,), (n, n) prior at the epoch before ``first``, or at the start of the flight,
+            without the measurements of these epochs. All runs share it.
         """
         epochs = slice(first, stop)
         arrays = self._with_axis("K", lambda array, axis: array[(slice(None),) * axis + (epochs,)])
@@ -128,7 +128,7 @@ class ProblemBlock:
         )
 
     def problem(self, run: int) -> Problem:
-        """Return one run as every estimator takes it."""
+        """Return the problem of one run."""
         values = vars(self) | self._with_axis("R", lambda array, axis: array[run])
         states, replays = values.pop("tracks"), values.pop("replays")
         track = None
@@ -180,7 +180,7 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
     Raises
     ------
     ValueError
-        If they do not share epochs and map, or the gaps in coloured readings.
+        If the blocks differ in epochs, map, or gaps of coloured measurements.
     """
     first = blocks[0]
     if len(blocks) == 1:
@@ -261,7 +261,8 @@ def _with_idle_states(block: ProblemBlock) -> ProblemBlock:
 def by_block(problem: Problem, solve: Callable[[ProblemBlock], Estimate]) -> Estimate:
     """Return the estimate of one run by a function of a block of one run.
 
-    The block has the states that kernels need at least; the estimate has those of the problem.
+    Kernels need a minimum number of states, so the block may have additional ones. The estimate has
+    the states of the problem.
 
     Raises
     ------
@@ -276,7 +277,7 @@ def by_block(problem: Problem, solve: Callable[[ProblemBlock], Estimate]) -> Est
 
 
 def without_kernels(problem: Problem) -> str | None:
-    """Return that a problem's measurement model has no kernels, or None if it has."""
+    """Return the reason that a problem has no compiled measurement model, or None if it has one."""
     if isinstance(problem.model, CompiledModel):
         return None
     name = type(problem.model).__name__
@@ -285,15 +286,15 @@ def without_kernels(problem: Problem) -> str | None:
 
 @dataclass(frozen=True)
 class EstimateBlock:
-    """What a compiled estimator returns.
+    """Result of a compiled estimator.
 
     Attributes
     ----------
     mean : (R, K, n).
     cov : (R, K, n, n).
     causality, lag : as in :class:`.problem.Estimate`.
-    nis : (R, K) normalised innovation squared, NaN where there was no reading; None unless the
-        estimator is a filter.
+    nis : (R, K) normalised innovation squared, NaN without a measurement; None unless the estimator
+        is a filter.
     info : counters and texts, an array (R,) each; ``map_evaluations`` counts the points at which
         the map was evaluated.
     """
@@ -314,7 +315,7 @@ class EstimateBlock:
 
 @dataclass(frozen=True)
 class BlockEstimator(Estimator):
-    """Base of the estimators that take many runs at once; a single run is a block of one."""
+    """Base of the estimators that process many runs at once; a single run is a block of one."""
 
     @abstractmethod
     def estimate_block(
@@ -325,8 +326,7 @@ class BlockEstimator(Estimator):
         Parameters
         ----------
         block : R runs.
-        rngs : a generator of each run, from which all its randomness comes. One that draws nothing
-            ignores them.
+        rngs : one generator for each run, the only source of random numbers.
         """
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -340,5 +340,5 @@ class BlockEstimator(Estimator):
         return by_block(problem, lambda block: self.estimate_block(block, (rng,)).estimate(0))
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse the models that no compiled engine can take."""
+        """Refuse models without compiled kernels."""
         return without_kernels(problem)

@@ -1,4 +1,4 @@
-"""The base class of the errors that users can cause, and the texts of other errors."""
+"""Base class of user errors, and texts of other errors."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ _LONGEST_TEXT = 200
 
 
 class GGBenchError(Exception):
-    """An error a user can cause.
+    """An error that a user can cause.
 
-    Its message is a sentence that says what was wrong, where, and what is allowed.
+    Its message is one sentence: the fault, its place, and the allowed values.
     """
 
 
 @contextlib.contextmanager
 def reported(error: type[GGBenchError], failure: str) -> Iterator[None]:
-    """Raise whatever a library raises within the context as an error with one sentence.
+    """Convert any error of a library within the context to a given error with one sentence.
 
-    Errors of the package pass.
+    Errors of this package pass unchanged.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ def reported(error: type[GGBenchError], failure: str) -> Iterator[None]:
 
 
 def text_of(error: BaseException) -> str:
-    """Return what an error of a library says, for a sentence: on one line, printable and short.
+    """Return the text of a library's error for a sentence: one line, printable and short.
 
-    Libraries quote what they read, and a damaged file may be quoted at any length.
+    Libraries quote their input, so a damaged file may cause texts of any length.
     """
     return line_of(str(error)) or type(error).__name__
 
@@ -53,9 +53,9 @@ def brief(text: str) -> str:
 
 
 def line_of(text: str, longest: int = _LONGEST_TEXT) -> str:
-    """Return a text of anyone's as one printable line of at most some characters.
+    """Return an untrusted text as one printable line with a maximum length.
 
-    Line breaks become spaces; control characters, which a terminal would obey, become escapes.
+    Line breaks become spaces, and control characters become escapes.
     """
     line = " ".join(text[: 2 * longest].split())
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[:longest])

@@ -1,8 +1,8 @@
 """Estimation of one run or of a block of runs with an assumed noise.
 
-Measurements that are matched with a map err by more than the instrument's noise: by the map's own
-error, and by what a linearisation leaves. The usual remedy is a larger assumed R
-(``noise_scale``). It is applied here, and the innovations of a filter are normalised by it.
+The errors of map-matched measurements are larger than the instrument noise: they include map errors
+and nonlinearity. The usual remedy is a larger assumed R (``noise_scale``). This module applies it,
+and innovations are normalised by it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Given = TypeVar("Given", Problem, ProblemBlock)
 
 
 def estimate(estimator: Estimator, problem: Problem, rng: np.random.Generator) -> Estimate:
-    """Return an estimator's answer to one run, with the noise that it assumes."""
+    """Return the estimate of one run, with the scaled noise of the estimator."""
     assumed = with_scaled_noise(problem, estimator.noise_scale)
     estimated = estimator.estimate(assumed, rng)
     # What is returned may be anything: a campaign and the contract check it.
@@ -38,7 +38,7 @@ def estimate(estimator: Estimator, problem: Problem, rng: np.random.Generator) -
 def estimate_block(
     estimator: BlockEstimator, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
 ) -> EstimateBlock:
-    """Return an estimator's answer to many runs, with the noise that it assumes."""
+    """Return the estimates of a block of runs, with the scaled noise of the estimator."""
     assumed = with_scaled_noise(block, estimator.noise_scale)
     estimated = estimator.estimate_block(assumed, rngs)
     if (
@@ -57,10 +57,10 @@ def estimate_block(
 
 
 def with_scaled_noise(problem: Given, noise_scale: float) -> Given:
-    """Return a problem, or a block of them, with R → D R D; itself with a scale of one.
+    """Return a problem or a block with R → D R D; unchanged for a scale of one.
 
-    D is diagonal: ``noise_scale`` for channels of gravity or its gradients (of all channels, if
-    the problem does not name them), and one for all others.
+    D is diagonal: ``noise_scale`` for channels of gravity or its gradients (for all channels if
+    they are unnamed), and one for all others.
     """
     if noise_scale == 1.0:
         return problem

@@ -1,7 +1,7 @@
-"""The text that names an estimator with its parameters, as one value.
+"""Text of an estimator with its parameters.
 
-``ukf[points=merwe,alpha=0.1]`` is written by a user, stored with every run, and shown in tables
-and figures. It is taken apart here and nowhere else.
+Users write ``ukf[points=merwe,alpha=0.1]``; it is stored with every run and shown in tables and
+figures. Only this module parses it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class EstimatorSpec:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Return the spec that a text ``NAME`` or ``NAME[parameter=value,...]`` states.
+        """Return the spec of a text ``NAME`` or ``NAME[parameter=value,...]``.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class EstimatorSpec:
 
     @classmethod
     def changed(cls, name: str, values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
-        """Return the spec of complete parameter values, those that equal their default left out."""
+        """Return the spec of complete parameter values, without those that equal their default."""
         texts = {key: _text(value) for key, value in values.items() if value != defaults[key]}
         return cls(name, MappingProxyType(texts))
 

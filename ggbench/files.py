@@ -35,17 +35,17 @@ _temporary: set[Path] = set()
 def written_whole(
     path: Path, error: type[GGBenchError], what: str = "", size: int = 0
 ) -> Iterator[Path]:
-    """Yield where to write a file, which takes its place in one stroke or not at all.
+    """Yield a temporary path; the file replaces the target atomically, or not at all.
 
-    What killed processes have left of the same file is removed.
+    Temporary files of killed processes are removed.
 
     Parameters
     ----------
-    path : of the file; its folder is made if need be.
+    path : of the file; a missing folder is created.
     error : raised, with a sentence, if it cannot be written.
-    what : it is, in that sentence.
-    size : bytes that it needs without compression; 0 if that is not known. A disk with less than
-        a quarter of it is refused before anything is written.
+    what : name of the file in that sentence.
+    size : bytes of the uncompressed file; 0 if unknown. If less than a quarter of it is free on the
+        disk, the error is raised before writing.
     """
     free, asked_before = 0, asked_to_end.is_set()
     try:
@@ -69,10 +69,10 @@ def written_whole(
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Yield an empty folder whose files take their places in another one when all are written.
+    """Yield an empty folder; its files move to another folder when all are written.
 
-    If anything ends it before, an interrupt too, the other folder is as it was. Raise OSError if
-    it cannot be written.
+    After an error or interrupt the other folder is unchanged. Raise OSError if it cannot be
+    written.
     """
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
@@ -96,23 +96,23 @@ def written_together(folder: Path) -> Iterator[Path]:
 
 
 def out_of_space(failure: OSError) -> bool:
-    """Return whether a write failed for want of space."""
+    """Return whether a write failed because the disk is full."""
     return failure.errno in _NO_SPACE
 
 
 def reason_of(failure: OSError) -> str:
-    """Return in words why a file cannot be read or written."""
+    """Return the reason why a file cannot be read or written, in words."""
     return _NO_SPACE.get(failure.errno or 0) or failure.strerror or str(failure)
 
 
 def end_if_asked() -> None:
-    """Raise KeyboardInterrupt if this process was asked to end and goes on all the same."""
+    """Raise KeyboardInterrupt if this process was asked to end but still runs."""
     if asked_to_end.is_set():
         raise KeyboardInterrupt
 
 
 def remove_temporary() -> None:
-    """Remove what this process is writing: it is about to end."""
+    """Remove the temporary files of this process, before it ends."""
     for path in tuple(_temporary):
         with contextlib.suppress(OSError):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -166,8 +166,8 @@ def content_of(
     ----------
     path : of the file.
     error : raised, with a sentence, if it cannot be read or is larger.
-    what : it is, in that sentence.
-    most : bytes that are allowed, which also bounds what is read of a device.
+    what : name of the file in that sentence.
+    most : largest number of bytes, which also limits reading from a device.
     """
     try:
         with path.open("rb") as file:
@@ -187,7 +187,7 @@ def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:
     ----------
     path : of the file.
     error : raised, with a sentence, if it cannot be read.
-    what : it is, in that sentence.
+    what : name of the file in that sentence.
     """
     try:
         with path.open("rb") as file:

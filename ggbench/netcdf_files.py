@@ -1,8 +1,8 @@
-"""Open netCDF files of anyone's: values of their own, and one sentence for any failure.
+"""Reader of untrusted netCDF files, with one sentence for any failure.
 
-HDF5, the format of netCDF-4, has three ways to take values from other files of the computer:
-external storage, virtual datasets and external links (HDF5 File Format Specification 3.0,
-IV.A.2.g, h, i). netCDF follows them silently: they are found before a file is opened.
+HDF5, the format of netCDF-4, can read values from other files of the computer in three ways:
+external storage, virtual datasets and external links (HDF5 File Format Specification 3.0, IV.A.2.g,
+h, i). netCDF follows them silently. This module detects them before it opens a file.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ def netcdf_file(
     what: str,
     library: Literal["netCDF4", "xarray"] = "netCDF4",
 ) -> Iterator[Any]:
-    """Open a netCDF file to read it, and close it.
+    """Open a netCDF file for reading, and close it.
 
     Parameters
     ----------
     path : of the file, of version 3 or 4.
-    error : raised, with a sentence, if the file takes values from another file, or if opening or
+    error : raised, with a sentence, if the file refers to values of another file, or if opening or
         reading it fails. Libraries raise a dozen kinds of errors for damaged files. An error of
-        the package passes.
-    what : it is, at the beginning of that sentence.
-    library : by which it is opened: a ``netCDF4.Dataset``, or an ``xarray.Dataset`` with missing
-        values as NaN and times as numbers.
+        this package passes unchanged.
+    what : name of the file, the subject of that sentence.
+    library : that opens it: a ``netCDF4.Dataset``, or an ``xarray.Dataset`` with missing values as
+        NaN and times as numbers.
     """
     require_own_values(path, error, what)
     try:
@@ -68,13 +68,13 @@ def netcdf_file(
 
 
 def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None:
-    """Raise an error if a netCDF file takes values from another file.
+    """Raise an error if a netCDF file refers to values of another file.
 
     Parameters
     ----------
-    path : of the file; one that is no HDF5 passes.
+    path : of the file; a file other than HDF5 passes.
     error : raised, with a sentence, also if the file cannot be read.
-    what : it is, at the beginning of that sentence.
+    what : name of the file, the subject of that sentence.
     """
     try:
         with path.open("rb") as file:

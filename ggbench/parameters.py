@@ -1,7 +1,7 @@
 """Parameters of estimators: the fields of a frozen dataclass, with types, limits and defaults.
 
-A limit is part of a field's type, ``Annotated[int, Field(ge=1)]``. It is checked when an estimator
-is made, and printed wherever parameters are listed.
+A limit is part of the type of a field, ``Annotated[int, Field(ge=1)]``. It is checked when an
+estimator is created, and printed with the parameter.
 """
 
 from __future__ import annotations
@@ -33,36 +33,36 @@ _adapter = cache(TypeAdapter[Any])
 
 
 class Parameter(NamedTuple):
-    """Type and default of a parameter; the default of one that has none is ``MISSING``."""
+    """Type and default of a parameter; without a default it is ``MISSING``."""
 
     annotation: Any
     default: Any
 
     def allowed(self) -> str:
-        """Return which values are allowed, in words."""
+        """Return the allowed values, in words."""
         return _described(self.annotation)
 
     def validate(self, value: object) -> Any:
-        """Return a value, or the text that states it, as the parameter's type.
+        """Return a value, or its text, converted to the type of the parameter.
 
         Raises
         ------
         ValueError
-            If it is no such value or beyond a limit.
+            If the value has another type or is beyond a limit.
         """
         return _adapter(self.annotation).validate_python(value)
 
 
 @cache
 def parameters_of(cls: type) -> Mapping[str, Parameter]:
-    """Return the parameters of an estimator class by name: its own, then those that it shares."""
+    """Return the parameters of an estimator class by name: its own, then the common ones."""
     hints = typing.get_type_hints(cls, include_extras=True)
     ordered = sorted(fields(cls), key=lambda item: bool(item.kw_only))
     return {item.name: Parameter(hints[item.name], item.default) for item in ordered}
 
 
 def require_valid(estimator: Any) -> None:
-    """Raise ValueError, with a sentence, for a parameter that is beyond its limits."""
+    """Raise ValueError, with a sentence, for a parameter beyond its limits."""
     cls: type = type(estimator)
     for name, parameter in parameters_of(cls).items():
         if parameter.default is MISSING:

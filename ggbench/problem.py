@@ -1,7 +1,7 @@
 """Interface of estimators: Problem, Estimate, Estimator.
 
-A :class:`Problem` is all that an estimator may see; truth never enters it. The same interface
-carries any system with linear dynamics and a nonlinear measurement of a position.
+A :class:`Problem` is the only input of an estimator and never contains truth. The interface
+describes any system with linear dynamics and nonlinear measurements of a position.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ class MeasurementModel(Protocol):
 
 @runtime_checkable
 class AlongModel(MeasurementModel, Protocol):
-    """A measurement model that takes a whole trajectory in one call, which is faster."""
+    """A measurement model that evaluates a whole trajectory in one call, which is faster."""
 
     def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return h (N, m) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+        """Return h (N, m) at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
 
     def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return ∂h/∂x (N, m, n) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+        """Return ∂h/∂x (N, m, n) at epochs ``at`` (N,), a state for each, x (N, n)."""
 
 
 def predict_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return h (N, m) at epochs ``at`` (N,) for a state of each, x (N, n), of any model."""
+    """Return h (N, m) of any model at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
     if isinstance(model, AlongModel):
         return model.predict_along(at, x)
     return np.stack([model.predict(int(k), state) for k, state in zip(at, x, strict=True)])
 
 
 def jacobian_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return ∂h/∂x (N, m, n) at epochs ``at`` (N,) for a state of each, x (N, n), of any model."""
+    """Return ∂h/∂x (N, m, n) of any model at epochs ``at`` (N,), a state for each, x (N, n)."""
     if isinstance(model, AlongModel):
         return model.jacobian_along(at, x)
     return np.stack([model.jacobian(int(k), state) for k, state in zip(at, x, strict=True)])
@@ -63,11 +63,11 @@ def jacobian_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np
 
 @runtime_checkable
 class CountingModel(MeasurementModel, Protocol):
-    """A measurement model that counts at how many points it was evaluated."""
+    """A measurement model that counts the states at which it was evaluated."""
 
     @property
     def evaluations(self) -> int:
-        """Number of states at which h was taken so far, and of Jacobians."""
+        """Number of evaluations of h and of its Jacobian so far."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,9 @@ class StateBlock:
 
 @dataclass(frozen=True)
 class Channel:
-    """One of the m numbers that are measured: its name, its unit, and the sensor it is of.
+    """One of the m measured numbers: its name, its unit, and its sensor.
 
-    ``sensor`` is the sensor's own name: ``gnss``, or that of one of several of a kind.
+    ``sensor`` is the name of the sensor: ``gnss``, or its own name if there are several of a kind.
     """
 
     name: str
@@ -96,7 +96,7 @@ _OF_THE_MAP = ("E", "mGal")
 
 
 def matched_with_map(channels: Sequence[Channel], count: int) -> np.ndarray:
-    """Return which of m = ``count`` channels (m,) are matched with the map; all, if unnamed."""
+    """Return the mask (m,) of the channels that are matched with the map; all if unnamed."""
     if not channels:
         return np.ones(count, dtype=bool)
     return np.array([channel.unit in _OF_THE_MAP for channel in channels])
@@ -104,7 +104,7 @@ def matched_with_map(channels: Sequence[Channel], count: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class InsSolution:
-    """What the INS indicates at the epochs: what its error is the error of.
+    """Solution of the INS at the epochs; its errors are the states.
 
     Attributes
     ----------
@@ -122,41 +122,40 @@ class InsSolution:
 
 
 class ClosedLoop(Protocol):
-    """A flight that is navigated part by part, each from what an estimator made of the last."""
+    """A flight that is mechanised in parts; each part starts from the corrected end of the last."""
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the epochs up to ``last`` that have not been corrected yet.
+        """Return the problem of the uncorrected epochs up to ``last``.
 
-        Its prior is what was known at the last correction.
+        Its prior is the estimate at the last correction.
         """
 
     def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-        """Set the INS right by the estimates (K', n), (K', n, n) of the part asked for last.
+        """Reset the INS by the estimates (K', n), (K', n, n) of the latest part.
 
         Returns
         -------
-        The same estimates (K', n) as errors of the INS that is not corrected: of the problem whose
-        flight it is.
+        The same estimates (K', n) as errors of the uncorrected INS, as in the original problem.
         """
 
 
 class Replay(Protocol):
-    """The inertial readings of a flight, to be mechanised again with feedback."""
+    """Inertial measurements of a flight, for a mechanization with feedback."""
 
     def start(self, problem: Problem) -> ClosedLoop:
-        """Return a closed loop that stands at the start of the problem whose flight it is."""
+        """Return a closed loop at the start of the problem."""
 
 
 class GravityMap(Protocol):
-    """The field that the estimators assume, at any position."""
+    """The field that the estimators assume."""
 
     @property
     def lower(self) -> np.ndarray:
-        """First latitude, longitude [rad] and height [m] (3,) of the map; −∞ without one."""
+        """First latitude, longitude [rad] and height [m] (3,) of the map; −∞ without a map."""
 
     @property
     def upper(self) -> np.ndarray:
-        """Last latitude, longitude [rad] and height [m] (3,) of the map; ∞ without one."""
+        """Last latitude, longitude [rad] and height [m] (3,) of the map; ∞ without a map."""
 
     def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
         """Return the gradient tensor (..., 6) [E] at positions [rad, rad, m] within the map."""
@@ -169,14 +168,14 @@ class GravityMap(Protocol):
 
 @dataclass(frozen=True)
 class Problem:
-    """One estimation problem. Every array is an immutable copy of what it is made from.
+    """One estimation problem. Every array is an immutable copy of its argument.
 
     x_0 ~ N(prior_mean, prior_cov) at the start; x_k = transition[k] x_{k−1} + w_k with
     w_k ~ N(0, process_cov[k]) (which may be singular); measurements[k] = h(k, x_k) + v_k with
     v_k ~ N(0, R_k), k = 0..K−1. ``transition[0]`` leads from the start to times[0].
 
-    Where a channel delivers nothing at an epoch, ``present`` is false, and its measurement, h and H
-    are zero there: an update with it changes nothing, so most estimators need not ask.
+    If a channel has no measurement at an epoch, ``present`` is false, and its measurement, h and H
+    are zero. An update with zeros changes nothing, so most estimators can ignore ``present``.
 
     Attributes
     ----------
@@ -188,12 +187,12 @@ class Problem:
     prior_cov : (n, n), positive definite.
     model : h and H.
     layout : names, slices and units of the n states.
-    present : (K, m) which measurements there are; all if not given.
-    channels : what the m measurements are; ``()`` if unknown.
-    track : what the INS indicates, if the states are its errors.
-    map : the field that h looks readings up in, if it is one.
-    replay : the flight to be navigated again, with an estimator's corrections fed back; None where
-        the inertial readings are not at hand.
+    present : (K, m) mask of available measurements; by default all.
+    channels : names, units and sensors of the m measurements; ``()`` if unknown.
+    track : solution of the INS, if the states are its errors.
+    map : field in which h evaluates the measurements, if any.
+    replay : inertial measurements for a mechanization with feedback; None if they are not
+        available.
     """
 
     times: np.ndarray
@@ -238,14 +237,11 @@ class Problem:
         return self.noise_cov if self.noise_cov.ndim == 2 else self.noise_cov[k]
 
     def noise_root(self, k: int) -> np.ndarray:
-        """Return G (n, r) with G Gᵀ = Q of epoch ``k``: by it r standard normal numbers make w_k.
-
-        Of the rank r of Q.
-        """
+        """Return G (n, r), G Gᵀ = Q of epoch ``k``, r its rank: w_k = G u with u ~ N(0, I)."""
         return ranked_root(self.process_cov[k])[0]
 
     def log_likelihood(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ln p(z_k | x) (...) of the measurements that there are, at states x (..., n)."""
+        """Return ln p(z_k | x) (...) of the available measurements at states x (..., n)."""
         there = self.present[k]
         residual = (self.measurements[k] - self.model.predict(k, x))[..., there]
         root = np.linalg.cholesky(self.noise_of(k)[np.ix_(there, there)])
@@ -256,21 +252,20 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fixes:
-    """The positions that a matcher found, each from a window of readings, taken or refused.
+    """Accepted and rejected position fixes of a matcher, each from a window of measurements.
 
-    Every attempt has a row, in the order of its epoch, one an epoch at most: a fix that was refused
-    is what the estimator would have said. F may be zero.
+    There is one row for each attempt, in order of the epochs, and at most one per epoch. F may be
+    zero.
 
     Attributes
     ----------
-    epoch : (F,) integers, increasing: the epoch that a fix holds at, and the last whose readings
-        it knows.
-    mean : (F, 2) or (F, 3) position error east, north[, up] [m] at that epoch: the first states.
-    cov : (F, 2, 2) or (F, 3, 3) its error covariance [m²], with all that the window does not know.
-    accepted : (F,) whether the estimator believes it.
-    statistic : (F,) what its test of acceptance compares with a threshold, larger is surer: the log
-        odds of its place against the next best, if nothing else is said. −∞ where no threshold
-        would have the fix accepted, ∞ where there was no other place.
+    epoch : (F,) increasing integers: epoch of the fix, and last epoch of its measurements.
+    mean : (F, 2) or (F, 3) position error east, north[, up] [m] at that epoch, the first states.
+    cov : (F, 2, 2) or (F, 3, 3) its covariance [m²], including the uncertainty of all other states.
+    accepted : (F,) whether the estimator accepts the fix.
+    statistic : (F,) statistic of the acceptance test; a larger one is more certain. By default it
+        is the log odds of the position against the next best. −∞: rejected for any threshold. ∞: no
+        other position.
     """
 
     epoch: np.ndarray
@@ -285,10 +280,9 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What an estimator returns.
+    """Result of an estimator.
 
-    An estimator that has found nothing yet returns its prior, carried along: there is no other
-    mark of that.
+    A matcher without a fix returns the propagated prior; nothing else marks such epochs.
 
     Attributes
     ----------
@@ -298,9 +292,9 @@ class Estimate:
         it), ``batch`` (all of them) or ``none`` (no measurement at all).
     lag : the lag of a fixed-lag estimate [s], else None.
     info : counters and remarks of this run (iterations, repairs, ...).
-    nis : (K,) normalised innovation squared, of a filter that has other innovations than those that
-        follow from mean, cov and the problem: NaN where there was no reading.
-    fixes : of a matcher, which places it tried; None of an estimator that makes no fixes.
+    nis : (K,) normalised innovation squared, only of filters whose innovations do not follow from
+        mean, cov and problem; NaN without a measurement.
+    fixes : position fixes of a matcher; None for other estimators.
     """
 
     mean: np.ndarray
@@ -325,7 +319,7 @@ class Estimator(ABC):
     A parameter is a field with a default, typed ``int``, ``float``, ``bool``, ``str`` or a
     ``Literal`` of strings, with its limits as in :mod:`.parameters`; ``name[parameter=value]`` on
     the command line sets it. An estimator whose causality is ``fixed-lag`` has a parameter ``lag``
-    [s]. One that takes many runs at once is a :class:`.block.BlockEstimator`.
+    [s]. An estimator that processes many runs at once is a :class:`.block.BlockEstimator`.
 
     Parameters
     ----------
@@ -351,14 +345,14 @@ class Estimator(ABC):
     @property
     @abstractmethod
     def causality(self) -> Causality:
-        """Which measurements an estimate at time t may depend on."""
+        """Measurements on which an estimate at time t may depend."""
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Whether a linear problem with Gaussian noises gets its exact answer.
+        """Whether the estimate of a linear Gaussian problem is exact.
 
-        That is the answer of the Kalman filter, or of the smoother of its causality, to rounding.
-        Particles and grids reach it only in the limit.
+        An exact estimate equals that of the Kalman filter or smoother of the same causality, to
+        rounding. Particles and grids are exact only in the limit.
         """
         return True
 
@@ -371,8 +365,9 @@ class Estimator(ABC):
         return None
 
     def skip(self, problem: Problem) -> str | None:
-        """Return why this estimator cannot take the problem, or None if it can.
+        """Return why this estimator cannot process the problem, or None if it can.
 
-        A campaign asks it once a case, with the first run. The answer must not depend on the run.
+        A campaign calls it once per case, with the first run. The result must not depend on the
+        run.
         """
         return None

@@ -1,10 +1,9 @@
 """Problems reduced to a few states; all other states count as known.
 
-An estimator of few states, as much of the literature has, is an estimator of another problem: its
-dynamics are those of the chosen states with all others at their prior's mean, and the noise that it
-declares has to stand for what the others do. A reduced problem says so and is a problem like any
-other; :meth:`Reduction.embedded` brings an estimate of it back among all states, where it can be
-compared with estimators of the whole.
+Much of the literature estimates only a few states. A reduced problem has the dynamics of the chosen
+states, with all other states at their prior mean. Declared process noise replaces the effect of the
+other states. :meth:`Reduction.embedded` converts its estimate to one of all states, for comparison
+with other estimators.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ from .sensors.model import SensorModel
 
 @dataclass(frozen=True)
 class Reduction:
-    """A problem of r of the n states of another one.
+    """A problem of r of the n states of another problem.
 
     Attributes
     ----------
-    problem : of the chosen states, as what is to be added to the prior's mean carried along.
-    states : which of the n they are (r,).
-    mean, cov : (K, n), (K, n, n) of the whole state without any reading: the prior carried along.
+    problem : of the chosen states, as differences from the propagated prior mean.
+    states : (r,) indices of the chosen states.
+    mean, cov : (K, n), (K, n, n) the propagated prior of all states.
     """
 
     problem: Problem
@@ -37,10 +36,9 @@ class Reduction:
     def embedded(self, estimate: Estimate) -> Estimate:
         """Return an estimate of the reduced problem as one of all n states.
 
-        The others keep the mean and the covariance that they have without any reading, and no
-        correlation with the chosen ones: of those the estimator knew nothing. It says nothing of
-        innovations, which the whole problem would predict in another way. Fixes are of the first
-        chosen states.
+        The other states have the mean and covariance of the propagated prior, without correlation
+        with the chosen ones. The result has no innovations, because the whole problem predicts
+        different ones. Fixes belong to the first chosen states.
         """
         chosen = list(self.states)
         mean, cov = self.mean.copy(), None
@@ -94,21 +92,20 @@ class _Embedded:
 
 
 def reduced(problem: Problem, states: Sequence[int], noise: np.ndarray) -> Reduction:
-    """Return a problem of some of the states of another one, all others known.
+    """Return a problem of some states of another problem; all other states are known.
 
-    x = m_k + E δ with m_k the prior's mean carried along and δ the chosen states: δ_k is moved by
-    the block of Φ_k that leads from them to themselves, and driven by that block of Q_k and by the
-    declared noise.
+    x = m_k + E δ, with the propagated prior mean m_k and the chosen states δ. Their blocks of Φ_k
+    and Q_k, and the declared noise, are the dynamics of δ.
 
     Parameters
     ----------
-    states : which of the n states are kept (r,), each once.
-    noise : (K, r, r) process noise that stands for what is left out; may be zero.
+    states : (r,) indices of the states to keep, each once.
+    noise : (K, r, r) process noise that replaces the omitted states; may be zero.
 
     Raises
     ------
     ValueError
-        If the states are none of the problem's, or the noise is not of their shape.
+        If a state does not exist, or the noise has a wrong shape.
     """
     chosen = tuple(int(state) for state in states)
     n, count = problem.dimension, len(chosen)
@@ -161,10 +158,10 @@ def _unaided(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
-    """Return the states that are the position error east and north, and those of velocity.
+    """Return the states of the horizontal position error and of the horizontal velocity error.
 
-    The first two of the first block in metres, and of the first one in metres per second; ``()``
-    where the layout has none.
+    They are the first two states of the first block in metres, and of the first block in metres per
+    second; ``()`` if the layout has none.
     """
     states: list[int] = []
     for unit in ("m", "m/s") if velocity else ("m",):
@@ -177,11 +174,11 @@ def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
 
 
 def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
-    """Return the covariance (K, r, r) of what the states left out do to the chosen ones in a step.
+    """Return the covariance (K, r, r) that the omitted states add to the chosen ones in a step.
 
-    Φ P Φᵀ with the block of Φ_k that leads from them to the chosen ones, and their prior carried
-    along without a reading: what an INS's velocity errors may move its position by. As noise it is
-    white, where the error itself lasts.
+    It is Φ P Φᵀ with the block of Φ_k from the omitted to the chosen states and the propagated
+    prior P: for example, the change of position by velocity errors. As noise it is white, whereas
+    the error itself persists.
     """
     chosen = list(states)
     others = [i for i in range(problem.dimension) if i not in chosen]
@@ -192,7 +189,7 @@ def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
 
 
 def walking(times: np.ndarray, density: float) -> np.ndarray:
-    """Return the covariance (K, 2, 2) [m²] of two positions that white velocities move.
+    """Return the covariance (K, 2, 2) [m²] that white velocities add to two positions in each step.
 
     Parameters
     ----------
@@ -203,11 +200,11 @@ def walking(times: np.ndarray, density: float) -> np.ndarray:
 
 
 def drifting(times: np.ndarray, density: float) -> np.ndarray:
-    """Return the covariance (K, 4, 4) of two positions and two velocities [m, m/s].
+    """Return the covariance (K, 4, 4) [m, m/s] of positions and velocities by white acceleration.
 
-    That white accelerations of a density q [m²/s³] cause over T: q T for velocity, q T²/2 for
-    position with velocity, q T³/3 for position. A rate held constant over T, of variance σ², would
-    be Γ σ² Γᵀ with Γ = T (I + T F / 2): q is σ² T, not σ².
+    For a density q [m²/s³] and a step T it is q T for velocity, q T²/2 for position with velocity,
+    and q T³/3 for position. An acceleration of variance σ² that is constant over T corresponds to q
+    = σ² T.
     """
     step = np.diff(times, prepend=0.0)[:, np.newaxis, np.newaxis]
     eye = np.eye(2)

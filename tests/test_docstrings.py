@@ -73,8 +73,6 @@ def test_an_incomplete_docstring_is_found():
     )
 
 
-WITHOUT_SHAPES = {"engines", "gravity", "ins", "numerics", "sensors"}
-"""Rooms, of compiled code, in which some docstrings do not state shapes."""
 _ARRAY = re.compile(r"\b(?:Array|ComplexArray|ndarray|NDArray)\b")
 _LENGTH = r"(?:\.\.\.|len\(\w+\)|(?![A-Z][a-z])[\w']+(?: ?[×·+−*/-] ?[\w']+)*)"
 _SHAPE = re.compile(rf"\((?:\.\.\.|{_LENGTH}(?:, {_LENGTH})+|{_LENGTH},)\)")
@@ -93,23 +91,9 @@ def shapeless(source: str) -> Iterator[str]:
                 yield node.name
 
 
-def _room(path: Path) -> str:
-    return path.relative_to(ROOT / "ggbench").parts[0] if ROOT / "ggbench" in path.parents else ""
-
-
-@pytest.mark.parametrize(
-    "path",
-    [path for path in FILES if _room(path) not in WITHOUT_SHAPES],
-    ids=lambda path: str(path.relative_to(ROOT)),
-)
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_docstrings_state_the_shapes_of_arrays(path):
     assert list(shapeless(path.read_text(encoding="utf-8"))) == []
-
-
-@pytest.mark.parametrize("room", sorted(WITHOUT_SHAPES))
-def test_a_room_is_left_out_only_while_shapes_are_missing(room):
-    files = [path for path in FILES if _room(path) == room]
-    assert any(list(shapeless(path.read_text(encoding="utf-8"))) for path in files)
 
 
 def test_a_docstring_without_shapes_is_found():

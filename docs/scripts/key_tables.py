@@ -29,7 +29,7 @@ def filled_in(text: str) -> str:
         flags=re.DOTALL,
     )
     rows = [(f"`{table.heading}`", table.about) for table in tables().values()]
-    overview = _markdown(("table", "what it is for"), rows)
+    overview = _markdown(("table", "purpose"), rows)
     return re.sub(
         r"(<!-- tables -->\n).*?(<!-- end of tables -->)",
         lambda found: f"{found[1]}\n{overview}\n{found[2]}",

@@ -1,5 +1,5 @@
-"""Other packages' estimators on this package's problems: one module for each package.
+"""Estimators of other packages on problems of ggbench: one module for each package.
 
-Each gives a :class:`~ggbench.problem.Problem` as the models of its package, and that package's
-posterior as an :class:`~ggbench.problem.Estimate`. The package itself is an optional dependency.
+Each converts a :class:`~ggbench.problem.Problem` to the models of its package, and the posterior to
+an :class:`~ggbench.problem.Estimate`. The package is an optional dependency.
 """

@@ -1,7 +1,7 @@
 """bayesfilter (NumPy): extended and unscented Kalman filters.
 
-It needs the extra ``bayesfilter``: ``pip install 'ggbench[bayesfilter]'``. Its filters take one
-model of motion; here each epoch has its own.
+It needs the extra ``bayesfilter``: ``pip install 'ggbench[bayesfilter]'``. Its filters have one
+motion model; this module sets a new one at each epoch.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LIBRARIES = ("bayesfilter",)
 
 @dataclass(frozen=True)
 class BayesfilterEkf(Estimator):
-    """Extended Kalman filter of bayesfilter, with states in deviations of the prior."""
+    """Extended Kalman filter of bayesfilter, with states in units of the prior's σ."""
 
     linearised: ClassVar[bool] = True
 
@@ -42,7 +42,7 @@ class BayesfilterEkf(Estimator):
         return "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict and update at every epoch; nothing is drawn."""
+        """Predict and update at every epoch, without random numbers."""
         unit = np.sqrt(np.diag(problem.prior_cov))
         squared = np.outer(unit, unit)
         state = Gaussian(problem.prior_mean / unit, problem.prior_cov / squared)

@@ -1,7 +1,7 @@
 """cuthbert (JAX): square-root extended Kalman filter and its smoother.
 
-It needs the extra ``cuthbert``: ``pip install 'ggbench[cuthbert]'``. h is called back from the code
-that JAX compiles (:mod:`.jax_callback`).
+It needs the extra ``cuthbert``: ``pip install 'ggbench[cuthbert]'``. The code compiled by JAX calls
+h back (:mod:`.jax_callback`).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class CuthbertEkf(Estimator):
         return "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Have cuthbert find the posterior; nothing is drawn."""
+        """Compute the posterior with cuthbert, without random numbers."""
         mean, cov = _Compiled.of(type(self))(problem)
         return Estimate(mean, cov, self.causality)
 

@@ -1,4 +1,4 @@
-"""dynamax (JAX): a problem as its parameters, its posterior as an estimate.
+"""dynamax (JAX): problem as its parameters, posterior as an estimate.
 
 A filter of dynamax joins a campaign as a class of a few lines::
 
@@ -9,9 +9,9 @@ A filter of dynamax joins a campaign as a class of a few lines::
         def posterior(self, parameters, emissions, inputs):
             return extended_kalman_filter(parameters, emissions, inputs=inputs)
 
-It needs the extra ``dynamax``: ``pip install 'ggbench[dynamax]'``. To import it turns JAX to double
-precision. h is the problem's own, called back from what JAX compiles, and its derivative is H: a
-campaign compares what filters find, and not how fast they would be with an h of their own in JAX.
+It needs the extra ``dynamax``: ``pip install 'ggbench[dynamax]'``. Importing this module sets JAX
+to double precision. The code compiled by JAX calls h of the problem back, and its derivative is H.
+A campaign therefore compares the accuracy of filters, not their speed with an h written in JAX.
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ of what it inverts, which is to be negligible next to variances of 1e8."""
 
 @dataclass(frozen=True)
 class DynamaxEstimator(Estimator):
-    """An estimator that is one of dynamax's inference functions for nonlinear Gaussian models.
+    """Base of estimators by dynamax's inference functions for nonlinear Gaussian models.
 
-    Derive from it, name it, and write :meth:`posterior`; for a smoother with
-    ``causality = "batch"``. JAX compiles the function once in a process, for each shape of problem.
+    Derive a class with a name and :meth:`posterior`, for a smoother also with ``causality =
+    "batch"``. JAX compiles the function once per process and shape of problem.
     """
 
     @property
@@ -74,19 +74,19 @@ class DynamaxEstimator(Estimator):
 
     @abstractmethod
     def posterior(self, parameters: ParamsNLGSSM, emissions: Any, inputs: Any) -> Any:
-        """Return dynamax's posterior, filtered or, of a ``batch`` estimator, smoothed.
+        """Return dynamax's posterior, filtered, or smoothed for a ``batch`` estimator.
 
         Parameters
         ----------
-        parameters : of the problem in small units, with time-varying Q and R; the initial state is
-            that of the first epoch.
+        parameters : of the scaled problem, with time-varying Q and R; the initial state is that of
+            the first epoch.
         emissions : (K, m) readings.
-        inputs : (K,) numbers of the epochs, which the functions of dynamics and emission take as
-            their second argument.
+        inputs : (K,) numbers of the epochs, second argument of the functions of dynamics and
+            emission.
         """
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Have dynamax find the posterior; nothing is drawn."""
+        """Compute the posterior with dynamax, without random numbers."""
         compiled = _Compiled.of(self)
         mean, cov = compiled(problem)
         return Estimate(mean, 0.5 * (cov + cov.transpose(0, 2, 1)), self.causality)

@@ -1,4 +1,4 @@
-"""h of a problem as a function that JAX compiles: called back, with H as its derivative."""
+"""h of a problem as a JAX function by callback, with H as its derivative."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ LIBRARIES = ("jax", "jaxlib")
 
 
 def measurement_function(problem: Problem) -> Callable[[Any, Any], Any]:
-    """Return h(x, k) of a problem as a function that JAX traces, batches and differentiates.
+    """Return h(x, k) of a problem for tracing, batching and differentiation by JAX.
 
     ``h = measurement_function(problem)``; ``jax.jacfwd(h)(x, k)`` is H.
 
     Parameters
     ----------
-    problem : of which h is wanted.
+    problem : with h and H.
 
     Returns
     -------
@@ -37,12 +37,12 @@ def measurement_function(problem: Problem) -> Callable[[Any, Any], Any]:
 
 
 class MeasurementCallback:
-    """The measurement function of the problem at hand, in small units.
+    """Measurement function of the current problem, in scaled units.
 
     Parameters
     ----------
-    unit : units of states and measurements, in deviations of prior and noise; None: SI units.
-    problem : at hand; None: that of the context (:meth:`of`).
+    unit : units of states and measurements, standard deviations of prior and noise; None: SI units.
+    problem : current one; None: that of the context (:meth:`of`).
     """
 
     def __init__(self, unit: float | None = 1.0, problem: Problem | None = None) -> None:
@@ -51,7 +51,7 @@ class MeasurementCallback:
 
     @contextlib.contextmanager
     def of(self, problem: Problem) -> Iterator[None]:
-        """Call back the model of a problem while the context lasts."""
+        """Use the model of a problem within the context."""
         self._problem = problem
         try:
             yield

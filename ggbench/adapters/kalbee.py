@@ -1,7 +1,7 @@
 """kalbee (NumPy): extended and cubature Kalman filters.
 
-It needs the extra ``kalbee``: ``pip install 'ggbench[kalbee]'``. The filter gets the matrices of an
-epoch before each step.
+It needs the extra ``kalbee``: ``pip install 'ggbench[kalbee]'``. The filter receives the matrices
+of an epoch before each step.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LIBRARIES = ("kalbee",)
 
 @dataclass(frozen=True)
 class KalbeeEstimator(Estimator):
-    """A filter of kalbee, with states in deviations of the prior."""
+    """Base of filters of kalbee, with states in units of the prior's σ."""
 
     @property
     def causality(self) -> Causality:
@@ -37,10 +37,10 @@ class KalbeeEstimator(Estimator):
 
     @abstractmethod
     def filter(self, **arguments: Any) -> Any:
-        """Return a filter of kalbee; ``arguments`` are those that its filters share."""
+        """Return a filter of kalbee; ``arguments`` are common to its filters."""
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict and update at every epoch; nothing is drawn."""
+        """Predict and update at every epoch, without random numbers."""
         unit = np.sqrt(np.diag(problem.prior_cov))
         squared, k = np.outer(unit, unit), 0
 

@@ -90,7 +90,7 @@ class _Cost(pyceres.CostFunction):
 
 @dataclass(frozen=True)
 class PyceresBatch(Estimator):
-    """Batch smoother by Ceres, with steps by Levenberg and Marquardt.
+    """Batch smoother of Ceres, with Levenberg–Marquardt steps.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class PyceresBatch(Estimator):
         return "batch"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Have Ceres find the most probable trajectory; nothing is drawn."""
+        """Compute the most probable trajectory with Ceres, without random numbers."""
         trajectory = _Trajectory(problem)
         unknowns = np.zeros(trajectory.size)
         graph = pyceres.Problem()

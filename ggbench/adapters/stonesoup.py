@@ -1,4 +1,4 @@
-"""Stone Soup: a problem as its models, its posterior as an estimate.
+"""Stone Soup: problem as its models, posterior as an estimate.
 
 A filter of Stone Soup joins a campaign as a class of a few lines::
 
@@ -54,8 +54,8 @@ class Transition(LinearGaussianTimeInvariantTransitionModel):
     Parameters
     ----------
     transition_matrix, covariance_matrix : (n, n) Φ_k and Q_k.
-    problem, epoch : whose they are.
-    generator : of the noise that is drawn.
+    problem, epoch : of the two matrices.
+    generator : random numbers of the noise.
     """
 
     problem: Problem = Property()
@@ -63,7 +63,7 @@ class Transition(LinearGaussianTimeInvariantTransitionModel):
     generator: np.random.Generator = Property()
 
     def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
-        """Return noises w_k (n, N), which keep to the rank of Q_k."""
+        """Return noise samples w_k (n, N) with the rank of Q_k."""
         root = self.problem.noise_root(self.epoch)
         return (root @ self.generator.standard_normal((root.shape[1], num_samples))).view(
             StateVectors
@@ -71,15 +71,15 @@ class Transition(LinearGaussianTimeInvariantTransitionModel):
 
 
 class Measurement(NonLinearGaussianMeasurement):
-    """z_k = h(k, x_k) + v_k of one epoch k, v_k ~ N(0, R_k); all points go through h in one call.
+    """z_k = h(k, x_k) + v_k of one epoch k, v_k ~ N(0, R_k); h is evaluated for all points at once.
 
-    Of a channel without a reading h and H are zero, as in the problem: it changes nothing.
+    For a missing measurement h and H are zero, as in the problem, so it changes nothing.
 
     Parameters
     ----------
     noise_covar : (m, m) R_k.
-    problem, epoch : whose it is.
-    generator : of the noise that is drawn.
+    problem, epoch : of h and H.
+    generator : random numbers of the noise.
     """
 
     problem: Problem = Property()
@@ -92,12 +92,12 @@ class Measurement(NonLinearGaussianMeasurement):
         return len(self.noise_covar)
 
     def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
-        """Return noises v_k (m, N)."""
+        """Return noise samples v_k (m, N)."""
         root = np.linalg.cholesky(self.noise_covar)
         return (root @ self.generator.standard_normal((len(root), num_samples))).view(StateVectors)
 
     def function(self, state: Any, noise: Any = False, **kwargs: Any) -> Any:
-        """Return h (m, N) of one state or of N, with noise if it is asked for."""
+        """Return h (m, N) of one state or of N, optionally with noise."""
         vectors = state.state_vector
         points = np.asarray(vectors, dtype=float)
         kind = StateVectors if isinstance(vectors, StateVectors) else StateVector
@@ -114,11 +114,11 @@ class Measurement(NonLinearGaussianMeasurement):
 
 @dataclass(frozen=True)
 class StoneSoupEstimator(Estimator):
-    """An estimator made of Stone Soup's predictor and updater, and its smoother if there is one.
+    """Base of estimators by Stone Soup's predictors, updaters and smoothers.
 
-    Derive from it, name it, and write :meth:`filter`; for particles :meth:`start`, for a smoother
-    :meth:`smooth` and ``causality = "batch"``. What Stone Soup draws from NumPy's global generator
-    is drawn from the run's.
+    Derive a class with a name and :meth:`filter`; for particles also :meth:`start`, for a smoother
+    :meth:`smooth` and ``causality = "batch"``. The generator of the run replaces NumPy's global
+    generator.
     """
 
     @property
@@ -128,18 +128,18 @@ class StoneSoupEstimator(Estimator):
 
     @abstractmethod
     def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
-        """Return the predictor and the updater of one epoch, of its two models."""
+        """Return the predictor and the updater of one epoch from its two models."""
 
     def start(self, prior: GaussianState, rng: np.random.Generator) -> Any:
-        """Return the state at the start, which is the prior if nothing else is wanted."""
+        """Return the initial state, by default the prior."""
         return prior
 
     def smooth(self, track: Track) -> Track:
-        """Return the track of all updates smoothed, or as it is."""
+        """Return the smoothed track of all updates, or the unchanged track."""
         return track
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict to every epoch and update there; the mean and covariance of what comes out."""
+        """Predict and update at every epoch; return means and covariances."""
         with _drawn_from(rng):
             track = self.smooth(Track(list(self._updates(problem, rng))))
         mean = np.array([np.asarray(state.mean, dtype=float).ravel() for state in track])
@@ -225,7 +225,7 @@ class StoneSoupUkf(StoneSoupEstimator):
 
 @dataclass(frozen=True)
 class StoneSoupSmoother(StoneSoupEkf):
-    """Kalman smoother of Stone Soup behind its extended Kalman filter."""
+    """Kalman smoother of Stone Soup after its extended Kalman filter."""
 
     name = "stonesoup-smoother"
     family: ClassVar[Family] = "smoother"

@@ -8,5 +8,5 @@
     problem, reference = gg.read_flight("flight.toml")
     gg.corrected(problem, gg.estimate(problem, "ekf"))
 
-Whatever is wrong ends in a :class:`~ggbench.errors.GGBenchError` whose message is a sentence.
+User errors raise :class:`~ggbench.errors.GGBenchError`, whose message is one sentence.
 """

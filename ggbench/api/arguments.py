@@ -11,16 +11,16 @@ from ..spec.case import CaseSpec
 
 
 class ArgumentError(GGBenchError):
-    """A function was called with something that it cannot use."""
+    """A function was called with an invalid argument."""
 
 
 def listed(items: Any, kind: Any, name: str) -> list[Any]:
-    """Return one thing of a kind, or a sequence of them, as a list.
+    """Return one object of a type, or a sequence of them, as a list.
 
     Raises
     ------
     ArgumentError
-        If it is neither.
+        If the value is neither.
     """
     if isinstance(items, kind):
         return [items]
@@ -50,5 +50,5 @@ def number(name: str, value: Any) -> float:
 
 
 def kind(value: Any) -> str:
-    """Return of which type something is, as a message says it."""
+    """Return the type of a value, in the words of a message."""
     return f"an object of type {type(value).__name__}"

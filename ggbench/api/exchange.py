@@ -38,22 +38,23 @@ def export(
 ) -> list[Path]:
     """Write the problems of a scenario's runs as files, and return their paths.
 
-    One file a case; one for each map of a case whose runs have several. No file has the truth.
+    There is one file per case, or per map if the runs of a case have several maps. No file contains
+    the truth.
 
     Parameters
     ----------
-    scenario : itself, its name or the path of its file.
-    folder : in which ``CASE.FORMAT`` is written.
+    scenario : a scenario, its name or the path of its file.
+    folder : for the files ``CASE.FORMAT``.
     cases : names; by default all.
     runs : number of runs, from run 0 on.
     seed : by default the scenario's.
     file_format : ``mat`` (MATLAB 5), ``nc`` (netCDF-4) or ``txt`` (plain text).
-    until_s : leave all epochs after this time out, to test a filter for the use of later readings.
+    until_s : omit all epochs after this time, to test a filter for the use of later measurements.
 
     Raises
     ------
     GGBenchError
-        If something is named wrongly, a case cannot be flown, or a file cannot be written.
+        If a name does not exist, a case cannot be flown, or a file cannot be written.
     """
     loaded = scenario if isinstance(scenario, Scenario) else load(scenario)
     if f".{file_format}" not in containers.SUFFIXES:
@@ -113,14 +114,14 @@ def judge_estimates(
     output: Path | str | None = None,
     **options: Any,
 ) -> Results:
-    """Judge a file of estimates, or a folder of them, and return results as of any campaign.
+    """Judge a file of estimates, or a folder of them, and return results as of a campaign.
 
-    The truth is made again from the scenario and the seed that the files name.
+    The truth is simulated again, from the scenario and the seed that the files name.
 
     Parameters
     ----------
     estimates : the file or the folder.
-    scenario : by default the one that the files name, by its name or path.
+    scenario : its name or path; by default the scenario that the files name.
     cut : estimates of the same filter on problems exported with ``until_s``.
     output : folder of the results, as in :func:`.running.run`.
     options : further arguments of :func:`.running.run`.
@@ -128,7 +129,7 @@ def judge_estimates(
     Raises
     ------
     GGBenchError
-        If a file cannot be used, its scenario is another one now, or a filter uses later readings.
+        If a file is invalid, its scenario has changed, or a filter uses later measurements.
     """
     stored = estimate_files.stored_runs(Path(estimates))
     first = stored[0].problem
@@ -174,12 +175,12 @@ def _runs_of(stored: Sequence[StoredRuns], case: str) -> int:
 
 
 def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
-    """Raise ExchangeError if estimates change when later readings are left out.
+    """Raise ExchangeError if estimates change when later measurements are left out.
 
     Parameters
     ----------
     stored : estimates of whole problems.
-    cut : of the same runs, exported with ``until_s``.
+    cut : estimates of the same runs, exported with ``until_s``.
     """
     if any(whole.causality == "batch" for whole in stored):
         raise ExchangeError("'batch' estimates may use all measurements: remove the cut")
@@ -217,11 +218,11 @@ def _common_runs(
 
 
 def misreadings(estimates: Path | str, results: Results) -> list[str]:
-    """Return sentences on estimates that fit the truth far better in another sign, frame or unit.
+    """Return sentences on estimates that fit the truth far better with another sign, frame or unit.
 
     Parameters
     ----------
-    estimates : the file or the folder, as judged.
+    estimates : the judged file or folder.
     results : of :func:`judge_estimates`.
     """
     sentences = []

@@ -32,7 +32,7 @@ def bound(case: CaseSpec | Scenario | str | Path) -> pd.DataFrame:
 
     Parameters
     ----------
-    case : itself; or a scenario, its name or its path, of which the first case is taken.
+    case : a case; or the first case of a scenario, given as object, name or path.
 
     Returns
     -------
@@ -94,8 +94,8 @@ def advise(
     Parameters
     ----------
     scenario : as for :func:`ggbench.run`.
-    case : name of its case; by default the first.
-    target_m : RMS position error that is wanted [m].
+    case : name of the case; by default the first.
+    target_m : wanted RMS position error [m].
     runs : of each estimator; fewer than 40 give no recommendation.
     output : results folder; by default a temporary one, which is kept.
     jobs : worker processes; by default one for each processor.
@@ -103,7 +103,7 @@ def advise(
     Raises
     ------
     GGBenchError
-        If the case cannot be flown, or no run gave a result.
+        If the case cannot be flown, or no run has a result.
     """
     from ..score import advice  # not at the top: few want it
 
@@ -132,10 +132,10 @@ def scorecard(
 
     Parameters
     ----------
-    estimator : text that names it, or itself.
+    estimator : an estimator or its text.
     runs : of each case; by default all stored ones.
-    seed : of the runs. By default the public one, whose other estimators are not flown again.
-    cases : names of those to fly; by default all.
+    seed : of the runs; by default the public one, for which other estimators are stored.
+    cases : names of the cases to fly; by default all.
     output : results folder; by default a temporary one, which is kept.
     jobs : worker processes; by default one for each processor.
 
@@ -146,7 +146,7 @@ def scorecard(
     Raises
     ------
     GGBenchError
-        If the estimator or a case is named wrongly, or it takes no case.
+        If the estimator or a case does not exist, or the estimator refuses all cases.
     """
     from ..score import scoring
 
@@ -165,7 +165,7 @@ def check(estimator: str | Estimator, time_limit: float = examination.LIMIT_S) -
 
     Parameters
     ----------
-    estimator : text that names it, or itself.
+    estimator : an estimator or its text.
     time_limit : longest time of one check [s].
 
     Returns
@@ -175,7 +175,7 @@ def check(estimator: str | Estimator, time_limit: float = examination.LIMIT_S) -
     Raises
     ------
     CheckError
-        If the estimator cannot be made.
+        If the estimator cannot be created.
     """
     import pandas as pd
 

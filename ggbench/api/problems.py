@@ -1,4 +1,4 @@
-"""Problems from Python: simulate or read one, estimate it, judge and correct."""
+"""Problems in Python: simulate, read, estimate, judge and correct."""
 
 from __future__ import annotations
 
@@ -52,31 +52,31 @@ class Judgement(judgement.Judgement):
 def judge(
     problem: Problem, estimate: Estimate, truth: Truth, windows: WindowsSpec | None = None
 ) -> Judgement:
-    """Judge an estimate of a problem by its truth; as :func:`ggbench.judging.judgement.judge`.
+    """Judge an estimate of a problem by its truth, see :func:`ggbench.judging.judgement.judge`.
 
     Parameters
     ----------
-    problem : that was estimated.
-    estimate : of it.
-    truth : that the problem hides.
-    windows : parts of the flight to be judged besides the whole, as ``case.windows`` has them.
+    problem : the estimated problem.
+    estimate : of the problem.
+    truth : of the problem, or the reference of a recorded flight.
+    windows : parts of the flight to judge in addition to the whole, for example ``case.windows``.
 
     Raises
     ------
     JudgingError
-        If the estimate has another shape than the problem, or no covariance; or the truth is of
-        other epochs.
+        If the estimate has no covariance or another shape than the problem, or the truth has other
+        epochs.
     """
     return Judgement(**vars(judgement.judge(problem, estimate, truth, windows)))
 
 
 def load(name_or_path: str | Path) -> Scenario:
-    """Read a scenario: the name of a shipped one, or the path of a TOML file.
+    """Read a scenario, given by the name of a shipped one or the path of a TOML file.
 
     Raises
     ------
     ScenarioError
-        With a sentence that names the file, the key, what was found and what is allowed.
+        With a sentence that states the file, the key, the value and the allowed values.
     """
     if not isinstance(name_or_path, str | Path):
         raise ArgumentError(f"the scenario must be a name or a path, not {kind(name_or_path)}")
@@ -84,12 +84,12 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def case_of(source: CaseSpec | Scenario | str | Path) -> CaseSpec:
-    """Return a case, or the first one of a scenario, its name or its path.
+    """Return a case, given itself, or the first case of a scenario, its name or its path.
 
     Raises
     ------
     ArgumentError, ScenarioError
-        If it is none of these, or the scenario cannot be read.
+        If the argument is none of these, or the scenario cannot be read.
     """
     if isinstance(source, CaseSpec):
         return source
@@ -103,20 +103,19 @@ def case_of(source: CaseSpec | Scenario | str | Path) -> CaseSpec:
 def simulate(
     case: CaseSpec | Scenario | str | Path, seed: int | None = None, run: int = 0
 ) -> tuple[Problem, Truth]:
-    """Return the estimation problem of one run of a case, and the truth that it hides.
+    """Return the estimation problem of one run of a case, and its truth.
 
     Parameters
     ----------
-    case : as ``scenario.case(name)`` gives it, or changed by its ``changed(key, value)``; or a
-        scenario, its name or its path, of which the first case is taken. It is flown once; its runs
-        then come quickly.
-    seed : of the random numbers; by default that of the case's scenario, as for :func:`run`.
-    run : its number. A campaign of the same seed has the same problem in this run.
+    case : result of ``scenario.case(name)`` or of its ``changed(key, value)``; or a scenario, its
+        name or its path, for the first case. The flight is cached, so that further runs are quick.
+    seed : of the random numbers; by default that of the scenario, as in :func:`run`.
+    run : number of the run. A campaign with the same seed has the same problem in this run.
 
     Raises
     ------
     ArgumentError, ScenarioError
-        If there is no such run, or the case breaks a rule of scenario files.
+        If the run does not exist, or the case breaks a rule of scenario files.
     GGBenchError
         If the case cannot be flown.
     """
@@ -127,14 +126,15 @@ def simulate(
 
 
 def estimator(text: str) -> Estimator:
-    """Return the estimator that a text names: ``NAME`` or ``NAME[parameter=value,...]``.
+    """Return the estimator of a text ``NAME`` or ``NAME[parameter=value,...]``.
 
-    NAME is that of a registered estimator, or the path of a file that defines one.
+    NAME is the name of a registered estimator, or the path of a file that defines one.
 
     Raises
     ------
     EstimatorError
-        If the text, the name, the file or a parameter is wrong; the message says what is allowed.
+        If the text, the name, the file or a parameter is invalid; the message states the allowed
+        values.
     """
     if not isinstance(text, str):
         raise ArgumentError(f"the estimator must be a text, not {kind(text)}")
@@ -142,24 +142,24 @@ def estimator(text: str) -> Estimator:
 
 
 def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Estimate:
-    """Let an estimator estimate a problem.
+    """Run an estimator on a problem.
 
     Parameters
     ----------
-    problem : as :func:`simulate` gives it.
-    estimator : itself, or the text that names it.
-    seed : of the generator that it is given; most have no use for it.
+    problem : from :func:`simulate` or :func:`read_flight`.
+    estimator : an estimator or its text.
+    seed : of its random numbers; most estimators draw none.
 
     Raises
     ------
     EstimatorError
-        If it is named wrongly, cannot take this problem, or returns no estimate. What it raises
-        itself is not caught.
+        If the estimator does not exist, refuses this problem, or returns no estimate. Errors of the
+        estimator itself pass unchanged.
 
     Warns
     -----
     UserWarning
-        If the estimate lies outside the problem's map, where the border's values go on.
+        If the estimate lies outside the map, where the values of the border continue.
     """
     if not isinstance(problem, Problem):
         raise ArgumentError(f"the problem must be a Problem, not {kind(problem)}")
@@ -185,21 +185,21 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
 
 
 def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
-    """Read a recorded flight: the problem that its records are, and its reference if it has one.
+    """Read a recorded flight: its problem, and its reference if it has one.
 
     Parameters
     ----------
-    path : of its TOML file. Times of the problem are since the first sample of the INS [s].
+    path : of its TOML file. Times of the problem count from the first sample of the INS [s].
 
     Returns
     -------
-    What :func:`simulate` gives of a simulated run. The reference's errors are NaN where it says
-    nothing, as of the biases; with positions and velocities :func:`judge` takes it.
+    Problem and reference, as problem and truth of :func:`simulate`. Errors that the reference does
+    not contain, such as biases, are NaN. :func:`judge` needs positions and velocities.
 
     Raises
     ------
     FlightError
-        With a sentence that names the file, the place in it, what was found and what is allowed.
+        With a sentence that states the file, the place, the value and the allowed values.
     """
     if not isinstance(path, str | Path):
         raise ArgumentError(f"the flight must be the path of a file, not {kind(path)}")
@@ -210,24 +210,24 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
 
 
 def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.DataFrame:
-    """Return the corrected track: what the INS indicates, less its estimated errors.
+    """Return the corrected track: the INS solution less its estimated errors.
 
     Parameters
     ----------
-    problem : as :func:`read_flight` or :func:`simulate` gives it.
-    estimate : of it.
-    start : what is added to the times [s].
+    problem : from :func:`read_flight` or :func:`simulate`.
+    estimate : of the problem.
+    start : offset of the times [s].
 
     Returns
     -------
     A row for each epoch: ``time_s``, ``latitude_deg``, ``longitude_deg``, ``height_m``, velocities
     ENU [m/s], ``heading_deg``, ``pitch_deg``, ``roll_deg``, and standard deviations of position
-    [m], velocity [m/s] and tilt [rad] about ENU, NaN if the estimate claims none.
+    [m], velocity [m/s] and tilt [rad] about ENU, NaN without a covariance.
 
     Raises
     ------
     EstimateError
-        If the problem has no track, or the estimate is another one's.
+        If the problem has no track, or the estimate belongs to another problem.
     """
     if not isinstance(problem, Problem):
         raise ArgumentError(f"the problem must be a Problem, not {kind(problem)}")

@@ -1,4 +1,4 @@
-"""Results of a campaign for a notebook: tables, and figures of its cases."""
+"""Results of a campaign for a notebook: tables and figures."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _SUMMARY = ("case", "estimator", "runs", "failed", "rms_m", "efficiency", "succe
 
 
 class Results(folder.Results):
-    """What a results folder holds: tables, and figures of its cases.
+    """Content of a results folder: tables, and figures of its cases.
 
-    ``runs()``, ``metrics()``, ``pairs()``, ``cases()`` and ``failures()`` are tables (pandas),
-    the caller's own; each ``plot_...()`` returns a Matplotlib figure, which a notebook shows and
-    ``savefig`` writes. A case that is not named is the first.
+    ``runs()``, ``metrics()``, ``pairs()``, ``cases()`` and ``failures()`` return new pandas tables.
+    Each ``plot_...()`` returns a Matplotlib figure, which a notebook shows and ``savefig`` writes.
+    The default case is the first.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Results(folder.Results):
     Raises
     ------
     StoreError
-        If it is no results folder or is damaged.
+        If the folder is no results folder or is damaged.
     """
 
     def __repr__(self) -> str:
@@ -49,7 +49,7 @@ class Results(folder.Results):
     def summary(self) -> pd.DataFrame:
         """Return the settled metrics of :data:`_SUMMARY`, a row for each case and estimator.
 
-        The title of a case states what was changed, as the values of a sweep.
+        The title of a case states its changes, for example the values of a sweep.
         """
         metrics = self.metrics()
         table = metrics.loc[metrics["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)
@@ -66,7 +66,7 @@ class Results(folder.Results):
         Raises
         ------
         ScenarioError
-            If there is no such case.
+            If the case does not exist.
         """
         from ..figures import stored  # not at the top: tables need no Matplotlib
 
@@ -80,18 +80,18 @@ class Results(folder.Results):
         estimator: str | None = None,
         quantity: Quantity = "position",
     ) -> Figure:
-        """Draw the ENU errors of run 0 with their reported ±3σ, with the pure INS's if it was run.
+        """Draw the ENU errors of run 0 with their reported ±3σ, and the errors of the INS if run.
 
         Parameters
         ----------
         case : its name.
-        estimator : its label in the tables; by default the first that aids.
+        estimator : its label in the tables; by default the first one other than ``ins``.
         quantity : ``position`` or ``velocity``.
 
         Raises
         ------
         ScenarioError, ResultsError
-            If there is no such case or estimator, or run 0 has failed.
+            If the case or estimator does not exist, or run 0 has failed.
         """
         from ..figures import stored
 
@@ -110,19 +110,19 @@ class Results(folder.Results):
         Raises
         ------
         ScenarioError, ResultsError
-            If there is no such case, or it has no map.
+            If the case does not exist or has no map.
         """
         from ..figures import stored
 
         return stored.field_map(self, self._case(case))
 
     def plot_track_gradient(self, case: str | None = None) -> Figure:
-        """Draw the vertical gradient along the track: true, with the noise, and filtered.
+        """Draw the vertical gradient along the track: true, with noise, and filtered.
 
         Raises
         ------
         ScenarioError
-            If there is no such case.
+            If the case does not exist.
         """
         from ..figures import stored
 
@@ -134,13 +134,12 @@ class Results(folder.Results):
         Parameters
         ----------
         key : dotted key of the abscissa, such as ``gradiometer.noise_eotvos``; by default the first
-            one of the sweep. Further varied numbers make further panels, at
-            most three.
+            key of the sweep. Other varied numbers form at most three panels.
 
         Raises
         ------
         ResultsError
-            If no such number varies.
+            If this number does not vary.
         """
         from ..figures import stored
 

@@ -1,4 +1,4 @@
-"""Campaigns from Python: a scenario, cases that were changed, or a sweep over values."""
+"""Campaigns in Python: a scenario, changed cases, or a sweep over values."""
 
 from __future__ import annotations
 
@@ -49,31 +49,32 @@ def run(
 
     Parameters
     ----------
-    scenario : itself, its name, the path of its file, or cases, perhaps changed.
+    scenario : a scenario, its name, the path of its file, or cases, also changed ones.
     estimators : texts, or estimators whose classes are registered or come from a file; by default
-        the scenario's. One that cannot take the scenario is left out with a warning.
-    runs, seed : number of runs per case, and the seed; by default the scenario's.
-    cases : names of those to run; by default all.
+        those of the scenario. An estimator that refuses the scenario is left out with a warning.
+    runs, seed : number of runs per case, and the seed; by default those of the scenario.
+    cases : names of the cases to run; by default all.
     assumptions : also study the scenario's assumptions.
-    output : folder that keeps the results. What it holds already is not run again, and the same
-        call goes on where it was stopped. By default a temporary one, gone with the results object.
-    jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
-        in this process, without time limit.
-    cluster : address of a Dask scheduler to run on instead.
-    time_limit : longest time of one run of one estimator [s]; by default the scenario's.
-    fresh : discard what the folder holds.
-    retry_failed : run again the runs that failed, as for a licence server or a disk that was away.
-    progress : whether to show what is compiled and built, and how far the runs are, on the standard
-        error output; by default in a terminal and in a notebook. Or a function, which is called
-        with the numbers of results stored, and to be stored, by this call.
+    output : folder for the results. Stored runs are not repeated, and the same call resumes an
+        interrupted campaign. By default a temporary folder, which is removed with the results
+        object.
+    jobs : number of worker processes, by default one for each processor; 0: all runs in this
+        process, without time limit.
+    cluster : address of a Dask scheduler, for execution on a cluster.
+    time_limit : longest time of one run of one estimator [s]; by default that of the scenario.
+    fresh : discard the stored results of the folder.
+    retry_failed : repeat failed runs, for example after a full disk.
+    progress : whether to show compilation, map building and progress on standard error; by default
+        in a terminal and in a notebook. Or a function, which is called with the number of results
+        stored by this call, and with their total number.
 
     Raises
     ------
     GGBenchError
-        If something is named wrongly, a case cannot be flown, the folder cannot be used, or runs
-        gave no result at all. A run that fails is no error: ``failures()`` of the results has it.
+        If a name does not exist, a case cannot be flown, the folder is unusable, or runs have no
+        result at all. A failed run is no error: ``failures()`` of the results lists it.
     KeyboardInterrupt
-        If it is stopped; an ``output`` keeps what has finished.
+        If interrupted; ``output`` keeps the finished runs.
     """
     count = None if runs is None else whole("runs", runs, 1, MOST_RUNS)
     start = None if seed is None else whole("seed", seed, 0, MOST_SEED)
@@ -134,13 +135,13 @@ def sweep(
     runs: int,
     **options: Any,
 ) -> Results:
-    """Run a case with every combination of some values and return the results.
+    """Run a case with every combination of values and return the results.
 
     ``gg.sweep(case, {"gradiometer.noise_eotvos": [0.1, 1.0]}, "ekf", 20)``
 
     Parameters
     ----------
-    case : the case.
+    case : to change.
     values : dotted key to its values (:meth:`.CaseSpec.changed`).
     estimators, runs : as in :func:`run`.
     options : further arguments of :func:`run`.
@@ -171,9 +172,9 @@ def sweep(
 def scenario_of(
     source: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Return a whole scenario and, if only some of its cases are given, their names.
+    """Return a scenario, and the names of its cases if only some are given.
 
-    Raise ArgumentError if there is no case, ScenarioError if a file cannot be read.
+    Raise ArgumentError without any case, ScenarioError if a file cannot be read.
     """
     if isinstance(source, CaseSpec):
         return written.of_cases([source]), ()

@@ -1,4 +1,4 @@
-"""Progress of a campaign that was started from Python."""
+"""Progress display of a campaign started from Python."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..spec.scenario import Scenario
 
 @dataclass(frozen=True)
 class Shown:
-    """What is shown of a campaign: a display, nothing, or what a function makes of it."""
+    """Display of a campaign: a table, nothing, or a user's function."""
 
     display: Progress | None = None
     called: Callable[[int, int], object] | None = None
 
     def tell_first_use(self, compiled: Sequence[str], scenario: Scenario) -> None:
-        """Say what is compiled, by sentences, and built before the first run."""
+        """Print sentences on code and maps that must be created before the first run."""
         if self.display is None:
             return
         cases = (case for _, case in scenario.every_case())
@@ -30,7 +30,7 @@ class Shown:
             self.display.console.out(sentence)
 
     def tell(self, step: CampaignProgress) -> None:
-        """Show a step, but for its remarks, which are warnings."""
+        """Display a step; remarks are warnings."""
         if self.called is not None:
             self.called(step.done, step.total)
         if self.display is not None:
@@ -38,9 +38,9 @@ class Shown:
 
 
 def shown_progress(choice: bool | Callable[[int, int], object] | None, title: str) -> Shown:
-    """Return what is to be shown; without a wish it is shown where somebody looks.
+    """Return the display; by default it is visible in terminals and notebooks.
 
-    In a notebook it can be changed with ipywidgets alone; else lines are printed now and then.
+    In a notebook only ipywidgets can update it; without them lines are printed now and then.
     """
     if callable(choice):
         return Shown(called=choice)

@@ -1,7 +1,7 @@
 """Campaigns: the runs of a scenario, and the stored results that they can reuse.
 
-Results are stored as they arrive, under keys of their content
-(:mod:`ggbench.campaign.result_keys`); what a folder already holds is not run again.
+Each result is stored at once, under a key of its inputs (:mod:`ggbench.campaign.result_keys`).
+Stored runs are not repeated.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _NAMED_CASES = 3
 
 
 class CampaignError(GGBenchError):
-    """A campaign cannot be run as asked."""
+    """A campaign cannot be run with these arguments."""
 
 
 def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:
@@ -54,7 +54,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Raise an error of the user's as a CampaignError that names the case."""
+    """Raise a user error as a CampaignError that names the case."""
     try:
         yield
     except GGBenchError as error:
@@ -68,10 +68,10 @@ class Campaign:
 
     Parameters
     ----------
-    argument : the text by which the user named it.
+    argument : text by which the user named the scenario.
     labels : estimators as chosen, ``ukf[points=merwe]``.
     runs, seed : number of runs per case, and the seed from which all randomness comes.
-    plan : what is asked for, made of the above.
+    plan : the runs that follow from the above.
     cases : names of the cases to run; none: all.
     limit : longest time of one run of one estimator [s].
     fresh : discard what the folder holds of an earlier campaign.
@@ -114,10 +114,10 @@ class Campaign:
         )
 
     def open(self) -> tuple[Store, list[str]]:
-        """Return the results folder, made or found again, and remarks for the user.
+        """Return the results folder, new or existing, and remarks for the user.
 
-        Raise StoreError if the folder holds something else, or results of another scenario;
-        CampaignError if a case cannot be flown, or no estimator can take the scenario.
+        Raise StoreError if the folder contains other files, or results of another scenario. Raise
+        CampaignError if a case cannot be flown, or no estimator can process the scenario.
         """
         self._require_folder()
         left_out = self._leave_out()
@@ -155,7 +155,7 @@ class Campaign:
         return self._tasks(store.finished(self.limit, self.retry_failed))
 
     def missing(self, store: Store) -> int:
-        """Return how many of the results asked for are not there, not even as failures."""
+        """Return the number of requested results that are not stored, not even as failures."""
         return self._tasks(store.finished(-math.inf)).results
 
     def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
@@ -312,9 +312,9 @@ def planned(
     fresh: bool = False,
     retry_failed: bool = False,
 ) -> Campaign:
-    """Return the campaign that is asked for; what is not said is as the scenario has it.
+    """Return the requested campaign; the scenario supplies missing arguments.
 
-    Raise EstimatorError or ScenarioError if an estimator or a case is named wrongly.
+    Raise EstimatorError or ScenarioError if an estimator or a case does not exist.
     """
     settings = scenario.campaign
     texts = [*(estimators or settings.estimators)]

@@ -15,13 +15,12 @@ _KEPT = 4 * LONGEST_TEXT
 
 
 class CapturedOutput:
-    """The parent's end of the pipe to which a worker's standard output and error go.
+    """The parent's end of the pipe for a worker's standard output and error.
 
     Parameters
     ----------
     descriptor : of the pipe; it is closed with this object.
-    seam : bytes that the worker writes between runs, which separates the output of a run from
-        that of the next however late it is read.
+    seam : bytes that the worker writes between two runs, to separate their outputs.
     """
 
     def __init__(self, descriptor: int, seam: bytes) -> None:
@@ -33,11 +32,11 @@ class CapturedOutput:
 
     @property
     def readable(self) -> list[int]:
-        """The descriptor to wait for, as long as something may come."""
+        """Descriptor to wait for, until the pipe is at its end."""
         return [] if self._descriptor is None else [self._descriptor]
 
     def read(self) -> None:
-        """Read the output that has come, or much of it."""
+        """Read the available output, up to a limit."""
         for _ in range(_AT_ONCE):
             if self._descriptor is None:
                 return
@@ -50,7 +49,7 @@ class CapturedOutput:
             self._add(piece)
 
     def of_run(self) -> str:
-        """Return the output of the run that is over, or that its process ended in."""
+        """Return the output of the last run."""
         self.read()
         return self._over.popleft() if self._over else self._taken()
 

@@ -1,7 +1,7 @@
-"""Running tasks on a Dask cluster: the same tasks, the same results, other machines.
+"""Execution of tasks on a Dask cluster.
 
-Each thread of a Dask worker keeps a process of ours (:mod:`.campaign.worker`) and lets it run the
-tasks that come, so that time limits and deaths are dealt with there as on one's own machine.
+Each thread of a Dask worker has its own worker process (:mod:`.campaign.worker`), which runs the
+tasks. Time limits and dead processes are therefore handled as on a single machine.
 """
 
 from __future__ import annotations
@@ -49,10 +49,11 @@ def on_cluster(
     ``tell`` is called with the number of workers whenever it changes, and with a sentence if there
     are none for five seconds. Workers may come at any time.
 
-    A task whose Dask worker dies is given to another one by Dask; if its workers die again and
-    again (``distributed.scheduler.allowed-failures``), its runs are tried one by one, and that a
-    single one's do is its result. Raise ClusterError if Dask is not installed, the scheduler cannot
-    be reached or goes away, or a worker has another version or source than this process.
+    If a Dask worker dies, Dask gives its task to another worker. If workers die repeatedly
+    (``distributed.scheduler.allowed-failures``), the runs of the task are tried one by one. A run
+    whose workers still die is recorded as failed. Raise ClusterError if Dask is not installed, the
+    scheduler cannot be reached or ends, or a worker has another version or source than this
+    process.
     """
     try:
         from distributed import Client
@@ -186,9 +187,9 @@ def _without_logs() -> Iterator[None]:
 
 
 def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
-    """Run a task in this thread's own process, on a worker of the cluster.
+    """Run a task in the process of this thread, on a worker of the cluster.
 
-    ``stopped`` names the event that says that its result is no longer awaited.
+    ``stopped`` names the event that is set when the result is no longer needed.
 
     Raise ClusterError if no process can be started.
     """

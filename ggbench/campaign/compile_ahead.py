@@ -1,7 +1,7 @@
-"""Processes that compile estimators on a first use, while the first one examines the flights.
+"""Processes that compile estimators while the main process examines the flights, at first use.
 
-What one compiles is found in the cache by all others. They need no flight: compiled estimators have
-the same types on a small linear problem.
+They share their compiled code through the cache. They need no flight: a small linear problem has
+the same types.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _MOST_PROCESSES = 4
 def compiling_ahead(
     first: bool, jobs: int | None = None
 ) -> Iterator[Callable[[Sequence[str]], None]]:
-    """Return a context with a function that has registered estimators compiled by processes.
+    """Return a context with a function that makes processes compile registered estimators.
 
-    One process begins at once, with the measurement model. The function takes names with
-    parameters; those of files are passed over.
+    One process begins at once, with the measurement model. The function accepts names with
+    parameters and ignores files.
 
     Parameters
     ----------
-    first : whether nothing has been compiled before; else there are no processes.
+    first : whether the cache is empty; otherwise there are no processes.
     jobs : number of processes that the user allows; None: of all processors.
     """
     processes: list[subprocess.Popen[str]] = []
@@ -70,7 +70,7 @@ def _started() -> subprocess.Popen[str]:
 def compile_estimators(names: Iterable[str]) -> None:
     """Compile the measurement model, estimators and judgement by use on a small linear problem.
 
-    An estimator that takes no such problem is compiled when it flies.
+    An estimator that refuses this problem is compiled at its first run.
     """
     import numpy as np
 

@@ -35,9 +35,9 @@ def examined(
 ) -> Iterator[tuple[Check, str, str]]:
     """Yield each check with its verdict (passed, failed, refused) and a sentence.
 
-    In a process of its own, and in another one after a check that ends it or does not return. If
-    the first check fails, the others are not asked. Raise CheckError if the estimator cannot be
-    made.
+    The checks run in a separate process. After a check that ends the process or does not return, a
+    new process runs the rest. If the first check fails, the others are not run. Raise CheckError if
+    the estimator cannot be created.
     """
     waiting = list(checks)
     while waiting:

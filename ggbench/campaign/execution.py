@@ -1,6 +1,6 @@
 """Execution of tasks on this machine: in this process, or in single-threaded workers.
 
-Each engine yields results as they come, in whatever order; what a result is does not depend on it.
+Each engine yields results in the order of completion. The results do not depend on this order.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class ExecutionError(GGBenchError):
 def in_process(tasks: Iterable[Task]) -> Generator[list[Result]]:
     """Run tasks in this process, where a debugger reaches them; no time limit applies.
 
-    A failure after the code of another estimator's own file has run here may be that file's doing.
-    It is not final: another campaign in the same folder tries it again.
+    If a user's file has run in this process before, it may have caused a later failure of another
+    estimator. Such a failure is not final: the next campaign in the folder repeats the run.
     """
     guests: frozenset[str] = frozenset()
     for task in tasks:
@@ -51,11 +51,11 @@ def _not_final(result: Result) -> Result:
 def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[list[Result]]:
     """Run tasks in up to ``jobs`` worker processes.
 
-    A run whose process dies is tried once more, alone; if that process dies too, the death is its
-    result. A run of more than ``limit`` seconds is killed, and that is its result; several runs at
-    once that take as long are tried again one by one. Raise ExecutionError if processes die before
-    they are ready; GGBenchError if a worker finds that it would run something else than was
-    planned.
+    A run whose process dies is repeated once, alone. If that process dies too, the run is recorded
+    as failed. A run of more than ``limit`` seconds is killed and recorded as failed; a block of
+    runs that takes as long is repeated run by run. Raise ExecutionError if processes die before
+    they are ready. Raise GGBenchError if the versions or sources of a worker differ from those of
+    the campaign.
     """
     pool: list[WorkerSlot] = []
     source = iter(tasks)
@@ -73,9 +73,9 @@ def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[li
 def drive(
     tasks: Iterable[Task], pool: Sequence[WorkerSlot], stop: Callable[[], bool] = lambda: False
 ) -> Generator[list[Result]]:
-    """Let a pool run tasks to their end, after which all of it is idle again.
+    """Let a pool run all tasks, or until ``stop`` returns true; then the whole pool is idle.
 
-    Or until ``stop``, asked about once a second, says so. Tasks are taken as they are needed.
+    ``stop`` is called about once a second. Tasks are created on demand.
     """
     queue = _Queue(tasks)
     results: list[Result] = []
@@ -115,7 +115,7 @@ def drive(
 
 @dataclass(frozen=True)
 class Attempt:
-    """A task, and whether a process has died of it before."""
+    """A task, and whether a process has died in it before."""
 
     task: Task
     second: bool = False
@@ -155,7 +155,7 @@ def _group_by_missing(missing: Mapping[str, set[int]]) -> dict[tuple[str, ...], 
 
 
 class WorkerSlot:
-    """A worker with what it is at; what becomes of it when it dies or takes too long."""
+    """A worker with its current task, and the handling of its death or time limit."""
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
@@ -174,7 +174,7 @@ class WorkerSlot:
         self._left: dict[str, set[int]] = {}
 
     def begin(self, attempt: Attempt) -> None:
-        """Give the worker something to do."""
+        """Give the worker a task."""
         self.idle, self.attempt = False, attempt
         self.guests |= attempt.task.guests
         self._keys = dict(attempt.task.estimators)
@@ -182,7 +182,7 @@ class WorkerSlot:
         self.worker.give(attempt.task)
 
     def poll(self) -> tuple[list[Result], list[Attempt]]:
-        """Return the results that have come, and what must be tried again."""
+        """Return the available results, and the attempts to repeat."""
         results: list[Result] = []
         again: list[Attempt] = []
         try:
@@ -302,6 +302,6 @@ class WorkerSlot:
         return results
 
     def renew(self) -> None:
-        """End the process, and start another one in its place."""
+        """End the process, and start a new one in its place."""
         self.worker.kill()
         self._start()

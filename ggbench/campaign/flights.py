@@ -1,4 +1,4 @@
-"""Flights of a worker process, their bounds, and blocks of simulated runs, each made once."""
+"""Cached flights, bounds and blocks of simulated runs of a worker process."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LEAST_RUNS = 8
 
 
 def flight_of(case: CaseSpec) -> Flight:
-    """Return the flight of a case, made once in each process; of one with draws, of run 0."""
+    """Return the flight of a case, cached in each process; with draws that of run 0."""
     of_run = case.of_run(0)
     return _flight(of_run, input_versions(of_run))
 
@@ -44,7 +44,7 @@ def _flight(case: CaseSpec, versions: Versions) -> Flight:
 
 
 def first_problem(case: CaseSpec, seed: int) -> Problem:
-    """Return the problem of a case's first run, made once for all that ask what it is like."""
+    """Return the problem of a case's first run, cached."""
     return _first_problem(case, seed, input_versions(case))
 
 
@@ -57,7 +57,7 @@ _bounds: dict[tuple[CaseSpec, Versions], CaseBound] = {}
 
 
 def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
-    """Return the bounds of cases without draws, together; kept of the latest in each process."""
+    """Return the bounds of cases without draws; each process caches the latest ones."""
     keys = [(case, input_versions(case)) for case in cases]
     unknown = [key for key in dict.fromkeys(keys) if key not in _bounds]
     if unknown:
@@ -74,9 +74,10 @@ _flown: set[CaseSpec] = set()
 
 
 def fly_unseen(case: CaseSpec) -> None:
-    """Make the flight of a case, and keep it out of sight of those who list a process's objects.
+    """Create the flight of a case, hidden from the list of a process's objects.
 
-    For a worker: what is there by then, modules above all, is never collected as garbage.
+    For a worker: objects that exist by then, above all modules, are excluded from garbage
+    collection.
     """
     if case not in _flown:
         _flown.add(case)
@@ -87,14 +88,14 @@ def fly_unseen(case: CaseSpec) -> None:
 
 
 def forget_flights() -> None:
-    """Let go of the flights of this process: a library of scenarios has many, and large ones."""
+    """Drop the cached flights of this process: the flights of a library need much memory."""
     _flight.cache_clear()
     _first_problem.cache_clear()
     _bounds.clear()
 
 
 def runs_at_once(case: CaseSpec) -> int:
-    """Return how many runs of a case a block has; Φ, Q and P of all their epochs are its memory."""
+    """Return the number of runs of a case in a block, limited by the memory of Φ, Q and P."""
     size = BLOCK_RUNS
     with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
         flight = flight_of(case)
@@ -105,7 +106,7 @@ def runs_at_once(case: CaseSpec) -> int:
 
 
 def groups_of_runs(case: CaseSpec, runs: Sequence[int]) -> Iterator[Sequence[int]]:
-    """Yield groups of runs to be simulated together: they share their map, and fit a block."""
+    """Yield groups of runs to simulate together: they share a map and fit into a block."""
     size = runs_at_once(case)
     shared: dict[int, list[int]] = {}
     for run in runs:
@@ -116,7 +117,7 @@ def groups_of_runs(case: CaseSpec, runs: Sequence[int]) -> Iterator[Sequence[int
 
 
 class SimulatedRuns:
-    """Runs that were simulated together; their truth is out of reach while an estimator works.
+    """Runs that were simulated together; their truth is hidden while an estimator works.
 
     Attributes
     ----------
@@ -133,7 +134,7 @@ class SimulatedRuns:
         self._oracle_means: dict[str, np.ndarray] = {}
 
     def flights(self, part: slice) -> Iterator[tuple[slice, Flight, CaseBound]]:
-        """Yield the flights of a part of the runs: which runs, their flight and its bound."""
+        """Yield parts of the runs that share a flight, with the flight and its bound."""
         pieces = [slice(r, r + 1) for r in range(part.start, part.stop)]
         for some in pieces if self.case.drawn else [part]:
             case = self.case.of_run(self.runs[some.start])
@@ -141,10 +142,10 @@ class SimulatedRuns:
             yield some, flight_of(case), bound
 
     def oracle_means(self, name: str, error_state: np.ndarray) -> np.ndarray:
-        """Return the oracle's mean squared errors (R, W, 2), NaN where the model is wrong.
+        """Return the oracle's mean squared errors (R, W, 2), NaN if the model is wrong.
 
-        They are the same for all estimators that are compared with one bound, and are kept: no
-        estimator could learn the truth from them.
+        They are equal for all estimators that are compared with one bound, and cached. They do not
+        reveal the truth.
 
         Parameters
         ----------
@@ -175,7 +176,7 @@ class SimulatedRuns:
 
 
 def simulated(case: CaseSpec, seed: int, runs: Sequence[int]) -> SimulatedRuns:
-    """Simulate runs; their truth is put away before any estimator sees the problems."""
+    """Simulate runs; their truth is hidden before any estimator receives the problems."""
     if not case.drawn:
         block, truth = simulate_block(flight_of(case), seed, runs)
         return SimulatedRuns(case, runs, block, HiddenArray(truth.error_state))

@@ -1,8 +1,8 @@
 """Functions of other modules that a user's file replaces.
 
-A campaign's own process imports a user's file for its parameters, its causality and its ``skip``;
-it also computes bounds. So what a file replaces there is put back, and the file is refused. This
-finds accidents; it is no protection against a file that hides its changes.
+A campaign's own process imports a user's file for its parameters, its causality and its ``skip``,
+and also computes bounds. Therefore replaced functions are restored, and the file is refused. This
+detects accidents. It is no protection against a file that hides its changes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _GUARDED |= {"ggbench", "numba", "numpy", "pandas", "scipy"}
 
 @contextmanager
 def put_back(replaced: list[str]) -> Iterator[None]:
-    """Put back the functions and classes that are replaced within the context.
+    """Restore the functions and classes that are replaced within the context.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Separate process for the checks of ``ggbench check``.
 
-A user's file may print without end, end its process or never return. Answers go through a pipe.
+A user's file may print endlessly, end its process or never return. Results go through a pipe.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _LONGEST_LINE = 60
 
 
 def main(pipe: str, text: str, names: list[str]) -> None:
-    """Ask the checks of these names of the estimator that a text names; answer by the pipe."""
+    """Run the named checks on an estimator, and send the results through the pipe."""
     answers = Connection(int(pipe), readable=False)
     os.set_inheritable(int(pipe), False)
 

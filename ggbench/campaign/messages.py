@@ -1,7 +1,7 @@
 """Messages between a campaign and its workers, framed against arbitrary output.
 
-A message is its length, a checksum and its pickled bytes. Nothing is unpickled that was not sent as
-a message: bytes that something else wrote in between are seen, and are no message.
+A message is its length, a checksum and its pickled bytes. Bytes that anything else writes between
+messages are detected and never unpickled.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ _LARGEST = 1 << 32
 
 
 class GarbledError(Exception):
-    """What arrived is no message."""
+    """The received bytes are no message."""
 
 
 def packed(message: object) -> bytes:
-    """Return a message as it is sent."""
+    """Return the bytes of a message."""
     content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
     return _HEADER.pack(_MARK, zlib.crc32(content), len(content)) + content
 
 
 class Inbox:
-    """Puts messages together again from the pieces in which they arrive."""
+    """Reassembles messages from received pieces."""
 
     def __init__(self) -> None:
         self._held = bytearray()
@@ -36,7 +36,7 @@ class Inbox:
     def take(self, piece: bytes) -> Iterator[Any]:
         """Yield the messages that a piece completes.
 
-        Raise GarbledError if something else than messages has arrived.
+        Raise GarbledError if the bytes are no message.
         """
         self._held += piece
         while len(self._held) >= _HEADER.size:

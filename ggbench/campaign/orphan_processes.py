@@ -1,6 +1,7 @@
 """Killing of processes that an estimator starts and leaves running.
 
-A process that leaves its group is found by a mark in its initial environment, or by its parents.
+Processes that leave their group are identified by a mark in their initial environment, or by their
+parents.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def kill_marked(marks: Collection[str]) -> None:
 def kill_descendants() -> int:
     """Kill the running descendants of this process; return their number.
 
-    The helpers that multiprocessing starts once and keeps are left alone.
+    The permanent helper processes of multiprocessing are not killed.
     """
     try:  # which takes no time if there is no child, running or not yet waited for
         os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)

@@ -1,8 +1,8 @@
 """Plan of a campaign: its runs, their keys and their tasks.
 
-A task is runs of one case, simulated once and given to every estimator, so that differences
-between estimators are paired. Estimators that take many runs at once have tasks of their own; what
-they are given is the same.
+A task consists of runs of one case. They are simulated once and given to every estimator, so that
+differences between estimators are paired. Estimators that process many runs at once have separate
+tasks with equal runs.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ TASK_RUNS = 128
 
 @dataclass(frozen=True)
 class Plan:
-    """The runs that belong together, and their keys.
+    """The runs of a campaign, and their keys.
 
     Attributes
     ----------
-    scenario : with the cases that are run, and with assumptions only if they are studied.
-    estimators : label to content (:attr:`.Choice.content`) of the cases' runs.
-    studied : the same of the assumptions' runs.
+    scenario : with the selected cases, and with assumptions only if they are studied.
+    estimators : label to content (:attr:`.Choice.content`), for the runs of the cases.
+    studied : the same for the runs of the assumptions.
     runs, seed : number of runs per case, and the seed.
-    left_out : reasons by label and case, of the cases that an estimator cannot take.
+    left_out : reasons why an estimator cannot process a case, by label and case.
     """
 
     scenario: Scenario
@@ -63,13 +63,13 @@ class Plan:
         )
 
     def joined(self, old: Mapping[str, Any], whole: Scenario, finished: Set[str]) -> Plan:
-        """Return this plan, joined with the runs of the same content in a folder.
+        """Return this plan, joined with the stored runs of equal content.
 
         Parameters
         ----------
         old : the folder's manifest.
         whole : the scenario with all of its cases.
-        finished : keys under which there are results.
+        finished : keys with results.
         """
         now = result_keys.environment() | {"seed": self.seed}
         if any(old[name] != value for name, value in now.items()):
@@ -107,7 +107,7 @@ class Plan:
 
 
 class PendingCell(NamedTuple):
-    """A case with its estimators, and which runs (estimators, runs) each of them misses."""
+    """A case with its estimators, and a mask (estimators, runs) of their missing runs."""
 
     assumption: str
     case: CaseSpec
@@ -118,11 +118,11 @@ class PendingCell(NamedTuple):
 class Tasks:
     """Remaining tasks of a campaign, made on demand.
 
-    A range of runs of all cases comes before the next one, and estimators that do not take many
-    runs at once go through it run by run: an interrupted campaign has runs of all cases. Where each
-    run has a flight of its own, all estimators go through a range at once: it is made only once.
-    Users' own files have tasks of their own, after those of the installed estimators, so that what
-    their code changes in a process reaches no other estimator.
+    A range of runs is executed in all cases before the next range, so that an interrupted campaign
+    has runs of all cases. Estimators without blocks process the range run by run. If each run has
+    its own flight, all estimators process a range together, so that its flights are created once.
+    Users' files have separate tasks, after those of the installed estimators, so that their changes
+    of a process affect no other estimator.
     """
 
     def __init__(self, cells: Sequence[PendingCell], seed: int) -> None:

@@ -44,7 +44,7 @@ BORDER = 0.1
 
 @dataclass(frozen=True)
 class TimedEstimates:
-    """The estimates of R runs by one estimator, with what it took to make them.
+    """Estimates of R runs by one estimator, with their times.
 
     Attributes
     ----------
@@ -53,9 +53,10 @@ class TimedEstimates:
     nis : (R, K) or None; then it is computed from mean and covariance.
     causality, lag : as :class:`ggbench.problem.Estimate` has them.
     info : each run's remarks.
-    evaluations : each run's points at which it evaluated the map.
+    evaluations : number of map evaluations of each run.
     seconds : time of a run, of several at once their mean.
-    fixes : of a single run by a matcher, as :func:`.judging.fix_metrics.checked` returns them.
+    fixes : fixes of a matcher in a single run, as :func:`.judging.fix_metrics.checked` returns
+        them.
     """
 
     mean: np.ndarray
@@ -78,9 +79,9 @@ class TimedEstimates:
 
 
 def peak_memory_mb() -> float:
-    """Return the most memory [MiB] that this process has had in use.
+    """Return the peak memory [MiB] of this process.
 
-    On Linux it is read from proc(5): getrusage(2) counts the memory of the parent, too.
+    On Linux it is read from proc(5), because getrusage(2) includes the memory of the parent.
     """
     if platform.system() == "Linux" and (own := _PEAK.search(_STATUS.read_text())):
         return int(own[1]) / 2.0**10
@@ -90,7 +91,7 @@ def peak_memory_mb() -> float:
 
 
 def new_record(choice: Choice, run: int, seed: int) -> dict[str, Any]:
-    """Return what a record says of its run before it is known how it went."""
+    """Return the record of a run before its result is known."""
     return BLANK | {
         "name": choice.estimator.name,
         "parameters": choice.spec.listed,
@@ -111,11 +112,11 @@ def evaluate_runs(
     oracle: Callable[[str], np.ndarray],
     problem_of: Callable[[int], Problem],
 ) -> list[Result]:
-    """Return the results of runs that were estimated; one that is no estimate has failed.
+    """Return the results of estimated runs; a run with an invalid estimate has failed.
 
     Parameters
     ----------
-    blanks : what each run's record says already (:func:`new_record`).
+    blanks : incomplete record of each run (:func:`new_record`).
     key : of the results.
     flight : the case.
     error_state : (R, K, n) the truth of the runs.
@@ -208,7 +209,7 @@ def _detail(
 
 
 def outside_map(flight: Flight, errors: np.ndarray) -> np.ndarray:
-    """Return which estimates (R,) leave the estimators' map, from their errors (R, K, 6), ENU."""
+    """Return the mask (R,) of estimates outside the estimators' map, from errors (R, K, 6), ENU."""
     believed = flight.trajectory.positions[flight.epochs] + errors[:, :, [1, 0, 2]] / flight.metres
     return np.asarray(~flight.model_field.covers(believed, BORDER).all(axis=1))
 
@@ -230,11 +231,10 @@ def _bound_of(case: CaseSpec, causality: Causality, lag: float | None) -> str:
 
 
 def remarks(info: Any) -> dict[str, Any]:
-    """Return an estimate's remarks as a stored record can hold them.
+    """Return an estimate's remarks in a form that a record can store.
 
-    Halves of characters (lone surrogates, as in names of files of other bytes) become ``?``: they
-    are no reason to lose a run. Raise ValueError if they are too long to be stored with every run,
-    or could not be read again: nested beyond all measure, numbers of thousands of digits.
+    Lone surrogates (from file names that are not UTF-8) become ``?``. Raise ValueError if remarks
+    are too long, nested too deeply, or contain numbers of thousands of digits.
     """
     text = json.dumps(dict(info), default=float, ensure_ascii=False)
     text = text.encode(errors="replace").decode()
@@ -248,7 +248,7 @@ def remarks(info: Any) -> dict[str, Any]:
 
 
 def lag_epochs(case: CaseSpec, lag: float) -> int:
-    """Return how many epochs after each one a fixed lag [s] sees."""
+    """Return the number of later epochs within a fixed lag [s], for each epoch."""
     return math.floor(lag / case.tick_s + 1e-9)
 
 

@@ -1,8 +1,8 @@
-"""Finding estimators: entry points of the group ``ggbench.estimators``, or a file of one's own.
+"""Registry of estimators: entry points of the group ``ggbench.estimators``, and users' files.
 
-An estimator is chosen by a text ``NAME`` or ``NAME[parameter=value,...]``. NAME is a registered
-name, the path of a Python file that defines one :class:`~ggbench.problem.Estimator`, the path of a
-file of estimates, or ``exec:`` and the path of a program.
+A text ``NAME`` or ``NAME[parameter=value,...]`` names an estimator. NAME is a registered name, the
+path of a Python file that defines one :class:`~ggbench.problem.Estimator`, the path of a file of
+estimates, or ``exec:`` and the path of a program.
 """
 
 from __future__ import annotations
@@ -48,28 +48,28 @@ class EstimatorError(GGBenchError):
 
 @dataclass(frozen=True)
 class Choice:
-    """An estimator as chosen; ``spec`` has its name and what differs from the defaults."""
+    """A chosen estimator; ``spec`` has its name and parameters other than the defaults."""
 
     spec: EstimatorSpec
     estimator: Estimator
 
     @property
     def label(self) -> str:
-        """The text by which results name it, ``ukf[points=merwe]``."""
+        """Text of the estimator in results, ``ukf[points=merwe]``."""
         return str(self.spec)
 
     @property
     def family(self) -> Family:
-        """The family of its class; "own" unless the class is shipped, whatever it derives from."""
+        """Family of the class; "own" unless the class is shipped."""
         cls = type(self.estimator)
         return cls.family if cls.__module__.startswith(_SHIPPED) else "own"
 
     @property
     def content(self) -> dict[str, Any]:
-        """Return all that its results depend on: class, all parameters, a hash of its source file.
+        """Return all inputs of its results: class, all parameters, and a hash of its source file.
 
-        An estimator of another package has the versions of that. If its file uses names that only
-        help to find truth, these names (:func:`.suspicious_names`).
+        For an estimator of another package the versions of that package are included. If the file
+        uses names that lead to the truth, these names are included too (:func:`.suspicious_names`).
         """
         cls = type(self.estimator)
         source, seeks = source_of(cls)
@@ -95,7 +95,7 @@ def registered() -> dict[str, type[Estimator]]:
 def estimator_points() -> dict[str, importlib.metadata.EntryPoint]:
     """Return the entry points of the registered estimators by name, in order.
 
-    Kept: to read them from the files of every installed package takes 50 ms.
+    They are cached, because reading them from all installed packages takes 50 ms.
     """
     points = importlib.metadata.entry_points(group=GROUP)
     return {point.name: point for point in sorted(points, key=lambda p: p.name)}
@@ -119,10 +119,10 @@ def _load(point: importlib.metadata.EntryPoint) -> type[Estimator]:
 
 
 def choose(text: str) -> Choice:
-    """Return the estimator that a text names.
+    """Return the estimator of a text.
 
-    Raise EstimatorError if the text, the name, the file or a parameter is wrong; the message says
-    what is allowed.
+    Raise EstimatorError if the text, the name, the file or a parameter is invalid; the message
+    states the allowed values.
     """
     try:
         text.encode()
@@ -192,7 +192,7 @@ def _made(cls: type[Estimator], requested: EstimatorSpec) -> tuple[EstimatorSpec
 
 
 def spec_of(estimator: Estimator) -> EstimatorSpec:
-    """Return the spec that names an estimator, ``ukf[points=merwe]``.
+    """Return the spec of an estimator, ``ukf[points=merwe]``.
 
     Raise EstimatorError if its class is neither registered nor from a file that :func:`choose` has
     read, the file has changed since, or a parameter cannot be written.
@@ -223,10 +223,10 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
 
 
 def choose_all(texts: Iterable[str]) -> list[Choice]:
-    """Return the estimators that texts name, each content once, under its first label.
+    """Return the estimators of several texts; equal ones once, under the first label.
 
-    ``@NAME`` means the estimators of a roster. Raise EstimatorError as :func:`choose`, or if there
-    is no such roster.
+    ``@NAME`` means the estimators of a roster. Raise EstimatorError as :func:`choose`, or if a
+    roster does not exist.
     """
     chosen: list[Choice] = []
     for choice in map(choose, listed(texts)):
@@ -236,7 +236,7 @@ def choose_all(texts: Iterable[str]) -> list[Choice]:
 
 
 def listed(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return texts with rosters ``@NAME`` expanded; raise EstimatorError if there is no such."""
+    """Return texts with rosters ``@NAME`` expanded; raise EstimatorError for an unknown roster."""
     try:
         return expanded(texts)
     except ValueError as error:
@@ -244,9 +244,9 @@ def listed(texts: Iterable[str]) -> tuple[str, ...]:
 
 
 def is_own(text: str) -> bool:
-    """Return whether a text names a file or a program, not an installed estimator.
+    """Return whether a text names a file or a program instead of an installed estimator.
 
-    Raise EstimatorError if it is no text ``NAME`` or ``NAME[parameter=value,...]``.
+    Raise EstimatorError if the text is not of the form ``NAME`` or ``NAME[parameter=value,...]``.
     """
     name = _parsed(text).name
     return name.endswith(".py") or name.startswith(PROGRAM) or _holds_estimates(name)
@@ -254,7 +254,7 @@ def is_own(text: str) -> bool:
 
 @cache  # asked of every label in every case
 def own_file(label: str) -> str:
-    """Return the path of the user's own module that a label names, "" if it names another kind."""
+    """Return the path of the user's module that a label names, or "" for other labels."""
     name = _parsed(label).name
     return name if name.endswith(".py") else ""
 
@@ -297,11 +297,10 @@ def _require_interface(cls: type[Estimator], name: str) -> None:
 
 @cache
 def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
-    """Return a hash of the file that defines a class, as it was when it was loaded, and its seeks.
+    """Return the hash of the loaded file of a class, and its names that lead to the truth.
 
-    With it go the modules of the same package from which it imports, as robust losses are, and the
-    adapters that it uses. Of installed modules only the code counts: their docstrings and comments
-    do not change a result.
+    The hash includes the modules of the same package that it imports, for example robust losses,
+    and its adapters. For installed modules only the code counts, not docstrings and comments.
     """
     module = sys.modules[cls.__module__]
     if "path" in vars(cls):  # of a program, or a file of estimates
@@ -345,7 +344,7 @@ def _libraries_of(cls: type[Estimator]) -> dict[str, str]:
 def code_of(source: bytes) -> bytes:
     """Return the syntax tree of a module as text, without docstrings, comments and layout.
 
-    Return the source itself where it is no Python.
+    Return the source itself if it is no Python.
     """
     try:
         tree = ast.parse(source)

@@ -1,8 +1,8 @@
 """Content-based keys of stored runs, and the files that runs depend on.
 
-A run's key is a hash of everything that its result depends on (the content of its case and map,
-the estimator with its parameters and source, the seed, the versions of results and libraries) and
-never of a name, a place or an order. Its number completes it.
+The key of a run is a hash of all inputs of its result: content of case and map, estimator with
+parameters and source, seed, and versions of results and libraries. Names, paths and order do not
+count. The number of the run completes the key.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 
 @cache
 def environment() -> dict[str, Any]:
-    """Return the versions that a result depends on: of the package, its results, libraries."""
+    """Return the versions that a result depends on: package, results, libraries."""
     return {
         "ggbench": VERSION,
         "results_version": RESULTS_VERSION,
@@ -45,7 +45,7 @@ def environment() -> dict[str, Any]:
 
 
 def problem_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of the simulated problem, without the versions that simulate it.
+    """Return the key of the simulated problem, without the versions of the simulation.
 
     Raise MapError if the case's map file cannot be read.
     """
@@ -75,12 +75,12 @@ def _placeless(gradiometer: Any) -> Any:
 
 
 def case_key(case: CaseSpec, seed: int) -> str:
-    """Return the key that all runs of a case share, without the estimator."""
+    """Return the key of a case, common to all runs, without the estimator."""
     return _hash([environment(), problem_key(case, seed)])
 
 
 def run_key(case: CaseSpec, estimator: Mapping[str, Any], seed: int) -> str:
-    """Return the key of the runs of an estimator on a case; a run's number completes it.
+    """Return the key of the runs of an estimator on a case; the number of a run completes it.
 
     ``estimator`` is its content (:attr:`ggbench.campaign.registry.Choice.content`).
     """
@@ -92,9 +92,9 @@ def _hash(content: Any) -> str:
 
 
 def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
-    """Return the role, the name and the SHA-256 of each file that cases are made of, once.
+    """Return role, name and SHA-256 of each input file of cases, once.
 
-    Names are without folders: what counts is the content. Raise MapError, TrajectoryError or
+    Names are without folders, because only the content counts. Raise MapError, TrajectoryError or
     ColouredNoiseError if one cannot be read.
     """
     files: dict[tuple[str, str, str], None] = {}

@@ -1,7 +1,7 @@
-"""Runs: simulate them, give them to every estimator, judge the estimates.
+"""Execution of runs: simulation, estimation by every estimator, evaluation.
 
-This is what a worker process does; nothing here writes anything. Estimators that take many runs at
-once get them in blocks that fit into the processor's cache, the others in blocks of one run.
+A worker process runs this module, which writes no files. Estimators that process many runs at once
+receive blocks that fit into the processor's cache. The others receive single runs.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ EstimatorKeys = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Runs of one case with the estimators that still miss them, all of them each.
+    """Runs of one case, and the estimators for which all of them are missing.
 
     Attributes
     ----------
@@ -67,13 +67,13 @@ class Task:
 
     @property
     def guests(self) -> frozenset[str]:
-        """The users' own files among the estimators, whose code may change the process."""
+        """Users' files among the estimators, whose code may change the process."""
         return frozenset(filter(None, (own_file(label) for label, _ in self.estimators)))
 
 
 @dataclass(frozen=True)
 class Started:
-    """Says that an estimator begins with runs."""
+    """Message: an estimator begins with runs."""
 
     label: str
     runs: Sequence[int]
@@ -81,21 +81,21 @@ class Started:
 
 @lru_cache(maxsize=1024)
 def chosen(label: str) -> Choice:
-    """Return the estimator of a label, chosen once in each process."""
+    """Return the estimator of a label, cached in each process."""
     return choose(label)
 
 
 @lru_cache(maxsize=4096)
 def key_of(case: CaseSpec, label: str, seed: int, versions: Versions) -> str:
-    """Return the key of an estimator's results on a case, made once in each process.
+    """Return the key of an estimator's results on a case, cached in each process.
 
-    ``versions`` are those of the files that the case is made of.
+    ``versions`` are those of the input files of the case.
     """
     return result_keys.run_key(case, chosen(label).content, seed)
 
 
 def estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
-    """Return the estimator's own generator: reproducible, and no key to the simulation's."""
+    """Return the generator of an estimator: reproducible, and independent of the simulation's."""
     content = choice.content
     # The assumed noise does not enter: estimators that differ in it alone draw the same numbers.
     own = {key: value for key, value in content["parameters"].items() if key != "noise_scale"}
@@ -112,11 +112,11 @@ The time of a first run holds compilation and imports: summaries leave it out.
 
 
 def run_task(task: Task) -> Iterator[Started | list[Result]]:
-    """Simulate runs and judge every estimator on them; a failure is a record.
+    """Simulate runs and evaluate every estimator on them; a failure is a record.
 
-    Yield for each estimator ``Started``, then the results of these runs; or, if they cannot be run
-    together, ``Started`` again for each of them. Raise OtherSourceError if a version, an
-    estimator's source or a map file is not what the task's keys were made with.
+    Yield for each estimator ``Started``, then the results of these runs; if they cannot be run
+    together, ``Started`` before each run. Raise OtherSourceError if a version, an estimator's
+    source or a map file differs from that of the task's keys.
     """
     versions = input_versions(task.case)
     for label, key in task.estimators:
@@ -130,7 +130,7 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
 
 
 def by_block_size(pairs: EstimatorKeys) -> tuple[EstimatorKeys, EstimatorKeys]:
-    """Return those of the estimators that take many runs at once, and those that take one."""
+    """Return the estimators that process many runs at once, and those that process one."""
     # Read again, not as this process chose it once: a file may change between campaigns.
     together = tuple(p for p in pairs if isinstance(choose(p[0]).estimator, BlockEstimator))
     return together, tuple(pair for pair in pairs if pair not in together)
@@ -230,7 +230,7 @@ def failure(
     trace: str = "",
     retry_above: float | None = None,
 ) -> Result:
-    """Return the result of a run that has none, with the reason."""
+    """Return the result of a failed run, with the reason."""
     record = new_record(chosen(label), run, task.seed) | {"reason": reason}
     if trace:
         record["traceback"] = trace
@@ -243,10 +243,10 @@ def timed_estimates(
     choice: Choice,
     rngs: Sequence[np.random.Generator],
 ) -> TimedEstimates:
-    """Let an estimator estimate a block, or one ``run`` of it, and see that it keeps its word.
+    """Run an estimator on a block, or on one ``run`` of it, and validate its estimates.
 
-    Raise TypeError or ValueError if it is no estimate, is of another causality than its estimator
-    declares, has a wrong shape, complex numbers, or remarks that cannot be stored.
+    Raise TypeError or ValueError if the result is no estimate, has another causality than the
+    estimator declares, a wrong shape, complex numbers, or remarks that cannot be stored.
     """
     # A new instance each time: what one run leaves in it cannot reach the next.
     estimator = dataclasses.replace(choice.estimator)

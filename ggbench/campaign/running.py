@@ -1,4 +1,4 @@
-"""Execution of a campaign's missing runs, and the tables of its folder."""
+"""Execution of the missing runs of a campaign, and the tables of its folder."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .plan import Tasks
 
 @dataclass(frozen=True)
 class CampaignProgress:
-    """How far a campaign has come.
+    """Progress of a campaign.
 
     Attributes
     ----------
-    campaign, store : what is run, and the open folder with what is stored of it.
-    remarks : what its user should know: unusual values, estimators left out, unused results.
-    total, done : number of results that were missing when it began, and of those since stored.
-    new : those stored since the last step.
+    campaign, store : the campaign and its open folder.
+    remarks : remarks for the user: unusual values, estimators left out, unused results.
+    total, done : number of missing results at the start, and of those stored since.
+    new : results stored since the last step.
     workers : number of workers of the cluster; None on this machine.
-    waiting : for what it waits, a sentence or "".
+    waiting : reason for waiting, a sentence or "".
     """
 
     campaign: Campaign
@@ -48,7 +48,7 @@ class InterruptedCampaign(KeyboardInterrupt):
 
 
 class MissingRunsError(CampaignError):
-    """Runs gave no result; ``results`` has the others."""
+    """Some runs have no result; ``results`` has the others."""
 
     def __init__(self, missing: int, results: Results) -> None:
         runs = "1 run" if missing == 1 else f"{missing} runs"
@@ -62,9 +62,9 @@ def fly(
     cluster: str | None = None,
     progress: Callable[[CampaignProgress], None] = lambda step: None,
 ) -> Results:
-    """Run the runs that a campaign's folder lacks, write its tables and return its results.
+    """Execute the missing runs of a campaign, write its tables and return its results.
 
-    The folder is closed then: another process may continue in it.
+    The folder is closed afterwards, so that another process can continue in it.
 
     Parameters
     ----------
@@ -72,18 +72,18 @@ def fly(
     jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
         in this process, without time limit.
     cluster : address of the Dask scheduler to run on instead.
-    progress : is called at every step, first when the folder is open.
+    progress : called at every step, first when the folder is open.
 
     Raises
     ------
     StoreError, CampaignError
         As :meth:`Campaign.open`.
     ExecutionError
-        If the runs cannot be run at all.
+        If no run can be executed.
     InterruptedCampaign
-        If Ctrl-C ended it while runs were running.
+        If Ctrl-C interrupted it.
     MissingRunsError
-        If runs gave no result, not even a failure.
+        If runs have no result, not even a failure.
     """
     store, remarks = work.open()
     try:
@@ -154,9 +154,9 @@ def _engine(
 def execute(
     results: Generator[list[Result]], store: Store, progress: Callable[[list[Result]], None]
 ) -> None:
-    """Store the results of an engine as they come, and tell ``progress`` of them.
+    """Store the results of an engine as they come, and report them to ``progress``.
 
-    However it ends, the engine is closed: nothing runs on.
+    The engine is closed in all cases, so no process remains.
     """
     with contextlib.closing(results):
         for batch in results:

@@ -1,4 +1,4 @@
-"""Texts of exceptions and output of estimators, fit for records and terminals."""
+"""Printable texts of exceptions and estimators' output, for records and terminals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONGEST_TEXT = 4000
 
 
 def exception_text(error: BaseException) -> str:
-    """Return the class and text of an exception, printable and cut."""
+    """Return the class and text of an exception, printable and shortened."""
     try:
         text = str(error)
     except Exception:
@@ -27,9 +27,9 @@ def exception_text(error: BaseException) -> str:
 
 
 def refusal(estimator: Estimator, problem: Problem) -> str:
-    """Return the reason why an estimator cannot take a problem, as one short line, or "".
+    """Return the reason why an estimator cannot process a problem, as one short line, or "".
 
-    An exception of its ``skip`` is a reason; so is a replaced function of another module.
+    An exception in ``skip`` is a reason, and so is a replaced function of another module.
     """
     replaced: list[str] = []
     own = type(estimator).__module__.startswith(OWN_MODULE)
@@ -52,7 +52,7 @@ def traceback_text() -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text cut, with control characters and lone surrogates spelt out."""
+    """Return a shortened text with control characters and lone surrogates as escapes."""
     characters = (
         c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:LONGEST_TEXT]
     )

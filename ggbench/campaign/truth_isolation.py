@@ -1,8 +1,8 @@
 """Isolation of the truth from estimators, and detection of names that lead to it.
 
-This guards against mistakes: what an estimator finds by accident, or by looking through the objects
-of its process. It is no prison: code that runs in a process can read all of its memory. So an
-estimator whose source looks where only truth is to be found is named with its results.
+This protects against mistakes: an estimator that finds the truth by accident, or among the objects
+of its process. It is no protection against intent, because code can read all memory of its process.
+Therefore results name estimators whose source uses functions that lead to the truth.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _NAMES = {
 
 
 class HiddenArray:
-    """An array that is no object of this process until it is looked at.
+    """An array that is no object of this process until it is accessed.
 
-    What is put away is filled with NaN: memory is used again.
+    The original is filled with NaN, because its memory is used again.
     """
 
     def __init__(self, array: np.ndarray) -> None:
@@ -42,15 +42,15 @@ class HiddenArray:
 
     @contextlib.contextmanager
     def looked_at(self) -> Iterator[np.ndarray]:
-        """Give the array (runs, ...), as long as no estimator runs."""
+        """Return the array (runs, ...) as long as no estimator runs."""
         count = int(np.prod(self._shape))
         yield np.frombuffer(self._memory, dtype=float, count=count).reshape(self._shape)
 
 
 def suspicious_names(source: bytes) -> list[str]:
-    """Return what a file uses that looks through the process that runs it, or simulates runs.
+    """Return the names in a file that inspect its process or simulate runs.
 
-    ``import gc``, ``import inspect``, frames of the stack, the package's own simulation; sorted.
+    ``import gc``, ``import inspect``, stack frames, and the simulation of this package; sorted.
     """
     suspicious: set[str] = set()
     for node in ast.walk(ast.parse(source)):

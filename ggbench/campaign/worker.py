@@ -1,8 +1,8 @@
 """Worker process that isolates estimators from the campaign.
 
-The parent gives a :class:`Worker` one task at a time and receives, as they come, who has started
-and what has finished. A worker that dies or must be killed takes only the runs in flight with it,
-and all that an estimator has started ends with it. It ends by itself when its parent is gone.
+The parent gives a :class:`Worker` one task at a time and receives messages of started estimators
+and finished runs. The death of a worker affects only its current runs. All processes that an
+estimator has started end with the worker. A worker ends when its parent ends.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ living_workers: set[Worker] = set()
 
 
 class Ready:
-    """Says that the worker can be given a task."""
+    """Message: the worker is ready for a task."""
 
 
 class WorkerDiedError(Exception):
-    """The process has ended, or is of no more use; the text says how."""
+    """The process has ended or is unusable; the text states how."""
 
 
 class Worker:
-    """The parent's side of a worker process, which starts with it."""
+    """The parent's side of a worker process; creating it starts the process."""
 
     def __init__(self) -> None:
         self._socket, theirs = socket.socketpair()
@@ -81,19 +81,19 @@ class Worker:
 
     @property
     def readable(self) -> list[int]:
-        """What becomes readable when there is something to receive, or to read that was printed."""
+        """Objects to wait for: messages and printed output."""
         return [self._socket.fileno(), *self.output.readable]
 
     def give(self, task: Any) -> None:
-        """Give the worker a task. ``receive`` says if it has died meanwhile."""
+        """Give the worker a task; :meth:`receive` reports a death."""
         with contextlib.suppress(OSError):
             self._socket.sendall(packed(task))
 
     def receive(self) -> Iterator[Any]:
-        """Yield the messages that have come: what ``run_task`` yields, ``Ready``, or an error.
+        """Yield the received messages: the output of ``run_task``, ``Ready``, or an error.
 
-        The error is one of the user's (:class:`GGBenchError`). Raise WorkerDiedError if the process
-        has ended and nothing is left to receive, or has sent what is no message.
+        The error is a user error (:class:`GGBenchError`). Raise WorkerDiedError if the process has
+        ended and no message is left, or if it has sent invalid bytes.
         """
         # Asked first. The pipe alone does not say so: a process that it started may still hold it.
         ended = self._process.poll() is not None
@@ -113,7 +113,7 @@ class Worker:
             raise WorkerDiedError(self._how_it_ended()) from None
 
     def kill(self) -> None:
-        """End the process at once, and what it has started."""
+        """End the process and all processes that it has started."""
         kill([self])
 
     def _how_it_ended(self) -> str:
@@ -133,7 +133,7 @@ class Worker:
 
 
 def kill(workers: Collection[Worker]) -> None:
-    """End worker processes at once, and what they have started."""
+    """End worker processes and all processes that they have started."""
     _end(workers)
     for worker in workers:
         worker._let_go()
@@ -147,9 +147,9 @@ def _end(workers: Collection[Worker]) -> None:
 
 
 def kill_surely(workers: Collection[Worker]) -> None:
-    """End worker processes, whatever interrupts that: it is begun again, and the interrupt kept.
+    """End worker processes even if interrupted.
 
-    Raise KeyboardInterrupt when nothing is left alive, if there was one.
+    Raise KeyboardInterrupt when all have ended, if there was an interrupt.
     """
     interrupt: KeyboardInterrupt | None = None
     while True:
@@ -163,15 +163,15 @@ def kill_surely(workers: Collection[Worker]) -> None:
 
 
 def kill_all() -> None:
-    """End all worker processes of this process: nothing else is done before it ends itself."""
+    """End all worker processes of this process, just before it ends itself."""
     _end(list(living_workers))
 
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back; processes started meanwhile never receive it.
+    """Defer Ctrl-C within the context; processes started meanwhile never receive it.
 
-    The parent decides what an interrupt means.
+    The parent handles an interrupt.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -204,7 +204,7 @@ def _die_before_the_parent() -> None:
 
 
 def main(descriptor: int, parent: int) -> None:
-    """Run the tasks that arrive, until there will be no more."""
+    """Run the received tasks until the parent closes the pipe."""
     mark = os.environ[orphan_processes.MARK]
     _end_with_parent(parent, mark)
     orphan_processes.adopt_orphans()

@@ -1,4 +1,4 @@
-"""A flight for ``ggbench new`` that follows the ground within a draped map."""
+"""Flights for ``ggbench new`` that follow the ground within a draped map."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _STEP_S = 0.1
 
 
 class NewFileError(GGBenchError):
-    """A file cannot be begun under a name."""
+    """A new file cannot be created."""
 
 
 def quoted(path: Path) -> str:
-    """Return a path as a text of TOML, which JSON's is, too."""
+    """Return a path as a string of TOML, which has the syntax of JSON."""
     return json.dumps(path.as_posix(), ensure_ascii=False)
 
 
@@ -41,25 +41,25 @@ def draped_flight(
     clearance: float,
     at_most: Callable[[float, float, str], float],
 ) -> str:
-    """Return the table of a straight flight in the middle of a draped map that follows its ground.
+    """Return the table of a straight flight that follows the ground in the middle of a draped map.
 
-    Of eight headings, the first on which the flight is inside the map by three deviations of a
-    barometer's error.
+    The heading is the first of eight on which the flight stays inside the map by three standard
+    deviations of a barometer.
 
     Parameters
     ----------
     nodes, attributes : of the map.
     own_map, terrain : files.
     clearance : least height above the terrain [m].
-    at_most : the speed [m/s] of the fastest that the flight allows, of the usual one, and of the
-        words for what allows no more.
+    at_most : returns the speed [m/s], given the largest possible speed, the usual speed, and the
+        reason for the limit in words.
 
     Raises
     ------
     NewFileError
-        If no heading is; the message says which layers such flights need.
+        If no heading is suitable; the message states the required layers.
     TrajectoryError
-        If the terrain cannot be read, or the map is not on it.
+        If the terrain cannot be read or does not cover the map.
     """
     # Not at the top: --help loads no numbers.
     import numpy as np
@@ -118,7 +118,7 @@ def _zero_level(attributes: Mapping[str, str]) -> str:
 
 
 def geoid_height_of(attributes: Mapping[str, str]) -> float | None:
-    """Return the geoid's height that a map states of its terrain [m], None if it states none."""
+    """Return the geoid height stated by a map for its terrain [m], or None."""
     try:
         height = float(json.loads(attributes.get("parameters", "{}"))["geoid_height_m"])
     except (ValueError, KeyError, TypeError):

@@ -1,6 +1,7 @@
 """Interrupts during the import of the commands, a few tenths of a second.
 
-Imported first. A program that imports the command, as a test does, keeps its own way.
+This module is imported first. Programs that import the command, such as tests, keep their own
+handlers.
 """
 
 from __future__ import annotations

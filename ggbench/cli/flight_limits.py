@@ -1,7 +1,7 @@
 """Checks of ``ggbench validate`` and ``run``: extremes of a flight, and its margins inside the map.
 
-Nothing is simulated, and no map is built unless the scenario degrades it: a map's recipe holds its
-borders. A flight that may leave its map is flown as in a run.
+Nothing is simulated. A map is built only if the scenario adds errors to it, because its recipe
+contains its bounds. A flight that may leave its map is computed as in a run.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ class FlightExtremes:
     duration : [s].
     length : over ground [m].
     speeds, heights : lowest and highest [m/s, m above the ellipsoid].
-    bank, bank_time : largest bank [rad], without the sign, and when it is first flown [s].
+    bank, bank_time : largest bank [rad], without the sign, and its first time [s].
     pitch : largest pitch [rad], without the sign.
     across, vertical : largest accelerations [m/s²] to the side and upwards, without the sign.
-    remark : what was made of a track's heights, in words; may be empty.
+    remark : remark on the conversion of heights; may be empty.
     """
 
     vehicle: str
@@ -69,14 +69,14 @@ class FlightExtremes:
 
 @dataclass(frozen=True)
 class Examined:
-    """A case that can be flown: the study that it belongs to ("" for none), and its flight.
+    """A case that can be flown: its study ("" for none) and its flight.
 
     Attributes
     ----------
-    margin : to the nearer border of the true map and the estimators'; None without any.
-    readings : how many each sensor on board gives, by its name.
+    margin : to the nearer border of the true and the assumed map; None without a map.
+    readings : number of measurements of each sensor, by name.
     ins : error of the INS without aiding.
-    narrow : margins in the estimators' map that are too narrow for it.
+    narrow : margins in the assumed map that are too narrow for this error.
     """
 
     study: str
@@ -94,9 +94,9 @@ class Examined:
 
     @cached_property
     def correlation_m(self) -> float:
-        """The field's correlation length along the track [m], evaluated when it is asked for.
+        """Correlation length of the field along the track [m], computed on demand.
 
-        NaN without a gradiometer, outside of a map, and where the true map is not built yet.
+        It is NaN without a gradiometer, outside a map, and if the true map is not built yet.
         """
         return _correlation(self.case) if self.inside else math.nan
 
@@ -107,9 +107,9 @@ class Examined:
 
 
 def examined(scenario: Scenario) -> Iterator[Examined]:
-    """Yield what is found of every case of a scenario and of its assumptions.
+    """Yield the examination of every case of a scenario and of its assumptions.
 
-    Raise CampaignError as :func:`.campaign.check`: if a map cannot be made, a flight leaves it, or
+    Raise CampaignError as :func:`.campaign.check`: if a map cannot be built, a flight leaves it, or
     a sensor cannot be computed.
     """
     for study, case in scenario.every_case():
@@ -205,7 +205,7 @@ def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ..
 
 
 def ins_error_of(case: CaseSpec) -> InsError:
-    """Return how far the true INS of a case errs without aiding."""
+    """Return the unaided error of the true INS of a case."""
     alone = inertial_alone(suite_of_case(case, "truth"))
     return _ins_error_once(
         alone, case.trajectory, case.imu.period_s, file_versions(case.trajectory)
@@ -222,7 +222,7 @@ def _ins_error_once(
 def flown_of(case: CaseSpec) -> FlightExtremes:
     """Return the extremes of the flight of a case.
 
-    Raise TrajectoryError if it cannot be flown, or a file that it is made of cannot be used.
+    Raise TrajectoryError if the flight is impossible, or a file is invalid.
     """
     spec, trajectory = case.trajectory, _trajectory(case)
     velocities, heights = trajectory.velocities, trajectory.positions[:, 2]

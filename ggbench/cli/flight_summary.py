@@ -40,7 +40,7 @@ _NAMED = 3
 
 
 def print_flights(examinations: Sequence[Examined]) -> None:
-    """Print the flights of the cases and what is read on them; equal ones once."""
+    """Print the flights of the cases and their measurements; equal ones once."""
     cases = [each for each in examinations if not each.study]
     flights: dict[str, list[str]] = {}
     readings: dict[str, list[str]] = {}
@@ -110,7 +110,7 @@ def _prior(each: Examined) -> str:
 
 
 def warn(examinations: Iterable[Examined]) -> None:
-    """Print a line for each warning, and for what was made of a track's heights."""
+    """Print a line for each warning, and for the conversion of heights."""
     cases = list(examinations)
     for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
         click.echo(f"Note: of the track, {remark}.")
@@ -121,7 +121,7 @@ def warn(examinations: Iterable[Examined]) -> None:
 
 
 def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
-    """Yield a sentence for each large uncertainty of the first height that no key states."""
+    """Yield a sentence for each large initial height uncertainty that no key states."""
     cases: dict[float, list[str]] = {}
     for each in examinations:
         initial = each.case.initial_error
@@ -136,7 +136,7 @@ def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
 
 
 def warnings(examinations: Iterable[Examined]) -> Iterator[str]:
-    """Yield a sentence for each thing that no vehicle does, and how it is mended; each once."""
+    """Yield a sentence for each implausible motion, with a remedy; each once."""
     cases_by_warning: dict[str, list[str]] = {}
     narrow = []
     for each in examinations:
@@ -149,7 +149,7 @@ def warnings(examinations: Iterable[Examined]) -> Iterator[str]:
 
 
 def absurdities(flown: FlightExtremes) -> Iterator[str]:
-    """Yield a sentence for each thing of a flight that no vehicle does."""
+    """Yield a sentence for each implausible motion of a flight."""
     if flown.track:
         yield from _other_units(flown)
     bank, pitch = math.degrees(flown.bank), math.degrees(flown.pitch)

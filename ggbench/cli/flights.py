@@ -1,4 +1,4 @@
-"""``ggbench estimate``: recorded flights; ``ggbench record``: simulated runs written as such."""
+"""``ggbench estimate`` for recorded flights; ``ggbench record`` for simulated runs as records."""
 
 from __future__ import annotations
 

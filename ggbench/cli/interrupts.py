@@ -17,10 +17,10 @@ _SHOW_CURSOR = b"\x1b[?25h"
 
 @contextlib.contextmanager
 def requests_to_end(exit_code: int) -> Iterator[None]:
-    """Have Ctrl-C, SIGTERM and SIGHUP each do the same: a KeyboardInterrupt, and the next an end.
+    """Convert Ctrl-C, SIGTERM and SIGHUP to a KeyboardInterrupt, and the next one to an exit.
 
-    At the second one all worker processes are killed and the process ends with ``exit_code``,
-    whatever it is at: what is stored is whole. A signal that is ignored stays so (``nohup``).
+    The second signal kills all worker processes and ends the process with ``exit_code``. Stored
+    results stay complete. An ignored signal stays ignored (``nohup``).
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -1,4 +1,4 @@
-"""``ggbench keys``: tables and keys of a scenario file, read from its JSON schema."""
+"""``ggbench keys``: tables and keys of scenario files, from the JSON schema."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ Schema = dict[str, Any]
 
 
 class KeyNameError(GGBenchError):
-    """There is no table and no key of a name."""
+    """A table or key does not exist."""
 
 
 class Key(NamedTuple):
-    """A key of a table, in words; unit and limits of a number are "" without any."""
+    """A key of a table, in words; unit and limits of a number may be ""."""
 
     name: str
     meaning: str
@@ -73,7 +73,7 @@ class Key(NamedTuple):
 
 
 class KeyTable(NamedTuple):
-    """A table of a file by its dotted name; ``recorded`` keys are those of recorded flights."""
+    """A table of a file by its dotted name; ``recorded`` are the keys of recorded flights."""
 
     name: str
     about: str
@@ -83,7 +83,7 @@ class KeyTable(NamedTuple):
 
     @property
     def heading(self) -> str:
-        """The table as a file writes it."""
+        """Heading of the table in a file."""
         if self.name == TOP:
             return "top of the file"
         return f"[[{self.name}]]" if self.listed else f"[{self.name}]"
@@ -95,7 +95,7 @@ class KeyTable(NamedTuple):
 
 @cache
 def tables() -> dict[str, KeyTable]:
-    """Return all tables by their dotted names: those of scenarios, then of recorded flights."""
+    """Return all tables by dotted names: those of scenarios, then of recorded flights."""
     from ..spec.axes import SweepSpec
     from ..spec.campaign import CampaignSpec
     from ..spec.case import CaseSpec
@@ -137,7 +137,7 @@ def tables() -> dict[str, KeyTable]:
 
 
 def named(name: str) -> str:
-    """Return a dotted name as the tables have it: without brackets, sensors' names, numbers."""
+    """Return a dotted name without brackets, sensor names and numbers."""
     from ..spec.named_sensors import short_key
 
     plain = short_key(re.sub(r"\[\d+\]", "", name).strip("[] "))
@@ -145,7 +145,7 @@ def named(name: str) -> str:
 
 
 def find(name: str) -> list[tuple[KeyTable, Key]]:
-    """Return the key of a dotted name, or every key that is called so, each with its table."""
+    """Return the key of a dotted name, or all keys of a name, each with its table."""
     from ..spec.aiding import KINDS
 
     table, _, key = named(name).rpartition(".")
@@ -214,7 +214,7 @@ def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that a key's name ends with; "" if with none."""
+    """Return the unit in the suffix of a key's name; "" without one."""
     ends = [end for end in _UNITS if name.endswith(f"_{end}")]
     return _UNITS[max(ends, key=len)] if ends else ""
 
@@ -289,7 +289,7 @@ def keys(name: str | None, schema: bool) -> None:
 
 
 def presets_of(table: str) -> list[tuple[str, str]]:
-    """Return the presets of a table: key and value, and the numbers that they give with sources."""
+    """Return the presets of a table: key and value, and their numbers with sources."""
     from ..spec.presets import PRESETS
 
     key, presets = PRESETS.get(table, ("", {}))

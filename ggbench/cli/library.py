@@ -1,4 +1,4 @@
-"""``ggbench report``, and the whole library at once: run every scenario, report every folder."""
+"""``ggbench report``, and runs and reports of the whole library."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _EXIT_INCOMPLETE = 1
 
 
 class LibraryError(GGBenchError):
-    """There is nothing to be reported."""
+    """There are no results to report."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How the campaign of a scenario ended.
+    """Result of the campaign of a scenario.
 
     Attributes
     ----------
     results, failed, diverged : numbers of records in its folder.
-    error : why it ended without all of its results, "" if it did not.
-    without_success : estimators of which every run failed.
+    error : reason for missing results, or "".
+    without_success : estimators without a finished run.
     """
 
     scenario: str
@@ -45,9 +45,9 @@ class Outcome:
 
 
 def run_all(names: Sequence[str], run_one: Callable[[str], Outcome]) -> list[Outcome]:
-    """Run scenarios one after the other; one that fails does not stop the next.
+    """Run scenarios one after the other, also after a failure.
 
-    Return an outcome for each scenario that was begun: an interrupt ends the last one.
+    Return an outcome for each started scenario; an interrupt ends the last one.
     """
     from ..campaign.flights import forget_flights
     from ..campaign.texts import exception_text
@@ -72,7 +72,7 @@ def run_all(names: Sequence[str], run_one: Callable[[str], Outcome]) -> list[Out
 
 
 def print_outcomes(outcomes: Sequence[Outcome], output: Path) -> None:
-    """Print what became of every scenario, and what to do next."""
+    """Print the outcome of every scenario, and the next step."""
     from ..results.folder import as_argument
 
     console.rule("The library", align="left")

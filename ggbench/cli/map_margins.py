@@ -26,13 +26,13 @@ SIDES = ("south", "north", "west", "east")
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a map serves.
+    """Limits of a map.
 
     Attributes
     ----------
     lower, upper : (3,) latitude, longitude [rad] and height [m], of a draped map above its base.
     step : (3,) distance of its nodes.
-    field : whose base surface that is; a map that is not built is level.
+    field : with the base surface; a map that is not built yet is level.
     """
 
     lower: np.ndarray
@@ -42,7 +42,7 @@ class Bounds:
 
     @property
     def with_border(self) -> Bounds:
-        """The same with the border around it that counts as inside."""
+        """Bounds enlarged by the border that counts as inside."""
         room = BORDER * self.step
         return dataclasses.replace(self, lower=self.lower - room, upper=self.upper + room)
 
@@ -54,14 +54,14 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Margin:
-    """How far inside a map a flight stays.
+    """Distances of a flight from the limits of a map.
 
     Attributes
     ----------
     border : least distance to a side of the map [m].
     side : name of that side.
     below, above : least distances to its lowest and its highest nodes [m].
-    lowest : of its nodes above its base surface [m]; None: the map is level.
+    lowest : lowest node above the base surface [m]; None for a level map.
     """
 
     border: float
@@ -72,19 +72,19 @@ class Margin:
 
     @property
     def least(self) -> float:
-        """The least of the distances [m]; negative outside of the map."""
+        """Least of the distances [m]; negative outside the map."""
         return min(self.border, self.below, self.above)
 
 
 @dataclass(frozen=True)
 class Shortfall:
-    """A margin of a flight in its map that is too narrow for the error of its INS.
+    """A margin in the map that is too narrow for the error of the INS.
 
     Attributes
     ----------
     side : name of a side, ``below`` or ``above``.
     margin, needed : distances [m].
-    time : when most is missing [s].
+    time : time of the largest shortfall [s].
     """
 
     side: str
@@ -112,7 +112,7 @@ def distances(
 
 
 def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
-    """Return how far inside a map a flight stays."""
+    """Return the margins of a flight inside a map."""
     least = {
         side: float(distance.min()) for side, distance in distances(trajectory, bounds).items()
     }
@@ -124,9 +124,9 @@ def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
 def shortfalls(
     case: CaseSpec, trajectory: Trajectory, bounds: Bounds, error: InsError
 ) -> tuple[Shortfall, ...]:
-    """Return which margins are too narrow: the worst side's and the worst height's, if any.
+    """Return the margins that are too narrow: the worst side and the worst height, if any.
 
-    Not where a receiver gives the position, or a barometer the height: estimates then stay near.
+    With a receiver for the position, or a barometer for the height, no margin is too narrow.
     """
     aided: set[str] = set()
     for sensor in case.side("truth").sensor.values():
@@ -159,7 +159,7 @@ def shortfalls(
 
 
 def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterator[str]:
-    """Yield a sentence for each side at which margins are too narrow, of the worst case there."""
+    """Yield a sentence for each side with narrow margins, for the worst case there."""
     of_side: dict[str, list[tuple[str, Shortfall]]] = {}
     for name, short_of in margins:
         for each in short_of:
@@ -180,5 +180,5 @@ def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iter
 
 
 def length(metres: float) -> str:
-    """Return a length with its unit, from 10 km on in kilometres."""
+    """Return a length with its unit, in kilometres from 10 km."""
     return f"{short(metres / 1e3)} km" if abs(metres) >= 1e4 else f"{metres:.0f} m"

@@ -184,7 +184,7 @@ def estimator(name: str, output: Path) -> None:
 
 
 class Pace(NamedTuple):
-    """Speed that is asked for [m/s], and the vehicle, whose speed is not exceeded."""
+    """Requested speed [m/s], and the vehicle, whose speed is the limit."""
 
     speed: float | None
     vehicle: str | None
@@ -194,14 +194,14 @@ class Pace(NamedTuple):
 
         Parameters
         ----------
-        allowed : fastest that the flight allows [m/s].
-        usual : of the flight if no vehicle is named [m/s].
-        why : what allows no more, for the message.
+        allowed : largest possible speed of the flight [m/s].
+        usual : default speed without a vehicle [m/s].
+        why : reason for the limit, for the message.
 
         Raises
         ------
         NewFileError
-            If a faster one is asked for.
+            If a larger speed is requested.
         """
         if self.speed is not None:
             if self.speed > allowed:

@@ -66,7 +66,7 @@ def plan(
 ) -> None:
     """Rank tracks for the flight of a SCENARIO by their Cramér–Rao bound.
 
-    The command moves the flight, of segments or of a track, to other starts and headings. It ranks
+    The command moves a flight of segments or along a track to other starts and headings. It ranks
     them by the bound of the RMS position error. The bound ignores false fixes.
 
     Exit code 1 if no track allows the target.

@@ -46,7 +46,7 @@ class RunView(NamedTuple):
 
 
 def overview(results: Results) -> None:
-    """Print what a results folder holds, what failed in it, and its largest errors."""
+    """Print the content of a results folder, its failures, and its largest errors."""
     manifest, table = results.manifest, results.runs()
     console.print(f"[bold]{escape(manifest['title'])}[/]")
     failed, diverged = int((table["status"] != "ok").sum()), int(table["diverged"].sum())
@@ -73,10 +73,10 @@ def _where(row: pd.Series) -> str:
 
 
 def choose_run(results: Results, case: str | None, run: int | None = None) -> tuple[str, int, str]:
-    """Return case and number of the run that most deserves a look, and why.
+    """Return case and number of the most conspicuous run, and the reason.
 
-    Of one case, or of one run number only, if they are given. Raise ResultsError if the folder
-    holds no such run.
+    The choice may be limited to a case or a run number. Raise ResultsError if the folder has no
+    such run.
     """
     from ..results.folder import ResultsError  # not at the top: to repeat a run needs no tables
 
@@ -108,7 +108,7 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
 
 
 def show_run(results: Results, case_name: str, run: int) -> None:
-    """Print one run of a case as it is stored."""
+    """Print one stored run of a case."""
     views = [
         RunView(
             cell.estimator,
@@ -129,7 +129,7 @@ def show_run(results: Results, case_name: str, run: int) -> None:
 def repeat_run(
     scenario: Scenario, case_names: Sequence[str], labels: Sequence[str], seed: int, run: int
 ) -> bool:
-    """Run one run again in this process, print it, and store nothing; return whether it went well.
+    """Repeat one run in this process, print it without storing, and return whether it succeeded.
 
     ``case_names`` are names of cases, or ``STUDY/CASE`` for a case of an assumption.
     """

@@ -98,7 +98,7 @@ def options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
-    """Raise MapError if survey lines are mixed with other sources, or their options lack them."""
+    """Raise MapError for survey lines with other sources, or for their options without lines."""
     from ..gravity.gradient_map import MapError
 
     if options["lines"] is None:
@@ -115,7 +115,7 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
 
 
 def planned(options: dict[str, Any], request: Any, command: str) -> Any:
-    """Return the plan of a map of survey lines; write the model of their noise, if asked for."""
+    """Return the plan of a map of survey lines; write the noise model on request."""
     from ..gravity.gradient_map import MapError
     from ..maps.survey_fit import FitOptions
     from ..maps.survey_plan import SurveyInputs, doubts, fit_survey, plan_survey

@@ -1,4 +1,4 @@
-"""Tables that a command writes as CSV."""
+"""CSV tables written by commands."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 class OutputError(GGBenchError):
-    """A file that a command is to write cannot be written, or is named for another kind."""
+    """An output file cannot be written, or has a wrong suffix."""
 
 
 def require_suffix(path: Path | None, suffix: str) -> None:
-    """Raise OutputError if a file that is to be written is not named ``*suffix``."""
+    """Raise OutputError if an output file is not named ``*suffix``."""
     if path is not None and path.suffix.lower() != suffix:
         raise OutputError(f"{path} must be named *{suffix}")
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write a table, whole or not at all, and say so.
+    """Write a table atomically and report it.
 
     Raise OutputError if the file cannot be written.
     """

@@ -100,7 +100,7 @@ def _digits(value: float) -> str:
 
 
 def print_comparison(compared: Comparison, console: Console) -> None:
-    """Print what got worse or better, and what only one of the two folders holds."""
+    """Print what increased or decreased, and items of only one of the two folders."""
     numbers = ("", "before", "after", "ratio", "95 % interval", "runs", "p", "verdict")
     table = ResponsiveTable(
         "", [("case", "name"), ("estimator", "name"), *((n, "number") for n in numbers)]

@@ -10,13 +10,13 @@ from .draped_flight import NewFileError, geoid_height_of
 
 
 class Vehicle(NamedTuple):
-    """Usual numbers of a vehicle.
+    """Typical numbers of a vehicle.
 
     Attributes
     ----------
     speed_mps : cruise.
     grade : of the inertial sensors.
-    noise_eotvos : of a reading of its gradiometer, once a second.
+    noise_eotvos : noise of its gradiometer, at one measurement per second.
     """
 
     speed_mps: float
@@ -34,7 +34,7 @@ VEHICLES: Mapping[str, Vehicle] = {
 
 
 def imu_table(vehicle: str) -> str:
-    """Return the content of the table of a vehicle's inertial sensors."""
+    """Return the table of a vehicle's inertial sensors."""
     return f'period_s = 0.05\ngrade = "{VEHICLES[vehicle].grade}"    # usual for a {vehicle}\n'
 
 
@@ -46,16 +46,16 @@ def clearance_of(
     Parameters
     ----------
     track, terrain : files; the heights of the terrain are above sea level.
-    attributes : of the map that is flown over; a geoid height that they state counts, else that of
-        EGM2008 at the start of the track.
-    clearance : least height above the ground that is asked for [m].
+    attributes : of the map; its stated geoid height is used, else that of EGM2008 at the start of
+        the track.
+    clearance : requested least height above the ground [m].
 
     Raises
     ------
     NewFileError
         If the track comes closer to the ground.
     TrajectoryError
-        If a file cannot be used, or the track leaves the terrain.
+        If a file is invalid, or the track leaves the terrain.
     """
     import numpy as np  # not at the top: --help loads no numbers
 

@@ -1,4 +1,4 @@
 """Contract of all estimators: demands, and test problems with known answers.
 
-``ggbench check`` and the tests of the benchmark's own estimators ask by the same functions.
+``ggbench check`` and the tests of the shipped estimators use the same functions.
 """

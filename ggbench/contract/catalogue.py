@@ -1,4 +1,4 @@
-"""The checks of ``ggbench check``: each a demand, why it is made, the problems it is asked on."""
+"""Checks of ``ggbench check``: demand, reason and test problems."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Check:
 
     Attributes
     ----------
-    name : by which it is called. demand : what must hold. why : what would be wrong without it.
-    questions : the problems it is asked on, and how.
+    name : of the check. demand : the property that must hold. why : the reason for it.
+    questions : test problems with their functions.
     """
 
     name: str
@@ -45,16 +45,16 @@ class Check:
     questions: Callable[[Estimator], _Asked]
 
     def ask(self, estimator: Estimator) -> str:
-        """Ask it on all its problems; return a remark on the first that has one, or "".
+        """Apply the check to all its problems; return the first remark, or "".
 
         Raises
         ------
         Broken
-            With a sentence that says on which problem it does not hold, and by how much.
+            With a sentence that states the problem and the size of the violation.
         Refused
-            If the estimator takes none of the problems, with its reason for the first.
+            If the estimator refuses all problems, with its reason for the first.
         Exception
-            Whatever the estimator raises.
+            Any error of the estimator.
         """
         refused: list[Refused] = []
         count, remark = 0, ""

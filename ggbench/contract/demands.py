@@ -1,8 +1,8 @@
 """Demands on an estimator: one function for each, with a sentence for a failure.
 
-Every function takes an estimator and a problem, and raises :class:`Broken` if the demand is not
-met, :class:`Refused` if the estimator does not take the problem. What the estimator itself raises
-passes through.
+Every function receives an estimator and a problem. It raises :class:`Broken` if the demand is not
+met, and :class:`Refused` if the estimator refuses the problem. Errors of the estimator pass
+unchanged.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ _ROUNDINGS, _SCATTER = 4, 10.0
 
 
 class Broken(Exception):
-    """A demand is not met; the text says by what, with numbers."""
+    """A demand is not met; the text states the violation, with numbers."""
 
 
 class Refused(Exception):
-    """The estimator does not take the problem; the text is its reason."""
+    """The estimator refuses the problem; the text is its reason."""
 
 
 def generator() -> np.random.Generator:
-    """Return the generator that is given to estimators: the same each time."""
+    """Return the generator for estimators, the same at each call."""
     return np.random.default_rng(7)
 
 
 def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Estimate:
-    """Return an estimate, made by a new instance, whose form is what was declared.
+    """Return the estimate of a new instance, after a check of its form.
 
-    ``gaussian`` sets the threshold of a robust loss to infinity, where it must be least squares.
+    ``gaussian`` sets the threshold of a robust loss to infinity, so that the loss is least squares.
     """
     if gaussian and vars(estimator).get("loss", "none") != "none":
         estimator = dataclasses.replace(estimator, threshold=np.inf)  # type: ignore[call-arg]
@@ -65,7 +65,7 @@ def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Es
 
 
 def declared(estimate: Any, estimator: Estimator, problem: Problem) -> None:
-    """Demand shapes, finite real numbers, and the causality and lag that are declared."""
+    """Demand correct shapes, finite real numbers, and the declared causality and lag."""
     if not isinstance(estimate, Estimate):
         raise Broken(f"estimate() must return an Estimate, not {_kind(estimate)}")
     if estimate.causality != estimator.causality:
@@ -104,7 +104,7 @@ def _require_numbers(name: str, values: Any, shape: tuple[int, ...]) -> None:
 def real_covariance(estimate: Estimate) -> None:
     """Demand that every P is symmetric and positive definite.
 
-    Asked of the correlation matrix, so that no unit hides a negative eigenvalue.
+    The correlation matrix is tested, so that no unit hides a negative eigenvalue.
     """
     if estimate.cov is None:
         return
@@ -133,7 +133,7 @@ def real_covariance(estimate: Estimate) -> None:
 
 
 def repeatable(estimator: Estimator, problem: Problem, first: Estimate | None = None) -> None:
-    """Demand the same answer twice, bit for bit: of the problem and the generator alone."""
+    """Demand equal estimates of two calls, bit for bit, from equal problem and generator."""
     first = first or answer(estimator, problem)
     again = answer(estimator, problem)
     for name in ("mean", "cov"):
@@ -174,11 +174,12 @@ def inputs_kept(estimator: Estimator, problem: Problem) -> None:
 
 
 def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None:
-    """Demand that no estimate depends on readings after what its causality lets it see.
+    """Demand that no estimate depends on measurements beyond its causality.
 
-    Readings after an epoch are changed by ten deviations: estimates whose reach ends before are the
-    same to 1e-12 σ (with ``exactly`` covariances bit for bit), the first that can see them is not,
-    or a later one if it makes fixes. Without aiding none changes.
+    Measurements after an epoch are changed by ten standard deviations. Estimates that may not use
+    them must be equal to 1e-12 σ (with ``exactly`` covariances bit for bit). The first estimate
+    that may use them must change, or a later one if the estimator makes fixes. Without aiding no
+    estimate may change.
     """
     last_same = problem.epochs // 2
     measurements = problem.measurements.copy()
@@ -260,13 +261,14 @@ def _rows(fixes: Fixes) -> np.ndarray:
 
 
 def as_exact(estimator: Estimator, problem: Problem) -> str:
-    """Demand the exact answer on a linear problem with Gaussian noises, for the causality it has.
+    """Demand the exact estimate of a linear Gaussian problem, for the declared causality.
 
-    A filter equals Joseph's Kalman filter, a smoother Rauch–Tung–Striebel, a fixed-lag smoother the
-    same on each window, no aiding the propagated prior: to 1e-9 of the posterior's deviations. Up
-    to 1e-5 it passes, and the remark states the difference: other libraries regularise or iterate.
-    An estimator that amplifies rounding may be as far off as that explains, to 1e-4; return that it
-    loses digits. Of an estimate without covariance the mean is demanded.
+    A filter must equal the Kalman filter in Joseph form, a smoother the Rauch–Tung–Striebel
+    smoother, a fixed-lag smoother the latter on each window, and no aiding the propagated prior, to
+    1e-9 posterior standard deviations. Differences up to 1e-5 pass with a remark, because other
+    libraries regularise or iterate. An estimator that amplifies rounding may differ as far as
+    rounding explains, up to 1e-4; the remark states the loss of digits. Without a covariance only
+    the mean is tested.
     """
     estimate = answer(estimator, problem, gaussian=True)
     right = exact(problem, estimate)
@@ -299,7 +301,7 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
 
 
 def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) -> float:
-    """Return the change of an estimate with the last digit of the prior, in posterior deviations.
+    """Return the change of an estimate by the last digit of the prior, in posterior σ.
 
     ``posterior_cov`` is (K, n, n).
     """
@@ -318,9 +320,10 @@ def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) 
 
 
 def near_exact(estimator: Estimator, problem: Problem) -> None:
-    """Demand of what is not exact to be near the exact answer on a noisy linear problem.
+    """Demand that an approximate estimator is near the exact estimate of a noisy linear problem.
 
-    The mean within 0.3 posterior deviations rms, deviations within 30 %.
+    The RMS difference of the mean is at most 0.3 posterior standard deviations, and that of the
+    standard deviations 30 %.
     """
     estimate = answer(estimator, problem)
     if estimate.fixes is not None:

@@ -1,4 +1,4 @@
-"""Linear problems with known answers, and the textbook recursions that solve them."""
+"""Linear problems with known solutions, and the textbook recursions that solve them."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ CONSTANT = slice(3, 5)
 
 
 def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0) -> Problem:
-    """A random linear-Gaussian problem with a truth drawn from it; five states in mixed units.
+    """Return a random linear-Gaussian problem and its truth; five states in mixed units.
 
-    Three states move, driven by noise of rank two (exactly singular) and by two constant ones.
+    Three states change, driven by noise of rank two (exactly singular) and by two constant states.
     """
     rng = np.random.default_rng(seed)
     n = len(UNITS)
@@ -75,10 +75,10 @@ def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0)
 
 
 def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Problem:
-    """A random linear-Gaussian problem whose process noise has full rank, as Monte Carlo likes it.
+    """Return a random linear-Gaussian problem with process noise of full rank, for samplers.
 
-    States forget their past within a few epochs, and a reading is worth about as much as the
-    prediction.
+    States decorrelate within a few epochs, and measurement and prediction are about equally
+    precise.
     """
     rng = np.random.default_rng(seed)
     transition, process_cov = np.empty((epochs, n, n)), np.empty((epochs, n, n))
@@ -106,15 +106,16 @@ def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Proble
 
 
 def graded(problem: Problem) -> Problem:
-    """The problem with noise declared for each epoch, up to three times as large or small."""
+    """Return the problem with a noise for each epoch, up to three times as large or small."""
     factors = 9.0 ** np.sin(np.arange(1.0, problem.epochs + 1.0))
     return replace(problem, noise_cov=problem.noise_cov * factors[:, None, None])
 
 
 def gappy(problem: Problem) -> Problem:
-    """The problem with readings missing: of its last channel every third, of all the fifth to 10th.
+    """Return the problem with missing measurements.
 
-    Its noises must not correlate between channels.
+    Every third measurement of the last channel and the fifth to tenth of all channels are missing.
+    Noises must not correlate between channels.
     """
     present = np.ones(problem.measurements.shape, dtype=bool)
     present[::3, -1] = False
@@ -137,11 +138,11 @@ _REACH = 2e3
 
 
 def with_sensor_model(problem: Problem) -> Problem:
-    """Return a linear problem with the package's own model in the place of :class:`LinearModel`.
+    """Return a linear problem with the sensor model of the package instead of :class:`LinearModel`.
 
-    It reads Γ_EN and Γ_EU, of which the normal field has none, on a map whose field has constant
-    slopes: h(x) = −S B_k x, exactly linear, with B_k chosen so that this is H_k x. Problems of one
-    or two channels can be read so.
+    The channels are Γ_EN and Γ_EU, which are zero in the normal field, on a map with constant
+    derivatives: h(x) = −S B_k x is exactly linear, and B_k is chosen such that it equals H_k x.
+    This needs a problem of one or two channels.
     """
     model = problem.model
     assert isinstance(model, LinearModel)
@@ -182,12 +183,12 @@ def with_sensor_model(problem: Problem) -> Problem:
 
 
 def linear_sensor_problem(seed: int, epochs: int = 40, m: int = 2) -> Problem:
-    """Return :func:`linear_problem` with the package's own model: compiled estimators take it."""
+    """Return :func:`linear_problem` with the package's sensor model, for compiled estimators."""
     return with_sensor_model(linear_problem(seed, epochs, m))
 
 
 def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (K, n) and covariance (K, n, n) without measurements, in one product from the start."""
+    """Return mean (K, n) and covariance (K, n, n) without measurements."""
     means, covs = [], []
     phi = np.eye(problem.dimension)
     noise = np.zeros_like(problem.prior_cov)
@@ -200,7 +201,7 @@ def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Kalman filter with Joseph's update.
+    """Run the Kalman filter with Joseph's update.
 
     Return filtered and predicted means (K, n), each with its covariances (K, n, n).
     """
@@ -225,9 +226,9 @@ def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 
 
 def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (K, n) and covariance (K, n, n) with measurements up to ``ahead`` epochs later.
+    """Return mean (K, n) and covariance (K, n, n) given measurements up to ``ahead`` epochs later.
 
-    Rauch, Tung & Striebel.
+    The smoother is that of Rauch, Tung & Striebel.
     """
     x_f, p_f, x_p, p_p = kalman(problem)
     # The inverse in units of the prior: kilometres and microradians together would spoil it.
@@ -249,7 +250,7 @@ def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """Exact mean (K, n) and covariance (K, n, n) of a linear-Gaussian problem by causality."""
+    """Return exact mean (K, n) and covariance (K, n, n) of a linear problem by causality."""
     if estimate.causality == "none":
         return propagated(problem)
     if estimate.causality == "fixed-lag":
@@ -261,7 +262,7 @@ def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]
 def deviation(
     mean: np.ndarray, cov: np.ndarray, true_mean: np.ndarray, true_cov: np.ndarray
 ) -> tuple[float, float]:
-    """Largest differences of means (K, n) and covariances (K, n, n), in posterior deviations."""
+    """Return the largest differences of means (K, n) and covariances (K, n, n), in posterior σ."""
     sigma = np.sqrt(np.diagonal(true_cov, axis1=1, axis2=2))
     return (
         float(np.max(np.abs(mean - true_mean) / sigma)),

@@ -24,9 +24,9 @@ _LATELY_S = 30.0
 
 
 def tell_first_use(module: str, scope: str) -> bool:
-    """Say that code is going to be compiled, if that of a module is not there; return whether.
+    """Report that code will be compiled, if a module is not in the cache; return whether.
 
-    ``module`` is one that the command compiles early, ``scope`` how long it all takes.
+    ``module`` is compiled early by the command; ``scope`` states the expected time.
     """
     sentences = first_use(module, scope)
     _echo(sentences)
@@ -34,7 +34,7 @@ def tell_first_use(module: str, scope: str) -> bool:
 
 
 def first_use(module: str, scope: str) -> list[str]:
-    """Return a sentence if code is going to be compiled, see :func:`tell_first_use`."""
+    """Return a sentence if code will be compiled, see :func:`tell_first_use`."""
     if code_folder(PACKAGE / module).exists():
         return []
     return [
@@ -44,13 +44,13 @@ def first_use(module: str, scope: str) -> list[str]:
 
 
 def fields_of(cases: Iterable[CaseSpec]) -> Iterator[FieldSpec]:
-    """Yield the field of the truth and that of the model of each case."""
+    """Yield the fields of truth and model of each case."""
     for case in cases:
         yield from (case.side("truth").field, case.side("model").field)
 
 
 def tell_maps(fields: Iterable[FieldSpec]) -> None:
-    """Say which maps of some fields are not in the cache: they are going to be built."""
+    """Report the maps of some fields that are not in the cache and will be built."""
     _echo(maps_to_build(fields))
 
 
@@ -83,7 +83,7 @@ def maps_to_build(fields: Iterable[FieldSpec]) -> Iterator[str]:
 
 
 class Compiled:
-    """Functions that this process and its workers compile, as they appear in the cache."""
+    """Functions compiled by this process and its workers, as they appear in the cache."""
 
     def __init__(self) -> None:
         self._base = code_folder(PACKAGE / "numerics" / "lanes.py").parent
@@ -94,7 +94,7 @@ class Compiled:
         self._count = 0
 
     def text(self) -> str:
-        """Return what has been compiled until now, nothing if that is long past."""
+        """Return a text on the functions compiled so far; "" a while after the last one."""
         now = time.monotonic()
         if now - self._looked > _LOOK_EVERY_S:
             before = self._count

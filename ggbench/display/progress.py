@@ -25,12 +25,12 @@ _LINE_EVERY_S = 10.0
 
 
 class Progress(progress.Progress):
-    """Progress of a campaign: a live table in a terminal, a plain line now and then elsewhere.
+    """Progress of a campaign: a live table in a terminal, otherwise a plain line now and then.
 
-    Compilation before the campaign is shown, too. Results that the folder already holds count in
-    the errors. ``title`` is the name of the campaign until it begins; ``live`` says whether what is
-    shown can be changed, by default in a terminal. A pipe is none, even where ``FORCE_COLOR`` is
-    set, as in the shell cells of notebooks.
+    Compilation before the campaign is shown, too. Stored results count in the errors. ``title`` is
+    the name of the campaign until it begins. ``live`` states whether the display can be redrawn, by
+    default only in a terminal. A pipe is no terminal, even if ``FORCE_COLOR`` is set, as in shell
+    cells of notebooks.
     """
 
     def __init__(self, console: Console, title: str, live: bool | None = None) -> None:
@@ -57,13 +57,13 @@ class Progress(progress.Progress):
         )
 
     def start(self) -> None:
-        """Begin to show it."""
+        """Begin the display."""
         super().start()
         if self.disable:
             threading.Thread(target=self._print_compiled, daemon=True).start()
 
     def stop(self) -> None:
-        """Show it no longer, and leave the counts unless their last line is there."""
+        """End the display; print the counts unless the last line shows them."""
         self._ended.set()
         super().stop()
         if self.tasks and not (self.disable and self.finished):
@@ -79,7 +79,7 @@ class Progress(progress.Progress):
                 printed = text
 
     def tell(self, step: CampaignProgress) -> None:
-        """Show how far the campaign has come."""
+        """Update the display with the progress of the campaign."""
         if not step.done and step.workers is None:
             self._begin(step)
         self._workers = step.workers

@@ -1,6 +1,6 @@
 """Tables that fit a terminal of any width: names fold, numbers stay whole.
 
-Columns that do not fit go into a further table below, with the names repeated.
+Columns that do not fit form a further table below, with the names repeated.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class ResponsiveTable:
             console.print(table)
 
     def tables(self, width: int) -> list[Table]:
-        """Return the table as rich tables, each with the names and the columns that fit a width."""
+        """Return rich tables, each with the names and the columns that fit a width."""
         gap = 2
         blocks = self._blocks(width, gap)
         if len(blocks) > len(self._blocks(width, 1)):

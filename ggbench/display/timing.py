@@ -14,7 +14,7 @@ COLD = "* first runs only, including loading and compilation; further runs take 
 
 
 def duration(seconds: float) -> str:
-    """Return a duration [s] as a user reads it; one below zero, of a clock set back, is 0 s."""
+    """Return a duration [s] as text; a negative one, after a change of the clock, is 0 s."""
     seconds = max(seconds, 0.0)
     if seconds < _MINUTES_FROM_S:
         return f"{seconds:.0f} s"
@@ -24,19 +24,19 @@ def duration(seconds: float) -> str:
 
 
 class Moment(NamedTuple):
-    """A moment [s]: on the wall, and the processor time of this process and of those it ended."""
+    """A moment [s]: wall clock, and processor time of this process and its ended children."""
 
     wall: float
     processor: float
 
     @classmethod
     def now(cls) -> Moment:
-        """Return this moment."""
+        """Return the present moment."""
         usage = [resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         return cls(time.monotonic(), sum(each.ru_utime + each.ru_stime for each in usage))
 
     def since(self) -> str:
-        """Return how much of both has passed."""
+        """Return the elapsed wall-clock and processor times."""
         now = self.now()
         wall, processor = _text(now.wall - self.wall), _text(now.processor - self.processor)
         return f"{wall}, and {processor} of processor time"

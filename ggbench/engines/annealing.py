@@ -1,13 +1,13 @@
 """Tempered measurement update of Gaussian samples.
 
-One reading may be far sharper than what was known before it. So it is taken in by powers of its
-likelihood that rise from 0 to 1 (Neal 2001; Del Moral, Doucet & Jasra 2006). Each power leaves a
-share of the draws effective. They are resampled, and moved by Metropolis–Hastings steps, which
-leave the distribution of that power as it is. Nothing is blurred: the answer is exact in the limit
-of many draws, however many modes it has.
+A measurement may be far more precise than the prior. Therefore it is processed by powers of its
+likelihood that increase from 0 to 1 (Neal 2001; Del Moral, Doucet & Jasra 2006). Each power leaves
+a share of the samples effective. They are resampled and moved by Metropolis–Hastings steps, which
+preserve the distribution of that power. The result is exact in the limit of many samples, for any
+number of modes.
 
-A step is γ times the difference of two other draws, γ = 2.38 / √(2r) (ter Braak 2006). Such
-differences are as wide as a mode is, and as long as modes lie apart.
+A step is γ times the difference of two other samples, γ = 2.38 / √(2r) (ter Braak 2006). Such
+differences match the width of a mode and the distance of modes.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ _STEPS = 5
 
 
 class Whitening(NamedTuple):
-    """Coordinates y = W r of a reading r = h(p) + C l + noise.
+    """Coordinates y = W r of a measurement r = h(p) + C l + noise.
 
     Attributes
     ----------
-    rows : W (m, m), by which the noise has the covariance one.
-    linear : λ (m,), the diagonal of C P_l Cᵀ, which the linear states l cause, and which is a
-        diagonal in these coordinates.
+    rows : W (m, m), which whitens the noise.
+    linear : λ (m,), the diagonal of C P_l Cᵀ of the linear states l, diagonal in these coordinates.
     log_noise : ln |2π R| of the noise.
     """
 
@@ -53,16 +52,16 @@ def whitening(noise: np.ndarray, spread: np.ndarray) -> Whitening:
 
 
 class Annealed(NamedTuple):
-    """Draws after a reading, and how they came about.
+    """Samples of the posterior after a measurement, with statistics.
 
     Attributes
     ----------
-    normals : (N, r) draws, of which the prior is standard normal.
-    whitened : (N, m) their y.
+    normals : (N, r) samples; their prior is standard normal.
+    whitened : (N, m) y of the samples.
     evidence : ln p(z) of the reading.
-    size : effective sample size that the reading at once would have left.
-    stages : between the prior and the posterior.
-    fewest : least number of different draws that a resampling left.
+    size : effective sample size of an update without stages.
+    stages : number of stages between prior and posterior.
+    fewest : least number of distinct samples after a resampling.
     """
 
     normals: np.ndarray
@@ -104,15 +103,15 @@ def annealed(
     resampling: Resampling,
     rng: np.random.Generator,
 ) -> Annealed:
-    """Return draws of the posterior after a reading.
+    """Return samples of the posterior after a measurement.
 
     Parameters
     ----------
-    normals : (M, r) draws of the prior, standard normal.
-    read : returns y (·, m) of draws (·, r).
+    normals : (M, r) samples of the prior, standard normal.
+    read : returns y (·, m) of samples (·, r).
     space : of y.
-    count : number N of the draws that are wanted.
-    least : effective sample size that a stage leaves.
+    count : number N of samples to return.
+    least : effective sample size after a stage.
     resampling : the method.
     """
     whitened = read(normals)

@@ -1,7 +1,7 @@
-"""Banks of filters across a wide prior: many means and covariances, as arrays, one step at a time.
+"""Banks of filters across a wide prior, as arrays of means and covariances.
 
-The prior is written as a sum of narrow Gaussians on a grid of positions, each the start of a filter
-of its own. What a filter does with a reading, and which filters are believed, is the estimator's.
+The prior is a sum of narrow Gaussians on a grid of positions, one for each filter. The estimator
+defines updates and the selection of filters.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from . import position_grid
 class Bank:
     """The filters: log weights (J,), means (J, n), covariances (J, n, n).
 
-    In units of the prior's standard deviations, ``scale`` (n,). See :func:`split_prior`.
+    Units are the prior's standard deviations, ``scale`` (n,). See :func:`split_prior`.
     """
 
     def __init__(self, problem: Problem, spacing_m: float, most: int, width: float) -> None:
@@ -26,7 +26,7 @@ class Bank:
         self.weights, self.means, self.covs = split_prior(problem, spacing_m, most, width)
 
     def predict(self, k: int) -> None:
-        """Carry all filters to epoch k."""
+        """Propagate all filters to epoch k."""
         phi = self.transition[k]
         self.means = self.means @ phi.T
         self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
@@ -44,12 +44,12 @@ def mixture(
 def updated_covs(
     covs: np.ndarray, rows: np.ndarray, projected: np.ndarray, s: np.ndarray
 ) -> np.ndarray:
-    """Return the covariances (J, n, n) after a reading, in Joseph's form.
+    """Return the covariances (J, n, n) after a measurement, in Joseph's form.
 
     Parameters
     ----------
     covs : (J, n, n) before.
-    rows : (J, m, n) H of a reading whose noise is white, R = I.
+    rows : (J, m, n) H of a whitened measurement, R = I.
     projected : (J, m, n) H P.
     s : (J, m, m) H P Hᵀ + I.
     """
@@ -62,17 +62,19 @@ def updated_covs(
 def split_prior(
     problem: Problem, spacing_m: float, most: int, width: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return log weights, means and covariances of the prior's grid of Gaussians.
+    """Return log weights (J,), means (J, n) and covariances (J, n, n) of a grid of Gaussians.
 
-    The grid lies along the principal axes of the states in metres. A Gaussian at a point of it is
-    the prior with the standard deviation along these axes made narrow: all correlations are kept.
+    The grid lies along the principal axes of the prior's states in metres. Each Gaussian is the
+    prior with a smaller standard deviation along these axes; all correlations are kept. Means and
+    covariances are in units of the prior's standard deviations.
 
     Parameters
     ----------
-    spacing_m : distance of the Gaussians [m]; an axis along which the prior is narrower is not
-        split.
-    most : largest number of Gaussians; where the grid would need more, it is made coarser.
-    width : standard deviation of a Gaussian over the spacing.
+    problem : its prior is split.
+    spacing_m : distance of the Gaussians [m]. An axis along which the prior is narrower than that
+        is not split.
+    most : largest number of Gaussians; a grid that needs more is made coarser.
+    width : standard deviation of a Gaussian along a split axis, in units of the spacing.
     """
     scale = np.sqrt(np.diag(problem.prior_cov))
     mean = problem.prior_mean / scale
@@ -91,7 +93,7 @@ def split_prior(
 
 
 def fitting_spacing(sigma: np.ndarray, spacing_m: float, most: int) -> float:
-    """Return a spacing [m], not below the one asked for, of a grid with at most so many points.
+    """Return a spacing [m], at least the requested one, of a grid with at most ``most`` points.
 
     Parameters
     ----------

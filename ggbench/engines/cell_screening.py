@@ -1,7 +1,7 @@
-"""Weights of a prior's Gaussians after the first epoch, for several noises at once.
+"""Weights of a prior's Gaussians after the first epoch, for several noise levels.
 
 Gaussian sums that differ only in the noise share the predictions and linearisations of that epoch.
-Most of their Gaussians are dropped after it, and need no update.
+Most Gaussians are dropped after it and need no update.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Screened(NamedTuple):
 
     Attributes
     ----------
-    prior : the Gaussians that are not dropped after it, with their weights before it.
+    prior : the remaining Gaussians, with their weights before the epoch.
     evidence : of its measurements, see :func:`.extended_with_evidence`.
     """
 
@@ -36,14 +36,14 @@ class Screened(NamedTuple):
 
 
 def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> list[Screened]:
-    """Return the result of the first epoch for each of several noises.
+    """Return the result of the first epoch for each of several noise levels.
 
     Parameters
     ----------
     block : one run.
     prior : from :func:`.prior_cells`.
-    precisions : (S, equations) by which the equations of a measurement are multiplied: inverse
-        deviations of their noise in units of the given.
+    precisions : (S, equations) factors of the measurement equations: inverse standard deviations of
+        the noise in units of the given noise.
     """
     weights = np.empty((len(precisions), len(prior.weights)))
     _screen(batch_of(block), prior, precisions, weights)

@@ -1,10 +1,10 @@
 """Particle cloud with some states in Kalman filters.
 
-A row of the cloud is (p_i, l_i): d states that are drawn, and the mean of the others. Prediction,
-the start and kernels all draw from a Gaussian of joint covariance J over the states and keep what
-of l the draw does not tell: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl, where G Gᵀ =
-J_pp has the rank that J_pp has. In the prediction J = Φ_l P_l Φ_lᵀ + Q, whose cross-block is not
-zero: the noise of an interval moves p and l together.
+A row of the cloud is (p_i, l_i): d sampled states, and the mean of the others. Prediction, start
+and kernels sample from a Gaussian of joint covariance J over the states and condition l on the
+sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl, where G Gᵀ = J_pp has the rank of
+J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a non-zero cross-block, because the noise of an
+interval moves p and l together.
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ class _Reading(NamedTuple):
 
 
 class Cloud:
-    """N weighted particles (N, n), log weights (N,), and P_l (n − d, n − d) of them all.
+    """N weighted particles (N, n), log weights (N,), and their common P_l (n − d, n − d).
 
-    Their ``evidence`` is ln p(z) of all readings so far, ``total`` the ln Σ of their weights. Until
-    the first reading that bends, and again where it has become one, the cloud is a ``gaussian``,
-    mean (n,) and covariance (n, n).
+    ``evidence`` is ln p(z) of all measurements so far, and ``total`` is ln Σ of the weights. While
+    h is linear over the posterior, the cloud is a ``gaussian`` with mean (n,) and covariance (n,
+    n).
     """
 
     weights: np.ndarray
@@ -94,7 +94,7 @@ class Cloud:
         self.fewest, self.evidence = self.count, 0.0
 
     def predict(self, k: int) -> None:
-        """Carry the cloud to epoch k."""
+        """Propagate the cloud to epoch k."""
         problem, d = self.problem, self.drawn
         phi, noise = problem.transition[k], problem.process_cov[k]
         if self.gaussian:
@@ -109,7 +109,7 @@ class Cloud:
         self.x += self.rng.standard_normal((len(self.x), len(steps))) @ steps
 
     def update(self, k: int) -> float:
-        """Weigh the cloud by the reading of epoch k; return its NIS, NaN where it is none."""
+        """Weight the cloud by the measurement of epoch k; return its NIS, NaN for particles."""
         reading = self._reading(k)
         exact = self.moves.tempering > 0.0 and not self.moves.blurs
         residuals = np.empty((0, len(reading.noise)))
@@ -138,7 +138,7 @@ class Cloud:
         return mean, *repaired(cov, self.problem.prior_cov)
 
     def renew_if_poor(self) -> None:
-        """Renew the cloud where a reading has left too few of its particles any weight."""
+        """Resample the cloud if too few particles carry the weight."""
         if self.poor and not self.gaussian:
             self._renew()
         self.poor = False

@@ -14,21 +14,21 @@ from ..sensors.aiding import position_error
 
 
 class Contour(NamedTuple):
-    """Where a field has a value: points (P, 2) [m] on it and the field's slope (P, 2) there."""
+    """Contour of a field: points (P, 2) [m] and the gradient of the field (P, 2) there."""
 
     points: np.ndarray
     slopes: np.ndarray
 
 
 class Feet(NamedTuple):
-    """Nearest points (N, 2) of contours to those of a track, and whether there are any (N,)."""
+    """Nearest contour points (N, 2) of a track, and whether they exist (N,)."""
 
     points: np.ndarray
     found: np.ndarray
 
 
 def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) -> Contour:
-    """Return the contour of a level where it crosses the edges of a grid.
+    """Return the points at which the contour of a level crosses the edges of a grid.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) ->
 
 
 def feet(contours: Sequence[Contour], track: np.ndarray, cell: float) -> Feet:
-    """Return the point of each contour that is nearest to a point of the track (N, 2).
+    """Return the point of each contour nearest to a point of the track (N, 2).
 
-    To the tangent at the nearest crossing of an edge, as far as that is straight: within a cell.
+    It is the foot on the tangent at the nearest crossing of an edge, within one cell.
     """
     ends = np.cumsum([0, *(len(each.points) for each in contours)])
     points = np.concatenate([each.points for each in contours])
@@ -97,11 +97,11 @@ def _feet(
 def fitted_transform(
     x: np.ndarray, y: np.ndarray, similar: bool, most_turn: float, most_stretch: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (2, 2) and t (2,) of the motion of points x (N, 2) that comes nearest to y (N, 2).
+    """Return A (2, 2) and t (2,) of the best transform from points x (N, 2) to y (N, 2).
 
-    A rotation, and for a similarity a scale, by least squares (Umeyama 1991): with centred points
-    θ = atan2(Σ x × y, Σ x · y) and s = Σ y · R x / Σ ‖x‖². The turn is held to ± ``most_turn``
-    [rad] and the scale to 1 ± ``most_stretch``, within which the best one is at the border.
+    It is a rotation, and for a similarity also a scale, by least squares (Umeyama 1991): with
+    centred points θ = atan2(Σ x × y, Σ x · y) and s = Σ y · R x / Σ ‖x‖². The rotation is limited
+    to ± ``most_turn`` [rad] and the scale to 1 ± ``most_stretch``.
     """
     middle, target = x.mean(axis=0), y.mean(axis=0)
     a, b = x - middle, y - target
@@ -116,6 +116,6 @@ def fitted_transform(
 
 
 def track_metres(track: InsSolution, last: int) -> np.ndarray:
-    """Return the indicated positions (K, 2) east and north of that at an epoch [m]."""
+    """Return the INS positions (K, 2) east and north of that at an epoch [m]."""
     here = np.broadcast_to(track.positions[last], track.positions.shape)
     return np.asarray(position_error(track.positions, here)[:, :2])

@@ -1,10 +1,10 @@
-"""Extended Kalman filter on many runs at once, compiled: plain, iterated, robust, adaptive, gated.
+"""Compiled extended Kalman filter for many runs: plain, iterated, robust, adaptive, gated.
 
-Tests hold the plain filter to filterpy, and the others to the same equations with filterpy and
+Tests compare the plain filter with filterpy, and the others with the same equations in filterpy and
 NumPy.
 
-The measurement noise may be estimated from the residuals of updates, a variance of each component
-of a whitened reading (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa 1969).
+The measurement noise may be estimated from the residuals of updates: a variance for each component
+of a whitened measurement (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa 1969).
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ HALVINGS = 12
 
 @record
 class AdaptiveNoise:
-    """What is believed of the noise of eight runs.
+    """Noise estimates of eight runs.
 
     Attributes
     ----------
-    memory : number of readings that count; 0 believes the given noise.
+    memory : number of measurements that count; 0 keeps the given noise.
     variances : (1, m, lanes) of components in units of the given noise.
-    taken : (1, m, lanes) readings that have been taken in, and one for what was given.
+    taken : (1, m, lanes) number of processed measurements, plus one for the given noise.
     """
 
     memory: int
@@ -52,7 +52,7 @@ class AdaptiveNoise:
 
 @compiled
 def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -> None:
-    """Whiten a whole reading by what is believed, and all that are linearised after it."""
+    """Whiten this and all later readings by the estimated noise, variances (1, m, lanes)."""
     for c in range(reading.precision.shape[1]):
         for r in range(reading.precision.shape[2]):
             reading.precision[0, c, r] = 1.0 / math.sqrt(noise.variances[0, c, r])
@@ -63,11 +63,11 @@ def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -
 def update_noise_estimate(
     noise: AdaptiveNoise, search: Search, group: np.ndarray, count: int, k: int, p: np.ndarray
 ) -> None:
-    """Take in the residuals after an update: their expected squares are R − H P⁺ Hᵀ.
+    """Update the noise estimate with residuals; their expected squares are R − H P⁺ Hᵀ.
 
     Parameters
     ----------
-    search : the update; its reading is linearised after it, by the given noise.
+    search : the update, with the measurement linearised after it, whitened by the given noise.
     group, count, k : runs and epoch.
     p : (n, n, lanes) P⁺.
     """
@@ -91,14 +91,14 @@ def update_noise_estimate(
 
 
 class UpdateOptions(NamedTuple):
-    """Updates of an extended Kalman filter; by default those of the plain one.
+    """Options of updates; the defaults are those of the plain filter.
 
     Attributes
     ----------
     iterations : most linearisations of h per epoch.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
-    noise_memory : readings from which the noise is estimated; 0 for none.
-    gate, underweighting : see :mod:`.innovation_gating`; 0 for none. Of the plain update alone.
+    noise_memory : number of measurements for the noise estimate; 0 for none.
+    gate, underweighting : see :mod:`.innovation_gating`; 0 for none. Only for plain updates.
     """
 
     iterations: int = 1
@@ -113,7 +113,7 @@ class UpdateOptions(NamedTuple):
 def scatter_evidence(
     squared: np.ndarray, lower: np.ndarray, first: int, count: int, k: int, evidence: np.ndarray
 ) -> None:
-    """Write ln p(z_k | z_0 … z_{k−1}) of a group, up to the constants of the noise.
+    """Write ln p(z_k | z_0 … z_{k−1}) of a group, without the constants of the noise.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def scatter_evidence(
 
 @record
 class Starts:
-    """The state of each run before its first epoch.
+    """State of each run before its first epoch.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Starts:
 
 
 def prior_of(block: ProblemBlock) -> Starts:
-    """Return the prior that all runs of a block share."""
+    """Return the common prior of all runs of a block."""
     means = np.tile(block.prior_mean, (block.runs, 1, 1))
     return Starts(means, np.tile(block.prior_cov, (block.runs, 1, 1, 1)))
 
@@ -266,7 +266,7 @@ def _extended(
 
 
 def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
-    """Run the filter. The NIS is of all readings, with the given noise.
+    """Run the filter. The NIS is that of all measurements, with the given noise.
 
     Parameters
     ----------
@@ -279,14 +279,14 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
 def extended_with_evidence(
     block: ProblemBlock, options: UpdateOptions, starts: Starts | None = None
 ) -> tuple[EstimateBlock, np.ndarray]:
-    """Run the filter; return the estimates and the evidence of each epoch's readings (R, K).
+    """Run the filter; return the estimates and the evidence of each epoch (R, K).
 
-    The evidence is ln p(z_k | z_0 … z_{k−1}), less the logarithm of the density of noise that is
-    zero. Of an iterated update it is Laplace's approximation.
+    The evidence is ln p(z_k | z_0 … z_{k−1}), less the log density of zero noise. For an iterated
+    update it is Laplace's approximation.
 
     Parameters
     ----------
-    starts : the prior of the block, if not given.
+    starts : initial states; by default the prior of the block.
     """
     evidence = np.empty((block.runs, block.epochs))
     starts = prior_of(block) if starts is None else starts

@@ -1,6 +1,6 @@
-"""Unscented Kalman filter on many runs at once, compiled.
+"""Compiled unscented Kalman filter for many runs.
 
-A test holds it to filterpy.
+A test compares it with filterpy.
 """
 
 from __future__ import annotations
@@ -246,10 +246,10 @@ def unscented(
 ) -> EstimateBlock:
     """Run the unscented Kalman filter.
 
-    Sigma points that displace the instrument by less than a centimetre (and turn it by less than
-    1e-7 rad) are not evaluated: they read h(x) ± A B_k d, with the slope A of h at x. The error is
-    half a square, 5e-5 m² times the second derivative of h: below 1e-10 E at 10 km height, where
-    that is at most 1e-6 E/m² (100 E changing over 10 km), and 5e-7 E at 100 m.
+    Sigma points that displace the instrument by less than a centimetre (and rotate it by less than
+    1e-7 rad) are linearised: h(x) ± A B_k d, with the derivative A of h at x. The error is 5e-5 m²
+    times the second derivative of h: below 1e-10 E at 10 km height, where that is at most 1e-6 E/m²
+    (100 E changing over 10 km), and 5e-7 E at 100 m.
 
     Parameters
     ----------

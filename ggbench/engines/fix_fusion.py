@@ -1,13 +1,13 @@
 """Fusion of a matcher's fixes with the INS, epoch by epoch, and the list of fixes.
 
-What a matcher makes of its fixes is one of two things, by the name of ``fusion``. Either way a
-measurement is used once.
+``fusion`` is one of two methods. Each uses a measurement once.
 
 ``none``    each fix has the flight's prior and the measurements of its own window: the fixes are
             independent.
-``kalman``  a fix is an update: its prior is the estimate, carried along.
+``kalman``  a fix is an update: its prior is the propagated estimate.
 
-A matcher may hand over: its first fix ends the search, and a filter takes the later measurements.
+A matcher may hand over: its first fix ends the search, and a filter processes the later
+measurements.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class PropagatedEstimate:
 
     Attributes
     ----------
-    mean, cov : (K, n), (K, n, n), as far as it has been carried.
+    mean, cov : (K, n), (K, n, n), filled up to the latest epoch.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -51,9 +51,9 @@ class PropagatedEstimate:
         return self.mean[k], self.cov[k]
 
     def put(self, k: int, mean: np.ndarray, cov: np.ndarray) -> None:
-        """Set the estimate at epoch ``k``, from which it is carried on.
+        """Set the estimate at epoch ``k``, from which it is propagated.
 
-        Or at that and the following ones, given (K', n) and (K', n, n).
+        With (K', n) and (K', n, n) also set that of the following epochs.
         """
         self.at(k)
         stop = k + (1 if mean.ndim == 1 else len(mean))
@@ -61,7 +61,7 @@ class PropagatedEstimate:
         self._filled = stop
 
     def whole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (K, n) and covariance (K, n, n), carried to the end of the flight."""
+        """Return mean (K, n) and covariance (K, n, n), propagated to the end of the flight."""
         self.at(self.problem.epochs - 1)
         return self.mean, self.cov
 
@@ -71,7 +71,7 @@ Attempt = tuple[int, np.ndarray, np.ndarray, bool, float]
 
 
 def fixes_of(attempts: Sequence[Attempt]) -> Fixes:
-    """Return the fixes of a flight; of two dimensions where there is none."""
+    """Return the fixes of a flight; two-dimensional ones if there are none."""
     if not attempts:
         empty = np.zeros(0)
         return Fixes(
@@ -88,12 +88,12 @@ def fixes_of(attempts: Sequence[Attempt]) -> Fixes:
 
 
 class FixFusion:
-    """The estimate of a flight that is matched window by window, with what becomes of its fixes.
+    """Estimate of a flight that is matched window by window.
 
     Parameters
     ----------
     block : the flight, one run.
-    fusion : what becomes of fixes.
+    fusion : use of the fixes.
     position : the states that a fix contains.
     hands_over : whether the first accepted fix ends the search.
 
@@ -101,7 +101,7 @@ class FixFusion:
     ----------
     problem : the flight.
     found : whether the search has ended.
-    evaluations : how often h was evaluated so far; searches add to it.
+    evaluations : number of evaluations of h; searches add to it.
     """
 
     def __init__(
@@ -124,13 +124,23 @@ class FixFusion:
         return self.block.part(last + 1, end + 1, *self.before(last))
 
     def before(self, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return what a window that begins behind epoch ``last`` may know: mean and covariance."""
+        """Return the prior of a window that begins behind epoch ``last``: (n,) and (n, n).
+
+        It is the estimate at ``last``; with ``fusion`` "none" the state without any fix.
+        """
         return (self._unaided if self.fusion == "none" else self._estimate).at(last)
 
     def add(
         self, epoch: int, mean: np.ndarray, cov: np.ndarray, accepted: bool, statistic: float
     ) -> None:
-        """Note a fix of all states at an epoch; one that is accepted is the estimate from there."""
+        """Record a fix at an epoch; an accepted fix replaces the estimate.
+
+        Parameters
+        ----------
+        mean, cov : (n,), (n, n) of all states.
+        accepted : whether the fix passed its test.
+        statistic : of the test.
+        """
         at = self._position
         self._attempts.append((epoch, mean[at], cov[np.ix_(at, at)], accepted, statistic))
         if accepted:
@@ -138,7 +148,7 @@ class FixFusion:
             self.found, self._last = self._hands_over, epoch
 
     def estimate(self, behind: Callable[[ProblemBlock], EstimateBlock] | None = None) -> Estimate:
-        """Return the estimate, with what a filter makes of the measurements behind a hand-over."""
+        """Return the estimate, with a filter for the measurements after a hand-over."""
         if behind is not None and self.found and self._last + 1 < self.problem.epochs:
             start = self._estimate.at(self._last)
             filtered = behind(self.block.part(self._last + 1, self.problem.epochs, *start))

@@ -1,6 +1,6 @@
-"""The Gaussian-sum filter on many runs, compiled: the hypotheses of a run are its lanes.
+"""Compiled Gaussian-sum filter; the hypotheses of a run are its lanes.
 
-A test holds it to the same equations in NumPy.
+A test compares it with the same equations in NumPy.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _filter(
 
 @compiled
 def start(prior: Hypotheses, now: Hypotheses) -> None:
-    """Copy hypotheses of one covariance (1, n, n)."""
+    """Copy hypotheses with a common covariance (1, n, n) to separate arrays."""
     n = prior.means.shape[1]
     for j in range(len(prior.weights)):
         now.weights[j] = prior.weights[j]
@@ -108,18 +108,17 @@ def advance(
     counts: np.ndarray,
     sizes: np.ndarray,
 ) -> int:
-    """Carry the hypotheses of a run through the epochs from ``first`` to before ``stop``.
+    """Filter the epochs of a run from ``first`` to before ``stop``.
 
     Parameters
     ----------
-    now : the hypotheses; the first ones are those that are left.
-    mean, cov, evidence : (K, n), (K, n, n), (K,) output; evidence of size zero if not wanted.
-    counts, sizes : (1,) evaluations of h and sum of the sizes, to which those of the epochs are
-        added.
+    now : the hypotheses; the remaining ones come first.
+    mean, cov, evidence : (K, n), (K, n, n), (K,) output; evidence of size zero if not needed.
+    counts, sizes : (1,) evaluations of h and sum of the bank sizes; both are increased.
 
     Returns
     -------
-    How many are left.
+    Number of remaining hypotheses.
     """
     n, count = now.means.shape[1], len(now.weights)
     expected = lanes.moving_states(batch.transition, batch.process_cov)
@@ -348,7 +347,7 @@ def _moments(
 
 
 def prior_cells(block: ProblemBlock, spacing_m: float, most: int) -> Hypotheses:
-    """Return the prior's Gaussians, of one covariance (1, n, n); see :func:`.split_prior`."""
+    """Return the prior's Gaussians, of a common covariance (1, n, n); see :func:`.split_prior`."""
     weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
     scale = np.sqrt(np.diag(block.prior_cov))
     return Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
@@ -387,13 +386,13 @@ def gaussian_sum(
 
 
 def space_for(prior: Hypotheses) -> Hypotheses:
-    """Return arrays for as many Gaussians as a prior has, each with a covariance of its own."""
+    """Return arrays for as many Gaussians as a prior has, with separate covariances."""
     most, n = prior.means.shape
     return Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
 
 
 class CarriedSum:
-    """Gaussian sum of one run, carried through the epochs in parts.
+    """Gaussian sum of one run that filters the epochs in parts.
 
     Attributes
     ----------
@@ -425,7 +424,7 @@ class CarriedSum:
         self._rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
 
     def advance(self, stop: int) -> None:
-        """Carry the sum through the epochs before ``stop``."""
+        """Filter the epochs before ``stop``."""
         if self._stop == 0:
             start(self._prior, self._now)
         left = advance(

@@ -1,4 +1,4 @@
-"""Propagation and update of filters with added states, compiled: without the zeros of Φ and H."""
+"""Compiled propagation and update of filters with added states, without zeros of Φ and H."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def predict(
     Parameters
     ----------
     phi, q : (n, n, lanes) of the block's states, of which the first rows are used.
-    moving : how many.
+    moving : number of these rows.
     added : the added states.
     x, p : (1, N, lanes), (N, N, lanes).
     turned : (N, n, lanes) scratch.
@@ -242,7 +242,16 @@ def joseph(
     scratch: np.ndarray,
     change: np.ndarray,
 ) -> None:
-    """Update P as :func:`.lane_algebra.joseph` does, from the states that rows of H use."""
+    """Update P (N, N, lanes) as :func:`.lane_algebra.joseph` does, from the states that H uses.
+
+    Parameters
+    ----------
+    gain, hp : (m, N, lanes) Kᵀ and H P.
+    rows : H (m or more, N, lanes).
+    used, used_counts : see :class:`.hypothesis_bank.Families`, of one family.
+    p : (N, N, lanes), replaced.
+    scratch, change : (N, N, lanes), (m, N, lanes), overwritten.
+    """
     lane_algebra.add_products(gain, hp, -1.0, p, scratch)
     multiply_rows(rows, used, used_counts, scratch, change)
     for c in range(gain.shape[0]):

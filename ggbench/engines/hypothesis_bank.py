@@ -1,9 +1,8 @@
-"""Bank of filters of several hypotheses, compiled: hypotheses and runs are its lanes.
+"""Compiled bank of filters of several hypotheses; hypotheses and runs are its lanes.
 
-The filters of a family have the same states. Those behind the states of the block are independent
-processes, so that their part of Φ is a diagonal of small blocks. The propagation and the update
-leave out the zeros of Φ and H. A test compares each filter with the plain one of
-:mod:`.extended_filter` on a problem with dense matrices.
+The filters of a family have the same states. Added states are independent processes, so their part
+of Φ is a diagonal of small blocks. Propagation and update omit the zeros of Φ and H. A test
+compares each filter with the plain one of :mod:`.extended_filter` on a problem with dense matrices.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ NEGLIGIBLE = -25.0
 class Families:
     """G families of filters, and their added states.
 
-    These are, in this order: an error process of each of c channels, of ``orders`` states; the
-    gravity that the INS does not know (3), with a state of value one behind it or not; a constant
-    error of each channel.
+    The added states are, in this order: an error process of ``orders`` states for each of c
+    channels; the unknown gravity (3), optionally followed by a state of value one; a constant error
+    of each channel.
 
     Attributes
     ----------
@@ -50,9 +49,9 @@ class Families:
     losses, thresholds : (G,) see :mod:`.robust_weights`.
     first_linear, columns, column_starts : see :class:`.ModelArrays`; (G,), concatenated, (G + 1,).
     linears : C_k (R, K, m, N) of each family, concatenated.
-    linear_starts : (G,) where each begins.
+    linear_starts : (G,) start of each family in ``linears``.
     roots : (G,) index of the inverse root of the noise.
-    gradients : (G,) number of equations that the gradiometer's channels become.
+    gradients : (G,) number of equations of the gradiometer.
     used, used_counts : (G, equations, .), (G, equations) states on which a plain update's equation
         depends.
     """
@@ -76,7 +75,7 @@ class Families:
 
 @record
 class Bank:
-    """Filters of J hypotheses about R runs, family by family.
+    """Filters of J hypotheses on R runs, family by family.
 
     Attributes
     ----------
@@ -84,20 +83,20 @@ class Bank:
     families : see :class:`Families`.
     iterations : linearisations of h in each update without a loss.
     hypotheses : (F,) the hypothesis of each filter.
-    evident, estimating : (F,) whether a filter gives its evidence, and its estimates.
+    evident, estimating : (F,) whether the evidence, and the estimates, of a filter are used.
     scales : (F, m) factors on the standard deviations of the channels' noise.
-    heights : (F, 2) by how much the logarithm of the peak of a noise density is lower than that of
-        the given normal density, for each channel: of those matched with the map, of all.
-    peaks : (R, K, 3) logarithm of the peak of the given density without its constant; how many
-        channels deliver that are matched with the map; how many channels deliver.
+    heights : (F, 2) log peak of the given normal noise density less that of the filter, per
+        channel: for map-matched channels, and for all.
+    peaks : (R, K, 3) log peak of the given density without its constant; number of available
+        map-matched channels; number of available channels.
     motions : (F,) row of ``moves`` and ``drives``.
     moves : (., R, K, 5) transition of an error process (2, 2), and of gravity.
-    drives : (., R, K, 5) the variance that is added, over that of the process (2, 2); to gravity.
+    drives : (., R, K, 5) added variance over that of the process (2, 2), and that of gravity.
     variances : (F, c) of the error processes.
     priors : (F, .) prior variances of the added states.
-    coupling : (R, K, n, 4) what the coupled states add to those of the block.
+    coupling : (R, K, n, 4) coupling of added states into those of the block.
     inverses : (., 1 or K, m, m) inverse roots of noise.
-    square : zeros, as many as the largest P has elements.
+    square : zeros, with the number of elements of the largest P.
     """
 
     batch: Batch
@@ -121,12 +120,12 @@ class Bank:
 
 @record
 class Members:
-    """Filters that run through a stage, with their states at its beginning or end.
+    """Filters in a stage, with their states at its beginning or end.
 
     Attributes
     ----------
     filters, runs : (M,).
-    slots : (M,) place of the hypothesis and run in the results of a stage.
+    slots : (M,) index of hypothesis and run in the results of a stage.
     states : (F, R, .) mean and covariance of each filter.
     """
 
@@ -138,12 +137,12 @@ class Members:
 
 @record
 class Stage:
-    """Results of the epochs of a stage, of S pairs of a hypothesis and a run.
+    """Results of the epochs of a stage, for S pairs of a hypothesis and a run.
 
     Attributes
     ----------
     first, stop : epochs.
-    mean, cov : (S, epochs, n), (S, epochs, n, n); of a covariance the lower half.
+    mean, cov : (S, epochs, n), (S, epochs, n, n); only the lower half of a covariance.
     evidence : (S, epochs).
     counts : (R,) evaluations of h.
     """
@@ -170,10 +169,10 @@ def follow(
     weights: np.ndarray,
     counts: np.ndarray,
 ) -> None:
-    """Fill the mixture of all hypotheses from an epoch on, in the chosen runs.
+    """Fill the mixture of all hypotheses from an epoch on, for the chosen runs.
 
-    At the end of each stage the hypotheses are dropped that weigh nothing. From the epoch on from
-    which no hypothesis has an answer all is NaN.
+    At the end of each stage, hypotheses with negligible weight are dropped. If all hypotheses fail,
+    later results are NaN.
 
     Parameters
     ----------

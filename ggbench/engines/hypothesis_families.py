@@ -122,15 +122,15 @@ def bank_of(
 
 
 def mixed_noise(block: ProblemBlock) -> bool:
-    """Return whether noise of channels matched with the map correlates with other noise."""
+    """Return whether noise of map-matched channels correlates with other noise."""
     of_map = of_the_map(block)
     return bool(block.noise_cov[..., of_map, :][..., ~of_map].any())
 
 
 def precisions_of(block: ProblemBlock, noises: Sequence[float]) -> np.ndarray:
-    """Return the precision (S, equations) of a plain update's equations for factors on the noise.
+    """Return the precision (S, equations) of the equations of plain updates, for noise factors.
 
-    The noise is not :func:`mixed_noise`.
+    :func:`mixed_noise` must be false.
     """
     model, of_map = block.model, of_the_map(block)
     g, moving = len(model.channels), moving_errors(model.instrument)

@@ -23,10 +23,10 @@ class Motion(NamedTuple):
 
     Attributes
     ----------
-    ways : (R, K) from the epoch before, or the start [m]; zero without a track.
-    known : (R, K, 3) by how much what the INS errs by has changed since the start, on average over
-        the time from the epoch before, as gradients tell [m/s²] ENU; zero if they do not.
-    walked : (R, K) variance that the noise of the gradients adds to it.
+    ways : (R, K) distance from the previous epoch or the start [m]; zero without a track.
+    known : (R, K, 3) change of the uncompensated gravity since the start from integrated gradients,
+        mean since the previous epoch [m/s²] ENU; zero if not available.
+    walked : (R, K) variance of this change by gradient noise.
     """
 
     ways: np.ndarray
@@ -49,7 +49,7 @@ def motion_of(block: ProblemBlock) -> Motion:
 
 
 def whole_tensor(block: ProblemBlock) -> bool:
-    """Return whether the gradiometer tells all of a tensor in axes of the local level."""
+    """Return whether the gradiometer measures the whole tensor in local-level axes."""
     model = block.model
     if block.tracks is None or model.instrument != LOCAL_LEVEL or len(model.lags) > 1:
         return False

@@ -1,18 +1,17 @@
-"""Incremental smoothing of many runs by Kalman smoothers, equal to iSAM2, compiled.
+"""Compiled incremental smoothing of many runs by Kalman smoothers, equal to iSAM2.
 
-Each node has a point about which its reading is linearised. With every epoch a node is added,
-linearised where the newest estimate predicts it; nodes whose estimate has moved from their point by
-a threshold or more are linearised again where the estimate is; and the linear problem is solved
-exactly. These are the rules of GTSAM's ISAM2 (Kaess et al. 2012) without a wildfire threshold,
-which remains the reference. Where ISAM2 eliminates the part of its Bayes tree that a change
-reaches, a filter goes on from the oldest node that was linearised again, and multipliers go back
-through all nodes.
+Each node has a linearisation point. Every epoch adds a node, linearised at the predicted state.
+Nodes whose estimate has moved from this point by a threshold or more are relinearised at the
+estimate. Then the linear problem is solved exactly. These are the rules of GTSAM's ISAM2 (Kaess et
+al. 2012) without a wildfire threshold, which remains the reference. Instead of eliminating the
+affected part of a Bayes tree, a filter restarts from the oldest relinearised node, and multipliers
+are propagated back through all nodes.
 
-In a sliding window (GTSAM's IncrementalFixedLagSmoother) a node leaves when a reading comes that is
-later by more than the lag. What had been linearised stays as it is, and so does the point of the
-oldest node of the window, with which what has left is entangled.
+In a sliding window (GTSAM's IncrementalFixedLagSmoother) a node leaves when a measurement is later
+by more than the lag. Its linearisation is final, and so is that of the oldest node of the window,
+which is coupled to it.
 
-Eight runs go together: a filter goes on where the first of them has to.
+Eight runs are processed together: the filter restarts at the oldest node that any of them needs.
 """
 
 from __future__ import annotations
@@ -145,19 +144,19 @@ def smoother(
     loss: str = "none",
     threshold: float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Solve the problems of every run as their readings come.
+    """Solve the problems of every run, measurement by measurement.
 
     Parameters
     ----------
     block : the runs.
-    limits : (R, n) changes of a state from which its node is linearised again.
-    leaving : (K,) the oldest node of the window when an epoch has come; those before it are final.
-        None: no window, and every node is final as the newest.
+    limits : (R, n) changes of a state from which its node is relinearised.
+    leaving : (K,) oldest node of the window at each epoch; earlier nodes are final. None: no
+        window; every newest node is final.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
 
     Returns
     -------
-    mean (R, K, n), cov (R, K, n, n) of each node when it is final; counters.
+    mean (R, K, n), cov (R, K, n, n) of each final node; counters.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))

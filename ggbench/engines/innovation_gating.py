@@ -1,10 +1,10 @@
-"""Innovation gates and underweighted updates of eight runs at once, compiled.
+"""Compiled innovation gates and underweighted updates of eight runs.
 
-A gate leaves out a measurement whose normalised innovation squared yᵀ S⁻¹ y is beyond a quantile of
-the χ² distribution that it should have (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4).
-Underweighting takes S = (1 + β) H P Hᵀ + R for the gain, since a wide prior and a field that bends
-make innovations larger than H P Hᵀ + R (Lear 1985; Carpenter & D'Souza 2018,
-NASA/TP-2018-219822). The covariance after it is that of Joseph's form with R and this gain.
+A gate rejects a measurement whose normalised innovation squared yᵀ S⁻¹ y exceeds a quantile of its
+χ² distribution (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4). Underweighting uses S = (1 + β) H P
+Hᵀ + R for the gain, because with a wide prior and a nonlinear field innovations exceed H P Hᵀ + R
+(Lear 1985; Carpenter & D'Souza 2018, NASA/TP-2018-219822). The covariance after it is that of
+Joseph's form with R and this gain.
 
 With both, the gate tests the innovation against the S of the gain.
 """
@@ -35,21 +35,21 @@ class GateOptions:
 
 
 def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> GateOptions:
-    """Return the options of a block for a gate's probability (0: none) and a β."""
+    """Return the options of a block for the probability of a gate (0: none) and a β."""
     limits = gate_limits(gate, block.present)
     return GateOptions(limits if gate else np.empty((0, 0)), underweighting)
 
 
 def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
-    """Return the largest yᵀ S⁻¹ y (...) of measurements that pass a gate.
+    """Return the largest accepted yᵀ S⁻¹ y (...) of measurements.
 
-    The quantile of χ² with as many degrees of freedom as channels are present; ∞ where none is, or
-    without a gate.
+    It is the quantile of χ² with one degree of freedom per available channel; ∞ without a channel
+    or a gate.
 
     Parameters
     ----------
     gate : its probability; 0 for none.
-    present : (..., m) which channels there are.
+    present : (..., m) mask of available channels.
     """
     channels = np.count_nonzero(present, axis=-1)
     if not gate:
@@ -61,7 +61,7 @@ def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
 def underweight(
     s: np.ndarray, noise_cov: np.ndarray, underweighting: float, spread: np.ndarray
 ) -> None:
-    """Add β times its part of the prior to the lower half of S (m, m), and fill that part whole.
+    """Add β H P Hᵀ to the lower half of S (m, m), and fill ``spread`` with H P Hᵀ.
 
     Parameters
     ----------

@@ -15,8 +15,8 @@ def innovations(
     """Return the innovations (K, m) of a filter's estimates, and their covariances (K, m, m).
 
     The innovation is that of the estimate at the previous epoch, predicted with Φ and Q. Only a
-    filter has innovations; the first epoch's is that of the prior. It is zero where a channel
-    delivers nothing. What h and H are asked here is not among the model's ``evaluations``.
+    filter has innovations. At the first epoch the prior is predicted. Innovations of missing
+    measurements are zero. These evaluations of h and H are not counted in ``evaluations``.
     """
     epochs, channels = problem.measurements.shape
     last_mean = np.concatenate([problem.prior_mean[np.newaxis], mean[:-1]])
@@ -41,7 +41,7 @@ def innovations(
 def innovations_squared(problem: Problem, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return the NIS (K,) of a filter's estimates, from its own mean and covariance.
 
-    Of its :func:`innovations`; NaN where no channel delivers anything.
+    It is that of :func:`innovations`; NaN without a measurement.
     """
     nis = np.full(problem.epochs, np.nan)
     there = problem.present.any(axis=1)

@@ -1,9 +1,9 @@
-"""The iterated, robust update of an extended Kalman filter on eight runs at once, compiled.
+"""Compiled iterated, robust update of an extended Kalman filter for eight runs.
 
-It seeks the x at which J(x) = ½ (x − x⁻)ᵀ P⁻¹ (x − x⁻) + Σ ρ(r(x)) is least, r being the whitened
-residuals of a reading, by Gauss–Newton steps (Bell & Cathey 1993) that are halved until J falls.
-Every x is x⁻ + P λ, so that P needs no inverse. A run of the group that has arrived stays where it
-is, so that its neighbours do not matter to it.
+The update minimises J(x) = ½ (x − x⁻)ᵀ P⁻¹ (x − x⁻) + Σ ρ(r(x)), with the whitened residuals r of a
+measurement, by Gauss–Newton steps (Bell & Cathey 1993) that are halved until J decreases. Every x
+is x⁻ + P λ, so P needs no inverse. A converged run of the group stays unchanged, so its result does
+not depend on its neighbours.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ _CONVERGED = 1e-6
 
 @record
 class Rules:
-    """How an update searches.
+    """Rules of an iterated update.
 
     Attributes
     ----------
-    iterations : most linearisations. With one, x is left to the linear update.
-    halvings : how many parts of a step are tried.
-    loss, threshold : see :mod:`.robust_weights`; with a loss readings are whole.
-    settled : whether the weights of a loss are those that a linear update leaves as they are, or
-        those of the residuals at each linearisation.
+    iterations : largest number of linearisations. With one, the linear update computes x.
+    halvings : number of shortened steps to try.
+    loss, threshold : see :mod:`.robust_weights`; with a loss measurements are whole.
+    settled : whether the weights of a loss are converged over linear updates, instead of those of
+        the residuals at each linearisation.
     """
 
     iterations: int
@@ -44,7 +44,7 @@ class Rules:
 
 @record
 class Search:
-    """The search of eight runs at an epoch; the update is of ``rows`` and ``innovation``.
+    """Iterated updates of eight runs at an epoch; ``rows`` and ``innovation`` define the update.
 
     Attributes
     ----------
@@ -55,12 +55,12 @@ class Search:
     step : of λ.
     tried : λ of a trial.
     rows, innovation : (equations, n, lanes), (1, equations, lanes) of the last linearisation,
-        divided by the deviations that a loss makes of the noise; as seen from x⁻.
+        divided by the noise standard deviations of a loss; relative to x⁻.
     hp, s, white, half, gain : scratch (equations, n), (equations, equations), (1, equations); after
         :func:`update` s is the root of H P Hᵀ + 1, as :func:`.lane_algebra.factorise` leaves it.
     cost : (lanes,).
-    seeking, trying : (lanes,) whether a run has not arrived; still halves.
-    weights : (1, equations, lanes) that a loss gave the equations; ones without any.
+    seeking, trying : (lanes,) whether a run has not converged; whether its step is being halved.
+    weights : (1, equations, lanes) weights of the equations by a loss; ones without a loss.
     weight : (equations,) scratch.
     counts : (lanes, 2) of linearisations and evaluations of h so far.
     """
@@ -89,7 +89,7 @@ class Search:
 
 @compiled
 def search_of(batch: Batch, rules: Rules, reading: LinearisedMeasurement) -> Search:
-    """Return the arrays of searches by readings."""
+    """Return unfilled arrays (1, n, lanes) for iterated updates with readings."""
     n, equations = batch.prior_cov.shape[0], reading.rows.shape[0]
     weights = lanes(1, equations)
     weights[:] = 1.0
@@ -126,8 +126,8 @@ def minimise(
 
     Parameters
     ----------
-    out : the search; its reading is linearised at x, and overwritten.
-    group, count, k : as :func:`.linearise` has them.
+    out : the search; its measurement is linearised at x, and overwritten.
+    group, count, k : as in :func:`.linearise`.
     x, p : (1, n, lanes), (n, n, lanes) of the prediction.
     """
     rules, m = out.rules, out.rows.shape[0]
@@ -159,7 +159,7 @@ def minimise(
 
 @compiled
 def update(out: Search, x: np.ndarray, p: np.ndarray, scratch: np.ndarray) -> None:
-    """Update P with the equations of a search, and x if that was left to the linear update.
+    """Update P with the equations of a search, and x if there was one linearisation.
 
     ``scratch`` (n, n, lanes) is overwritten.
     """

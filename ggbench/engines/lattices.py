@@ -6,19 +6,19 @@ import numpy as np
 
 
 class Lattice:
-    """The points base + A i of integers i (d,), and a Gaussian's masses on a box of them.
+    """Points base + A i with integers i (d,), and masses of a Gaussian in a box of them.
 
     Attributes
     ----------
-    base : (d,) where the box of masses begins.
-    axes : (d, d) A, a column each.
+    base : (d,) first corner of the box of masses.
+    axes : (d, d) A, one axis per column.
     masses : (cells of each axis); they add up to one.
 
     Parameters
     ----------
     mean, cov : (d,), (d, d) of the Gaussian.
     steps : (d,) distance of the points along each state.
-    reach : at how many standard deviations the box ends.
+    reach : half side of the box in standard deviations.
     """
 
     def __init__(self, mean: np.ndarray, cov: np.ndarray, steps: np.ndarray, reach: float) -> None:
@@ -38,10 +38,10 @@ class Lattice:
         return np.asarray(self.base + index @ self.axes.T)
 
     def move(self, transition: np.ndarray) -> None:
-        """Move the points as the states are moved, which smears nothing."""
+        """Propagate the points as states, by Φ (d, d); the masses stay with their points."""
         self.base, self.axes = transition @ self.base, transition @ self.axes
 
     def in_cells(self, cov: np.ndarray) -> np.ndarray:
-        """Return a covariance (d, d) of the states as one of indices."""
+        """Convert a covariance (d, d) of the states to one of indices."""
         back = np.linalg.inv(self.axes)
         return np.asarray(back @ cov @ back.T)

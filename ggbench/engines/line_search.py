@@ -1,15 +1,14 @@
-"""Gauss–Newton searches for most probable trajectories, with halved steps, compiled.
+"""Compiled Gauss–Newton searches for most probable trajectories, with halved steps.
 
-Each step linearises h about the whole trajectory and solves the linear problem with a Kalman
-filter and smoother (Bell 1994), and goes only as far towards its solution as the cost falls: the
-line-search iterated extended Kalman smoother of Särkkä & Svensson 2020.
+Each step linearises h about the whole trajectory and solves the linear problem with a Kalman filter
+and smoother (Bell 1994), and shortens the step until the cost decreases: the line-search iterated
+extended Kalman smoother of Särkkä & Svensson 2020.
 
-The searches of all runs of a block go through the lanes together, whatever run each is of; one that
-has ended stays where it is.
+The lanes process searches of all runs of a block together. A search that has ended stays unchanged.
 
-Between a trajectory a and the minimum b of the linear problem about it the cost of the motion,
-½ M(x, x), is quadratic: M(a, a), M(a, b) and M(b, b) are all there is to know. At b the linear
-problem has no slope, M(b, a − b) = (y − H b)ᵀ H (a − b), so that no multipliers need be kept:
+Between a trajectory a and the minimum b of the linear problem about it the cost of the motion, ½
+M(x, x), is quadratic, so M(a, a), M(a, b) and M(b, b) define it. At b the gradient of the linear
+problem is zero, M(b, a − b) = (y − H b)ᵀ H (a − b), so no multipliers are stored:
 
     M(a, b) = M(b, b) + |y − H b|² − (y − H b)ᵀ (y − H a).
 """
@@ -58,19 +57,20 @@ CONVERGED = 1e-6
 
 @record
 class MapSearches:
-    """Trajectories of J searches for the maximum a posteriori, before and after them.
+    """Trajectories of J searches for the maximum a posteriori.
 
     Attributes
     ----------
-    runs : (J,) whose they are.
+    runs : (J,) run of each search.
     states : (J, K, n).
     start : (J, n) λ of the state before the first epoch, prior_mean + P_0 λ.
     motion : (J,) twice the cost of the motion.
-    about : (J, K, n) where h was linearised last.
+    about : (J, K, n) latest linearisation points.
     cost : (J,) of the trajectory.
     iterations : (J,) steps.
     evaluations : (J,) of h.
-    converged : (J,) whether the last step gained too little, and could have gained no more.
+    converged : (J,) whether the last step, and the linear problem, decreased the cost by less than
+        the limit.
     """
 
     runs: np.ndarray
@@ -86,13 +86,13 @@ class MapSearches:
 
 @record
 class TrialSlots:
-    """What is tried at once: in each lane a share of the way of a search, maybe of another lane.
+    """Trial steps that are evaluated together, one per lane; a search may use several lanes.
 
     Attributes
     ----------
-    lane, share : (lanes,) whose way, how far.
+    lane, share : (lanes,) search, and share of its step.
     group : (lanes,) runs.
-    left : (lanes,) Σ ρ of the residuals there.
+    left : (lanes,) Σ ρ of the residuals of the trial.
     x : (1, n, lanes) scratch.
     """
 
@@ -159,7 +159,21 @@ def _mixed_motion(path: Linearisation, costs: CostTerms, mixed: np.ndarray) -> N
 def assign_trials(
     trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: TrialSlots
 ) -> int:
-    """Give the slots the next shares of those that still try, as many to each; return how many."""
+    """Assign the next shortened steps of unfinished line searches to the slots.
+
+    Each search gets equally many slots; the shares of its step are successive halvings.
+
+    Parameters
+    ----------
+    trying : (lanes,) searches whose cost has not fallen yet.
+    halved : (lanes,) number of shares that each search has tried.
+    group : (lanes,) run of each search.
+    slots : ``lane``, ``share`` and ``group`` are filled; unused slots repeat the first one.
+
+    Returns
+    -------
+    Number of used slots.
+    """
     share, used = len(trying) // trying.sum(), 0
     for r in lanes.each():
         if trying[r]:
@@ -193,9 +207,14 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 
 @compiled
 def search(problems: BatchProblem, most: int, enough: float, found: MapSearches) -> None:
-    """Follow the searches to their ends, in at most so many steps each.
+    """Follow the searches to their ends.
 
-    A search ends with a step that lowers the cost by less than ``enough``.
+    Parameters
+    ----------
+    problems : of all runs.
+    most : largest number of steps of a search.
+    enough : a search ends with a step that lowers the cost by less.
+    found : J searches; all arrays but ``runs`` are updated.
     """
     searches, epochs, n = found.states.shape
     smoother = smoother_of(problems)
@@ -310,7 +329,7 @@ def _move(
 
 @compiled
 def undisturbed(batch: Batch, found: MapSearches) -> None:
-    """Fill the undisturbed motions from prior_mean + P_0 λ, and what these cost."""
+    """Fill ``states`` (J, K, n), propagated from prior_mean + P_0 λ, and ``motion`` (J,)."""
     n = batch.prior_cov.shape[0]
     x, moved = np.empty(n), np.empty(n)
     for job in range(found.runs.shape[0]):
@@ -333,7 +352,7 @@ def undisturbed(batch: Batch, found: MapSearches) -> None:
 
 @compiled
 def filtered_tracks(batch: Batch, found: MapSearches) -> None:
-    """Fill the smoothed tracks of an extended Kalman filter of all runs."""
+    """Fill the smoothed tracks (J, K, n) of an extended Kalman filter for all runs."""
     runs, epochs, n = found.states.shape
     smoother = smoother_of(BatchProblem(batch, NONE, np.inf))
     path, work = smoother.path, smoother.work
@@ -388,8 +407,8 @@ def ends(
 ) -> None:
     """Fill mean (J, 1, n) and covariance (J, 1, n, n) of the last epochs, and log widths (J,).
 
-    A log width is ½ ln of the determinant of a trajectory's covariance over that of the prior: that
-    is −½ Σ ln det of the covariances of the innovations, in units of the noise.
+    A log width is ½ ln of the determinant of a trajectory's covariance over that of the prior, −½ Σ
+    ln det of the innovation covariances in units of the noise.
     """
     searches = found.states.shape[0]
     smoother = smoother_of(problems)
@@ -429,12 +448,12 @@ def screen(
     places: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Add what is left of the readings of some epochs to out (R, S).
+    """Add the losses of the residuals at some epochs to out (R, S).
 
     Parameters
     ----------
-    along : (n, d) how the state before the first epoch follows coordinates.
-    shown : (K,) whether.
+    along : (n, d) map from coordinates to the state before the first epoch.
+    shown : (K,) mask of these epochs.
     places : (d, vectors, lanes) these coordinates, in the order of memory.
     """
     batch, (n, d) = problems.batch, along.shape

@@ -1,4 +1,4 @@
-"""Linear problems of eight runs about their trajectories, and the arrays of a smoother."""
+"""Linearised problems of eight runs about their trajectories, and the arrays of a smoother."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class BatchProblem:
 
 @record
 class Updates:
-    """What updates with the readings of all epochs leave for the way back.
+    """Data of the updates of all epochs for the backward pass.
 
     Attributes
     ----------
@@ -40,16 +40,16 @@ class Updates:
 
 @record
 class Linearisation:
-    """The linear problems of a group about its trajectories, and what the filter leaves of them.
+    """Linearised problems of a group about its trajectories, and results of the filter.
 
     Attributes
     ----------
-    moving : (K,) how many states Φ moves.
-    phi, q : (K, n, n, lanes) their rows of Φ and Q.
+    moving : (K,) number of states that Φ changes.
+    phi, q : (K, n, n, lanes) rows of Φ and Q of these states.
     rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
-    states, trial : (K, 1, n, lanes) the trajectory and the one that is tried.
+    states, trial : (K, 1, n, lanes) the trajectory and the trial trajectory.
     filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
-    updates : with the readings.
+    updates : data of the measurement updates.
     """
 
     moving: np.ndarray
@@ -66,7 +66,7 @@ class Linearisation:
 
 @record
 class Scratch:
-    """Scratch for one epoch and readings of m equations, named as what it holds for a while."""
+    """Scratch for one epoch and measurements of m equations, named by its content."""
 
     x: np.ndarray
     p: np.ndarray
@@ -87,10 +87,10 @@ class CostTerms:
 
     Attributes
     ----------
-    unexplained : squares of what no state explains.
-    explained : squares of the other residuals, or twice the loss of each.
-    weighted : their squares with the weights that a loss gives them; without one ``explained``.
-    promised : what the linear problem said of these.
+    unexplained : squares of the part that does not depend on the states.
+    explained : squares of the other residuals, or twice their losses.
+    weighted : their squares with the weights of a loss; without a loss equal to ``explained``.
+    promised : predicted value of these from the linear problem.
     motion : the cost of the motion, twice.
     """
 
@@ -103,13 +103,13 @@ class CostTerms:
 
 @record
 class Smoother:
-    """What smooths one group of runs after the other.
+    """Arrays for smoothing one group of runs after the other.
 
     Attributes
     ----------
     problems : of all runs.
-    expected : how many states move, see :func:`.lanes.gather`.
-    reading : the latest to be linearised.
+    expected : expected number of states that change, see :func:`.lanes.gather`.
+    reading : latest linearised measurement.
     path, costs : of the group.
     work : scratch for the equations of readings.
     """
@@ -143,7 +143,7 @@ def scratch_of(n: int, m: int) -> Scratch:
 
 @compiled
 def smoother_of(problems: BatchProblem) -> Smoother:
-    """Return the arrays of a group."""
+    """Return unfilled arrays for a group of runs, in the shapes of :class:`Linearisation`."""
     batch, new = problems.batch, lanes.series
     epochs, n = batch.transition.shape[1:3]
     reading = readings_of(batch, problems.loss != NONE)
@@ -195,7 +195,13 @@ def gather_motions(smoother: Smoother, group: np.ndarray) -> None:
 
 @compiled
 def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
-    """Linearise about the trial trajectories of a group, of which ``count`` runs differ."""
+    """Linearise about the trial trajectories of a group.
+
+    Parameters
+    ----------
+    smoother : ``path.trial`` is read; ``path.rows``, ``path.target`` and ``costs`` are filled.
+    group : (lanes,) runs, of which ``count`` differ.
+    """
     path, costs = smoother.path, smoother.costs
     costs.unexplained[:] = 0.0
     costs.explained[:] = 0.0
@@ -207,9 +213,9 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
 
 @compiled
 def relinearise_epoch(smoother: Smoother, k: int) -> None:
-    """Replace the linear problem of an epoch by the one about the trial; add up the costs.
+    """Replace H (m, n) and its target (1, m) of epoch ``k`` by those about the trial trajectory.
 
-    Equations of a reading are multiplied with the roots of the weights that a loss gives them.
+    Costs are added up. With a loss, each equation is multiplied by the root of its weight.
     """
     problems, reading = smoother.problems, smoother.reading
     path, costs = smoother.path, smoother.costs

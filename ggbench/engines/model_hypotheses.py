@@ -1,4 +1,4 @@
-"""Hypotheses about model errors: further states, or another noise."""
+"""Hypotheses about model errors: additional states, or different noise."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ _CORE = 0.7
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What may differ from the model.
+    """A deviation from the assumed model.
 
     Attributes
     ----------
     kind : its name in a summary.
-    prior : its weight before any measurement, in any unit.
+    prior : prior weight, not normalised.
     noise : factor on the standard deviation of gravity and gradient channels.
     loss, threshold : of the noise, see :mod:`.robust_weights`.
     constant : standard deviation of a constant error of each such channel [unit of the channel].
-    wander, length_m : standard deviation of another error of each channel, and its distance ℓ. The
-        covariance is Matérn's with ν = 3/2, σ² (1 + √3 d/ℓ) exp(−√3 d/ℓ): smooth, as maps' errors.
+    wander, length_m : standard deviation of a variable error of each channel, and its distance ℓ.
+        The covariance is that of a Matérn process with ν = 3/2, σ² (1 + √3 d/ℓ) exp(−√3 d/ℓ),
+        smooth as map errors.
     rough : whether that covariance is σ² exp(−d/ℓ) instead.
-    gravity_mgal, gravity_km : standard deviation of each component of the gravity that the INS does
-        not know, and the distance to 1/e of its correlation.
-    integrated : whether the gravity's change is that of the gradients that are measured.
-    estimate : the hypothesis by which the states are estimated, if another one than that whose
-        evidence counts: see :func:`map_error`.
+    gravity_mgal, gravity_km : standard deviation of each component of the unknown gravity, and its
+        correlation distance (1/e).
+    integrated : whether the change of gravity follows from measured gradients.
+    estimate : hypothesis for the estimates, if it differs from that for the evidence, see
+        :func:`map_error`.
     """
 
     kind: str
@@ -57,12 +58,12 @@ class Hypothesis:
 
     @property
     def keeps_states(self) -> bool:
-        """Whether the states are those of the block."""
+        """Whether the hypothesis has no additional states."""
         return not (self.constant or self.wander or self.gravity_mgal)
 
     @property
     def words(self) -> str:
-        """The hypothesis as a person would say it."""
+        """Hypothesis in words."""
         said, noise = [], self.noise if self.estimate is None else self.estimate.noise
         if noise != 1.0:
             said.append(f"noise {noise:.2g} times as assumed")
@@ -79,10 +80,11 @@ class Hypothesis:
 
 
 def heavy_tails(kind: str, noise: float) -> Hypothesis:
-    """Return the hypothesis that noise of a size has outliers among it.
+    """Return the hypothesis of noise with outliers.
 
-    Tails that are heavy enough for a fifth of outliers tell the size of the others, but are no
-    density of noise that has few of them: the states are estimated with Cauchy's usual threshold.
+    The evidence uses tails heavy enough for a fifth of outliers, which give a correct size of the
+    other errors. For few outliers these tails are too heavy, so the states are estimated with the
+    usual threshold of Cauchy's loss.
     """
     usual = Hypothesis(kind=kind, noise=noise, loss="cauchy", threshold=_THRESHOLD)
     return Hypothesis(
@@ -95,13 +97,12 @@ def heavy_tails(kind: str, noise: float) -> Hypothesis:
 
 
 def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) -> Hypothesis:
-    """Return the hypothesis that the map errs.
+    """Return the hypothesis of map errors.
 
-    A smooth process tells the error's size and distance, but no filter may rely on it: the slope of
-    the map that it linearises by has the error's slope in it, so that its gain is too large and its
-    covariance too small. A rough process with larger steps forgives that, and by its evidence
-    alone the size would come out too small. So the evidence is that of the smooth one, and the
-    states are estimated with the rough one.
+    The evidence comes from a filter with a smooth process, which gives a correct size and distance
+    of the error. Its estimates are overconfident: the gradient of the map includes the gradient of
+    the error, so the gain is too large and the covariance too small. The estimates therefore come
+    from a filter with a rough process and larger steps, whose evidence would give too small a size.
     """
     rough = Hypothesis(
         kind=kind,
@@ -116,7 +117,7 @@ def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) 
 
 
 def takes(hypothesis: Hypothesis, block: ProblemBlock) -> bool:
-    """Return whether a block has what a hypothesis speaks of."""
+    """Return whether a hypothesis applies to a block."""
     of_channels = hypothesis.constant or hypothesis.wander or hypothesis.noise != 1.0
     if of_channels and not of_the_map(block).any():
         return False
@@ -131,7 +132,7 @@ def takes(hypothesis: Hypothesis, block: ProblemBlock) -> bool:
 
 
 def of_the_map(block: ProblemBlock) -> np.ndarray:
-    """Return which channels (m,) are matched with the map."""
+    """Return the mask (m,) of map-matched channels."""
     return matched_with_map(block.channels, block.measurements.shape[2])
 
 
@@ -143,7 +144,7 @@ def _walking_errors(block: ProblemBlock) -> bool:
 
 
 def spread(hypothesis: Hypothesis) -> float:
-    """Return ln ∫ exp(−ρ) less that of the normal density: what a loss's tails take."""
+    """Return ln ∫ exp(−ρ) less that of the normal density, from the tails of a loss."""
     if hypothesis.loss == "none":
         return 0.0
     half = hypothesis.threshold**2
@@ -157,7 +158,7 @@ def spread(hypothesis: Hypothesis) -> float:
 
 
 def accelerometer(block: ProblemBlock) -> slice | None:
-    """Return which states are biases of accelerometers; None without three of them."""
+    """Return the states of three accelerometer biases, or None."""
     for part in block.layout:
         if part.name == "accelerometer bias" and part.slice.stop - part.slice.start == 3:
             return part.slice

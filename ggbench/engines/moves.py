@@ -15,27 +15,27 @@ _USUAL = 4000.0
 
 
 class Moves(NamedTuple):
-    """How a cloud is kept alive; zero switches each of them off.
+    """Rejuvenation of a particle cloud; zero switches an option off.
 
     Attributes
     ----------
     particles : N.
     resampling : the method.
-    threshold : ESS over N below which the cloud is renewed.
-    tempering : ESS over N that a stage of a reading leaves at least; a reading that would leave
-        less is taken in by stages. Without a kernel those of a Gaussian's draws alone are, and
-        exactly (:mod:`.annealing`). With one they are of any cloud, each raising the likelihood to
-        a power (Oudjane & Musso 2000), with a renewal in between.
+    threshold : ESS over N below which the cloud is resampled.
+    tempering : least ESS over N after a stage; an update that would leave less is split into
+        stages. Without a kernel only updates of Gaussian samples are split, exactly
+        (:mod:`.annealing`). With a kernel all updates are split, by powers of the likelihood
+        (Oudjane & Musso 2000), with resampling between stages.
     kernel : bandwidth b of the kernel after resampling, x ← m + √(1 − b²) (x − m) + b T^{1/2} e,
         which keeps mean m and covariance T (Liu & West 2001).
     jitter : noise density of the position [m²/s] added to Q of a cloud of 4000; in proportion to
         N^{−1/2}.
-    straight : variance, over that of the noise, which is left of the h of a cloud of 4000 after a
-        regression on the drawn states and below which h counts as a straight line over the cloud;
-        in proportion to N^{−1}. What goes on, if it is shaped like one, is then a Gaussian, which a
-        Kalman filter carries, until h bends over it again.
-    start : how many times N particles there are until the first reading has been weighed. It is
-        the one reading that searches a whole prior, for modes that may be narrow.
+    straight : residual variance of h over a cloud of 4000 after a regression on the sampled states,
+        relative to the noise, below which h counts as linear; in proportion to N^{−1}. A cloud of
+        Gaussian shape is then replaced by a Gaussian in a Kalman filter, until h is nonlinear over
+        it.
+    start : factor on N until the first measurement has been processed, because that measurement
+        searches the whole prior for narrow modes.
     roughening : K of Gordon et al. (1993): K E_j N^{−1/d} of noise in state j after resampling,
         E_j the extent of the cloud in it.
     regularisation : bandwidth of a Gaussian kernel on the position after resampling, over the
@@ -55,22 +55,22 @@ class Moves(NamedTuple):
 
     @property
     def blurs(self) -> bool:
-        """Whether a kernel parts copies."""
+        """Whether a kernel separates copies."""
         return bool(self.kernel or self.roughening or self.regularisation)
 
     @property
     def noise_density(self) -> float:
-        """The jitter of so many particles [m²/s]."""
+        """Return the jitter for a number of particles [m²/s]."""
         return float(self.jitter * (_USUAL / self.particles) ** 0.5)
 
     @property
     def most_bending(self) -> float:
-        """The variance below which h is straight over so many particles."""
+        """Return the largest nonlinear variance of h that counts as linear."""
         return self.straight * _USUAL / self.particles
 
 
 def roughen(x: np.ndarray, drawn: int, moves: Moves, rng: np.random.Generator) -> None:
-    """Blur the drawn states of particles (N, n) in proportion to their extent, as Gordon et al."""
+    """Add noise to sampled states of particles (N, n), in proportion to their extent."""
     count = len(x)
     extent = np.ptp(x[:, :drawn], axis=0) * moves.roughening
     noise = rng.standard_normal((count, drawn))
@@ -78,7 +78,7 @@ def roughen(x: np.ndarray, drawn: int, moves: Moves, rng: np.random.Generator) -
 
 
 def regularise(x: np.ndarray, moves: Moves, rng: np.random.Generator) -> None:
-    """Blur the position of particles (N, n) by the kernel of Musso, Oudjane and Le Gland."""
+    """Add noise to positions of particles (N, n), by the kernel of Musso, Oudjane, Le Gland."""
     count = len(x)
     _, cov = moments(np.full(count, 1.0 / count), x[:, :POSITION])
     root, _ = ranked_root(cov)

@@ -1,6 +1,6 @@
-"""The multiple-model filter: filters of several hypotheses, weighted by their evidence.
+"""Multiple-model filter: filters of several hypotheses, weighted by their evidence.
 
-The hypotheses are static (Magill 1965): what a model leaves out does not change during a flight.
+The hypotheses are static (Magill 1965): the correct one does not change during a flight.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _CHECKS = 24
 
 
 class SearchOptions(NamedTuple):
-    """How the filters search.
+    """Options of the filters.
 
     Attributes
     ----------
@@ -51,12 +51,12 @@ class SearchOptions(NamedTuple):
 
 
 class Mixture(NamedTuple):
-    """What is known of a group of runs; arrays that are filled from epoch to epoch.
+    """Mixture estimates of a group of runs, filled epoch by epoch.
 
     Attributes
     ----------
     mean, cov : (R, K, n), (R, K, n, n).
-    weights : (J, R, K) logarithms; −∞ of a hypothesis that does not run.
+    weights : (J, R, K) logarithms; −∞ for an inactive hypothesis.
     counts : (R,) evaluations of h.
     """
 
@@ -69,10 +69,10 @@ class Mixture(NamedTuple):
 def multiple_model(
     block: ProblemBlock, hypotheses: Sequence[Hypothesis], options: SearchOptions
 ) -> EstimateBlock:
-    """Run the filter; hypotheses that a block has nothing of are left out.
+    """Run the filter; hypotheses that do not apply to the block are omitted.
 
-    A wide prior is searched first, by Gaussian sums of those hypotheses that need no more states;
-    as soon as the position is known to a spacing, all hypotheses begin there.
+    A wide prior is searched first, by Gaussian sums of the hypotheses without added states. As soon
+    as the position is known to within one spacing, all hypotheses start.
     """
     chosen = [hypothesis for hypothesis in hypotheses if takes(hypothesis, block)]
     priors = np.log([hypothesis.prior for hypothesis in chosen])
@@ -110,10 +110,10 @@ def multiple_model(
 
 
 def map_spacing(gravity_map: GravityMap | None) -> float:
-    """Return the spacing [m] of Gaussians within which a map's gradients are straight enough.
+    """Return the spacing [m] of Gaussians for which the gradients of a map are nearly linear.
 
-    A part of the ratio of their rms slope to the rms change of it, along meridians across the
-    whole map at half its height. Infinite without a map that has an end.
+    It is a fraction of the RMS first derivative over the RMS second derivative, along meridians
+    across the whole map at its middle height. It is infinite without a finite map.
     """
     if gravity_map is None or not np.isfinite([*gravity_map.lower, *gravity_map.upper]).all():
         return math.inf
@@ -277,14 +277,14 @@ def _with_noise(block: ProblemBlock, hypothesis: Hypothesis) -> tuple[ProblemBlo
 
 
 def log_weights(evidences: np.ndarray, logs: np.ndarray) -> np.ndarray:
-    """Return the logarithms of the hypotheses' weights (J, R, K), whose sum is one.
+    """Return the normalised log weights of the hypotheses (J, R, K).
 
-    NaN from the epoch on from which no hypothesis has an answer.
+    They are NaN from the epoch on at which all hypotheses have failed.
 
     Parameters
     ----------
     evidences : (J, R, K).
-    logs : (J, R) of the weights before.
+    logs : (J, R) log weights before the first epoch.
     """
     weights = np.cumsum(evidences, axis=2) + logs[:, :, np.newaxis]
     weights = np.where(np.isfinite(weights), weights, -np.inf)
@@ -319,7 +319,7 @@ def mix(
 def summaries(
     times: np.ndarray, hypotheses: Sequence[Hypothesis], shares: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return for some times which hypotheses weigh something then, in words for each run (R,).
+    """Return the hypotheses with significant weights at some times, in words for each run (R,).
 
     Parameters
     ----------

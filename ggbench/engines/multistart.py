@@ -26,11 +26,11 @@ NO_RIVAL = 50.0
 
 
 def across_prior(problem: Problem, count: int) -> np.ndarray:
-    """Return λ (S, n) of positions across the prior, the prior's mean first; there may be but that.
+    """Return λ (S, n) of positions across the prior; the first is the prior mean.
 
-    In units of the prior's deviations. They are a Halton sequence in the normal distribution whose
-    density is that of the prior to the power d / (d + 2): with it d-dimensional points leave the
-    smallest mean square distance to the nearest one (Zador 1982).
+    Units are the prior's standard deviations. The positions are a Halton sequence in the normal
+    distribution whose density is that of the prior to the power d / (d + 2), which minimises the
+    mean square distance to the nearest point (Zador 1982).
     """
     axes = states_in_metres(problem)
     if count == 1 or not axes:
@@ -47,25 +47,25 @@ def across_prior(problem: Problem, count: int) -> np.ndarray:
 
 
 def shown_epochs(epochs: int) -> np.ndarray:
-    """Return the epochs at which the cost of a start is looked at."""
+    """Return the epochs (E,) at which the costs of starts are compared, evenly spaced."""
     return np.linspace(0, epochs - 1, min(epochs, _SCREENED)).astype(int)
 
 
 def window_end(present: np.ndarray, count: int) -> int:
-    """Return behind which epoch the first ``count`` epochs with readings end; 0 without any.
+    """Return the end of the first ``count`` epochs with measurements; 0 without any.
 
     Parameters
     ----------
-    present : (K, m) which readings there are.
+    present : (K, m) mask of available measurements.
     """
     read = np.flatnonzero(present.any(axis=1))[:count]
     return int(read[-1]) + 1 if len(read) else 0
 
 
 def window_search(window: Problem, spacing_m: float, loss: str) -> Search | None:
-    """Return the search of a window with all its readings taken; None if nothing can be found.
+    """Return the search of a window after all its measurements, or None if it is empty.
 
-    That is where the window has no epoch, or no position, or one point of the grid.
+    It is empty without epochs or a position, or with one point of the grid.
     """
     if not window.epochs or not states_in_metres(window):
         return None
@@ -86,12 +86,12 @@ def multistart(
     loss: str,
     threshold: float,
 ) -> EstimateBlock:
-    """Find the most probable trajectory of every run; its mean is NaN where no start has a cost.
+    """Find the most probable trajectory of every run; the mean is NaN if no start has a cost.
 
     Parameters
     ----------
     block : the runs.
-    count, keep : of the positions across the prior, and of those refined.
+    count, keep : number of positions across the prior, and of refined ones.
     window, spacing_m : of :func:`window_search`; 0 epochs for none.
     most : limit of the steps from each start.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.

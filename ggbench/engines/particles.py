@@ -1,8 +1,8 @@
-"""Engine of all particle filters, with some states in Kalman filters.
+"""Engine of all particle filters, with Kalman filters for some states.
 
-The first d states of a particle are drawn, the others, l, are a Gaussian for each particle, all of
-one covariance P_l, because the dynamics are linear and the readings linear in l (Schön, Gustafsson
-& Nordlund 2005: the Rao–Blackwellised or marginalised filter). With all states drawn, d = n, it is
+The first d states of a particle are samples. The others, l, have a Gaussian for each particle, with
+a common covariance P_l, because dynamics and measurements are linear in l (Schön, Gustafsson &
+Nordlund 2005: the Rao–Blackwellised or marginalised filter). With all states drawn, d = n, it is
 the bootstrap filter of Gordon, Salmond & Smith (1993), with none the Kalman filter.
 """
 
@@ -21,9 +21,9 @@ def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generato
     h must be linear in the other states with coefficients that depend on none of them; see
     :func:`.linear_states.mixing`.
 
-    NIS is that of the Gaussian: innovation against the mean of h, covariance of h over it plus R.
-    It is NaN where there is a cloud. The evidence is ln p(z) of all readings, by which models of
-    one flight may be compared; what blurs a cloud (``Moves``) biases it.
+    The NIS is that of the Gaussian: innovation from the mean of h, covariance of h plus R. It is
+    NaN for particles. The evidence is ln p(z) of all measurements, for the comparison of models;
+    artificial noise (``Moves``) biases it.
     """
     epochs, n = problem.epochs, problem.dimension
     mean, cov, nis = np.empty((epochs, n)), np.empty((epochs, n, n)), np.full(epochs, np.nan)

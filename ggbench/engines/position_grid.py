@@ -18,11 +18,11 @@ class Axes(NamedTuple):
 
     Attributes
     ----------
-    variances : (d,) along them [m²].
-    gain : (n, d) [1/m] the regression of all states, in units of the prior's standard deviations,
-        on the coordinates along them.
-    states : which states are in metres.
-    vectors : (d, d) the axes among these, in columns.
+    variances : (d,) variances of the prior along the axes [m²].
+    gain : (n, d) [1/m] regression of all states, in units of the prior's standard deviations, on
+        the coordinates along the axes.
+    states : indices of the states in metres.
+    vectors : (d, d) the axes, in columns.
     """
 
     variances: np.ndarray
@@ -41,7 +41,7 @@ def position_axes(problem: Problem) -> Axes:
 
 
 def states_in_metres(problem: Problem) -> list[int]:
-    """Return which states are in metres."""
+    """Return the indices of the states in metres."""
     return [
         i
         for block in problem.layout
@@ -51,7 +51,14 @@ def states_in_metres(problem: Problem) -> list[int]:
 
 
 def fits(sigma: np.ndarray, spacing: float, most: float) -> bool:
-    """Return whether the box around the ellipsoid of a grid has no more points than fit."""
+    """Return whether the box around the ellipsoid of a grid has at most ``most`` points.
+
+    Parameters
+    ----------
+    sigma : (d,) standard deviations along the axes [m].
+    spacing : of the points [m].
+    most : largest number of points.
+    """
     return bool(np.sum(np.log1p(2.0 * REACH * sigma / spacing)) <= np.log(most))
 
 

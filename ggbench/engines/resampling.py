@@ -1,10 +1,10 @@
 """Particle weights, resampling and weighted moments.
 
-Weights are kept as logarithms: one reading of six channels may tell particles apart by factors of
-e^10000, of which no number between zero and one knows. Resampling replaces weighted particles by
-equally weighted ones, the heavy ones several times, and is unbiased: the expected number of copies
-of particle i is N W_i, whatever the method (Douc, Cappé & Moulines 2005). The methods differ in how
-far the number of copies scatters about that.
+Weights are stored as logarithms, because one measurement of six channels may change ratios of
+weights by factors of e^10000, beyond double precision. Resampling replaces weighted particles by
+equally weighted ones and copies heavy ones. It is unbiased: the expected number of copies of
+particle i is N W_i for all methods (Douc, Cappé & Moulines 2005). The methods differ in the
+variance of the number of copies.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ FLOOR = 1e-14
 
 @compiled
 def normalise(log_weights: np.ndarray, weights: np.ndarray) -> float:
-    """Fill weights (N,) that add up to one from log weights (N,); return ln Σ exp of those.
+    """Fill normalised weights (N,) from log weights (N,); return ln Σ exp of these.
 
-    What is no number weighs nothing. Where nothing weighs anything, or something infinitely much,
-    all weights are equal and −∞ is returned: the reading tells nothing apart.
+    NaN has the weight zero. If all weights are zero, or one is infinite, all weights become equal
+    and −∞ is returned: the measurement gives no information.
     """
     count = log_weights.shape[0]
     largest = -math.inf
@@ -49,7 +49,7 @@ def normalise(log_weights: np.ndarray, weights: np.ndarray) -> float:
 
 @compiled
 def effective_size(weights: np.ndarray) -> float:
-    """Return the effective sample size 1 / ΣW² of weights (N,) that add up to one: 1 to N."""
+    """Return the effective sample size 1 / ΣW², 1 to N, of normalised weights (N,)."""
     total = 0.0
     for i in range(weights.shape[0]):
         total += weights[i] * weights[i]
@@ -58,13 +58,13 @@ def effective_size(weights: np.ndarray) -> float:
 
 @compiled
 def strata(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
-    """Fill which particle (M,) has each of the quantiles (j + places[j or 0]) / M, j = 0..M−1.
+    """Fill the particle (M,) at each of the quantiles (j + places[j or 0]) / M, j = 0..M−1.
 
     Parameters
     ----------
-    weights : (N,) that add up to one.
+    weights : (N,) normalised.
     places : within 0 to 1; (1,) for systematic resampling (Carpenter, Clifford & Fearnhead 1999),
-        where all quantiles move together, (M,) for stratified resampling (Kitagawa 1996).
+        (M,) for stratified resampling (Kitagawa 1996).
     ancestors : (M,) output, in ascending order; int64.
     """
     count, i, reached = ancestors.shape[0], 0, weights[0]
@@ -83,8 +83,8 @@ def strata(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> No
 def residues(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
     """Fill ancestors (M,) by residual resampling (Liu & Chen 1998), in ascending order.
 
-    Of each particle the whole part of M W_i copies; the others are drawn one by one with the
-    probabilities of what is left.
+    Each particle is copied ⌊M W_i⌋ times; the other copies are drawn with the probabilities of the
+    remainders.
 
     Parameters
     ----------
@@ -111,16 +111,16 @@ def residues(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> 
 
 
 def unique(ancestors: np.ndarray) -> int:
-    """Return how many different particles there are among ancestors (N,) in ascending order."""
+    """Return the number of distinct particles among sorted ancestors (N,)."""
     return int(np.count_nonzero(np.diff(ancestors))) + 1
 
 
 def resample(
     kind: Resampling, weights: np.ndarray, rng: np.random.Generator, count: int | None = None
 ) -> np.ndarray:
-    """Return which particles (M,), in ascending order, go on instead of those of weights (N,).
+    """Return the particles (M,), in ascending order, that replace those of weights (N,).
 
-    The weights add up to one; those of the particles that go on are equal. M is ``count``, or N.
+    The weights are normalised; the new particles have equal weights. M is ``count``, or N.
     """
     ancestors = np.empty(len(weights) if count is None else count, dtype=np.int64)
     if kind == "residual":
@@ -150,10 +150,10 @@ def _weighted_deviations(
 
 
 def repaired(cov: np.ndarray, prior_cov: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return a covariance (n, n) that is positive definite, and whether it had to be made so.
+    """Return a positive definite covariance (n, n), and whether it was changed.
 
-    Fewer particles than states, or copies of one, have none: eigenvalues below :data:`FLOOR`, in
-    units of the prior's variances (n, n), are set to that.
+    The covariance of few particles or of copies is singular. Eigenvalues below :data:`FLOOR`, in
+    units of the prior's variances (n, n), are set to it.
     """
     scale = np.sqrt(np.diag(prior_cov))
     values, vectors = np.linalg.eigh(cov / np.outer(scale, scale))

@@ -1,11 +1,11 @@
 """Robust losses on the residuals of a measurement update, by iteratively reweighted noise.
 
-A loss ρ takes the place of half the square of each residual r, in standard deviations of the
-measurement noise: Huber's grows linearly beyond its threshold, Cauchy's with the logarithm. Least
-squares with the weights w(r) = ρ'(r) / r, found again from its own residuals until they no longer
-change, minimises the sum of ρ (Huber & Ronchetti 2009, ch. 7).
+A loss ρ replaces half the square of each residual r, in standard deviations of the measurement
+noise. Huber's loss grows linearly beyond its threshold, Cauchy's logarithmically. Iteratively
+reweighted least squares with the weights w(r) = ρ'(r) / r minimises the sum of ρ (Huber & Ronchetti
+2009, ch. 7).
 
-In NumPy for one reading, and compiled for eight runs at once.
+There is a version in NumPy for one measurement, and a compiled one for eight runs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LEAST = 1e-12
 
 
 def number_of(loss: str, threshold: float) -> int:
-    """Return the number of a loss; with an infinite threshold it never acts."""
+    """Return the number of a loss; with an infinite threshold that of no loss."""
     return LOSSES[loss] if threshold < np.inf else NONE
 
 
@@ -66,15 +66,15 @@ def reweigh(
 ) -> None:
     """Fill the weights (m,) with which a linear update of a run minimises the robust cost.
 
-    Begun with the innovation in standard deviations of its own covariance; in no round, as they
-    begin.
+    The first weights follow from the innovation in standard deviations of its own covariance.
+    Without rounds these are the result.
 
     Parameters
     ----------
     spread : (m, m, lanes) of which the lower half is H P Hᵀ + 1.
     innovation : (1, m, lanes).
     r : the run's lane.
-    rounds : how many, at most.
+    rounds : largest number of iterations.
     weight : (m,) output.
     """
     for c in range(m):
@@ -121,14 +121,14 @@ def reweigh_unwhitened(
     threshold: float,
     scratch: np.ndarray,
 ) -> None:
-    """Put the noise with the weights of a loss in the place of R in S = H P Hᵀ + R.
+    """Replace R in S = H P Hᵀ + R by the noise with the weights of a loss.
 
     Parameters
     ----------
     s : (m, m, lanes), the lower half.
     innovation : (1, m, lanes).
     noise_cov, noise_inverse : (m, m) R and the inverse of its lower root.
-    count : of the runs.
+    count : number of runs.
     scratch : (m + 1, m, lanes).
     """
     m = s.shape[0]
@@ -170,7 +170,7 @@ def reweigh_unwhitened(
 
 
 def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return the loss ρ(r) of each residual in standard deviations; ½ r² without a loss."""
+    """Return the loss ρ(r) (...) of residuals (...) in standard deviations; ½ r² without a loss."""
     half = 0.5 * residuals**2
     if loss == "none" or threshold == np.inf:
         return half
@@ -181,7 +181,7 @@ def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
 
 
 def weights(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return the weight ρ'(r) / r of each residual, 1 for small ones."""
+    """Return the weight ρ'(r) / r (...) of residuals (...) in standard deviations."""
     if loss == "none" or threshold == np.inf:
         return np.ones_like(residuals)
     if loss == "huber":
@@ -194,10 +194,10 @@ def reweighted_noise(
 ) -> np.ndarray:
     """Return the noise covariance (m, m) with which a linear update minimises the robust cost.
 
-    The loss is on what is left of the innovation after the update, in standard deviations of the
-    noise alone, one component at a time: an innovation that the prior can explain is no outlier,
-    however large. The first weights are found from the innovation in standard deviations of its
-    own covariance, so that the iteration starts on the right side of the outliers.
+    The loss applies to each component of the residual after the update, in standard deviations of
+    the noise. An innovation that the prior explains is therefore no outlier. The first weights
+    follow from the innovation in standard deviations of its own covariance, so that the iteration
+    starts from weights that already reject outliers.
 
     Parameters
     ----------

@@ -18,16 +18,16 @@ _NEAR, _STRAIGHT = 0.01, 1e-7
 
 @record
 class SigmaPoints:
-    """Sigma points x ± d_q of eight runs and what they read.
+    """Sigma points x ± d_q of eight runs and h at these points.
 
     Attributes
     ----------
     shift : (moving, n, lanes) B_k d_q [m; rad].
     odd, even : (m, n, lanes) half the difference and half the sum of h(x ± d_q) − h(x) [E].
-    far : (lanes, n) which points are evaluated, of each run.
-    counts : (lanes,) how many pairs.
-    errors, found : (6, 2n, lanes), (g, 2n, lanes) where they are evaluated, and what the
-        gradiometer reads there.
+    far : (lanes, n) indices of the evaluated points of each run.
+    counts : (lanes,) number of evaluated pairs.
+    errors, found : (6, 2n, lanes), (g, 2n, lanes) evaluated errors B_k x, and the gradiometer's h
+        there.
     chosen, points : scratch.
     """
 
@@ -44,7 +44,7 @@ class SigmaPoints:
 
 @compiled
 def sigma_points_of(moving: int, n: int, m: int, g: int) -> SigmaPoints:
-    """Return the arrays for points of n states and readings of m channels, g of gradients."""
+    """Return the arrays for sigma points of n states and m channels, g of them gradients."""
     chosen = lanes(1, 2)
     size = chosen.shape[2]
     return SigmaPoints(
@@ -79,9 +79,9 @@ def read_sigma_points(
     model, group, count, k : of a block, runs (lanes,) of which ``count`` differ, epoch.
     x : (1, n, lanes).
     lower : (n, n, lanes) root of P.
-    spread : by how much its columns are stretched.
+    spread : factor of its columns.
     at : h and its derivative at x.
-    out : output; ``counts`` of pairs that were evaluated.
+    out : output, including ``counts`` of evaluated pairs.
     """
     shift, odd, even, counts = out.shift, out.odd, out.even, out.counts
     b, slope, gain = at.b, at.slope, at.context.gain

@@ -45,7 +45,7 @@ def _update(
 
 @compiled
 def filter_track(smoother: Smoother) -> None:
-    """Filter the linear problems of a group."""
+    """Filter the linear problems of a group: fill x_f (K, 1, n) and P_f, half of it."""
     restore_filter_state(smoother, -1)
     for k in range(smoother.path.moving.shape[0]):
         filter_epoch(smoother, k)
@@ -53,7 +53,7 @@ def filter_track(smoother: Smoother) -> None:
 
 @compiled
 def filter_epoch(smoother: Smoother, k: int) -> None:
-    """Predict to an epoch and update with its readings; keep x_f and P_f."""
+    """Predict to epoch ``k``, update with its readings, and keep x_f (1, n) and P_f (n, n)."""
     path, work = smoother.path, smoother.work
     lane_algebra.predict(path.phi[k], path.q[k], path.moving[k], work.x, work.p, work.scratch)
     _update(path.rows[k], path.target[k], path.updates, k, work.p, work)
@@ -118,7 +118,7 @@ def _back_in_time(phi: np.ndarray, moving: int, back: np.ndarray, scratch: np.nd
 
 @compiled
 def restore_filter_state(smoother: Smoother, k: int) -> None:
-    """Stand where the filter stood after an epoch; at the prior before the first, after −1."""
+    """Restore x (1, n) and P (n, n) after the update of epoch ``k``; −1 restores the prior."""
     batch, path, work = smoother.problems.batch, smoother.path, smoother.work
     if k < 0:
         lanes.broadcast(batch.prior_mean, work.x)
@@ -130,7 +130,7 @@ def restore_filter_state(smoother: Smoother, k: int) -> None:
 
 @compiled
 def smooth_back(smoother: Smoother, newest: int, oldest: int) -> None:
-    """Fill the trial trajectories from an epoch, the filter's newest, back to another."""
+    """Fill the smoothed trial states (1, n) from epoch ``newest``, the filter's, to ``oldest``."""
     path, work = smoother.path, smoother.work
     back = work.back
     for j in range(back.shape[1]):
@@ -156,7 +156,7 @@ def _whole(half: np.ndarray, matrix: np.ndarray) -> None:
 
 @compiled
 def backward_pass(smoother: Smoother) -> None:
-    """Fill the trial trajectories, x_f + P_f r; what their motion and, linearly, readings cost."""
+    """Fill the trial trajectories x_f + P_f r, and their motion and predicted costs."""
     path, work = smoother.path, smoother.work
     prior_cov, costs = smoother.problems.batch.prior_cov, smoother.costs
     epochs, m, n = path.rows.shape[:3]
@@ -205,15 +205,15 @@ def covariances(
 ) -> None:
     """Write trajectories and their covariances, given the readings of a window.
 
-    They are (P_f⁻¹ + Λ)⁻¹ = L (1 + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and Λ the information of what is
-    read after an epoch (Fraser & Potter 1969): nothing is subtracted, however much surer the
-    readings to come make an epoch. The filter has gone along the trajectories.
+    They are (P_f⁻¹ + Λ)⁻¹ = L (1 + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and Λ the information of the later
+    measurements (Fraser & Potter 1969). No covariances are subtracted, so there is no cancellation.
+    The filter must have processed these trajectories.
 
     Parameters
     ----------
     states : (K, 1, n, lanes) the trajectories.
     newest, oldest : epochs of the window.
-    final : those from the oldest to this one are written.
+    final : last epoch to write; the first is ``oldest``.
     first, count : the runs.
     mean, cov : (R, K, n), (R, K, n, n) output.
     """

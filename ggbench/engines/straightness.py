@@ -15,13 +15,13 @@ _NORMS = np.sqrt([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0])
 
 
 def bending(weights: np.ndarray, drawn: np.ndarray, read: np.ndarray) -> float:
-    """Return the variance of a reading over a cloud that no straight line explains.
+    """Return the residual variance of a measurement over a cloud after a linear regression.
 
     Parameters
     ----------
-    weights : (N,) that add up to one.
+    weights : (N,) normalised.
     drawn : (N, d) states of the particles.
-    read : (N, m) what they make of the reading, in units of its noise.
+    read : (N, m) predicted measurements, in units of the noise.
     """
     d = drawn.shape[1]
     _, joint = moments(weights, np.hstack([drawn, read]))
@@ -31,15 +31,15 @@ def bending(weights: np.ndarray, drawn: np.ndarray, read: np.ndarray) -> float:
 
 
 def is_gaussian(weights: np.ndarray, drawn: np.ndarray) -> bool:
-    """Return whether a cloud is shaped like a Gaussian.
+    """Return whether a cloud has the shape of a Gaussian.
 
-    By the moments of the Hermite polynomials of order 3 to 6, along the axes of the states and the
-    principal axes, along which modes lie apart. They are zero for a Gaussian and scatter by
-    N^{−1/2}. Order 6 finds three modes whose skewness and kurtosis happen to be a Gaussian's.
+    The test uses the moments of the Hermite polynomials of order 3 to 6, along the axes of the
+    states and the principal axes. They are zero for a Gaussian, with a sampling error of N^{−1/2}.
+    Order 6 detects three modes with the skewness and kurtosis of a Gaussian.
 
     Parameters
     ----------
-    weights : (N,) that add up to one.
+    weights : (N,) normalised.
     drawn : (N, d) states of the particles.
     """
     mean, cov = moments(weights, drawn)

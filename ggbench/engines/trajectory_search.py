@@ -1,6 +1,6 @@
-"""Most probable trajectories of the runs of a block: searches, their ends, and one from the prior.
+"""Most probable trajectories of the runs of a block, by simultaneous searches.
 
-The searches of all runs go on at once (:mod:`.line_search`).
+:mod:`.line_search` runs the searches of all runs at once.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _ENOUGH = 1e-5
 
 
 def chosen(searches: MapSearches, which: np.ndarray) -> MapSearches:
-    """Return some of the searches."""
+    """Return the searches of a mask or of indices (J,)."""
     return MapSearches(*(array[which] for array in fields_of(searches)))
 
 
@@ -34,7 +34,7 @@ class TrajectorySearch:
     Attributes
     ----------
     scale : (n,) the prior's standard deviations.
-    evaluations : (R,) how often h was evaluated so far.
+    evaluations : (R,) number of evaluations of h so far.
     """
 
     def __init__(self, block: ProblemBlock, loss: str = "none", threshold: float = np.inf) -> None:
@@ -45,13 +45,16 @@ class TrajectorySearch:
         self._arrays = BatchProblem(batch_of(block), number_of(loss, threshold), threshold)
 
     def from_prior(self, runs: np.ndarray, starts: np.ndarray) -> MapSearches:
-        """Return the undisturbed motions of runs (J,) from prior_mean + P_0 λ of starts (J, n)."""
+        """Return the noise-free motions of runs (J,) from prior_mean + P_0 λ of starts (J, n)."""
         begun = self.unstarted(runs, starts)
         undisturbed(self._arrays.batch, begun)
         return begun
 
     def unstarted(self, runs: np.ndarray, starts: np.ndarray) -> MapSearches:
-        """Return searches that have yet no states."""
+        """Return searches of runs (J,) whose trajectories are not filled.
+
+        ``starts`` (J, n) are λ of the state before the first epoch, prior_mean + P_0 λ.
+        """
         jobs, epochs, n = len(runs), self.block.epochs, self.block.dimension
         return MapSearches(
             runs=np.array(runs, dtype=np.int64),
@@ -66,12 +69,12 @@ class TrajectorySearch:
         )
 
     def search(self, searches: MapSearches, most: int, enough: float = CONVERGED) -> None:
-        """Follow Gauss–Newton steps, each halved until the cost falls, to the minima."""
+        """Follow Gauss–Newton steps, each halved until the cost decreases, to the minima."""
         search(self._arrays, most, enough, searches)
         np.add.at(self.evaluations, searches.runs, searches.evaluations)
 
     def answers(self, minima: MapSearches) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (J, K, n) and covariance (J, K, n, n) given all readings."""
+        """Return mean (J, K, n) and covariance (J, K, n, n) given all measurements."""
         jobs, epochs, n = minima.states.shape
         mean, cov = np.empty((jobs, epochs, n)), np.empty((jobs, epochs, n, n))
         answer(self._arrays, minima, mean, cov)
@@ -89,9 +92,9 @@ class TrajectorySearch:
 
 
 def from_the_prior(block: ProblemBlock, most: int, loss: str, threshold: float) -> EstimateBlock:
-    """Find the trajectory of every run at which a search from the prior's mean ends.
+    """Find the trajectory at which a search from the prior mean ends, for every run.
 
-    The mean is NaN where no step lowers the cost although the linear problem has a lower one.
+    The mean is NaN if no step decreases the cost although the linear problem predicts a decrease.
 
     Parameters
     ----------

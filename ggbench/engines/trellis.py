@@ -1,9 +1,9 @@
-"""Cells as hidden states: forward sums, best paths and backward sums over a moving lattice.
+"""Cells as hidden states: forward sums, best paths and backward sums on a moving lattice.
 
-A cell is left for its neighbours with the probabilities of Lindeberg's discrete Gaussian (1990),
-e^−t I_j(t) for j cells along an axis with t the noise's variance in cells²: a walk from cell to
-cell whose variance is right, and whose steps compose, however small they are against a cell. Axes
-are independent: correlations of the noise between them are left out.
+The transition probabilities are those of Lindeberg's discrete Gaussian (1990), e^−t I_j(t) for j
+cells along an axis, with the variance t of the noise in cells². Its variance is correct and its
+steps compose, even if they are small compared with a cell. Axes are independent: noise correlations
+between them are neglected.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class Layer(NamedTuple):
 
     Attributes
     ----------
-    low : (d,) index of the first cell of their box.
+    low : (d,) index of the first cell of the box.
     shape : (d,) of the box.
     cells : (A,) flat indices in the box, increasing.
-    forward : (A,) probability given the readings up to the epoch.
-    likelihood : (A,) of its reading, against the largest one.
-    kernels : of each axis, probabilities of the steps that lead here.
+    forward : (A,) probability given the measurements up to the epoch.
+    likelihood : (A,) likelihood of the measurement, relative to the largest one.
+    kernels : for each axis, probabilities of the steps to this epoch.
     base, axes : of the lattice.
     """
 
@@ -48,7 +48,7 @@ class Layer(NamedTuple):
     axes: np.ndarray
 
     def indices(self, which: np.ndarray) -> np.ndarray:
-        """Return the lattice indices (N, d) of cells, by their places in the list (N,)."""
+        """Return the lattice indices (N, d) of cells, by their indices in the list (N,)."""
         return np.stack(np.unravel_index(self.cells[which], self.shape), axis=-1) + self.low
 
     def places(self, which: np.ndarray) -> np.ndarray:
@@ -64,7 +64,7 @@ class Layer(NamedTuple):
     def moments(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return mean (d,) and covariance (d, d) of cells with probabilities (A,).
 
-        A position is anywhere in its cell.
+        The covariance includes the uniform distribution within a cell.
         """
         places = self.places(np.arange(len(self.cells)))
         mean = shares @ places
@@ -73,14 +73,14 @@ class Layer(NamedTuple):
 
 
 class Trellis:
-    """Layers of cells of a problem of few states; the first is of the prior.
+    """Layers of cells of a problem of few states; the first is that of the prior.
 
     Parameters
     ----------
     problem : of d states.
     steps : (d,) sizes of a cell.
-    most : cells that are kept at an epoch, those of the largest probabilities.
-    extra_noise : (K, m, m) what readings depend on other than the states, as noise.
+    most : number of cells kept at an epoch, those of the largest probabilities.
+    extra_noise : (K, m, m) noise in place of other dependences of the measurements.
     """
 
     def __init__(
@@ -198,9 +198,9 @@ class Trellis:
         return path[::-1]
 
     def smoothed(self) -> list[np.ndarray]:
-        """Return the probabilities (A,) of the cells of each layer, given all readings.
+        """Return the probabilities (A,) of the cells of each layer, given all measurements.
 
-        The forward-backward algorithm (Baum et al. 1970).
+        The method is the forward-backward algorithm (Baum et al. 1970).
         """
         backward = np.ones(len(self.layers[-1].cells))
         out = [self.layers[-1].forward]
@@ -229,10 +229,10 @@ def step_probabilities(variance: float) -> np.ndarray:
 
 
 def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
-    """Return the sides (d,) of cells of which at most so many hold a prior.
+    """Return the sides (d,) of cells such that at most ``most`` cells cover a prior.
 
-    Larger than the one asked for where that is needed; along an axis that the prior knows better,
-    its standard deviation, which makes nine cells at least.
+    Sides are increased if necessary. Along an axis with a narrower prior the side is its standard
+    deviation, which gives at least nine cells.
     """
     sigma = np.sqrt(np.diag(cov))
     sides = np.minimum(side, sigma)

@@ -28,13 +28,13 @@ _TINY = 1e-300
 
 @record
 class Batch:
-    """A block of runs as the arrays that kernels take.
+    """A block of runs as arrays for kernels.
 
     Attributes
     ----------
     model : arrays of h and H.
     measurements : (R, K, m).
-    present : (R, K, m) which channels deliver.
+    present : (R, K, m) mask of available measurements.
     noise_cov : (1 or K, m, m) R.
     noise_inverse : (1 or K, m, m) inverse of the lower triangular root of R.
     transition, process_cov : (R, K, n, n) Φ and Q.
@@ -71,20 +71,20 @@ def batch_of(block: ProblemBlock) -> Batch:
 
 @record
 class LinearisedMeasurement:
-    """The measurement of eight runs at an epoch, linearised; arrays that :func:`linearise` fills.
+    """Linearised measurement of eight runs at an epoch, filled by :func:`linearise`.
 
     Attributes
     ----------
     expansion : h(x) and its derivative, in units of the channels.
-    there : (1, 1, lanes) one where any channel delivers a measurement.
-    z : (1, m, lanes) readings.
+    there : (1, 1, lanes) one if any measurement is available.
+    z : (1, m, lanes) measurements.
     rows, innovation : (equations, n, lanes), (1, equations, lanes): H δx = innovation + noise of
-        unit variance. If there were less than three, others are zero.
-    precision : (1, equations, lanes) by which the equations of a whole reading are multiplied:
-        inverse deviations of their noise in units of the given, ones until somebody knows better.
-    squared : (1, 1, lanes) the sum of the squares of what no state explains.
+        unit variance. There are at least three equations; additional ones are zero.
+    precision : (1, equations, lanes) factors of the equations of a whole measurement: inverse
+        standard deviations of the noise in units of the given noise; ones by default.
+    squared : (1, 1, lanes) sum of squares of the part that does not depend on the states.
     white, residual : (g, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
-    whole : whether each channel keeps an equation of its own.
+    whole : whether each channel has its own equation.
     """
 
     expansion: Expansion
@@ -101,9 +101,9 @@ class LinearisedMeasurement:
 
 @compiled
 def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
-    """Return unfilled arrays for the readings of eight runs.
+    """Return unfilled arrays for the measurements of eight runs.
 
-    With ``whole`` each channel keeps an equation of its own; else equivalent ones are merged.
+    With ``whole`` each channel has its own equation; else equivalent ones are merged.
     """
     model, m, n = batch.model, batch.measurements.shape[2], batch.prior_cov.shape[0]
     moving, g = moving_errors(model.instrument), model.channels.shape[0]
@@ -126,9 +126,9 @@ def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
 
 @compiled
 def gradient_equations(channels: int, moving: int, first_linear: int, whole: bool) -> int:
-    """Return how many equations the gradiometer's channels become.
+    """Return the number of equations of the gradiometer's channels.
 
-    Channels without a linear part determine at most as many errors as there are ``moving`` ones.
+    Channels without a linear part determine at most ``moving`` errors.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def gradient_equations(channels: int, moving: int, first_linear: int, whole: boo
 def linearise(
     batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: LinearisedMeasurement
 ) -> None:
-    """Fill the readings of a group at epoch ``k``, linearised at x.
+    """Fill the measurements of a group at epoch ``k``, linearised at x.
 
     The noise of the gradiometer must be independent of that of other sensors.
 
@@ -222,7 +222,7 @@ def _fill_row(
 
 @inlined
 def take_readings(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasurement) -> None:
-    """Fill the readings of a group at epoch ``k`` and what they depend on, but for the states."""
+    """Fill the measurements of a group (lanes,) at epoch ``k`` and the arrays of h."""
     gather_row(batch.measurements, group, k, out.z)
     load_expansion(batch.model, group, k, out.expansion)
 
@@ -231,9 +231,9 @@ def take_readings(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasur
 def whiten_residuals(
     batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: LinearisedMeasurement
 ) -> None:
-    """Fill ``out.residual``, z − h whitened by the given noise, at x: what needs no derivative.
+    """Fill ``out.residual`` (1, m, lanes), z − h(x) whitened by R; H is not evaluated.
 
-    Of readings that :func:`take_readings` has filled; parameters as those of :func:`linearise`.
+    :func:`take_readings` must have filled ``out``. Parameters are those of :func:`linearise`.
     """
     predict_runs(batch.model, group, count, k, x, out.expansion)
     _whiten_residuals(batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)], out)
@@ -256,7 +256,7 @@ def _residuals_along(batch: Batch, states: np.ndarray, residuals: np.ndarray) ->
 
 
 def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
-    """Return z − h(x) (R, K, m) of a block of runs at states (R, K, n), zero where none came."""
+    """Return z − h(x) (R, K, m) of a block of runs at states (R, K, n); zero for missing ones."""
     residuals = np.empty(block.measurements.shape)
     _residuals_along(batch_of(block), read_only(np.ascontiguousarray(states)), residuals)
     return residuals
@@ -264,7 +264,7 @@ def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
 
 @compiled
 def scale_equations(out: LinearisedMeasurement) -> None:
-    """Multiply the equations of a whole reading with their precision."""
+    """Multiply H (m, n) and the innovation (1, m) of whole readings by ``precision`` (1, m)."""
     for c in range(out.rows.shape[0]):
         factor = load(out.precision, 0, c)
         store(out.innovation, 0, c, factor * load(out.innovation, 0, c))
@@ -337,7 +337,15 @@ def _compress(out: LinearisedMeasurement) -> None:
 def scatter_squares(
     reading: LinearisedMeasurement, first: int, count: int, k: int, nis: np.ndarray
 ) -> None:
-    """Write the squares of the innovations of a group; NaN where there was no reading."""
+    """Write the normalised innovation squares of a group's first ``count`` runs.
+
+    Parameters
+    ----------
+    reading : of the group.
+    first : run of the first lane.
+    k : epoch.
+    nis : (R, K) output; NaN where no channel delivers.
+    """
     for r in range(count):
         there = reading.there[0, 0, r] != 0.0
         nis[first + r, k] = reading.squared[0, 0, r] if there else np.nan

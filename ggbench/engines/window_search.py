@@ -1,12 +1,11 @@
-"""Search over the start of a window of measurements, and refinement of its best places.
+"""Search for the start of a window of measurements, and refinement of its best positions.
 
-A window is a problem of its own: some epochs of another one, with what is known before them as its
-prior (:meth:`.ProblemBlock.part`). A matcher asks of many displacements of its start how well the
-map there fits the readings (:class:`Search`), all other states following the displacement as the
-prior's correlations and the dynamics have it. From the best places Gauss–Newton finds the most
-probable states of the whole window (:func:`refined`), none of them held: what is left at the
-window's end has the covariance of a position whose velocity, height, attitude and biases are not
-known either.
+A window is a problem of some epochs of another problem, with the estimate before them as its prior
+(:meth:`.ProblemBlock.part`). A matcher compares the measurements with the map at many displacements
+of the window's start (:class:`Search`). All other states follow the displacement by the
+correlations of the prior and the dynamics. From the best positions Gauss–Newton finds the most
+probable states of the whole window (:func:`refined`), without fixing any of them. The covariance at
+the window's end therefore includes the uncertainty of velocity, height, attitude and biases.
 """
 
 from __future__ import annotations
@@ -51,35 +50,35 @@ def unmatchable(problem: Problem) -> str | None:
 
 
 class Search:
-    """How well the readings of a window fit displacements of its start, on a grid.
+    """Fit of the measurements of a window to displacements of its start, on a grid.
 
     The grid lies along the principal axes of the prior's states in metres, to 3.5 of its standard
-    deviations; an axis narrower than a step has one point. Displacements by which the track would
-    leave the map (by more than a step) are left out when they do: there is nothing to compare.
+    deviations; an axis narrower than a step has one point. A displacement is dropped when its track
+    leaves the map by more than a step.
 
-    Readings are taken one epoch after the other. All are in standard deviations of their noise, so
-    that channels of different units can be compared; what is missing counts for
-    nothing. With r = z − h(d) of N readings, and z', h' less the mean of h over the grid at that
-    epoch (the normal field and whatever all places have in common):
+    Measurements are processed epoch by epoch, in standard deviations of their noise, so that
+    channels of different units are comparable. Missing ones do not count. The criteria use r = z −
+    h(d) of N measurements, and z', h' less the mean of h over the grid at that epoch (the common
+    part of all positions, for example the normal field):
 
-    ``msd`` Σ r² / N. ``mad`` Σ |r| / N. ``ml`` ½ Σ r² + ½ dᵀ P⁻¹ d.
-    ``cor`` − Σ z' h' / N. ``ncc`` − Σ z' h' / √(Σ z'² Σ h'²). ``nccdm``, of which the literature
-    has the name alone, is taken as ``ncc`` of sequences less their own means, channel by channel:
-    it does not feel a constant bias. The least value is the best.
+    ``msd`` Σ r² / N. ``mad`` Σ |r| / N. ``ml`` ½ Σ r² + ½ dᵀ P⁻¹ d. ``cor`` − Σ z' h' / N. ``ncc``
+    − Σ z' h' / √(Σ z'² Σ h'²). ``nccdm`` is not defined in the literature; here it is ``ncc`` of
+    sequences less their own means, channel by channel, so it does not depend on a constant bias.
+    The least value is the best.
 
     Parameters
     ----------
-    problem : the window, or one that may grow to it.
+    problem : the window, or a problem that contains it.
     spacing_m : step of the grid [m].
-    most : largest number of its points; where there would be more, the step is made longer.
-    criterion : by which places are compared.
-    points : (J, d) displacements along the axes [m] that are to be compared instead of a grid's.
+    most : largest number of its points; the step is increased to keep it.
+    criterion : for the comparison of positions.
+    points : (J, d) displacements along the axes [m] instead of a grid.
 
     Attributes
     ----------
-    points : (J, d) displacements along the axes [m], those on the map.
+    points : (J, d) displacements along the axes [m] within the map.
     spacing : the step used [m].
-    evaluations : how often h was evaluated so far.
+    evaluations : number of evaluations of h so far.
     """
 
     _kept: tuple[str, ...] = ("points", "_sums", "_crossed", "_squares", "_totals")
@@ -140,7 +139,7 @@ class Search:
         return np.asarray(inside[:, :2].all(axis=1))
 
     def take(self, stop: int) -> None:
-        """Take the readings of the epochs to before ``stop`` that have not been taken yet."""
+        """Process the measurements of the epochs before ``stop`` that are not processed yet."""
         for k in range(self._epoch, stop):
             phi = self.problem.transition[k]
             self._moved, self._gain = phi @ self._moved, phi @ self._gain
@@ -219,9 +218,10 @@ class Search:
         return found
 
     def starts(self, count: int) -> list[np.ndarray]:
-        """Return the best places as :meth:`multipliers`.
+        """Return the multipliers λ (n,) of the best positions, see :meth:`multipliers`.
 
-        The lowest points of so many hollows, each looked at in finer steps.
+        They are the lowest points of up to ``count`` minima of the criterion, each searched again
+        in finer steps.
         """
         hollows = self.points[self.best(count)]
         if not len(hollows):
@@ -249,7 +249,7 @@ class Search:
         return [self.multipliers(point) for point in within.points[minima[rank < _DEEPEST]]]
 
     def multipliers(self, point: np.ndarray) -> np.ndarray:
-        """Return the multipliers λ (n,) of a displacement, in units of the prior's deviations."""
+        """Return the multipliers λ (n,) of a displacement, in units of the prior's σ."""
         start = np.zeros(self.problem.dimension)
         axes = self._axes
         start[axes.states] = axes.vectors @ (point / axes.variances)
@@ -275,15 +275,15 @@ def _lowest(steps: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Place:
-    """One place that fits a window: the state at its last epoch.
+    """A position that fits a window: the state at its last epoch.
 
     Attributes
     ----------
     mean, cov : (n,), (n, n) of the state.
-    cost : minus the log of its probability density, without the constant: ½ χ² of prior, motion and
-        readings where no loss is used.
-    log_share : the log of the probability of all trajectories about this one, without the constant
-        (Laplace): −cost and ½ ln of the determinant of their covariance over the prior's.
+    cost : negative log of its probability density, without the constant: ½ χ² of prior, motion and
+        measurements if there is no loss.
+    log_share : log probability of all trajectories near this one, without the constant (Laplace):
+        −cost plus ½ ln of the determinant of their covariance over the prior's.
     """
 
     mean: np.ndarray
@@ -296,11 +296,11 @@ class WindowSearch(TrajectorySearch):
     """Searches of one run's window."""
 
     def places(self, starts: Sequence[np.ndarray]) -> list[Place | None]:
-        """Return the place that each start leads to, None where its trajectory has no cost.
+        """Return the position found from each start, None if its trajectory has no cost.
 
         Parameters
         ----------
-        starts : (n,) multipliers of each, as :meth:`Search.multipliers` has them.
+        starts : (n,) multipliers of each, see :meth:`Search.multipliers`.
         """
         if not len(starts):
             return []
@@ -317,27 +317,27 @@ class WindowSearch(TrajectorySearch):
 
 
 def refined(window: WindowSearch, starts: Sequence[np.ndarray], apart: float) -> list[Place]:
-    """Return the places that Gauss–Newton finds from several starts, the most probable first.
+    """Return the positions that Gauss–Newton finds from several starts, the most probable first.
 
     Parameters
     ----------
     window : of one run.
-    starts : (n,) multipliers of each, as :meth:`Search.multipliers` has them.
-    apart : distance [m] at the window's end below which two places are one.
+    starts : (n,) multipliers of each, see :meth:`Search.multipliers`.
+    apart : distance [m] at the window's end below which two positions count as one.
     """
     places = [place for place in window.places(starts) if place is not None]
     return distinct(window.block.problem(0), places, apart)
 
 
 def distinct(problem: Problem, places: Sequence[Place], apart: float) -> list[Place]:
-    """Return places less those within ``apart`` [m] of a more probable one, the best first."""
+    """Return positions without those within ``apart`` [m] of a more probable one, best first."""
     means = np.array([place.mean for place in places]).reshape(len(places), problem.dimension)
     costs = np.array([place.cost for place in places])
     return [places[i] for i in best_apart(problem, means, costs, apart)]
 
 
 def best_apart(problem: Problem, means: np.ndarray, costs: np.ndarray, apart: float) -> list[int]:
-    """Return which states (J, n) have none of lower cost (J,) within ``apart`` [m], best first."""
+    """Return states (J, n) without a better one of cost (J,) within ``apart`` [m], best first."""
     positions = means[:, position_grid.states_in_metres(problem)]
     found: list[int] = []
     for index in np.argsort(costs, kind="stable"):

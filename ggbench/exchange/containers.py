@@ -24,7 +24,7 @@ _TEXT_MARK, _ARRAY_MARK = "text", "array"
 
 
 class ExchangeError(GGBenchError):
-    """A file of problems or estimates cannot be used."""
+    """A file of problems or estimates is invalid."""
 
 
 def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
@@ -34,7 +34,7 @@ def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
     ----------
     path : ends with .nc (netCDF-4), .mat (MATLAB 5) or .txt (plain text).
     content : arrays (any shape) and texts by name.
-    notes : what an array is, in a sentence, by its name; netCDF and plain text keep it.
+    notes : description of each array, in a sentence; netCDF and plain text keep it.
 
     Raises
     ------
@@ -55,14 +55,14 @@ def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
 def read(path: Path) -> dict[str, np.ndarray | str]:
     """Return the arrays (...) of floats and the texts of a file.
 
-    Of MATLAB files every array has at least two axes, and axes of length one at the end are gone:
-    see :func:`shaped`.
+    Arrays of MATLAB files have at least two axes and lose trailing axes of length one, see
+    :func:`shaped`.
 
     Raises
     ------
     ExchangeError
-        If the file cannot be read, is damaged or too large, or holds anything but arrays of real
-        numbers and texts.
+        If the file cannot be read, is damaged or too large, or contains other things than arrays of
+        real numbers and texts.
     """
     reader = _format_of(path)[1]
     try:
@@ -86,7 +86,7 @@ def _require_small(path: Path, size: int) -> None:
 
 
 def shaped(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return an array (...) in a shape that differs by axes of length one, or None."""
+    """Return an array (...) in a shape that differs only by axes of length one, or None."""
     if [n for n in array.shape if n != 1] != [n for n in shape if n != 1]:
         return None
     return array.reshape(shape)

@@ -46,13 +46,13 @@ class StoredRuns:
 
     Attributes
     ----------
-    mean : (R, K, n) or (R, K, 6): the states, or position and velocity alone.
+    mean : (R, K, n) or (R, K, 6): all states, or only position and velocity.
     cov : (R, K, n, n) or (R, K, 6, 6).
     times : (K,) [s].
-    problem : what the problem's file says of itself: scenario, case, seed, runs, fingerprints.
+    problem : identity of the problem's file: scenario, case, seed, runs, fingerprints.
     causality, lag : as :class:`.problem.Estimate` has them.
     estimator : its name.
-    seconds : (R,) that each run took, or None.
+    seconds : (R,) time of each run [s], or None.
     """
 
     mean: np.ndarray
@@ -65,7 +65,7 @@ class StoredRuns:
     seconds: np.ndarray | None
 
     def run_of(self, problem: Problem) -> int | None:
-        """Return which of the runs has the measurements of a problem; None if none has."""
+        """Return the run with the measurements of a problem; None if there is none."""
         if problem.epochs != len(self.times):
             return None
         (fingerprint,) = fingerprints(problem.measurements[np.newaxis])
@@ -85,9 +85,10 @@ def read(path: Path) -> StoredRuns:
     Raises
     ------
     ExchangeError
-        With a sentence that names the file, the array, what was found and what is allowed: missing
-        or unknown names; another shape, frame or unit; numbers that are not finite; epochs that are
-        not those of the problem; a covariance that is not symmetric or not positive definite.
+        With a sentence that states the file, the array, the value and the allowed values: missing
+        or unknown names; a wrong shape, frame or unit; numbers that are not finite; epochs that
+        differ from those of the problem; a covariance that is not symmetric or not positive
+        definite.
     """
     content = containers.read(path)
     if unknown := sorted(set(content) - KNOWN):
@@ -276,28 +277,28 @@ def stored_runs(path: Path) -> tuple[StoredRuns, ...]:
 
 
 class StoredEstimates(Estimator):
-    """An estimator whose answers are in a file; :func:`estimator_of` makes its class."""
+    """An estimator whose estimates are in a file; :func:`estimator_of` creates its class."""
 
     path: Path
 
     @property
     def causality(self) -> Causality:
-        """What the file declares."""
+        """Causality that the file declares."""
         return stored_runs(self.path)[0].causality
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """False: it is not declared."""
+        """False: files do not declare it."""
         return False
 
     def conflict(self) -> str | None:
-        """Refuse a noise that the file's estimates do not assume."""
+        """Refuse a noise scale, because the estimates are given."""
         return None if self.noise_scale == 1.0 else "noise_scale changes no stored estimates"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Return the estimates of the run with the measurements of a problem.
 
-        States that the file lacks are those of the prior, carried along, with no innovations.
+        States that the file lacks have the propagated prior. There are no innovations.
 
         Raises
         ------
@@ -321,9 +322,9 @@ class StoredEstimates(Estimator):
 def with_prior(
     problem: Problem, mean: np.ndarray, cov: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (K, n) and cov (K, n, n) with position and velocity as given, else the prior's.
+    """Return mean (K, n) and cov (K, n, n) with the given position and velocity, else the prior's.
 
-    The states that were not estimated are independent of those that were.
+    Estimated and other states are uncorrelated.
     """
     epochs, n, states = problem.epochs, problem.dimension, mean.shape[1]
     means, covs = np.empty((epochs, n)), np.zeros((epochs, n, n))
@@ -337,7 +338,7 @@ def with_prior(
 
 
 def estimator_of(path: Path) -> type[StoredEstimates]:
-    """Return the class of the estimator that answers with a file.
+    """Return the class of the estimator that replays a file.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Estimation problems of many runs as one file that states its equation of measurement.
 
-The format has a version, :data:`FORMAT`. ``problem_format.csv`` declares all that a file holds; the
-table of the documentation is made from it.
+The format has a version, :data:`FORMAT`. ``problem_format.csv`` declares all variables of a file.
+The table of the documentation is generated from it.
 """
 
 from __future__ import annotations
@@ -58,18 +58,18 @@ VARIABLES = tuple(
 
 
 def identity(facts: Mapping[str, object], block: ProblemBlock) -> str:
-    """Return the text by which estimates name their problem.
+    """Return the text that identifies a problem in files of estimates.
 
     Parameters
     ----------
-    facts : where the problem is from, as plain values.
-    block : the runs; :func:`fingerprints` finds each again.
+    facts : origin of the problem, as plain values.
+    block : the runs; :func:`fingerprints` identifies each.
     """
     return json.dumps({**facts, "fingerprints": fingerprints(block.measurements)})
 
 
 def fingerprints(measurements: np.ndarray) -> list[float]:
-    """Return a number for each run (R,) by which its measurements (R, K, m) are recognised."""
+    """Return a number for each run (R,) that identifies its measurements (R, K, m)."""
     weights = 1.0 + np.cos(np.arange(1.0, 1.0 + measurements[0].size)).reshape(
         measurements[0].shape
     )

@@ -1,4 +1,4 @@
-"""A program in any language as an estimator: it reads a problem's file and writes estimates.
+"""Programs in any language as estimators: they read a problem's file and write estimates.
 
 ``exec:PROGRAM`` is started once for a block of runs as ``PROGRAM PROBLEM ESTIMATES``.
 """
@@ -28,7 +28,7 @@ _LAST_WORDS_S = 1.0
 
 @dataclass(frozen=True)
 class ExternalProgram(BlockEstimator):
-    """A program that estimates; :func:`estimator_of` makes its class.
+    """An external program; :func:`estimator_of` creates its class.
 
     Parameters
     ----------
@@ -44,18 +44,18 @@ class ExternalProgram(BlockEstimator):
 
     @property
     def causality(self) -> Causality:
-        """What ``causes`` says."""
+        """Value of ``causes``."""
         return self.causes
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """False: it is not declared."""
+        """False: programs do not declare it."""
         return False
 
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
-        """Start the program on a file of the block and read what it writes.
+        """Start the program on a file of the block and read its estimates.
 
         Raises
         ------
@@ -149,7 +149,7 @@ def estimator_of(text: str) -> type[ExternalProgram]:
     Raises
     ------
     ExchangeError
-        If there is no such program, or it cannot be executed.
+        If the program does not exist or cannot be executed.
     """
     path = Path(text.removeprefix(PROGRAM))
     if not path.is_file():

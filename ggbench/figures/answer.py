@@ -44,8 +44,8 @@ class Panel(NamedTuple):
     title : of the panel.
     places : (n,) abscissae.
     curves : by label.
-    bound, smoothing_bound, ins : (n,) [m]; NaN where there is none. The bound of smoothers is of
-        panels that show one.
+    bound, smoothing_bound, ins : (n,) [m]; or NaN. The bound of smoothers is only for panels with a
+        smoother.
     """
 
     title: str
@@ -73,7 +73,7 @@ def panel(
     title: str = "",
     places: np.ndarray | None = None,
 ) -> Panel:
-    """Return the errors of estimators in the cases of these names.
+    """Return the errors of estimators in the named cases.
 
     Parameters
     ----------

@@ -19,8 +19,7 @@ def scorecard(rows: Sequence[Mapping[str, float | str]], label: str) -> Drawing:
 
     Parameters
     ----------
-    rows : of each question its ``title`` and ``scored``, ``ekf``, ``bound`` [m], NaN where there
-        is none.
+    rows : for each question ``title`` and ``scored``, ``ekf``, ``bound`` [m], or NaN.
     label : the scored estimator.
     """
     figure, axis = subplots(figsize=(_WIDTH, _REST + _ROW * len(rows)))

@@ -1,4 +1,4 @@
-"""Figures of errors over time: of many runs with the bounds, of one run by its components."""
+"""Figures of errors over time: many runs with bounds, or components of one run."""
 
 from __future__ import annotations
 
@@ -90,11 +90,11 @@ def component_errors(
     label: str,
     families: Mapping[str, str],
 ) -> Drawing:
-    """Draw ENU errors of one run: with the pure INS on the left, aided with ±3σ on the right.
+    """Draw ENU errors of one run: INS on the left, aided with ±3σ on the right.
 
-    ``aided`` and ``ins`` are (K, 18): six errors and their six standard deviations, NaN if none are
-    claimed, and others; ``first`` is the first of the three columns shown (0: position, 3:
-    velocity); ``families`` has the family of each estimator.
+    ``aided`` and ``ins`` are (K, 18): six errors and their six standard deviations (or NaN), and
+    others; ``first`` is the first of the three columns shown (0: position, 3: velocity);
+    ``families`` has the family of each estimator.
     """
     claims = bool(np.isfinite(aided[:, 6:12]).any())
     colour = line_styles(families)[label].color

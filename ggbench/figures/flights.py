@@ -21,14 +21,14 @@ def ground_track(
     reference: np.ndarray | None,
     families: Mapping[str, str],
 ) -> Drawing:
-    """Draw tracks from above and their heights, about where the INS begins.
+    """Draw horizontal tracks and heights, relative to the start of the INS.
 
     Parameters
     ----------
     times : (K,) [s].
-    ins : (K, 3) what it indicates, ENU [km, km, m].
-    tracks : of each estimator, the same.
-    reference : the same, NaN where there is none.
+    ins : (K, 3) INS track, ENU [km, km, m].
+    tracks : corrected tracks (K, 3) by estimator.
+    reference : reference track (K, 3), or NaN.
     families : family of each estimator.
     """
     figure, (plan, height) = subplots(1, 2, figsize=(9.0, 4.4), width_ratios=(3, 2))
@@ -58,7 +58,7 @@ def ground_track(
 def deviations(
     times: np.ndarray, claimed: Mapping[str, np.ndarray], families: Mapping[str, str]
 ) -> Drawing:
-    """Draw the spherical standard deviations that estimates claim, of position and velocity.
+    """Draw the reported spherical standard deviations of position and velocity.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ def deviations(
 def whitened(
     times: np.ndarray, sensors: Sequence[tuple[str, Sequence[str], np.ndarray]], label: str
 ) -> Drawing:
-    """Draw what the readings say to an estimate, a panel for each sensor, in units of its σ.
+    """Draw the whitened residuals of an estimate, a panel for each sensor.
 
-    ``sensors`` : name, names of channels and whitened residuals (K, m), NaN for none, of each.
+    ``sensors`` : for each sensor its name, names of channels and whitened residuals (K, m), or NaN.
     """
     count = len(sensors)
     figure, axes = subplots(count, 1, figsize=(7.0, 1.2 + 1.8 * count), sharex=True, squeeze=False)

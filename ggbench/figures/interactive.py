@@ -1,7 +1,7 @@
 """Interactive SVG figures for a browser.
 
 The script ``figure.js`` of the HTML page shows the values under the pointer, switches series in the
-legend, and zooms. The picture itself is the one that :func:`.style.save` writes.
+legend, and zooms. The picture equals that of :func:`.style.save`.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ _DECIMALS = re.compile(r"(\.\d\d)\d+")
 
 
 def picture(figure: Drawing, hidden: Set[str] = frozenset()) -> dict[str, Any]:
-    """Return a figure as SVG, with what a script needs to read values from it.
+    """Return a figure as SVG, with data for a script.
 
     Groups are named: ``series-2-0`` and ``range-2-1`` are points and an interval of the third
     series, ``legend-2-0`` is its name in the legend, and ``panel-0`` the first axes.
 
     Parameters
     ----------
-    figure : with the series that it shows (:meth:`.style.Drawing.attribute`).
+    figure : with its series (:meth:`.style.Drawing.attribute`).
     hidden : series that are not visible at first.
 
     Returns

@@ -71,7 +71,7 @@ def league(of: League, families: Mapping[str, str]) -> Drawing:
     Parameters
     ----------
     of : its numbers.
-    families : family of each estimator; names of estimators of one's own have its colour.
+    families : family of each estimator; names of own estimators have its colour.
     """
     rows, width = _ROW * len(of.cases), _LABELS + _NARROWEST * (_places(of)[-1] + 1.0)
     figure, (grid, profile) = subplots(

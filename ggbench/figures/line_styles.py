@@ -1,7 +1,7 @@
 """Colour, line and marker of each estimator in a figure.
 
 The colour is that of the estimator's family. The estimators of a family differ by line and marker,
-in their order. An estimator that does not belong to the package has a colour of its own.
+in their order. Users' own estimators have a separate colour.
 """
 
 from __future__ import annotations
@@ -78,15 +78,15 @@ class Layer(NamedTuple):
 
 
 def is_own(label: str, families: Mapping[str, str]) -> bool:
-    """Return whether an estimator is not a shipped one."""
+    """Return whether an estimator is not shipped."""
     return families.get(label, "own") not in set(COLOURS) - {"own"}
 
 
 def stacked(labels: Iterable[str], families: Mapping[str, str]) -> list[Layer]:
     """Return the lines of a figure in the order of drawing.
 
-    The INS comes first. Lines become thinner, so that equal curves stay visible at the sides.
-    Estimators of one's own come last: on top, the thickest, translucent.
+    The INS comes first. Lines become thinner, so that equal curves stay visible at the sides. Own
+    estimators come last: on top, thickest, translucent.
     """
     order = sorted(labels, key=lambda label: _LAYERS.get(families[label], 1))
     shipped = [label for label in order if not is_own(label, families)]

@@ -1,4 +1,4 @@
-"""Numbers as figures, tables and sentences show them."""
+"""Numbers for figures, tables and sentences."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Sequence
 
 
 def counted(count: int, noun: str) -> str:
-    """Return how many there are of what a noun names: ``1 run``, ``2 runs``."""
+    """Return a number with its noun: ``1 run``, ``2 runs``."""
     return f"{count} {noun if count == 1 else f'{noun}s'}"
 
 
 def some(texts: Sequence[str], most: int = 6) -> str:
-    """Return what is said of the first few, the best, and of how many more it could be said."""
+    """Return texts of the first few items, the best, and the number of the others."""
     more = len(texts) - most
     return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def short(value: float) -> str:
-    """Return a number with three digits at most, as cells and sentences show it."""
+    """Return a number with at most three digits, for cells and sentences."""
     if value == 0.0 or not 1e-3 <= abs(value) < 1e5:
         return f"{value:.1e}" if value else "0"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -26,5 +26,5 @@ def short(value: float) -> str:
 
 
 def span(first: str, last: str, *, separator: str = " to ") -> str:
-    """Return two numbers, as they are shown, as ends of a range; equal ones as one number."""
+    """Return the range of two shown numbers; equal ones as one number."""
     return first if first == last else f"{first}{separator}{last}"

@@ -144,7 +144,7 @@ def _draw_field(
 
 @styled()
 def planned_tracks(tracks: pd.DataFrame, field: Field, flown: np.ndarray, title: str) -> Drawing:
-    """Draw the bound of tracks: an arrow at each start for each heading, coloured by the bound.
+    """Draw tracks as an arrow at each start for each heading, coloured by the bound.
 
     The disturbing Γ_UU of the field is drawn below, the present flight in black.
 

@@ -27,7 +27,7 @@ _BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag
 def error_over_time(
     results: Results, labels_of: Mapping[str, Sequence[str]], most: int | None = None
 ) -> Drawing:
-    """Draw the RMS errors over all runs against time, and the bounds: a column for each case.
+    """Draw RMS errors over all runs against time, with bounds: a column for each case.
 
     ``labels_of`` names the estimators of each case; ``most`` limits the epochs.
     """
@@ -36,10 +36,10 @@ def error_over_time(
 
 
 def flight(results: Results, case: str, labels: Iterable[str], most: int | None) -> errors.Flight:
-    """Return RMS errors and bounds of a case over the runs that are stored.
+    """Return RMS errors and bounds of a case over the stored runs.
 
-    Evenly spread epochs, if there are more than ``most``. An estimator without a finished run has
-    no errors.
+    At most ``most`` epochs are used, evenly spread. An estimator without a finished run has no
+    errors.
     """
     arrays = results.arrays(case)
     count = len(arrays["kept"])
@@ -60,16 +60,15 @@ def flight(results: Results, case: str, labels: Iterable[str], most: int | None)
 
 
 def drawn_bounds(arrays: Iterable[str]) -> dict[str, str]:
-    """Return the bounds that are drawn over time: key among the arrays of a case to its name."""
+    """Return the bounds of a figure over time: key among the arrays of a case to its name."""
     keys = [key for key in arrays if key.startswith("bound-") and key != "bound-unfiltered"]
     return {key: f"bound, {_BOUNDS[key.rstrip('-0123456789')]}" for key in keys}
 
 
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:
-    """Draw the ENU errors of the detailed run with their claimed ±3σ, and the pure INS's.
+    """Draw the ENU errors of the detailed run with reported ±3σ, and those of the INS.
 
-    Raise ResultsError if this run of the estimator failed or has not been run; if the quantity is
-    another one.
+    Raise ResultsError if this run failed or does not exist, or for another quantity.
     """
     if quantity not in _COLUMNS:
         raise ResultsError(f"the quantity is {quantity!r} and must be one of {', '.join(_COLUMNS)}")
@@ -96,7 +95,7 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
 def field_map(results: Results, case: str) -> Drawing:
     """Draw the map that a case flies over, at flight height, with the track.
 
-    Raise ResultsError if it has none.
+    Raise ResultsError if the case has no map.
     """
     arrays = results.arrays(case)
     if "map_vertical" not in arrays:
@@ -116,9 +115,9 @@ def track_gradient(results: Results, case: str) -> Drawing:
 
 
 def swept(results: Results, key: str | None = None) -> Drawing:
-    """Draw RMS errors against a number that varies among the cases, with the bounds and the INS.
+    """Draw RMS errors against a varied number, with the bounds and the INS.
 
-    Cases that differ in another key, too, make further panels, at most :data:`MOST_PANELS`.
+    Cases that also differ in another key form further panels, at most :data:`MOST_PANELS`.
 
     Parameters
     ----------
@@ -128,7 +127,7 @@ def swept(results: Results, key: str | None = None) -> Drawing:
     Raises
     ------
     ResultsError
-        If no such number varies.
+        If this number does not vary.
     """
     metrics = results.metrics()
     rows = metrics[metrics["window"] == "settled"]

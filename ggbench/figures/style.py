@@ -1,7 +1,7 @@
 """Settings and colours of figures, applied only while a figure is drawn.
 
-Nothing here changes Matplotlib's own settings or its backend, and no figure is known to pyplot: it
-lives as long as somebody holds it.
+Matplotlib's global settings and backend stay unchanged. Figures are not registered in pyplot, so
+they are freed without references.
 """
 
 from __future__ import annotations
@@ -49,22 +49,22 @@ class FigureError(GGBenchError):
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Have what is drawn look as all figures of the package do, whatever the user's settings.
+    """Apply the style of the package within the context, whatever the user's settings.
 
-    Also a decorator.
+    It is also a decorator.
     """
     with matplotlib.style.context(["default", _SETTINGS]):
         yield
 
 
 class Drawing(Figure):
-    """A Matplotlib figure that is drawn in the package's style whenever it is drawn.
+    """A Matplotlib figure that is always drawn in the package's style.
 
-    Ticks and numbers come into being only then, long after the function that made the figure.
+    Ticks and numbers are created only when the figure is drawn.
 
     Attributes
     ----------
-    series : names of what the figure shows, each with the artists that show it.
+    series : artists of each series, by name.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -73,11 +73,11 @@ class Drawing(Figure):
 
     @property
     def handles(self) -> dict[str, Artist]:
-        """The artist that stands for each series in a legend, its first one."""
+        """First artist of each series, for a legend."""
         return {name: artists[0] for name, artists in self.series.items()}
 
     def attribute(self, name: str, *artists: Artist) -> None:
-        """State that artists show the series of a name."""
+        """Assign artists to the series of a name."""
         self.series.setdefault(name, []).extend(artists)
 
     def draw(self, renderer: Any) -> None:
@@ -86,7 +86,7 @@ class Drawing(Figure):
             super().draw(renderer)
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
-        """Write the figure, as :meth:`matplotlib.figure.Figure.savefig` does."""
+        """Write the figure, see :meth:`matplotlib.figure.Figure.savefig`."""
         with styled():
             super().savefig(*args, **kwargs)
 
@@ -100,16 +100,16 @@ class Drawing(Figure):
 def subplots(
     rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], **options: Any
 ) -> tuple[Drawing, Any]:
-    """Return a figure of so many panels, and its axes, as :func:`matplotlib.pyplot.subplots` does.
+    """Return a figure with panels, and its axes, as :func:`matplotlib.pyplot.subplots`.
 
-    ``figsize`` is in inches; the panels find their places by themselves.
+    ``figsize`` is in inches; the layout is automatic.
     """
     figure = Drawing(figsize=figsize, layout="constrained")
     return figure, figure.subplots(rows, columns, **options)
 
 
 def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
-    """Label a logarithmic axis with plain numbers, between the decades too if there are few."""
+    """Label a logarithmic axis with plain numbers, also between decades if there are few."""
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -121,9 +121,9 @@ def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
 
 
 def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:
-    """Put a legend of some names under the panels, which keep their size: the figure grows.
+    """Put a legend below the panels, which keep their size: the figure grows.
 
-    It has as many columns as there is room for, four at most.
+    It has up to four columns.
     """
     width, height = figure.get_size_inches()
     longest = max(map(len, handles), default=1)
@@ -133,7 +133,7 @@ def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure, the same bytes for the same content; its folder is made if need be.
+    """Write a figure reproducibly, byte by byte; a missing folder is created.
 
     Raise FigureError if the file cannot be written.
     """

@@ -1,17 +1,17 @@
 """Coloured noise of the gradiometer's channels: a vector autoregression, and its whitening.
 
 n_k = Σ_i A_i n_{k−i} + e_k, where the e_k are independent with a covariance Σ across the channels.
-A reading z_k = h_k + n_k is whitened by what the model predicts of its noise,
+A measurement z_k = h_k + n_k is whitened by the predicted noise,
 
     w_k = V (z_k − Σ_i A_i z_{k−i}) = V (h_k − Σ_i A_i h_{k−i}) + V e_k,
 
-with V = D C⁻¹, Σ = C Cᵀ (Cholesky) and D the diagonal of C. The noise of w then has the covariance
-D² at every reading: each channel keeps its unit and is cleared of what the channels before it tell
-of its noise. At the start, and behind a gap, some of the p readings before are missing. The best
-linear predictor of the last p readings that exist takes the place of the A_i, and the root of what
-it leaves that of C: both follow from the autocovariance of these readings. Without gaps the
-likelihood of w is that of z. So it is with gaps if p is at most 1; else readings further back
-would tell a little more.
+with V = D C⁻¹, Σ = C Cᵀ (Cholesky) and D the diagonal of C. The noise of w has the covariance D² at
+every measurement: each channel keeps its unit, and its correlation with the channels before it is
+removed. At the start and after a gap some of the p earlier measurements are missing. The best
+linear predictor from the last p available measurements then replaces the A_i, and the root of its
+error covariance replaces C. Both follow from the autocovariance. Without gaps, or for p ≤ 1, the
+likelihood of w equals that of z. With gaps and p > 1, earlier measurements would add a little
+information.
 """
 
 from __future__ import annotations
@@ -47,17 +47,16 @@ _REACH = _MOST_ORDER
 
 
 class ColouredNoiseError(GGBenchError):
-    """A model of coloured noise is none, or its file cannot be read."""
+    """A model of coloured noise is invalid, or its file cannot be read."""
 
 
 class Whitening(NamedTuple):
-    """The whitening of G readings of m channels, each with up to p earlier ones.
+    """The whitening of G measurements of m channels, each with up to p earlier ones.
 
     Attributes
     ----------
-    weights : (G, p + 1, m, m) of a reading and of those before it; zero where there is none.
-    lags : (G, p + 1) by how many readings each is earlier, missing ones counted; −1 where there is
-        none.
+    weights : (G, p + 1, m, m) of a measurement and of those before it; zero for missing ones.
+    lags : (G, p + 1) lags of these measurements, including missing ones; −1 if there is none.
     """
 
     weights: np.ndarray
@@ -65,11 +64,11 @@ class Whitening(NamedTuple):
 
     @property
     def of_constant(self) -> np.ndarray:
-        """Matrices (G, m, m) from constant errors of the channels to those of whitened readings."""
+        """Return matrices (G, m, m) that map constant channel errors to whitened measurements."""
         return np.asarray(self.weights.sum(axis=1))
 
     def apply(self, readings: np.ndarray) -> np.ndarray:
-        """Return w (..., G, m) of readings (..., G, m)."""
+        """Return w (..., G, m) of measurements (..., G, m)."""
         white = np.zeros(readings.shape)
         for weights, lags in zip(self.weights.swapaxes(0, 1), self.lags.T, strict=True):
             at = np.flatnonzero(lags >= 0)
@@ -88,10 +87,10 @@ class VectorAutoregression:
     interval : between readings [s].
     coefficients : (p, m, m) A_i; p may be 0.
     innovation_cov : (m, m) Σ [E²].
-    provenance : where the model comes from, in words.
+    provenance : source of the model, in words.
 
-    Raises ColouredNoiseError if shapes do not fit, Σ is no covariance, or the process is not
-    stable.
+    Raises ColouredNoiseError if shapes are inconsistent, Σ is no covariance, or the process is
+    unstable.
     """
 
     components: tuple[str, ...]
@@ -126,7 +125,7 @@ class VectorAutoregression:
 
     @property
     def order(self) -> int:
-        """Number of earlier readings p that the noise remembers."""
+        """Order p."""
         return len(self.coefficients)
 
     @cached_property
@@ -166,7 +165,7 @@ class VectorAutoregression:
 
     @cached_property
     def stationary_cov(self) -> np.ndarray:
-        """Covariance (m, m) of the noise itself [E²]."""
+        """Stationary covariance (m, m) of the noise [E²]."""
         return frozen(self.autocovariance(0)[0])
 
     @property
@@ -198,10 +197,10 @@ class VectorAutoregression:
         return np.concatenate([scaled[np.newaxis], -scaled @ predictor])
 
     def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening:
-        """Return the whitening of readings at times (G,) [s], some of them missing (G,).
+        """Return the whitening of measurements at times (G,) [s], some of them missing (G,).
 
-        A reading is predicted from the last p readings that exist, none more than 64 intervals
-        earlier. Nothing is predicted across a time that is no multiple of the interval.
+        A measurement is predicted from the last p available ones, at most 64 intervals earlier.
+        There is no prediction across a gap that is no multiple of the interval.
         """
         m, taps = len(self.components), self.order + 1
         weights, lags = np.zeros((len(times), taps, m, m)), np.full((len(times), taps), -1)
@@ -223,7 +222,7 @@ class VectorAutoregression:
         return Whitening(weights, lags)
 
     def simulate(self, white: np.ndarray) -> np.ndarray:
-        """Return noise (K, m) [E] of a stationary process, of standard normal numbers (K, m)."""
+        """Return stationary noise (K, m) [E] from standard normal numbers (K, m)."""
         noise, rows, p = np.zeros(white.shape), self._start_rows, self.order
         inverse = [np.linalg.inv(row[0]) for row in rows]
         for k, drawn in enumerate(white):
@@ -251,10 +250,10 @@ class VectorAutoregression:
 
 
 def read_noise(path: Path) -> VectorAutoregression:
-    """Return the model of a JSON file; the last few are kept.
+    """Return the model of a JSON file; the last few are cached.
 
-    Raises ColouredNoiseError with a sentence that names the file, what was found and what is
-    allowed.
+    Raises ColouredNoiseError with a sentence that states the file, the value and the allowed
+    values.
     """
     try:
         status = path.stat()

@@ -27,7 +27,7 @@ def name_of(crs: Any) -> str:
 
 
 def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
-    """Return whether a geographic system is another one than WGS 84 at a place, in its degrees.
+    """Return whether a geographic system differs from WGS 84 at a position, in its degrees.
 
     Raises TerrainError if rasterio is not installed.
     """
@@ -39,7 +39,7 @@ def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
 
 
 def vertical(crs: Any) -> tuple[str, bool]:
-    """Return from where the heights of a system count, or "", and whether they count downwards."""
+    """Return the zero level of a system's heights, or "", and whether they count downwards."""
     if crs is None:
         return "", False
     wkt = crs.to_wkt()

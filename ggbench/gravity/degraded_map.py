@@ -1,8 +1,7 @@
 """Maps with declared errors, for a model that differs from the truth.
 
-An estimator's map differs from the field in four ways that practice knows: it does not resolve
-what is shorter than its data, the density assumed for the terrain is not the rock's, and its values
-carry noise, of each node by itself or correlated over the spacing of the survey.
+Real maps have four errors: limited resolution, a wrong density of the terrain, white noise of the
+nodes, and noise that is correlated over the spacing of the survey.
 """
 
 from __future__ import annotations
@@ -55,10 +54,10 @@ class MapDegradation:
 
 
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
-    """Return a map with errors: smoothed and scaled first, then noisy.
+    """Return a map with errors: smoothed and scaled first, then with noise.
 
-    Raises MapError if the map is too small for a smoothing, or for the correlation of a noise, or
-    its nodes lie too far apart for that.
+    Raises MapError if the map is too small for the smoothing or the correlation length, or its
+    nodes are too far apart for it.
     """
     _check(right, degradation)
     tensor = np.asarray(right.tensor, dtype=float)

@@ -2,12 +2,11 @@
 
 One sum of the even zonal harmonics J2..J12 gives the normal potential's derivatives. They reproduce
 the closed forms of normal gravity to 1e-13 and the normal gradient to 1e-10 E (J14 is below 2e-19),
-so gravity, its derivative in the mechanization and the gradient that the gradiometer feels can
-never disagree.
+so gravity, its derivative in the mechanization and the measured gradient are always consistent.
 
 Angles in rad, heights in m above the ellipsoid, gravity in m/s², gradients in E (1 E = 1e-9 s⁻²).
-The gradient is the *gravitational* part only: a gradiometer that does not rotate in inertial space
-does not feel the centrifugal potential; normal gravity includes it.
+The gradient is the *gravitational* part only: a gradiometer without rotation in inertial space does
+not measure the centrifugal potential; normal gravity includes it.
 """
 
 from __future__ import annotations
@@ -68,20 +67,31 @@ def radii_of_curvature(latitude: float) -> tuple[float, float]:
 
 @inlined
 def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
-    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
+    """Return metres per radian of latitude and longitude, R_M + h and (R_N + h) cos L [m/rad].
+
+    Parameters
+    ----------
+    sine, cosine : of the latitude.
+    height : above the ellipsoid [m].
+    """
     meridian, prime_vertical = radii_of_sine(sine)
     return meridian + height, (prime_vertical + height) * cosine
 
 
 @compiled
 def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
-    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
+    """Return metres per radian of latitude and of longitude, R_M + h and (R_N + h) cos L [m/rad].
+
+    Parameters
+    ----------
+    position : (3,) latitude, longitude [rad], height [m].
+    """
     return metres_per_radian_of(math.sin(position[0]), math.cos(position[0]), position[2])
 
 
 @compiled
 def metres_along(positions: np.ndarray) -> np.ndarray:
-    """Return what a radian of longitude and of latitude is worth (N, 2) [m] at positions (N, 3)."""
+    """Return metres per radian of longitude and of latitude (N, 2) at positions (N, 3)."""
     out = np.empty((positions.shape[0], 2))
     for k in range(positions.shape[0]):
         out[k, 1], out[k, 0] = metres_per_radian(positions[k])
@@ -90,7 +100,7 @@ def metres_along(positions: np.ndarray) -> np.ndarray:
 
 @inlined
 def radii_derivatives_of(sine: float, cosine: float) -> tuple[float, float]:
-    """Return dR_M/dL and dR_N/dL [m/rad] where sin L and cos L are given."""
+    """Return dR_M/dL and dR_N/dL [m/rad], given sin L and cos L."""
     meridian, prime_vertical = radii_of_sine(sine)
     ratio = ECCENTRICITY_SQUARED * sine * cosine / (1.0 - ECCENTRICITY_SQUARED * sine * sine)
     return 3.0 * meridian * ratio, prime_vertical * ratio
@@ -217,7 +227,7 @@ def _geocentric_gravity(r: float, s: float, c: float) -> tuple[float, float, flo
 
 @inlined
 def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float, float, float]:
-    """Return what :func:`normal_gravity` does, where sin L and cos L are given.
+    """Return :func:`normal_gravity`, given sin L and cos L.
 
     Since γ = |g|, dγ = g·dg/γ with dg from the gradient tensor.
     """
@@ -235,7 +245,7 @@ def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float,
 
 @inlined
 def normal_gravity_vector_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
-    """Return normal gravity to the geodetic north and up [m/s²]; to the east there is none.
+    """Return normal gravity to the geodetic north and up [m/s²]; the east component is zero.
 
     Plumb lines of the normal field are curved: above the ellipsoid gravity has a part to the south,
     −8.08e-9 h sin 2L (Heiskanen & Moritz 1967, sec. 5-6), 4 mGal at 5 km and 45°.
@@ -251,7 +261,7 @@ def normal_gravity_slopes_of(
 ) -> tuple[float, float, float, float]:
     """Return ∂g_N/∂L, ∂g_N/∂h, ∂g_U/∂L, ∂g_U/∂h of :func:`normal_gravity_vector_of`.
 
-    By the gradient tensor, and by the turn of the axes over (R_M + h) dL.
+    They follow from the gradient tensor and the rotation of the axes over (R_M + h) dL.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     north, up, north_north, north_up, up_up = _geocentric_gravity(r, s, c)
@@ -289,9 +299,9 @@ def normal_gradient_of(
 ) -> tuple[float, float, float, float]:
     """Return EE, NN, NU, UU [E] of the normal gradient; EN and EU are zero.
 
-    Of a point at the geodetic latitude whose ``sine`` and ``cosine`` are given and the ``height``
-    [m]: spherical components of a zonal potential V(r, s) (e.g. Hofmann-Wellenhof & Moritz), turned
-    by ψ = L − φ' about the east axis.
+    ``sine`` and ``cosine`` are those of the geodetic latitude, ``height`` is in m. The spherical
+    components of a zonal potential V(r, s) (e.g. Hofmann-Wellenhof & Moritz) are rotated by ψ = L −
+    φ' about the east axis.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
@@ -311,10 +321,10 @@ def normal_gradient_of(
 def normal_gradient_slopes_of(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return how EE, NN, NU, UU change for a metre to the north, then for a metre up [E/m].
+    """Return the derivatives of EE, NN, NU, UU to the north, then upwards [E/m].
 
-    The chain rule through r(L, h), φ'(L, h), ψ(L, h) of :func:`normal_gradient_of`; the axes move
-    with the point. To the east nothing changes.
+    They follow by the chain rule through r(L, h), φ'(L, h), ψ(L, h) of :func:`normal_gradient_of`,
+    with axes that move with the point. Derivatives to the east are zero.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)

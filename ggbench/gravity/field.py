@@ -41,7 +41,7 @@ class OutsideMapError(GGBenchError):
 
 @record
 class DisturbanceMap:
-    """The gravity disturbance of a map as a kernel is given it, see :class:`Field`."""
+    """The gravity disturbance of a map as arrays for kernels, see :class:`Field`."""
 
     origin: np.ndarray
     step: np.ndarray
@@ -61,14 +61,14 @@ def gradient_of(
     values: Tensor,
     along: tuple[Tensor, Tensor, Tensor],
 ) -> tuple[Tensor, tuple[Tensor, Tensor, Tensor], float, float]:
-    """Return the full tensor [E], its slopes, and the metres per radian to the north and east.
+    """Return the full tensor [E], its derivatives, and metres per radian to north and east.
 
-    The slopes are [E/m] for a metre to the east, to the north and up.
+    The derivatives [E/m] are to the east, to the north and upwards.
 
     Parameters
     ----------
-    sine, cosine, height : of the latitude; [m].
-    values, along : the disturbing tensor [E], and how it changes along latitude, longitude [E/rad]
+    sine, cosine, height : sine and cosine of the latitude; height [m].
+    values, along : the disturbing tensor [E], and its derivatives by latitude, longitude [E/rad]
         and height [E/m].
     """
     ee, nn, nu, uu = normal_gradient_of(sine, cosine, height)
@@ -217,8 +217,8 @@ class Field:
         of a draped map the third coordinate is the height above its base surface.
     tensor_coefficients : (n0, n1, n2, 6) B-spline coefficients [E]; size 0 for no map.
     disturbance_coefficients : (n0, n1, n2, 3) of the gravity disturbance vector, ENU [m/s²].
-    constant_disturbance : (3,) ENU [m/s²], what is added to it everywhere and is in no map.
-    standard_error : (9,) that the map states of the tensor [E] and the disturbance; NaN: none.
+    constant_disturbance : (3,) ENU [m/s²], added to the disturbance everywhere.
+    standard_error : (9,) of tensor [E] and disturbance [m/s²] as stated by the map; NaN: unknown.
     base_coefficients : (n0, n1) of the base surface of a draped map [m]; size 0 for level layers.
     """
 
@@ -274,12 +274,12 @@ class Field:
 
     @property
     def lower(self) -> np.ndarray:
-        """First node of the map in its coordinates [rad, rad, m]; −∞ without a map."""
+        """First node (3,) of the map in its coordinates [rad, rad, m]; −∞ without a map."""
         return self.origin if self.has_map else np.full(3, -np.inf)
 
     @property
     def upper(self) -> np.ndarray:
-        """Last node of the map in its coordinates [rad, rad, m]; ∞ without a map."""
+        """Last node (3,) of the map in its coordinates [rad, rad, m]; ∞ without a map."""
         if not self.has_map:
             return np.full(3, np.inf)
         cells = np.array(self.tensor_coefficients.shape[:3]) - 3
@@ -291,9 +291,9 @@ class Field:
         return self.base_coefficients.size > 0
 
     def base(self, positions: np.ndarray) -> np.ndarray:
-        """Return the height (...) of the base surface at positions (..., 3) [m]; 0 of level maps.
+        """Return the height (...) of the base surface at positions (..., 3) [m]; 0 for level maps.
 
-        Outside the map it is that of its border.
+        Outside the map the height of the border continues.
         """
         heights = np.zeros(positions.shape[:-1])
         if self.is_draped:
@@ -306,7 +306,7 @@ class Field:
     def coordinates(self, positions: np.ndarray) -> np.ndarray:
         """Return positions (..., 3) in the coordinates of the map's nodes.
 
-        Of a draped map the third one is the height above the base surface.
+        For a draped map the third coordinate is the height above the base surface.
         """
         if not self.is_draped:
             return positions
@@ -317,19 +317,25 @@ class Field:
     def over_nodes(
         self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return latitude, longitude [rad] and height [m] of a place in the map's coordinates."""
+        """Return latitude, longitude [rad] and ellipsoidal height [m] of map coordinates.
+
+        Parameters
+        ----------
+        latitude, longitude : [rad], of shapes that broadcast to (...), as all results.
+        third : height above the map's base surface [m].
+        """
         axes = np.broadcast_arrays(*(np.asarray(a, float) for a in (latitude, longitude, third)))
         positions = np.stack(axes, axis=-1)
         return positions[..., 0], positions[..., 1], positions[..., 2] + self.base(positions)
 
     def flattened(self) -> Field:
-        """Return the map as one of level layers, whose heights are those above its base surface."""
+        """Return the map with level layers; heights above the base count from the ellipsoid."""
         return replace(self, base_coefficients=np.zeros((0, 0)))
 
     def covers(self, positions: np.ndarray, slack: float) -> np.ndarray:
-        """Return which positions (..., 3) lie within the map; all without one.
+        """Return the positions (..., 3) within the map, as a mask; all without a map.
 
-        ``slack`` is how far outside is still its border, in distances of its nodes.
+        ``slack`` is a tolerance outside the border, in node distances.
         """
         if not self.has_map:
             return np.ones(positions.shape[:-1], dtype=bool)
@@ -349,7 +355,7 @@ class Field:
         return self.continued_tensor(positions).reshape(*shape, 6)
 
     def continued_tensor(self, positions: np.ndarray) -> np.ndarray:
-        """Return the tensor (..., 6) [E] at positions (..., 3); outside the map, its border's."""
+        """Return the tensor (..., 6) [E] at positions (..., 3); the border continues outside."""
         tensor = np.empty((6, math.prod(positions.shape[:-1])))
         gradients(
             np.ascontiguousarray(positions.reshape(-1, 3).T), self.origin, self.step,
@@ -383,7 +389,11 @@ class Field:
     def vertical_disturbance(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
     ) -> np.ndarray:
-        """Return Γ_UU [E] of the map alone at positions of any (broadcast) shape.
+        """Return Γ_UU [E] (...) of the map alone.
+
+        Parameters
+        ----------
+        latitude, longitude, height : [rad, rad, m], of shapes that broadcast to (...).
 
         Raises OutsideMapError if a position lies outside the map.
         """

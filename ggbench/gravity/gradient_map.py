@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 
 
 def unknown() -> Array:
-    """Return nine values that are not known."""
+    """Return NaN for the six tensor and three gravity components (9,): their errors are unknown."""
     return np.full(9, np.nan)
 
 
 class MapError(GGBenchError):
-    """A field or a map cannot be made as asked, or its data cannot be read."""
+    """A field or map cannot be computed, or its data cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,10 @@ class GradientMap:
     tensor : gradient tensor without the normal field, (n_lat, n_lon, n_h, 6) [E], ENU.
     gravity_disturbance : gravity vector without the normal field, (n_lat, n_lon, n_h, 3) [m/s²],
         ENU; its gradient is the tensor.
-    provenance : where the map comes from, in words.
-    standard_error : of the tensor [E] and the gravity disturbance [m/s²], (9,); NaN: not known.
-    error_distance : along a track, at which the error's correlation is 1/e, (9,) [m]; or NaN.
+    provenance : source of the map, in words.
+    standard_error : (9,) of the tensor [E] and the gravity disturbance [m/s²]; NaN: unknown.
+    error_distance : (9,) distance along a track at which the correlation of the error is 1/e [m];
+        NaN: unknown.
     base : heights of the base surface above the ellipsoid (n_lat, n_lon) [m]; None: level layers.
     """
 

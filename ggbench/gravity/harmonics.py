@@ -2,12 +2,12 @@
 
 The Cartesian derivative of a solid spherical harmonic is again a sum of solid spherical harmonics,
 one degree higher (Cunningham 1970; Petrovskaya and Vershkov 2010). So each Cartesian component of
-the gravity vector and of the gradient tensor is a series with coefficients of its own, and all
-are summed with the same Legendre functions: no derivative of a Legendre function is formed, nothing
-is divided by cos(latitude), and the poles are points like any other. Legendre functions come from
-the standard forward column recursion. Above degree 1900 or so it would underflow near the poles
-(Holmes and Featherstone 2002), so numbers too small for double precision carry an exponent of their
-own (Fukushima 2012): the synthesis is sound to any degree.
+gravity vector and gradient tensor is a series with its own coefficients and the same Legendre
+functions. The synthesis needs no derivatives of Legendre functions and no division by
+cos(latitude), so poles are no special case. Legendre functions come from the standard forward
+column recursion. Above about degree 1900 it would underflow near the poles (Holmes and Featherstone
+2002). Therefore numbers below double precision have an additional exponent (Fukushima 2012), and
+the synthesis is valid to any degree.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class HarmonicCoefficients:
         return len(self.cosine) - 1
 
     def between(self, lowest: int, highest: int) -> HarmonicCoefficients:
-        """The same without the degrees below ``lowest`` and above ``highest``."""
+        """Return the coefficients from degree ``lowest`` to ``highest``."""
         size = min(highest, self.degree) + 1
         cosine, sine = self.cosine[:size, :size].copy(), self.sine[:size, :size].copy()
         cosine[:lowest], sine[:lowest] = 0.0, 0.0

@@ -1,7 +1,7 @@
-"""Longitudes: the same meridian counted in another turn, and areas that may cross the date line.
+"""Longitudes modulo whole turns, and areas that may cross the date line.
 
-A longitude of 275.7° is one of −84.3°, and east of 179° comes 181°, which is −179°. Whatever is
-compared with something else is counted within half a turn of it: :func:`turns` decides that.
+Longitudes of 275.7° and −84.3° are equal, and so are 181° and −179°. Before a comparison
+:func:`turns` shifts longitudes to within half a turn of each other.
 """
 
 from __future__ import annotations
@@ -18,28 +18,29 @@ _REGULAR = 0.02  # of a step: more than coordinates in single precision are off
 
 
 def turns(longitude: ArrayLike, about: ArrayLike, turn: float = 360.0) -> Any:
-    """Return what to add to longitudes, whole turns, so that they lie within half one of others.
+    """Return the whole turns that shift longitudes to within half a turn of others.
 
-    Both are in degrees, or in what a ``turn`` is given in. Of a NaN, 0 is added.
+    Both are in degrees, or in the unit of ``turn``. For NaN the result is 0.
     """
     count = np.rint((np.asarray(about) - longitude) / turn)
     return turn * np.where(np.isfinite(count), count, 0.0)[()]
 
 
 def eastern(west: float, east: float) -> float:
-    """Return an eastern bound counted on from a western one [deg]: 181 of 179 and −179.
+    """Return an eastern bound counted from a western one [deg]: 181 for 179 and −179.
 
-    One that lies more than half a turn further on is left as it is: the two were exchanged, or go
-    around the Earth.
+    A bound more than half a turn further is unchanged: the two were exchanged, or go around the
+    Earth.
     """
     further = east - 360.0 * np.floor((east - west) / 360.0)
     return float(further) if 0.0 < further - west <= 180.0 else east
 
 
 def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array, float]:
-    """Return values (n_lat, n_lon) that go around the Earth, cut opposite to a meridian [deg].
+    """Return values (n_lat, n_lon) around the Earth, cut opposite to a meridian [deg].
 
-    And the longitude at which they then begin. Values that do not go around stay as they are.
+    The second result is their first longitude. Values that do not go around the Earth are
+    unchanged.
     """
     around = round(360.0 / step)
     if values.shape[1] < around or abs(around * step - 360.0) > _REGULAR * step:
@@ -49,7 +50,7 @@ def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array
 
 
 class Area(NamedTuple):
-    """Where something is needed [deg], longitudes in any turn; None: as far as there is any."""
+    """Bounds of an area [deg], longitudes in any turn; None: no limit."""
 
     south: float | None = None
     north: float | None = None
@@ -57,7 +58,7 @@ class Area(NamedTuple):
     east: float | None = None
 
     def about(self, longitude: float) -> Area:
-        """Return the area with its western and eastern side counted as is a longitude [deg]."""
+        """Return the area with its western and eastern side in the turn of a longitude [deg]."""
         west, east = self.west, self.east
         if west is not None and east is not None:
             east = eastern(west, east)
@@ -67,12 +68,15 @@ class Area(NamedTuple):
         return self._replace(west=west, east=east)
 
     def widened(self, latitude: float, longitude: float) -> Area:
-        """Return the area with so much more on its sides [deg]."""
+        """Return the area enlarged on all sides [deg]."""
         added = (-latitude, latitude, -longitude, longitude)
         return Area(*(s if s is None else s + a for s, a in zip(self, added, strict=True)))
 
     def within(self, latitude: Array, longitude: Array) -> Area:
-        """Return what of the area is left between the outermost of some positions [deg]."""
+        """Return the area, cut to the bounding box of positions (N,) [deg].
+
+        A side without a limit becomes that of the box.
+        """
         bounds = latitude.min(), latitude.max(), longitude.min(), longitude.max()
         pick = (max, min, max, min)
         return Area(
@@ -83,7 +87,13 @@ class Area(NamedTuple):
         )
 
     def holds(self, latitude: Array, longitude: Array) -> NDArray[np.bool_]:
-        """Return which positions, of one shape, lie in the area; longitudes as the area's."""
+        """Return the positions in the area (...), as a mask.
+
+        Parameters
+        ----------
+        latitude, longitude : of shapes that broadcast to (...) [deg]; longitudes in the turn of the
+            area, see :meth:`about`.
+        """
         inside = np.ones(np.broadcast(latitude, longitude).shape, dtype=bool)
         for values, low, high in ((latitude, *self[:2]), (longitude, *self[2:])):
             inside &= (-math.inf if low is None else low) <= values

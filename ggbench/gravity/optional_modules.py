@@ -10,9 +10,9 @@ from .terrain import TerrainError
 
 
 def imported(module: str, path: Path) -> Any:
-    """Return an optional module that a file needs.
+    """Return an optional module.
 
-    Raises TerrainError if it is not installed.
+    Raises TerrainError if the module is not installed.
     """
     try:
         return importlib.import_module(module)

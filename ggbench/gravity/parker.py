@@ -10,15 +10,15 @@ midway between their lowest and highest point (Parker 1973, eq. 4). All other co
 multiplication with the wavenumbers. The series converges above the highest ground only.
 
 Beyond its edges the terrain is continued by its own mirror image, which fades within a tenth of its
-longer side into the mean height of its edge; at that level the ground goes on for ever. What really
-lies there is not known, and matters: ground that is 100 m higher from the distance D on is worth
-4 E · (10 km / D), smooth as that is; detail as small as the height above the ground is right from a
-few of these heights inwards.
+longer side into the mean height of its edge; at that level the ground goes on for ever. The real
+ground there is unknown and has an effect: ground that is 100 m higher beyond the distance D changes
+the field by 4 E · (10 km / D), smoothly. Details as small as the height above the ground are
+correct from a few such heights inside the edge.
 
-The Earth is flat, in a conformal map. What that neglects is mostly the turning of the axes with the
-position: U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU, R the Earth's radius, which is
-0.16 and 0.31 E where the terrain attracts with 1e-3 m/s² (100 mGal). Of a mountain range of 2.4 km,
-40 E and 100 mGal rms, 150 km wide, the rest is 0.06 E and 0.5 mGal rms.
+The Earth is flat, in a conformal map. This neglects mainly the rotation of the axes with the
+position: U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU, with the Earth's radius R. These
+are 0.16 and 0.31 E for an attraction of 1e-3 m/s² (100 mGal). For a mountain range of 2.4 km, 40 E
+and 100 mGal RMS, 150 km wide, the remaining error is 0.06 E and 0.5 mGal RMS.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ _EDGE = 0.5  # cells beyond the outermost nodes that belong to the terrain
 
 @dataclass(frozen=True)
 class TerrainOptions:
-    """What the terrain is made of, and how far its series goes.
+    """Densities of a terrain, and order of its series.
 
     Attributes
     ----------
     density : of the ground [kg/m³].
     water_density : of the sea, which fills all ground below the zero level [kg/m³].
-    order : fewest orders of the series, at least 6; more are summed, up to 80, until what is left
-        is below 1e-4 E rms at the lowest height.
+    order : least order of the series, at least 6; up to 80 orders are summed, until the remainder
+        is below 1e-4 E RMS at the lowest height.
 
     Raises TerrainError for a density outside 0 to 10000 kg/m³ or an order outside 6 to 80.
     """
@@ -94,7 +94,7 @@ def terrain_layers(
     geoid_height: float = 0.0,
     dtype: DTypeLike = np.float32,
 ) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
-    """The field of a terrain's masses, height by height, so that a large map needs no memory.
+    """Yield the field of a terrain's masses, height by height, to limit memory.
 
     Parameters
     ----------
@@ -146,9 +146,9 @@ def terrain_layers(
 
 
 def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
-    """Height above the highest ground at which the Fourier grid has so many nodes [m].
+    """Return the height above the highest ground for a Fourier grid of a given size [m].
 
-    A quarter of that height is between them, but no more than between the terrain's own.
+    Its nodes are a quarter of that height apart, but no farther than those of the terrain.
 
     Raises TerrainError for a terrain that is too wide for a plane.
     """
@@ -159,7 +159,7 @@ def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
 
 
 def converging_clearance(terrain: Terrain) -> float:
-    """Height above the highest ground that the most orders take, about [m]; smooth ground less."""
+    """Return the approximate height above the highest ground that needs the largest order [m]."""
     return _CLEARANCE_PER_HALF_RELIEF * 0.5 * float(np.ptp(terrain.height_m))
 
 
@@ -348,7 +348,19 @@ class _Series:
 def density_layers(
     surface: NDArray, edge: float, options: TerrainOptions
 ) -> list[tuple[NDArray, float, float]]:
-    """Surfaces with their level at the edge and the density between them and the zero level."""
+    """Split terrain into a layer of rock above the zero level and one below it.
+
+    Parameters
+    ----------
+    surface : (n_y, n_x) heights of the ground [m]; below zero there is water.
+    edge : height at which the ground goes on beyond the edge [m].
+    options : densities of rock and water.
+
+    Returns
+    -------
+    One or two layers: its surface (n_y, n_x) [m], its height beyond the edge [m], and the density
+    between it and the zero level [kg/m³].
+    """
     below = options.density - options.water_density
     lowest, highest = min(surface.min(), edge), max(surface.max(), edge)
     if lowest >= 0.0:

@@ -49,8 +49,9 @@ def resample(
 ) -> None:
     """Fill ``surface`` (n_y, n_x) with the terrain, continued beyond its edges.
 
-    Between nodes a cubic spline, which is kept within the heights of the 16 nodes around so that
-    no cliff makes it ring; beyond the edges its mirror image, faded into ``edge`` over ``border``.
+    Between nodes it is a cubic spline, limited to the heights of the 16 nodes around it to avoid
+    overshoot at cliffs. Beyond the edges it is the mirror image, faded into ``edge`` over
+    ``border``.
     """
     rows, columns = ground.shape
     near_row, near_column = np.empty(4, np.int64), np.empty(4, np.int64)
@@ -118,7 +119,7 @@ def evaluate(
     tensor: np.ndarray,
     vector: np.ndarray,
 ) -> None:
-    """Fill tensor (n_lat, n_lon, 6) and vector (n_lat, n_lon, 3), turned from plane axes to ENU."""
+    """Fill tensor (n_lat, n_lon, 6) and vector (n_lat, n_lon, 3), ENU, from plane axes."""
     value = np.empty(8)
     for i in range(latitude.size):
         for j in range(longitude.size):

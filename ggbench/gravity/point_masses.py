@@ -27,7 +27,7 @@ def _field(dx: float, dy: float, dz: float) -> tuple[float, ...]:
 
 @compiled
 def fields(points: np.ndarray, places: np.ndarray, masses: np.ndarray, out: np.ndarray) -> None:
-    """Fill what masses make at points, (n, 9).
+    """Fill the field of point masses at points, (n, 9).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Quantities of the gravity field that names and descriptions of columns and grids state."""
+"""Quantities of the gravity field in names and descriptions of columns and grids."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _REASONS = {
 
 
 def named_quantities(text: str) -> set[str]:
-    """Return the quantities that a text names, as messages call them."""
+    """Return the quantities in a text, in the words of messages."""
     plain = text.casefold()
     return {quantity for quantity, pattern in _PATTERNS.items() if pattern.search(plain)}
 
 
 def contradiction(kind: str, text: str) -> str:
-    """Return why a name or description cannot be of a kind of input; empty if it can.
+    """Return why a name or description contradicts a kind of input; "" if it does not.
 
     Parameters
     ----------

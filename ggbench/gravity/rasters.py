@@ -1,6 +1,6 @@
-"""Rasters of one band, in formats of GDAL that hold all their values in one file.
+"""Rasters of one band, in formats of GDAL with all values in one file.
 
-Rasterio is imported when a file needs it: it is an optional part of the installation.
+Rasterio is an optional package, imported when needed.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ _GEOSOFT_ELEMENTS = {1, 2, 4, 8, 1025, 1026, 1028, 1032}  # bytes, and with comp
 def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
     """Return the values of a raster of one band, in degrees or projected.
 
-    ``area`` is where values are needed; None: everywhere.
+    ``area`` is the area in which values are needed; None: everywhere.
 
-    Raises TerrainError if GDAL cannot read it, it is no such raster, or not of the format that its
-    suffix names. No other file is read, but for those that GDAL knows by the raster's own name
-    (``.prj``, ``.tfw``, ``.aux.xml``), and nothing from the network.
+    Raises TerrainError if GDAL cannot read the file, or its format differs from that of its suffix.
+    GDAL reads no network and no other files, except ``.prj``, ``.tfw`` and ``.aux.xml`` with the
+    name of the raster.
     """
     rasterio = imported("rasterio", path)
     driver = _driver(path)

@@ -1,4 +1,4 @@
-"""Values on a grid regular in latitude and longitude, made of rows and columns in any order."""
+"""Values on a grid regular in latitude and longitude, from rows and columns in any order."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Grid(NamedTuple):
     south, west : the first node [deg].
     latitude_step, longitude_step : between nodes, positive [deg].
     values : (n_lat, n_lon), in SI units.
-    remarks : what was done to them.
+    remarks : on changes of the values.
     """
 
     south: float
@@ -54,8 +54,8 @@ def regular_grid(
     latitude, longitude : of rows (n_lat,) and of columns (n_lon,) [deg].
     values : (n_lat, n_lon); voids are NaN or one of the usual marks.
     name : of the file.
-    remarks : what was done to the values so far; empty ones are left out.
-    area : where values are needed; None: everywhere.
+    remarks : on earlier changes of the values; empty ones are omitted.
+    area : area in which values are needed; None: everywhere.
 
     Raises
     ------
@@ -104,7 +104,16 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
 
 
 def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
-    """Return values and their first longitude, cut opposite to an area that a globe ends in."""
+    """Return values (n_lat, n_lon) and their first longitude [deg], with the area in one piece.
+
+    Values that go around the Earth are cut opposite to the area if their edge crosses it.
+
+    Parameters
+    ----------
+    values : (n_lat, n_lon).
+    west, step : first longitude and spacing of the columns [deg].
+    area : needed.
+    """
     width = step * (values.shape[1] - 1)
     placed = area.about(west + 0.5 * width)
     if (
@@ -117,7 +126,7 @@ def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[
 
 
 def check_size(name: str, shape: tuple[int, ...]) -> None:
-    """Raise TerrainError if a grid has more cells than are read."""
+    """Raise TerrainError if a grid has too many cells."""
     if np.prod(shape, dtype=float) > _MOST_CELLS:
         raise TerrainError(
             f"{name} has {' x '.join(map(str, shape))} cells; at most {_MOST_CELLS:.0g} are "
@@ -126,7 +135,7 @@ def check_size(name: str, shape: tuple[int, ...]) -> None:
 
 
 def is_netcdf(path: Path) -> bool:
-    """Return whether a file begins as netCDF files of version 3 or 4 do."""
+    """Return whether a file begins like netCDF version 3 or 4."""
     with path.open("rb") as file:
         return file.read(4).startswith(_NETCDF)
 

@@ -44,9 +44,9 @@ class GravityGrid:
     south_deg, west_deg : the first node [deg].
     latitude_step_deg, longitude_step_deg : distances between nodes, positive [deg].
     values : (n_lat, n_lon), from south to north, undulation [m] or gravity [m/s²].
-    height_m : above the ellipsoid, where the values hold [m]; 0 for a geoid.
-    is_height_anomaly : whether a geoid's file says that it holds height anomalies.
-    remarks : what was assumed or done when it was read.
+    height_m : height of the values above the ellipsoid [m]; 0 for a geoid.
+    is_height_anomaly : whether the file of a geoid states that it contains height anomalies.
+    remarks : assumptions and changes of the reader.
     """
 
     kind: str
@@ -73,8 +73,8 @@ class GravityGrid:
 class Residual:
     """The disturbing field of a grid beyond the coefficients, as a Fourier series.
 
-    These are of the disturbing potential of low degree. ``taper_deg`` is the width of the taper
-    along the edges of the grid [deg].
+    The coefficients are those of the disturbing potential of low degree. ``taper_deg`` is the width
+    of the taper along the edges of the grid [deg].
     """
 
     def __init__(
@@ -124,8 +124,19 @@ class Residual:
     def field(
         self, latitude: Array, longitude: Array, height: Array, centre: float
     ) -> tuple[Array, Array]:
-        """Gravity vector and gradient tensor, with the convergence of one latitude ``centre``.
+        """Return the gravity vector and the gradient tensor on a grid, ENU.
 
+        Parameters
+        ----------
+        latitude, longitude, height : (n_lat,), (n_lon,) [rad], (n_h,) [m].
+        centre : latitude of which the meridians' convergence is taken [rad].
+
+        Returns
+        -------
+        Vector (n_lat, n_lon, n_h, 3) [m/s²] and tensor (n_lat, n_lon, n_h, 6) [E].
+
+        Notes
+        -----
         The horizontal Laplacian of a wave on the sphere of radius R is -n(n+1)/R²; that gives
         its degree n, not a whole number, and with it the continuation (R/(R+h))^(n+1), the
         vertical derivative -(n+1)/(R+h), and so all derivatives. For n -> infinity this is the
@@ -188,9 +199,12 @@ class Residual:
 
 
 def height_anomaly(geoid: Array, elevation: Array) -> Array:
-    """Height anomaly of the field continued to the ellipsoid [m]; both arguments in m.
+    """Return the height anomaly (...) [m] of the field continued to the ellipsoid.
 
-    ``elevation`` is that of land above the sea; 0 at sea.
+    Parameters
+    ----------
+    geoid : (...) its height above the ellipsoid [m].
+    elevation : (...) of land above the sea [m]; 0 at sea.
     """
     return geoid + _GEOID_TO_HEIGHT_ANOMALY * elevation**2
 

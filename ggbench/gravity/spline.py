@@ -4,7 +4,7 @@ Coefficients interpolate the values at the nodes; the ends are not-a-knot.
 
 The third coordinate of a draped grid is the height above a base surface, which is a spline on the
 nodes of the first two axes: F(φ, λ, h) = S(φ, λ, h − B(φ, λ)). Derivatives are those of F, by the
-chain rule. A base of size zero is that of a grid whose layers are level.
+chain rule. A base of size zero means level layers.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from ..numerics.vectors import load_from, splat, store_from
 
 
 def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
-    """Return uniform cubic B-spline coefficients that interpolate ``values`` along ``axis``.
+    """Return uniform cubic B-spline coefficients that interpolate values along an axis.
 
-    n nodes (n >= 4) give n + 2 coefficients c; the two end conditions are not-a-knot (the third
-    derivative is continuous across the second and the last but one node). With
-    c[i−1] + 4 c[i] + c[i+1] = 6 d[i], they are c[2] = (8 d[2] − d[1] − d[3]) / 6 and its mirror
-    image; what lies between is tridiagonal.
+    Values d (..., n, ...), n >= 4, give coefficients c (..., n + 2, ...) in the same unit. They
+    fulfil c[i−1] + 4 c[i] + c[i+1] = 6 d[i], a tridiagonal system. The two end conditions are
+    not-a-knot: the third derivative is continuous across the second and the last but one node, so
+    that c[2] = (8 d[2] − d[1] − d[3]) / 6, and its mirror image.
     """
     n = values.shape[axis]
     before, after = math.prod(values.shape[:axis]), math.prod(values.shape[axis + 1 :])
@@ -176,8 +176,8 @@ def vector_at(
 ) -> None:
     """Evaluate a spline of three components at one (latitude, longitude, height).
 
-    Outside the grid the value at its border is kept and the derivative across it is zero: an
-    estimator's trial point must have a number, and this one is continuous.
+    Outside the grid the value of the border continues, and the derivative across the border is
+    zero. Trial points of estimators need a value there, and this one is continuous.
 
     Parameters
     ----------
@@ -341,7 +341,7 @@ def spline_tensors(
 ) -> None:
     """Fill the tensors (6, N) at the first ``count`` of N positions (3, N), without derivatives.
 
-    NaN where a position is; else as :func:`vector_at` has them.
+    They are NaN for NaN positions; outside the grid see :func:`vector_at`.
     """
     flat, work = coefficients.reshape(-1), np.empty(_SUMS + 24)
     for p in range(count):
@@ -367,7 +367,7 @@ def spline_tensors(
 def surface_heights(
     positions: np.ndarray, origin: np.ndarray, step: np.ndarray, base: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill heights (N,) of a base surface at positions (N, 3); outside the grid, its border's."""
+    """Fill heights (N,) of a base surface at positions (N, 3); the border continues outside."""
     work = np.empty(16)
     for p in range(positions.shape[0]):
         i, t_0, _ = _locate(positions[p, 0], origin[0], step[0], base.shape[0])

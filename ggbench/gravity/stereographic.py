@@ -1,7 +1,7 @@
 """The oblique stereographic map of WGS84: a conformal plane for a few hundred kilometres.
 
-Angles are kept, and lengths on the plane exceed true ones by ρ²/(4R²) at the distance ρ from the
-centre (8e-5 at 110 km), so that one Fourier series serves a region without bands of latitude.
+Angles are preserved, and lengths on the plane exceed true ones by ρ²/(4R²) at the distance ρ from
+the centre (8e-5 at 110 km), so that one Fourier series serves a region without bands of latitude.
 Equations: Snyder (1987), Map Projections, eqs. 3-1, 21-24, 21-25 and 21-27; plane axes x = east and
 y = north at the centre.
 """
@@ -37,7 +37,7 @@ class Plane(NamedTuple):
 
 
 def plane_at(latitude: float, longitude: float) -> Plane:
-    """The plane that touches the ellipsoid at a point [rad]."""
+    """Return the plane that touches the ellipsoid at a point [rad]."""
     sine = _conformal_sine(latitude)
     cosine = math.sqrt(1.0 - sine * sine)
     _, prime_vertical = radii_of_curvature(latitude)
@@ -87,7 +87,7 @@ def from_plane(x: float, y: float, plane: Plane) -> tuple[float, float]:
 
 
 def scale_factor(latitude: float, longitude: float, plane: Plane) -> float:
-    """Length on the plane over true length at a point [rad]."""
+    """Return the ratio of a length on the plane to the true length at a point [rad]."""
     sine = _conformal_sine(latitude)
     cosine = math.sqrt(1.0 - sine * sine)
     denominator = (

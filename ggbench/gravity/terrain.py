@@ -1,6 +1,6 @@
 """Terrain: heights on a grid regular in geodetic latitude and longitude.
 
-:mod:`ggbench.gravity.terrain_files` reads the formats in which digital elevation models come.
+:mod:`ggbench.gravity.terrain_files` reads digital elevation models.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
 
 
 class TerrainError(GGBenchError):
-    """A terrain cannot be read, or gives no field as asked."""
+    """A terrain cannot be read, or its field cannot be computed."""
 
 
 def require_latitudes(name: str, south: float, north: float) -> None:
@@ -45,10 +45,10 @@ class Terrain:
     latitude_step_deg, longitude_step_deg : distances between nodes, positive [deg].
     height_m : heights above the zero level, shape (n_lat, n_lon), south to north and west to east,
         negative for the sea floor [m].
-    name : where the heights come from, in words.
+    name : source of the heights, in words.
 
-    Raises TerrainError for what is no such grid: fewer than 4 nodes per axis, a node beyond a pole,
-    more than a turn of longitude, heights that are no numbers or outside -12000 to 9000 m.
+    Raises TerrainError for fewer than 4 nodes per axis, a node beyond a pole, more than a turn of
+    longitude, or heights that are no numbers or outside -12000 to 9000 m.
     """
 
     south_deg: float
@@ -98,7 +98,7 @@ class Terrain:
         return self.west_deg + self.longitude_step_deg * steps
 
     def crop(self, south_deg: float, north_deg: float, west_deg: float, east_deg: float) -> Terrain:
-        """The smallest part that covers these bounds [deg], as far as the terrain reaches.
+        """Return the smallest part that covers these bounds [deg], within the terrain.
 
         Raises TerrainError if the bounds are in the wrong order, or fewer than 4 rows or columns
         of the terrain lie between them.

@@ -2,13 +2,13 @@
 
 Each cell of a terrain is a column between a base level and its height. Columns near a point are
 prisms, by the kernels of choclo. Columns farther away are vertical lines of mass with a dipole at
-each end; blocks of 2 x 2, 4 x 4, ... cells are such columns, too. The dipoles hold all second
-moments of a block: its width, and the variance and slope of its heights. choclo has no kernel of
-a line, and its prism takes twenty times as long.
+each end; blocks of 2 x 2, 4 x 4, ... cells are also such columns. The dipoles represent all second
+moments of a block: its width, and the variance and slope of its heights. choclo has no kernel for a
+line, and its prism takes twenty times as long.
 
 With e, n, z the offset of a line's end, ρ² = e² + n², r² = ρ² + z² and s = z / r, the integrals
 over the line are ∫dz/r³ = [s] / ρ² and ∫dz/r⁵ = [s − s³/3] / ρ⁴ (Blakely 1995, sec. 3.2.3). They
-are written such that nothing cancels right above a column.
+are written to avoid cancellation directly above a column.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Columns:
     shape : (L, 2) blocks of each level in latitude and longitude.
     south_west, steps : (2,) first cell, and distances of cells, latitude and longitude [rad].
     base : level at which all columns begin [m].
-    density : of the columns above the base, and missing below it [kg/m³].
+    density : density of the columns above the base, and density deficit below it [kg/m³].
     """
 
     blocks: np.ndarray
@@ -161,7 +161,7 @@ def add_columns(columns: Columns, points: np.ndarray, ratio: float, out: np.ndar
     Parameters
     ----------
     points : (N, 3) latitude, longitude [rad], level [m].
-    ratio : of the least distance of a column that is a line to the width of its block.
+    ratio : least distance of a line of mass over the width of its block.
     """
     top_level = columns.first.shape[0] - 1
     levels, rows, places = np.empty((3, _DEEPEST), np.int64)

@@ -1,7 +1,6 @@
 """Readers of digital elevation models: rasters, netCDF grids, NumPy archives.
 
-Rasterio and xarray are imported when a file needs them: they are an optional part of the
-installation.
+Rasterio and xarray are optional packages, imported when needed.
 """
 
 from __future__ import annotations
@@ -195,15 +194,16 @@ def read_terrain(path: Path, area: Area | None = None, voids: Sequence[float] = 
         netCDF grid (``.nc``, ``.grd``), a grid of Surfer (``.grd``) or a NumPy archive (``.npz``)
         with the arrays of a :class:`Terrain`, or ``lat``, ``lon`` and ``z``, or ``elevation``,
         ``xmin``, ``ymax``, ``dx`` and ``dy``.
-    area : where the heights are needed: voids elsewhere are filled with the nearest cell, however
-        many they are, and a grid around the Earth is cut opposite to it. None: everywhere.
-    voids : values in the file that mark voids, besides those that it declares and the usual ones.
+    area : area in which heights are needed. Voids elsewhere are filled with the nearest cell,
+        whatever their number. A grid around the Earth is cut opposite to the area. None:
+        everywhere.
+    voids : further values in the file that mark voids.
 
     Returns
     -------
     The terrain. Projected rasters are resampled to latitude and longitude, feet become metres,
-    depths become negative heights, and voids of less than one per cent of the cells are filled;
-    its name says so.
+    depths become negative heights, and voids of less than one per cent of the cells are filled; its
+    name states these changes.
 
     Raises
     ------

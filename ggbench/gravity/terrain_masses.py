@@ -1,10 +1,10 @@
 """Gravity and its gradient of a terrain anywhere above its ground, by prisms and columns.
 
-Parker's series (:mod:`.parker`) converges above the highest summit only. Sums over the columns of
-:mod:`.terrain_columns` hold at every point above the ground. The masses are those of the series:
-each cell of the terrain has the height of its node, and beyond the edges the terrain is continued
-by its mirror image, which fades within a tenth of the longer side into the mean height of the edge.
-Without continuation the masses are those of the file alone.
+Parker's series (:mod:`.parker`) converges only above the highest summit. Sums over the columns of
+:mod:`.terrain_columns` are valid at every point above the ground. The masses are those of the
+series: each cell of the terrain has the height of its node, and beyond the edges the terrain is
+continued by its mirror image, which fades within a tenth of the longer side into the mean height of
+the edge. Without continuation only the masses of the file count.
 
 Around each point the Earth is flat. The docstring of :mod:`.parker` gives the size of that error.
 """
@@ -48,7 +48,8 @@ class TerrainMasses:
     Attributes
     ----------
     terrain : heights above the zero level.
-    layers : columns of land, and of what the sea lacks against rock, on the level of the edge.
+    layers : columns of land, and of the density deficit of the sea, relative to the level of the
+        edge.
     geoid_height : of the terrain's zero level above the ellipsoid [m].
     """
 
@@ -71,7 +72,7 @@ class TerrainMasses:
         terrain : heights above the zero level.
         options : densities; by default those of :class:`.parker.TerrainOptions`.
         geoid_height : of the terrain's zero level above the ellipsoid [m].
-        continued : whether the ground goes on beyond the edges of the terrain.
+        continued : whether the ground is continued beyond the edges of the terrain.
 
         Raises
         ------
@@ -100,7 +101,7 @@ class TerrainMasses:
         Parameters
         ----------
         points : (N, 3) latitude, longitude [rad], height above the ellipsoid [m].
-        ratio : of the least distance of a column that is a line to its width.
+        ratio : least distance of a line of mass over the width of its block.
 
         Raises
         ------
@@ -129,8 +130,8 @@ class TerrainMasses:
     def ratio_for(self, points: Array, tolerance: float) -> tuple[float, float]:
         """Return the smallest ratio that keeps a tolerance [E], and its error [E].
 
-        The error is the largest of all components at some of the points, against a sum with prisms
-        up to 24 widths away. If no ratio keeps the tolerance, it is that of the largest ratio.
+        The error is the largest of all components at some of the points (N, 3), against a sum with
+        prisms up to 24 widths away. Without a ratio that keeps the tolerance, the largest is used.
         """
         some = points[np.linspace(0, len(points) - 1, min(_SAMPLES, len(points))).astype(int)]
         exact, _ = self.field(some, _REFERENCE)

@@ -101,9 +101,9 @@ _NAMES = {
 
 
 def unit_named(text: str) -> Unit | None:
-    """Return the unit that a text names; None if it is not known.
+    """Return the unit of a text; None if it is unknown.
 
-    A number before the unit is a factor: ``1e-7 deg``. Of ``meters above mean sea level`` the first
+    A number before the unit is a factor: ``1e-7 deg``. In ``meters above mean sea level`` the first
     word is the unit.
     """
     for each in (text, _ZERO_LEVEL.sub("", text.strip().casefold())):
@@ -116,14 +116,14 @@ def unit_named(text: str) -> Unit | None:
 
 
 def has_zero_level(text: str) -> bool:
-    """Return whether a unit says from where it counts, as ``meters above mean sea level``."""
+    """Return whether a unit states a zero level, as ``meters above mean sea level``."""
     return _ZERO_LEVEL.search(text.strip().casefold()) is not None
 
 
 def factor_to_key(unit: str, key: str) -> float | None:
-    """Return the factor from a unit to that of a key, by the key's end; None of another quantity.
+    """Return the factor from a unit to that of a key (by its suffix); None for other quantities.
 
-    ``1000.0`` of ``km`` and ``height_m``.
+    Example: ``1000.0`` for ``km`` and ``height_m``.
     """
     quantity, factor = base_of(key)
     named = unit_named(unit)
@@ -131,19 +131,19 @@ def factor_to_key(unit: str, key: str) -> float | None:
 
 
 def base_of(key: str) -> Unit:
-    """Return the unit of a key by its end."""
+    """Return the unit of a key, from its suffix."""
     return next(base for end, base in _BASE.items() if key.endswith(end))
 
 
 def examples_for(key: str) -> str:
-    """Return some names of units that a key's column may have, for a message."""
+    """Return some units that the column of a key may have, for a message."""
     return ", ".join(names.split("|")[0] for names in _UNITS[base_of(key).quantity].values())
 
 
 def unit_in_brackets(text: str) -> str:
-    """Return the last unit in brackets that a text ends with or contains; empty without one.
+    """Return the last unit in brackets in a text; "" without one.
 
-    Brackets that hold no unit, as in ``gravity (EGM2008)``, are passed over.
+    Brackets without a unit, as in ``gravity (EGM2008)``, are ignored.
     """
     units = [
         candidate for candidate in _BRACKETS.findall(text) if unit_named(candidate) is not None
@@ -152,9 +152,9 @@ def unit_in_brackets(text: str) -> str:
 
 
 def without_unit(text: str) -> tuple[str, str]:
-    """Split ``name [unit]`` into name and unit, which is empty if the last brackets hold none.
+    """Split ``name [unit]`` into name and unit; the unit is "" if the last brackets contain none.
 
-    What the last brackets hold is a unit unless it is empty or a plain number, as of an index.
+    The content of the last brackets is a unit unless it is empty or a plain number.
     """
     match = re.fullmatch(r"(.*?)" + _BRACKETS.pattern, text.strip())
     if match is None or not match[2] or match[2].isdigit():

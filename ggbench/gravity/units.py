@@ -22,18 +22,18 @@ _DEPTH = re.compile(r"(water|sea.?floor|ocean|bottom)?[ _]?depths?(?![a-z])")
 
 @dataclass(frozen=True)
 class Units:
-    """The units that a grid of one quantity may have, and its limits.
+    """Allowed units of grids of one quantity, and its limits.
 
     Attributes
     ----------
-    what : the quantity, as messages call it.
-    quantity : of the units, as :mod:`.unit_names` calls it.
-    allowed : the units, as messages call them.
+    what : name of the quantity in messages.
+    quantity : name of the quantity in :mod:`.unit_names`.
+    allowed : names of the units in messages.
     assumed : unit of a file that names none.
     lowest, highest : limits of the quantity on the Earth [SI units].
     says_assumed : whether a remark says that the unit was assumed.
-    voids : values that mark voids, as they are in the file, besides the usual ones.
-    kind : of a grid of the gravity field, as :func:`.quantity_names.contradiction` has it.
+    voids : further values in the file that mark voids.
+    kind : kind of a grid of the gravity field, see :func:`.quantity_names.contradiction`.
     """
 
     what: str
@@ -47,9 +47,9 @@ class Units:
     kind: str = ""
 
     def require_named(self, described: str, name: str) -> None:
-        """Raise TerrainError if the description of a file's values is of another kind.
+        """Raise TerrainError if the description of a file's values is of another quantity.
 
-        The name of the file counts where the description names no quantity.
+        If the description names no quantity, the name of the file counts.
         """
         text = described.strip() if named_quantities(described) else Path(name).stem
         if self.kind and (reason := contradiction(self.kind, text)):
@@ -58,10 +58,10 @@ class Units:
     def factor(self, unit: str, name: str, described: str = "") -> tuple[float, str]:
         """Return SI units per unit of a file, and a remark on it.
 
-        ``unit`` is what the file states; if it is empty, the unit is looked for in the brackets of
-        a description, as in GMT's ``faa (mGal)``.
+        ``unit`` is the unit stated by the file. If it is empty, brackets in the description count,
+        as in GMT's ``faa (mGal)``.
 
-        Raises TerrainError, naming the file, if it is no unit of this quantity.
+        Raises TerrainError, with the name of the file, for a unit of another quantity.
         """
         stated = unit.strip() or unit_in_brackets(described)
         usual = unit_named(self.assumed)
@@ -93,13 +93,21 @@ GRAVITY = Units(
 def upward(
     values: Array, attributes: Mapping[str, Any], variable: str, name: str
 ) -> tuple[Array, str]:
-    """Return heights, positive up, and what to say of them.
+    """Return heights (...), positive up, and a remark ("" if the values are unchanged).
 
-    Depths are negated: those whose attribute ``positive`` is ``down``; those that the standard
-    names of the CF conventions call a depth; those that are called one and are nowhere negative.
-    Values are NaN where there is none; ``variable`` is their name, and ``name`` the file's.
+    Depths are negated: values whose attribute ``positive`` is ``down``; values with a depth's
+    standard name of the CF conventions; values that are named depth and are nowhere negative.
 
-    Raises TerrainError if it is not clear which way they count.
+    Parameters
+    ----------
+    values : (...) heights or depths, in any unit; NaN for missing ones.
+    attributes : of the variable.
+    variable, name : of the variable and of the file, for remarks and messages.
+
+    Raises
+    ------
+    TerrainError
+        If the direction of the values is not clear.
     """
     positive = str(attributes.get("positive", "")).strip().lower()
     if positive == "down":

@@ -29,7 +29,12 @@ def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, s
     """Return values with NaN for marks of voids that the file does not declare, and a remark.
 
     Marks are those of the units, and the usual ones where no value of the quantity is as large.
-    ``values`` are those that are ``written`` in the file, in SI units.
+
+    Parameters
+    ----------
+    written : (...) numbers in the file.
+    values : (...) the same in SI units.
+    units : marks of voids and limits of the quantity.
     """
     marked = np.zeros(np.shape(written), dtype=bool)
     for mark in units.voids:
@@ -52,12 +57,15 @@ def without_voids(
     to_degrees: Callable[[NDArray[Any], NDArray[Any]], tuple[Array, Array]],
     area: Area | None,
 ) -> tuple[Array, str]:
-    """Heights with few voids filled, and what to say of it.
+    """Return heights with few voids filled, and a remark ("" without voids).
 
     Parameters
     ----------
-    to_degrees : latitudes and longitudes of rows and columns.
-    area : in which voids count; those outside are filled, however many they are. None: everywhere.
+    heights : (rows, columns) [m]; voids are not finite.
+    name : of the file, for messages.
+    to_degrees : returns latitudes and longitudes (N,) [deg] of rows and columns (N,).
+    area : in which voids are counted; voids outside it are filled, whatever their number. None:
+        everywhere.
 
     Raises TerrainError if one per cent of the area's cells, or more, are voids.
     """

@@ -1,9 +1,9 @@
-"""The adjoint of the INS error model over one IMU interval, for a group of runs at once.
+"""Adjoint of the INS error model over one IMU interval, for a group of runs.
 
 A row y of Φ, as a column, obeys y' = Fᵀ y backwards in time: one sparse product per order of a
-Taylor series. Over the interval y is a polynomial, and what noise adds to Q = ∫ Φ G q Gᵀ Φᵀ ds, the
-integral of products of polynomials, is a sum over their first Legendre coefficients. Arrays have
-the runs last, see :mod:`ggbench.numerics.lanes`.
+Taylor series. Over the interval y is a polynomial. The contribution of noise to Q = ∫ Φ G q Gᵀ Φᵀ
+ds is an integral of products of polynomials, a sum over their first Legendre coefficients. The run
+is the last axis of arrays, see :mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -62,9 +62,15 @@ _HEIGHT = STATES + 3
 
 @copied
 def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
-    """Return whether the short series is accurate over the intervals (., ENTRIES, LANES) of F.
+    """Return whether :func:`propagate_short_series` is accurate for all intervals.
 
-    Only where nothing but the navigation state moves.
+    The result is false if biases or the gravity disturbance change, or an altimeter damps the INS.
+
+    Parameters
+    ----------
+    entries : (N, ENTRIES, LANES) of F, of each interval.
+    dt : length of an interval [s].
+    noise : of the INS.
     """
     if noise.damped or noise.wandering or noise.disturbance.shape[0] > 0:
         return False
@@ -191,7 +197,7 @@ def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> No
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an array for the terms of a series: (6, 19, LANES), order by order, not yet filled."""
+    """Return an unfilled array (6, 19, LANES) for the terms of a series, a row for each order."""
     return unfilled(_LAST + 1, STATES + 4)
 
 
@@ -242,7 +248,7 @@ def _put(factors: np.ndarray, row: int, i: int, root: float, terms: np.ndarray, 
 def propagate(
     f: np.ndarray, noise: Noise, columns: np.ndarray, terms: np.ndarray, factors: np.ndarray
 ) -> int:
-    """Take columns (C, 15 or 18, LANES) back over an interval, y ← exp(Fᵀ dt) y.
+    """Propagate columns (C, 15 or 18, LANES) back over an interval, y ← exp(Fᵀ dt) y.
 
     Parameters
     ----------
@@ -250,15 +256,15 @@ def propagate(
     noise : over the interval.
     columns : changed in place.
     terms : of :func:`series_terms`, overwritten.
-    factors : (MOST_FACTORS, C, LANES) output: with W the first of them, the interval's noise adds
-        WᵀW to Q. b_0 and b_1 of the velocity's elements, b_0 to b_2 of the attitude's; with an
-        altimeter b_0 to b_2 of its own and b_2 of the velocity's; of biases that wander, and of the
-        gravity disturbance, b_0 to b_2: the last that matters, where the chain noise → position
-        ends.
+    factors : (MOST_FACTORS, C, LANES) output: with W the returned number of rows, the noise of the
+        interval adds WᵀW to Q. The rows are Legendre coefficients b_0 and b_1 of velocity and b_0
+        to b_2 of attitude; with an altimeter also b_0 to b_2 of its noise and b_2 of velocity; for
+        variable biases and the gravity disturbance b_0 to b_2. Higher ones are negligible, because
+        the chain noise → position ends there.
 
     Returns
     -------
-    How many factors there are.
+    Number of factors.
     """
     count = 0
     for i in range(columns.shape[0]):
@@ -294,9 +300,9 @@ def propagate(
 
 @compiled
 def forward(f: np.ndarray, columns: np.ndarray, terms: np.ndarray) -> None:
-    """Take columns (C, 15, LANES) over an interval, y ← exp(Fᵀ dt) y, of whatever sensors.
+    """Propagate columns (C, 15, LANES) over an interval, y ← exp(Fᵀ dt) y, for any sensors.
 
-    Forward in time where ``f`` is of :func:`scaled_entries` a negative one.
+    With ``f`` of :func:`scaled_entries` for a negative time, the propagation is forward.
     """
     for i in range(columns.shape[0]):
         _series(f, columns, i, terms)
@@ -345,11 +351,22 @@ def _put_sums(
 def propagate_short_series(
     f: np.ndarray, noise: Noise, columns: np.ndarray, factors: np.ndarray
 ) -> int:
-    """Do what :func:`propagate` does, to a lower order, where :func:`is_slow` allows it.
+    """Propagate as :func:`propagate`, to a lower order, where :func:`is_slow` allows it.
 
-    To the third order, and the fourth of the attitude, at the end of the chain position ← velocity
-    ← attitude. Biases, which are constant, gain what the means of velocity and attitude say:
+    The series has the third order, and the fourth in the attitude, where the chain position ←
+    velocity ← attitude ends. Biases are constant and gain the means of velocity and attitude:
     y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
+
+    Parameters
+    ----------
+    f : (1, SCALED, LANES), of :func:`scaled_entries`.
+    noise : over the interval.
+    columns : (C, 15, LANES), changed in place.
+    factors : (MOST_FACTORS, C, LANES) output, as of :func:`propagate`.
+
+    Returns
+    -------
+    Number of factors.
     """
     for i in range(columns.shape[0]):
         p_0, v_0, a_0 = three(columns, i, 0), three(columns, i, 3), three(columns, i, 6)

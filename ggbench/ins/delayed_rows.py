@@ -1,4 +1,4 @@
-"""Rows that take an INS error at an epoch back to a delayed reading, for several runs at once."""
+"""Rows that propagate an INS error back from an epoch to a delayed measurement."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def delayed_rows_lanes(
 ) -> None:
     """Fill B: position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
 
-    Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
+    They are rows of Φ(t_k, t_k − τ_k)⁻¹. Process noise within the delay (millimetres) is neglected.
 
     Parameters
     ----------
@@ -126,9 +126,17 @@ def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
 
 @compiled
 def intervals_of(delay: float, epoch: int, dt: float) -> tuple[int, float, int]:
-    """Return what a delay before an epoch spans.
+    """Return the IMU intervals that a delay before an epoch spans.
 
-    The first IMU interval in it, how much of that one [s], and the sample next to its beginning.
+    Parameters
+    ----------
+    delay, dt : delay and IMU interval [s].
+    epoch : IMU sample of the epoch.
+
+    Returns
+    -------
+    The first interval, the part of it within the delay [s], and the sample nearest to the start of
+    the delay.
     """
     steps = delay / dt
     whole = math.ceil(steps - 1e-9)

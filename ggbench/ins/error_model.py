@@ -1,14 +1,14 @@
 """The linear error model of the strapdown INS: F, and Φ and Q between two measurements.
 
 Fifteen states: position, velocity and attitude error (φ: C̃_nb = (I − [φ×]) C_nb), gyro bias ε_b
-and accelerometer bias ∇_b; error = indicated − true, measured = true + bias. F is written in the
-textbook variables (δL, δλ, δh) and with the exact derivative of the radii of curvature with
-latitude, so it is the Jacobian of :mod:`.ins.strapdown` and not an approximation of it. Φ and Q
-leave this module for the benchmark's state, whose position error is (δr_E, δr_N, δr_U) in metres::
+and accelerometer bias ∇_b; error = indicated − true, measured = true + bias. F uses the textbook
+variables (δL, δλ, δh) and the exact derivative of the radii of curvature, so it is the exact
+Jacobian of :mod:`.ins.strapdown`. Φ and Q of this module belong to the state of the benchmark, with
+the position error (δr_E, δr_N, δr_U) in metres::
 
     δr_E = (R_N + h) cos L δλ,   δr_N = (R_M + h) δL,   δr_U = δh
 
-All of it depends on the INS-indicated states only, so every estimator of a run shares it.
+They depend only on the INS solution, so all estimators of a run share them.
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
 def added_by(
     imu: Imu, altimeter: tuple[tuple[float, float], float] | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what sensors add to F, by its entries (ENTRIES,), and their G q Gᵀ (15, 15).
+    """Return the contributions of sensors to F (ENTRIES,) and to G q Gᵀ (15, 15).
 
-    Biases that are Gauss–Markov processes, b' = −b/T + w, and an altimeter of noise e that damps
+    They come from Gauss–Markov biases, b' = −b/T + w, and from an altimeter of noise e that damps
     the vertical channel, δh' −= k₁ (δh − e), δv_U' −= k₂ (δh − e).
 
     Parameters

@@ -13,7 +13,7 @@ from ..numerics.lanes import group_members
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Errors of a sensor triad that no estimator knows: σ of what is drawn once per run.
+    """Unmodelled errors of a sensor triad: σ of errors drawn once per run.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class SensorErrors:
     misalignment: float = 0.0
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the matrix (3, 3) that takes what a triad should measure to what it does."""
+        """Return the matrix (3, 3) from true to measured quantities of a triad."""
         draws = rng.standard_normal((3, 3))
         diagonal = np.eye(3, dtype=bool)
         errors = np.where(diagonal, self.scale_factor * draws, self.misalignment * draws)
@@ -34,15 +34,15 @@ class SensorErrors:
 
 @dataclass(frozen=True)
 class Imu:
-    """Inertial measurement unit: biases drawn once per run, constant or wandering, white noise.
+    """Inertial measurement unit: biases drawn per run, constant or Gauss–Markov, and white noise.
 
     Attributes
     ----------
     gyro_bias, accelerometer_bias : standard deviation per axis [rad/s], [m/s²].
     gyro_root_psd : white noise [rad/s/√Hz].
     accelerometer_root_psd : [m/s²/√Hz].
-    fixed_biases : the biases are the standard deviations themselves with a random sign per run
-        and axis, instead of draws from N(0, σ²).
+    fixed_biases : whether biases are ±σ with a random sign per run and axis, instead of draws from
+        N(0, σ²).
     gyro_bias_time, accelerometer_bias_time : correlation time of a bias that is a first-order
         Gauss–Markov process [s]; infinite for a constant one.
     gyro_errors, accelerometer_errors : scale factors and misalignments.
@@ -61,7 +61,7 @@ class Imu:
     def draw_biases(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Return the gyro (3,) [rad/s] and accelerometer (3,) [m/s²] biases at the start of a run.
 
-        They are draws from the stationary law of the biases.
+        They are draws from the stationary distribution.
         """
         draws = rng.standard_normal((2, 3))
         if self.fixed_biases:
@@ -75,7 +75,7 @@ class Imu:
         dt: float,
         rng: np.random.Generator,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the biases (count + 1, 3) at the IMU samples, from those at the start.
+        """Return the biases (count + 1, 3) at the IMU samples, from the initial ones.
 
         b_{n+1} = e^(−dt/T) b_n + √(1 − e^(−2dt/T)) σ w_n, exact for a Gauss–Markov process.
         """
@@ -98,7 +98,7 @@ class Imu:
 
     @property
     def wanders(self) -> bool:
-        """Whether a bias is not constant."""
+        """Whether a bias varies."""
         return math.isfinite(self.gyro_bias_time) or math.isfinite(self.accelerometer_bias_time)
 
     @property
@@ -121,14 +121,14 @@ class Imu:
         dt: float,
         out: np.ndarray,
     ) -> None:
-        """Fill the increments (N, 6, LANES) that the sensors of several runs deliver.
+        """Fill the measured increments (N, 6, LANES) of several runs.
 
         Measured = true + error. White noise of root PSD σ over an interval dt adds σ √dt to each
         increment.
 
         Parameters
         ----------
-        exact : (R or 1, N, 6) error-free angles and velocities, the same in all runs or not.
+        exact : (R or 1, N, 6) error-free angles and velocities, common to all runs or not.
         biases : (R, B, 6) of gyros and accelerometers, constant (B = 1) or at each sample (B = N).
         noise : (R, 2, N, 3) standard normal numbers, of angles and of velocities.
         dt : [s].

@@ -1,14 +1,14 @@
-"""The gravity disturbance that a mechanization adds to normal gravity: a map's, or integrated.
+"""Gravity disturbance in a mechanization, from a map or integrated gradients.
 
-A gradiometer needs no map for it: while it moves by v dt, the disturbance changes by T v dt, T the
-disturbing part of the gradient that it reads, and the local level turns under it. What it was at
-the start is not known, so that this remains unknown, and the readings' noise adds a random walk to
-it (Jekeli 2006, Precision free-inertial navigation with gravity compensation by an onboard
-gradiometer)::
+A gradiometer needs no map: over a motion v dt the disturbance changes by T v dt, with the
+disturbing gradient T, and the local level rotates. The initial disturbance remains unknown, and
+measurement noise adds a random walk (Jekeli 2006, Precision free-inertial navigation with gravity
+compensation by an onboard gradiometer)::
 
     δĝ' = T̂ v̂ − ω_en × δĝ,   T̂ = Γ̂ − Γ_normal(p̂),   δĝ(0) = 0
 
-Between two readings T̂ is the last one; as the next one comes the trapezoidal rule replaces it.
+Between two measurements T̂ is the last one; at the next measurement the trapezoidal rule replaces
+it.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ COMPONENT = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 @record
 class GradientReadings:
-    """Gradients that a group of runs reads, in axes ENU, and what a mechanization makes of them.
+    """Measured gradients of a group of runs, ENU, and their integral.
 
     Attributes
     ----------
-    tensors : (G, 6, LANES) [EE, EN, EU, NN, NU, UU], E; NaN where a reading is missing.
-    latest : (N + 1,) how many of them have come up to each sample of the INS.
-    held : (G + 1, 6, LANES) output, the disturbing part [s⁻²] that is known after so many readings.
+    tensors : (G, 6, LANES) [EE, EN, EU, NN, NU, UU], E; NaN for missing ones.
+    latest : (N + 1,) number of measurements up to each INS sample.
+    held : (G + 1, 6, LANES) output, latest disturbing gradient [s⁻²] after each number of
+        measurements.
     total : (N + 1, 3, LANES) output, δĝ at each sample, ENU [m/s²].
     """
 
@@ -48,11 +49,11 @@ class GradientReadings:
 
 @record
 class KnownGravity:
-    """What a mechanization adds to normal gravity: of a map, of readings, or nothing.
+    """Gravity that a mechanization adds to normal gravity: from a map, integrated, or none.
 
     Attributes
     ----------
-    map : looked up at the indicated position.
+    map : evaluated at the indicated position.
     readings : integrated along the indicated track.
     """
 
@@ -67,7 +68,7 @@ NORMAL_GRAVITY = KnownGravity(NO_MAP, _NO_READINGS)
 
 
 def of_map(disturbance: DisturbanceMap) -> KnownGravity:
-    """Return the gravity of a mechanization that has a map."""
+    """Return the gravity of a mechanization with a map."""
     return KnownGravity(disturbance, _NO_READINGS)
 
 
@@ -76,9 +77,9 @@ def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGr
 
     Parameters
     ----------
-    tensors : (G, 6, LANES) [E], as :class:`GradientReadings` has them.
-    samples : (G,) of the INS at which they are read.
-    count : of its samples, N + 1.
+    tensors : (G, 6, LANES) [E], as in :class:`GradientReadings`.
+    samples : (G,) INS samples of the measurements.
+    count : number of INS samples, N + 1.
     """
     latest = np.searchsorted(samples, np.arange(count), side="right")
     held = lanes(len(tensors) + 1, 6)
@@ -87,7 +88,14 @@ def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGr
 
 @compiled
 def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
-    """Hold the reading that has come at sample ``n`` of a track (., TRACK, LANES), if one has."""
+    """Hold the gradients that are read at sample ``n``, if any; a missing one keeps the last.
+
+    Parameters
+    ----------
+    readings : their ``held`` [s⁻²], without normal gradients, is filled.
+    track : (N + 1, TRACK, LANES) indicated, of which sample ``n`` is known.
+    n : sample of the INS.
+    """
     now = readings.latest[n]
     if now == 0 or (n > 0 and now == readings.latest[n - 1]):
         return
@@ -105,7 +113,7 @@ def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
 
 @compiled
 def receive_all(readings: GradientReadings, track: np.ndarray) -> None:
-    """Hold the readings that come along a track (N + 1, TRACK, LANES)."""
+    """Hold the measured gradients along a track (N + 1, TRACK, LANES)."""
     for n in range(track.shape[0]):
         receive(readings, track, n)
 
@@ -151,14 +159,14 @@ def _turn(
 def integrate(
     readings: GradientReadings, track: np.ndarray, n: int, dt: float, moved: np.ndarray
 ) -> None:
-    """Take δĝ from sample ``n`` of a track to the next one.
+    """Propagate δĝ from sample ``n`` of a track to the next one.
 
     Parameters
     ----------
     readings, track : as above.
     dt : between two samples [s].
-    moved : (3, 3, LANES), kept from sample to sample: the way since the last reading, ENU [m]; δĝ
-        there, turned since [m/s²]; and whether there was a reading before.
+    moved : (3, 3, LANES), state of the integration: displacement since the last measurement, ENU
+        [m]; δĝ at that measurement, rotated since [m/s²]; and whether there was a measurement.
     """
     before, now = readings.latest[n], readings.latest[n + 1]
     receive(readings, track, n + 1)

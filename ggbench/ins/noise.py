@@ -13,17 +13,17 @@ from .system_matrix import NAVIGATION_STATES
 
 @record
 class Noise:
-    """What drives the error model: G q Gᵀ by its square roots.
+    """Process noise of the error model: square roots of G q Gᵀ.
 
     Attributes
     ----------
     roots : (15,) of the diagonal, without the altimeter's part.
-    altimeter : (2,) in δh and δv_U, of what couples them.
+    altimeter : (2,) coupled noise of δh and δv_U.
     damped : whether there is an altimeter.
-    wandering : whether biases decay or are driven.
-    disturbance : (3,) what drives the gravity disturbance ENU, of no elements where it is no state:
-        √2 σ [m/s²], whose PSD is 2 σ² |v|/D; or what the speed multiplies [s⁻¹˙⁵] where gradients
-        are integrated, whose noise has the PSD of a walk.
+    wandering : whether biases vary.
+    disturbance : (3,) noise of the gravity disturbance ENU, empty if it is no state: √2 σ [m/s²],
+        for the PSD 2 σ² |v|/D; with integrated gradients the root PSD per speed [s⁻¹˙⁵] of a random
+        walk.
     """
 
     roots: np.ndarray
@@ -33,7 +33,7 @@ class Noise:
     disturbance: np.ndarray
 
     def over(self, interval: float) -> Noise:
-        """Return the noise that gathers over an interval [s]."""
+        """Return the noise accumulated over an interval [s]."""
         root = math.sqrt(interval)
         return replace(
             self,
@@ -44,9 +44,9 @@ class Noise:
 
 
 def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:
-    """Return the square roots of G q Gᵀ (15, 15): diagonal but for what an altimeter couples.
+    """Return the square roots of G q Gᵀ (15, 15), diagonal except for the altimeter.
 
-    ``decaying`` says that F makes biases decay; ``disturbance`` is :attr:`Noise.disturbance`.
+    ``decaying`` states whether biases decay in F; ``disturbance`` is :attr:`Noise.disturbance`.
     """
     altimeter, diagonal = np.zeros(2), np.diag(noise).copy()
     if noise[2, 2] > 0.0:

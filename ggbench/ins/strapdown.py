@@ -8,8 +8,8 @@ and C_nb, which maps the body frame (right-forward-up) to n::
     C_nb' = C_nb [ω_ib×] − [(ω_ie + ω_en)×] C_nb
 
 Each step takes the increments of an IMU over the step, ∫ω_ib dt and ∫f dt in body axes, and is of
-second order (all rates at the midpoint). :func:`error_free_increments` is its exact inverse: truth
-comes back to rounding, because position follows from velocity by the rule that truth uses too.
+second order (all rates at the midpoint). :func:`error_free_increments` is its exact inverse. The
+truth is reproduced to rounding, because truth and mechanization use the same rule for the position.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def advance_position_of(position: Vector, v: Vector, next_v: Vector, dt: float) 
 
 @inlined
 def frame_turn(place: Place, v: Vector, time: float) -> Matrix:
-    """Return the rotation by which n turns back against inertial space in a time [s]."""
+    """Return the inverse rotation of the n frame in inertial space over a time [s]."""
     ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
     return small_turn(-time * en_e, -time * (ie_n + en_n), -time * (ie_u + en_u))
 
@@ -79,13 +79,13 @@ def step(
 ) -> tuple[Vector, Vector, Matrix]:
     """Return the navigation state (position, velocity, C_nb) after an IMU interval.
 
-    Of numbers, or of vectors of a group of runs.
+    Arguments are numbers, or vectors of a group of runs.
 
     Parameters
     ----------
     position, v, c_nb : [rad, rad, m], ENU [m/s], attitude.
     angle, dv : increments in body axes [rad], below π, and [m/s].
-    disturbance : gravity beyond the normal one, ENU [m/s²] (zero in an INS without a map).
+    disturbance : gravity disturbance, ENU [m/s²] (zero in an INS without a map).
     dt : interval [s].
     """
     # Body attitude halfway, from half the increment and half the turn of n at the old rates.
@@ -112,9 +112,10 @@ def step(
 
 
 def steady_force(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-    """Return the specific force (..., 3), ENU [m/s²], that keeps a velocity in normal gravity.
+    """Return the specific force (..., 3), ENU [m/s²], of constant velocity in normal gravity.
 
-    (2ω_ie + ω_en) × v − (0, g_N, g_U), at positions (..., 3) [rad, rad, m], velocities ENU [m/s].
+    It is (2ω_ie + ω_en) × v − (0, g_N, g_U), at positions (..., 3) [rad, rad, m], velocities ENU
+    [m/s].
     """
     places, speeds = (np.ascontiguousarray(a, float) for a in (positions, velocities))
     return _steady_forces(places.reshape(-1, 3), speeds.reshape(-1, 3)).reshape(places.shape)
@@ -139,7 +140,15 @@ def advance_position(
     dt: float,
     out: np.ndarray,
 ) -> None:
-    """Fill the position after a step, as :func:`advance_position_of` gives it."""
+    """Fill the position after a step, see :func:`advance_position_of`.
+
+    Parameters
+    ----------
+    position : (3,) before the step [rad, rad, m].
+    velocity, next_velocity : (3,) before and after the step, ENU [m/s].
+    dt : step [s].
+    out : (3,) output, position after the step [rad, rad, m].
+    """
     out[0], out[1], out[2] = advance_position_of(
         _numbers(position), _numbers(velocity), _numbers(next_velocity), dt
     )
@@ -152,9 +161,9 @@ def _numbers(vector: np.ndarray) -> Vector:
 
 
 def altimeter_gains(time_constant: float) -> tuple[float, float]:
-    """Return k₁ [1/s], k₂ [1/s²] that give the vertical channel two poles at −1/T.
+    """Return k₁ [1/s], k₂ [1/s²] for two poles of the vertical channel at −1/T.
 
-    Its own dynamics are δh'' = (2g/R) δh, so k₁ = 2/T and k₂ = 1/T² + 2g/R.
+    Without damping δh'' = (2g/R) δh, so k₁ = 2/T and k₂ = 1/T² + 2g/R.
     """
     return 2.0 / time_constant, 1.0 / time_constant**2 + 2.0 * 9.80665 / 6378137.0
 
@@ -170,12 +179,11 @@ def navigate(
     gains: tuple[float, float] = (0.0, 0.0),
     gravity: KnownGravity = NORMAL_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run the mechanization open loop over N increments, in normal gravity or with what is known.
+    """Run the mechanization open loop over N increments, in normal gravity or with a disturbance.
 
-    With an altimeter the vertical channel is kept stable by h' −= k₁ (h − h_a) and
-    v_U' −= k₂ (h − h_a) (Titterton and Weston 2004, sec. 12.3), integrated by the trapezoidal rule:
-    a correction at the end of a step, by the height there alone, would lag by the share of a step
-    in the time constant, and the error model would not know.
+    An altimeter damps the vertical channel by h' −= k₁ (h − h_a) and v_U' −= k₂ (h − h_a)
+    (Titterton and Weston 2004, sec. 12.3), integrated by the trapezoidal rule. A correction only at
+    the end of a step would lag, and the error model does not include this lag.
 
     Parameters
     ----------
@@ -184,7 +192,7 @@ def navigate(
     dt : IMU interval [s].
     heights : (N,) of the altimeter, mean over each interval [m]; none without one.
     gains : k₁ [1/s], k₂ [1/s²], from :func:`altimeter_gains`.
-    gravity : what is added to normal gravity.
+    gravity : gravity added to normal gravity.
 
     Returns
     -------
@@ -225,7 +233,7 @@ def navigate_lanes(
     dt : IMU interval [s].
     heights : (N, 1, LANES) of the altimeters; (0, 1, LANES) without.
     gains : of the altimeter.
-    gravity : added to the normal one; what is held and integrated of its readings is output.
+    gravity : gravity added to normal gravity; held and integrated gradients are output.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
     copy(initial, track)
@@ -281,13 +289,13 @@ def _look_up(
 
 @inlined
 def three(rows: np.ndarray, n: int, i: int) -> Vector:
-    """Return three numbers of a row, from ``i`` on."""
+    """Return columns i, i + 1, i + 2 of row ``n`` of an array (rows, columns, LANES)."""
     return load(rows, n, i), load(rows, n, i + 1), load(rows, n, i + 2)
 
 
 @inlined
 def keep(rows: np.ndarray, n: int, i: int, numbers: Vector) -> None:
-    """Set three numbers of a row, from ``i`` on."""
+    """Set columns i, i + 1, i + 2 of row ``n`` of an array (rows, columns, LANES)."""
     store(rows, n, i, numbers[0])
     store(rows, n, i + 1, numbers[1])
     store(rows, n, i + 2, numbers[2])
@@ -325,17 +333,17 @@ def error_free_increments(
     disturbances: np.ndarray,
     dt: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the IMU increments with which :func:`navigate` follows the truth.
+    """Return the IMU increments for which :func:`navigate` follows the truth.
 
-    A fixed-point iteration on the step itself: increments change what they should by almost
-    exactly themselves, so six corrections reach rounding in any manoeuvre. Each step starts where
-    the increments before it have led, not from the truth: a rounding error that repeats itself
-    would otherwise grow with the vertical channel, e^(t √(2g/R)), to kilometres in four hours.
+    They come from a fixed-point iteration on the step. A change of the increments changes the
+    result by almost the same amount, so six corrections reach rounding in any manoeuvre. Each step
+    starts from the result of the earlier increments, not from the truth. Otherwise a systematic
+    rounding error would grow in the vertical channel by e^(t √(2g/R)), to kilometres in four hours.
 
     Parameters
     ----------
-    positions, velocities, attitudes : (N + 1, ...) truth, as :func:`navigate` returns it.
-    disturbances : (N, 3) gravity disturbance felt during each interval, ENU [m/s²].
+    positions, velocities, attitudes : (N + 1, ...) truth, in the form of :func:`navigate`.
+    disturbances : (N, 3) gravity disturbance of each interval, ENU [m/s²].
     dt : interval [s].
 
     Returns

@@ -1,6 +1,6 @@
-"""F of the INS error model, by its entries that are not always zero, for a group of runs at once.
+"""F of the INS error model by its non-zero entries, for a group of runs.
 
-Arrays have the runs last, see :mod:`ggbench.numerics.lanes`.
+The run is the last axis of arrays, see :mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ENTRIES = 62
 
 @inlined
 def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, z: float) -> float:
-    """Return the product of three entries of F, from ``j`` on in strides, and (x, y, z)."""
+    """Return the dot product of the entries j, j + stride, j + 2 stride of F and (x, y, z)."""
     return load(f, n, j) * x + load(f, n, j + stride) * y + load(f, n, j + 2 * stride) * z
 
 
@@ -126,7 +126,7 @@ def entries_between(
     gravity: KnownGravity,
     out: np.ndarray,
 ) -> None:
-    """Fill the entries of F at the middles of the IMU intervals between two samples.
+    """Fill the entries of F at the middle of the IMU intervals between two samples.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ def entries_between(
     increments : (N, 6, LANES) of angle, and of velocity [m/s].
     dt : IMU interval [s].
     first, last : the samples.
-    constant : (ENTRIES,) what is added to F, of which only damping and decay may differ from zero;
-        at ``DISTANCE`` −1/D [1/m], which the speed multiplies.
-    gravity : what the mechanization adds to normal gravity, its readings received.
+    constant : (ENTRIES,) added to F; only damping and decay may differ from zero; at ``DISTANCE``
+        −1/D [1/m], which is multiplied by the speed.
+    gravity : gravity added by the mechanization, after :func:`.receive_all`.
     out : (., ENTRIES, LANES) output, ``last - first`` intervals.
     """
     rate = 1.0 / dt

@@ -1,8 +1,8 @@
 """Φ and Q along INS tracks, for several runs at once.
 
-The error model x' = F x + w of :mod:`.ins.error_model` is taken over the IMU intervals between two
-measurements by its adjoint, backwards from unit vectors at the end (:mod:`.ins.adjoint`); arrays
-have the runs last, see :mod:`ggbench.numerics.lanes`.
+The error model x' = F x + w of :mod:`.ins.error_model` is integrated over the IMU intervals between
+two measurements by its adjoint, backwards from unit vectors at the end (:mod:`.ins.adjoint`). The
+run is the last axis of arrays, see :mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
 
 @compiled
 def metres_at(track: np.ndarray, n: int, out: np.ndarray) -> None:
-    """Fill ``out`` (1, 2, LANES) with what δL and δλ are worth [m/rad] at a sample of a track."""
+    """Fill ``out`` (1, 2, LANES) with metres per radian of δL and δλ at a sample of a track."""
     sine, cosine = sine_cosine(load(track, n, 0))
     north, east = metres_per_radian_of(sine, cosine, load(track, n, 2))
     store(out, 0, 0, north)
@@ -51,7 +51,14 @@ def unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None
 
 @compiled
 def as_row(columns: np.ndarray, i: int, metres: np.ndarray, r: int, out: np.ndarray) -> None:
-    """Fill ``out`` with column ``i`` of run ``r``, of a state in metres."""
+    """Fill a row of Φ of run ``r`` with column ``i``; position errors ENU in metres.
+
+    Parameters
+    ----------
+    columns : (rows, n, LANES) of :func:`unit_columns`, propagated; positions in radians.
+    metres : (1, 2, LANES) [m/rad] of :func:`metres_at`.
+    out : (n,) output.
+    """
     out[0] = columns[i, 1, r] / metres[0, 1, r]
     out[1] = columns[i, 0, r] / metres[0, 0, r]
     for j in range(2, columns.shape[1]):
@@ -76,8 +83,8 @@ def compose(
     dt : one of them [s].
     noise : that drives the state, over an IMU interval.
     start, end : (1, 2, LANES) metres per radian of latitude and longitude at the ends.
-    transition, process_cov : (R, n, n) of the group's R runs, output; states from 15 on, or behind
-        those of the gravity disturbance, are not touched.
+    transition, process_cov : (R, n, n) of the group's R runs, output; states after those of INS and
+        gravity disturbance are unchanged.
     """
     # A bias that does not wander does not change: its rows are those of the identity.
     moving = STATES if noise.wandering else NAVIGATION_STATES
@@ -139,10 +146,10 @@ def transitions_lanes(
     increments : (N, 6, LANES) of the IMU.
     epochs : (K,) increasing indices of IMU samples.
     dt : IMU interval [s].
-    constant : (ENTRIES,) what is added to F.
-    gravity : what is added to normal gravity.
+    constant : (ENTRIES,) added to F.
+    gravity : gravity added to normal gravity.
     noise : that drives the state, over an IMU interval.
-    transition, process_cov : (R, K, n, n) of R runs, output, as :func:`compose` fills them.
+    transition, process_cov : (R, K, n, n) of R runs, output, see :func:`compose`.
     """
     entries, start, end = entries_of(epochs), lanes(1, 2), lanes(1, 2)
     first = 0

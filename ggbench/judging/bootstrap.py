@@ -52,10 +52,10 @@ def root_ratio_intervals(
 ) -> list[tuple[float, float, float]]:
     """Return √(mean of first / mean of second) of each group, and its 95 % interval.
 
-    The bootstrap-t on the logarithm (Efron & Tibshirani 1993, § 12.5) over clusters: runs that
-    share a track or a map error are drawn together. Groups with equal numbers of clusters share
-    their draws. Measured coverage with 30, 100 and 200 runs: 94, 96 and 94 % of χ² errors; 92, 94
-    and 94 % of log-normal ones (σ = 1); 86, 91 and 92 % with σ = 1.5.
+    The method is the bootstrap-t on the logarithm (Efron & Tibshirani 1993, § 12.5) over clusters:
+    runs that share a track or a map error are resampled together. Groups with equal numbers of
+    clusters share their draws. Measured coverage with 30, 100 and 200 runs: 94, 96 and 94 % of χ²
+    errors; 92, 94 and 94 % of log-normal ones (σ = 1); 86, 91 and 92 % with σ = 1.5.
 
     Parameters
     ----------
@@ -136,7 +136,8 @@ def ratio_interval(
     Parameters
     ----------
     before_ms, after_ms : (runs,) mean squared errors [m² or m²/s²].
-    paired : the two are of the same runs, which are then drawn together; else independently.
+    paired : whether both belong to the same runs, which are then resampled together; else
+        independently.
 
     Returns
     -------

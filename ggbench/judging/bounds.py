@@ -8,13 +8,13 @@ from ..simulation.bound import Bound
 
 
 def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarray:
-    """Return the bound (K, n, n), linearised at the truth, of an estimate of this causality.
+    """Return the bound (K, n, n) for estimates of a causality, linearised at the truth.
 
     It is the covariance of a filter or smoother that is linearised at the truth. By Jensen's
-    inequality its mean over flights is above the posterior bound, so that it is no proven limit of
+    inequality its mean over flights is above the posterior bound, so it is no proven limit of
     nonlinear problems.
 
-    An estimate without aiding is compared with the filtering bound: what aiding could give.
+    An estimate without aiding is compared with the filtering bound.
     """
     if causality == "batch":
         return bound.smoothing

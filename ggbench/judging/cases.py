@@ -73,8 +73,8 @@ def cases(
     Parameters
     ----------
     specs : the cases.
-    arrays : arrays that all runs of a case share, by case, of shapes (K,) or (K, m). With draws
-        they are of run 0.
+    arrays : common arrays of the runs of a case, by case, of shapes (K,) or (K, m). With draws they
+        are those of run 0.
     metrics : the metrics of the campaign.
     verdicts : by kind of estimators and case.
     """

@@ -1,7 +1,7 @@
 """Comparison of two campaigns: worse, better and undecided estimators.
 
-Every verdict of a comparison belongs to one family of tests, so that the more cases and estimators
-are compared, the stronger the evidence that each of them needs.
+All verdicts of a comparison form one family of tests: more cases and estimators require stronger
+evidence for each.
 """
 
 from __future__ import annotations
@@ -44,25 +44,24 @@ _RUN = ["seed", "run"]
 
 
 class ComparisonError(GGBenchError):
-    """Two campaigns cannot be compared as asked."""
+    """Two campaigns cannot be compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What changed from one campaign to another.
+    """Changes from one campaign to another.
 
     Attributes
     ----------
-    rows : three rows per assumption, case and estimator that both hold, with :data:`ROW_COLUMNS`.
-        Quantity "position" [m] and "velocity" [m/s]: ``before`` and ``after`` are MRSE,
-        ``ratio`` their quotient with its 95 % interval ``lo``, ``hi`` (:func:`ratio_interval`).
-        Quantity "failed or diverged": the number of such runs, without a ratio.
-        ``runs_before``, ``runs``: of how many runs these are, before and after. ``paired``:
-        whether they are the same simulated problems. ``p``, ``p_better``: adjusted p-values of "not
-        worse" and "not better". ``verdict``: "worse", "better", "same" (the same data, bit by bit)
-        or "undecided".
-    only_before, only_after : what only one of the two holds, "case a" or "estimator ekf in case a".
-    tests : number of rows in which anything could differ: what p-values are adjusted for.
+    rows : three rows per common assumption, case and estimator, with :data:`ROW_COLUMNS`. Quantity
+        "position" [m] and "velocity" [m/s]: ``before`` and ``after`` are MRSE, ``ratio`` their
+        quotient with its 95 % interval ``lo``, ``hi`` (:func:`ratio_interval`). Quantity "failed or
+        diverged": the number of such runs, without a ratio. ``runs_before``, ``runs``: number of
+        runs before and after. ``paired``: whether the simulated problems are equal. ``p``,
+        ``p_better``: adjusted p-values of "not worse" and "not better". ``verdict``: "worse",
+        "better", "same" (the same data, bit by bit) or "undecided".
+    only_before, only_after : items of only one campaign, "case a" or "estimator ekf in case a".
+    tests : number of rows that could differ; p-values are adjusted for it.
     """
 
     rows: pd.DataFrame
@@ -72,7 +71,7 @@ class Comparison:
 
     @property
     def worse(self) -> bool:
-        """Whether anything became worse."""
+        """Whether any row is worse."""
         return bool((self.rows["verdict"] == WORSE).any())
 
 
@@ -82,34 +81,33 @@ def compare(
     """Compare two tables of runs.
 
     Runs of the same simulated problem (equal case hash and seed) are paired: errors are compared on
-    the runs that finished in both. Other problems give independent samples, compared on equally
-    many runs, the first ones of the larger: of squared errors, which are skewed, unequal samples
-    raise false alarms (30 against 300 runs: in one of three comparisons of ten rows). Where runs
-    failed or diverged, errors say nothing of them; the row of that name does, over all runs.
+    the runs that finished in both. Different problems are independent samples, compared on equally
+    many runs (the first ones of the larger campaign). With unequal samples the skewed squared
+    errors cause false alarms (30 against 300 runs: in a third of the comparisons of ten rows).
+    Failed and diverged runs have a separate row, over all runs.
 
-    An estimator of which each campaign has one set of parameters that the other lacks is compared
-    under both its labels.
+    If each campaign has one set of parameters of an estimator that the other lacks, these two are
+    compared under both labels.
 
     Errors are worse if MRSE grew by more than ``threshold`` (:func:`excess_p_value`); failures if
     there are more (one-sided exact tests, McNemar's of pairs and Fisher's of independent samples,
-    whatever the threshold): with a p-value below 0.05 after Holm's procedure over all rows in which
-    anything differs. The probability that :attr:`Comparison.worse` is true
-    with nothing worse is thus 5 % for the whole comparison, and the same holds for "better".
-    Measured with ten rows, χ² or log-normal errors, paired or not: at most 6 % with 5 to 300 runs.
-    The t-tests need more runs where only the law changes: independent samples of equal means, but
-    χ² with 1 and with 3 degrees of freedom, differ in 18 % of comparisons with 30 runs, 9 % with
-    300.
+    whatever the threshold): with a p-value below 0.05 after Holm's procedure over all rows that
+    differ. The false-alarm rate of :attr:`Comparison.worse` is thus 5 % for the whole comparison,
+    and likewise that of "better". Measured with ten rows, χ² or log-normal errors, paired or not:
+    at most 6 % with 5 to 300 runs. If only the distribution changes, the t-tests need more runs:
+    independent samples of equal means, but χ² with 1 and with 3 degrees of freedom, differ in 18 %
+    of comparisons with 30 runs, and in 9 % with 300.
 
     Parameters
     ----------
     before, after : tables of runs, one row per run and estimator.
-    threshold : relative excess of MRSE that is tolerated, ≥ 0.
+    threshold : tolerated relative excess of MRSE, ≥ 0.
     window : one of :data:`ggbench.judging.run_errors.WINDOWS`.
 
     Raises
     ------
     ComparisonError
-        If the two have nothing in common, or the threshold or window is not one.
+        If the tables have nothing in common, or threshold or window is invalid.
     """
     if window not in WINDOWS:
         raise ComparisonError(f"there is no window {window!r}; choose one of {', '.join(WINDOWS)}")
@@ -162,7 +160,7 @@ def _changed_parameters(before: pd.DataFrame, after: pd.DataFrame) -> dict[str, 
 
 
 def groups_of_runs(table: pd.DataFrame) -> dict[tuple[str, ...], pd.DataFrame]:
-    """Return the runs of each assumption, case and estimator, by seed and run."""
+    """Return the runs of each assumption, case and estimator, indexed by seed and run."""
     ordered = table.set_index(_RUN).sort_index(kind="stable")
     return dict(list(ordered.groupby(_KEY, sort=False)))
 
@@ -213,7 +211,7 @@ def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
 
 
 def unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
-    """Return the row of the runs that failed or diverged."""
+    """Return the row of failed and diverged runs."""
     is_lost = [(runs["status"] != "ok") | runs["diverged"].astype(bool) for runs in (before, after)]
     old, new = (int(runs.sum()) for runs in is_lost)
     if paired:

@@ -1,7 +1,7 @@
-"""Consistency of reported covariances, judged by tests over many runs.
+"""Consistency of reported covariances, tested over many runs.
 
-Every mark needs evidence: of consistent estimators at most 2.5 % get one, whatever the number of
-runs, also where their errors have heavy tails. A single run decides nothing.
+Every mark needs evidence: at most 2.5 % of consistent estimators get a mark, for any number of
+runs, also with heavy-tailed errors. A single run gives no mark.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ UNFIT = "R does not fit"
 
 
 def trimmed(values: np.ndarray, dimension: float = JUDGED) -> np.ndarray:
-    """Return the NEES or NIS of runs (R,), each of them at most the 99.9 % quantile of χ².
+    """Return the NEES or NIS of runs (R,), limited to the 99.9 % quantile of χ².
 
-    Trimming lowers the mean of a consistent estimator (Jensen), so that no test of a large mean
-    loses its false-alarm rate by it.
+    Trimming lowers the mean of a consistent estimator, so it does not increase the false-alarm rate
+    of a test for large means.
     """
     return np.asarray(np.minimum(values, chdtri(dimension, FARTHEST)))
 
@@ -49,17 +49,17 @@ def trimmed(values: np.ndarray, dimension: float = JUDGED) -> np.ndarray:
 def consistency(
     nees: np.ndarray, coverage: np.ndarray, cluster: np.ndarray, false_share_p: float
 ) -> str:
-    """Return whether an estimator's covariances are right.
+    """Return the consistency of an estimator's covariances.
 
     - "unsafe": surely more than 5 % of the runs end in a false fix;
     - "overconfident": the trimmed mean NEES lies above its 95 % band and surely above 6, or the
       coverage of the 95 % region is surely below 90 %;
-    - "conservative": the mean NEES lies below its band and surely below 6, and surely fewer runs
-      than the 20 % of χ² exceed its 80 % quantile;
+    - "conservative": the mean NEES lies below its band and surely below 6, and surely less than 20
+      % of the runs exceed the 80 % quantile of χ²;
     - "consistent" otherwise; "" without covariances.
 
-    "Surely" is at 2.5 % by the exact binomial test, and by Student's t over clusters at 2.5 %, or
-    at 1 % above 6.
+    "Surely" means significant at 2.5 %, by the exact binomial test for shares and by Student's t
+    over clusters for means (above 6: at 1 %).
 
     Parameters
     ----------
@@ -88,14 +88,14 @@ def false_share_p(false_fix: np.ndarray, cluster: np.ndarray) -> float:
 def noise_fit(
     nis: np.ndarray, channels: float, band: tuple[float, float], cluster: np.ndarray
 ) -> str:
-    """Return :data:`UNFIT` where the mean NIS is out of its band by more than 10 %, else "".
+    """Return :data:`UNFIT` if the mean NIS is out of its band by more than 10 %, else "".
 
-    Out of the band by the means of runs as well, whose innovations may have heavy tails: ten runs
-    are needed.
+    A t-test on the means of runs must agree, because innovations may have heavy tails. At least ten
+    runs are needed.
 
     Parameters
     ----------
-    nis : (R,) mean NIS of each run that has one.
+    nis : (R,) mean NIS of each run, if available.
     channels : mean number of channels of a measurement.
     band : 95 % band of the mean NIS.
     cluster : (R,) number of the track or map error that runs share.

@@ -1,7 +1,7 @@
 """Convergence of the position: time, share of runs, false fixes.
 
-With a wide prior an estimator converges to the true place in the field or to a wrong one, and the
-mean error of both says little. :func:`judge` judges every run by the required error
+With a wide prior an estimator converges to the true position or to a wrong one, and a mean error
+over both is not informative. :func:`judge` compares every run with the required error
 (``windows.required_m``).
 """
 
@@ -20,15 +20,15 @@ CLAIM = float(ndtri(0.975))
 
 
 def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
-    """Return the radius [m] (K,) within which an estimator claims to be with 95 % or more.
+    """Return the radius [m] (K,) of the reported region of 95 % or more.
 
-    1.96 √tr P of the claimed covariance P of the position. Whatever P's shape, at least 95 % of
-    N(0, P) lie within it: of all Gaussian vectors of one trace the one along a single line has
-    the most probability outside (Székely & Bakirov 2003). A sphere's own 95 % radius is 1.61 √tr P.
+    It is 1.96 √tr P, with the reported covariance P of the position. For any P it contains at least
+    95 % of N(0, P): of all Gaussian vectors of one trace, the one-dimensional one has the largest
+    probability outside (Székely & Bakirov 2003). For a sphere the 95 % radius is 1.61 √tr P.
 
     Parameters
     ----------
-    sigmas : (K, 3) claimed standard deviations of the position [m]; NaN without a covariance.
+    sigmas : (K, 3) reported standard deviations of the position [m]; NaN without a covariance.
     """
     return np.asarray(CLAIM * np.sqrt(np.sum(sigmas**2, axis=1)))
 
@@ -36,21 +36,21 @@ def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
 def judge(
     position_error: np.ndarray, sigmas: np.ndarray, times: np.ndarray, required_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return when each run converged, and whether it ends in a false fix.
+    """Return the convergence time of each run, and whether it ends in a false fix.
 
     Parameters
     ----------
     position_error : (R, K) spherical position errors [m].
-    sigmas : (R, 3) claimed standard deviations of the position at the last epoch [m]; NaN without
-        a covariance, which claims nothing.
+    sigmas : (R, 3) reported standard deviations of the position at the last epoch [m]; NaN without
+        a covariance.
     times : (K,) epochs [s].
-    required_m : the error within which the position is found [m].
+    required_m : required error [m].
 
     Returns
     -------
     Convergence times [s] (R,): the first epoch from which the error stays within ``required_m`` to
-    the end of the flight, NaN if there is none. False fixes (R,): at the last epoch the error is
-    not within ``required_m``, but the claimed radius (:func:`claimed_radius`) is.
+    the end of the flight, NaN if there is none. False fixes (R,): at the last epoch the error
+    exceeds ``required_m``, but the reported radius (:func:`claimed_radius`) does not.
     """
     within = position_error <= required_m
     lasting = np.logical_and.accumulate(within[:, ::-1], axis=1).sum(axis=1)
@@ -64,8 +64,8 @@ def judge(
 def median_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
     """Return the median of values (N,) and its 95 % interval between two order statistics.
 
-    The interval needs no law of the values and holds the median with 95 % or more (binomial); with
-    fewer than six values there is none, and its ends are NaN.
+    The interval assumes no distribution and contains the median with 95 % or more (binomial). With
+    fewer than six values its ends are NaN.
     """
     ordered = np.sort(np.asarray(values, dtype=float))
     count = len(ordered)

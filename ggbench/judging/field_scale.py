@@ -15,13 +15,13 @@ LINEAR, AMBIGUOUS = 0.2, 0.8
 def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
     """Return the correlation length ℓ [m] of the field along a track.
 
-    The lag at which the autocorrelation of the vertical gradient, less its mean along the track,
-    first falls to 1/e (:func:`correlation_length`). NaN of fewer than three
-    readings, of a field that does not change, or of a track that stands still.
+    It is the lag at which the autocorrelation of the vertical gradient, less its mean, first falls
+    to 1/e (:func:`correlation_length`). It is NaN for fewer than three samples, a constant field,
+    or a track without motion.
 
     Parameters
     ----------
-    positions : (K, 3) latitude, longitude [rad], height [m] at which it is read.
+    positions : (K, 3) latitude, longitude [rad], height [m] of the samples.
     vertical : (K,) Γ_UU there [E].
     """
     if len(vertical) < 3 or np.ptp(vertical) == 0.0:  # less its mean it may be rounding
@@ -56,10 +56,11 @@ def on_the_prior(position_m: float, correlation_m: float) -> str:
 
 
 def correlation_length(g: np.ndarray, step_m: float) -> float:
-    """Return the lag along rows [m] at which the autocorrelation of a cell first falls to 1/e.
+    """Return the lag along rows [m] at which the autocorrelation first falls to 1/e.
 
-    No mean is removed; the estimate is unbiased, a mean over the products of a lag, and linear
-    between lags. The length of the rows if it stays above 1/e; NaN if all is zero.
+    No mean is removed. The estimate is unbiased (a mean over the products of a lag) and linear
+    between lags. It is the length of the rows if the autocorrelation stays above 1/e, and NaN if
+    all values are zero.
 
     Parameters
     ----------

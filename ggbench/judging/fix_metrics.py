@@ -1,8 +1,8 @@
-"""Metrics of matchers' fixes: right, false or refused, their errors and consistency.
+"""Metrics of matchers' fixes: right, false or rejected, their errors and consistency.
 
 A fix is *right* if its horizontal error at its own epoch is below the case's required error, and
-*false* if it is accepted and is not. Fixes of one flight may share measurements and errors, so
-shares are of runs, by the first fix that each of them accepts.
+*false* if it is accepted and not right. Fixes of one flight may share measurements and errors, so
+shares count runs, by their first accepted fix.
 """
 
 from __future__ import annotations
@@ -50,13 +50,12 @@ COLUMNS = (
 
 
 def checked(fixes: Fixes, epochs: int) -> Fixes:
-    """Return fixes of a flight of so many epochs as plain arrays.
+    """Return fixes of a flight of ``epochs`` epochs as plain arrays.
 
     Raises
     ------
     ValueError
-        If they are not what :class:`.Fixes` says, are not finite, or a covariance is not positive
-        definite.
+        If they violate :class:`.Fixes`, are not finite, or a covariance is not positive definite.
     """
     if not isinstance(fixes, Fixes):
         raise ValueError(f"the estimate's fixes must be Fixes, not {type(fixes).__name__}")
@@ -82,15 +81,15 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 
 
 def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
-    """Return the :data:`ROWS` of each of a run's fixes, as they are stored.
+    """Return the :data:`ROWS` of the fixes of a run, for storage.
 
-    Their times [s], horizontal errors [m], NEES of these two errors (infinite where a covariance is
-    too small to be inverted), statistics (of an infinite one the largest number that can be stored)
-    and whether they were accepted.
+    They are times [s], horizontal errors [m], NEES of these two errors (infinite if a covariance is
+    too small to invert), statistics (the largest float for infinite ones) and whether they were
+    accepted.
 
     Parameters
     ----------
-    fixes : as :func:`checked` returns them.
+    fixes : from :func:`checked`.
     error_state : (K, n), the true INS error.
     times : (K,) [s].
     """
@@ -112,16 +111,16 @@ def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict
 def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
     """Return the metrics of :data:`COLUMNS` over the fixes of an estimator on a case.
 
-    How many fixes were tried, accepted, and false; the shares of *runs* whose first accepted fix is
-    right, is false, and that accept none, with Wilson's 95 % intervals; the median time [s] of the
-    first right fix of the runs that have one, with its interval; radii [m] that hold 50 and 95 % of
-    the accepted fixes; their mean NEES, 2 if consistent, with a 95 % band as if each run with an
-    accepted fix were a single draw.
+    They are the number of tried, accepted and false fixes; the shares of *runs* whose first
+    accepted fix is right, whose first accepted fix is false, and without an accepted fix, with
+    Wilson's 95 % intervals; the median time [s] of the first right fix, over the runs with one,
+    with its interval; radii [m] that contain 50 and 95 % of the accepted fixes; their mean NEES, 2
+    if consistent, with a 95 % band that counts each run with an accepted fix as one sample.
 
     Parameters
     ----------
     fixes : rows of ``run`` and :data:`ROWS`.
-    runs : number of all runs, also those that tried none or failed.
+    runs : number of all runs, including failed ones and those without attempts.
     right_m : horizontal error [m] below which a fix is right.
     """
     accepted = fixes[fixes["accepted"]]

@@ -1,4 +1,4 @@
-"""One estimate compared with its truth: its errors over time and in windows of the flight."""
+"""Judgement of one estimate: errors over time and in windows of the flight."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class JudgingError(GGBenchError):
 
 @dataclass(frozen=True, repr=False)
 class Judgement(run_errors.Evaluation):
-    """How good one estimate is. Every array is immutable; K epochs, errors are estimated − true.
+    """Errors (estimated − true) and consistency of one estimate, in immutable arrays.
 
     Attributes
     ----------
@@ -37,12 +37,12 @@ class Judgement(run_errors.Evaluation):
     position_error, velocity_error : (K,) spherical errors [m], [m/s].
     nees : (K,) normalised estimation error squared of position and velocity, 6 if consistent; NaN
         without covariances.
-    nis : (K,) normalised innovation squared; NaN where there is none, as for smoothers.
+    nis : (K,) normalised innovation squared; NaN without a measurement and for smoothers.
     components : (K, 6) errors of position and velocity, ENU.
-    sigmas : (K, 6) their claimed standard deviations; NaN without covariances.
-    windows : name of each window (``whole``, and if they are given ``settled`` and ``last20``) to
+    sigmas : (K, 6) reported standard deviations; NaN without covariances.
+    windows : name of each window (``whole``, optionally ``settled`` and ``last20``) to
         ``position_mrse_m``, ``velocity_mrse_mps``, ``nees_mean``, ``nis_mean`` and ``coverage``,
-        the share of epochs whose truth lies in the claimed 95 % region.
+        the share of epochs with the truth inside the reported 95 % region.
     """
 
     times: np.ndarray
@@ -90,17 +90,17 @@ def judge(
 
     Parameters
     ----------
-    problem : that was estimated.
-    estimate : of it.
-    truth : that the problem hides.
-    windows : parts of the flight to be judged besides the whole, as ``case.windows`` has them.
+    problem : the estimated problem.
+    estimate : of the problem.
+    truth : of the problem, or the reference of a recorded flight.
+    windows : parts of the flight to judge in addition to the whole, for example ``case.windows``.
 
     Raises
     ------
     JudgingError
-        If the estimate is of another shape than the problem, is not finite, or claims a covariance
-        that is none; if the truth is of other epochs or states. Another run of the same case has
-        the same epochs and states: that its truth is the wrong one cannot be seen.
+        If the estimate has another shape than the problem, is not finite, or has an invalid
+        covariance; if the truth has other epochs or states. The truth of another run of the same
+        case has the same epochs and states and is not detected.
     """
     _require(problem, estimate, truth, windows)
     try:
@@ -155,9 +155,9 @@ def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
 
 
 def epochs_outside(problem: Problem, mean: np.ndarray) -> np.ndarray:
-    """Return at which epochs (K,) an estimate (K, n) believes to be outside the problem's map.
+    """Return the epochs (K,), as a mask, at which an estimate (K, n) lies outside the map.
 
-    At none if there is no map, or no track whose errors the states are.
+    There are none without a map or a track.
     """
     if problem.track is None or problem.map is None:
         return np.zeros(problem.epochs, dtype=bool)

@@ -50,7 +50,7 @@ ERRORS = "settled_position_ms"
 
 
 def kind(causality: str) -> str:
-    """Return which estimators one is compared with: smoothers, or those that see the past alone."""
+    """Return the kind of an estimator for comparisons: smoothers, or causal estimators."""
     return "smoother" if causality in SMOOTHERS else "causal"
 
 
@@ -93,9 +93,9 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
-    """Return chosen pairs, a family of tests of their own, with :data:`FAMILY`.
+    """Return chosen pairs, a separate family of tests, with :data:`FAMILY`.
 
-    As :func:`pairs`, but p-values are adjusted over these pairs alone, such as the claims of a
+    As :func:`pairs`, but p-values are adjusted over these pairs only, for example the claims of a
     paper. ``needed_runs`` of an undecided pair: the number of runs that would decide it
     (:func:`.statistics.runs_to_decide`).
 
@@ -126,7 +126,7 @@ def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.
 
 
 class PairedRuns(NamedTuple):
-    """What the runs of one estimator on one case are compared by.
+    """Data of the runs of one estimator on one case for comparisons.
 
     Attributes
     ----------
@@ -143,13 +143,13 @@ class PairedRuns(NamedTuple):
 
     @classmethod
     def of(cls, runs: pd.DataFrame) -> PairedRuns:
-        """Return those of a table of runs of one estimator on one case."""
+        """Return the data from a table of runs of one estimator on one case."""
         ordered = runs.sort_values("run")
         run, draw, squares = (ordered[name].to_numpy() for name in ("run", "draw", ERRORS))
         return cls(run, draw, squares, succeeded(ordered))
 
     def among(self, runs: np.ndarray) -> PairedRuns:
-        """Return the pairs of some runs, by their numbers (N,)."""
+        """Return the data of some runs, by their numbers (N,)."""
         chosen = np.isin(self.run, runs)
         return PairedRuns(*(values[chosen] for values in self))
 
@@ -196,7 +196,7 @@ def judged(pairs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def pair_of(table: pd.DataFrame, case: str, first: str, second: str) -> dict[str, Any] | None:
-    """Return the comparison of two estimators as seen from the first, None without one."""
+    """Return the comparison of two estimators from the view of the first; None if there is none."""
     chosen = table[table["case"] == case]
     for one, other in ((first, second), (second, first)):
         matching = chosen[(chosen["first"] == one) & (chosen["second"] == other)]

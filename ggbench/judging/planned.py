@@ -28,10 +28,10 @@ def planned(flight: Flight) -> pd.DataFrame:
     """Return the Cramér–Rao bound along the track of a flight, a row for each epoch.
 
     Columns: ``time_s``; ``latitude_deg``, ``longitude_deg``, ``height_m`` of the truth; bounds on
-    the standard deviation of the errors, given the readings up to the epoch, ``east_m``,
+    the standard deviation of the errors, given the measurements up to the epoch, ``east_m``,
     ``north_m``, ``up_m``, ``position_m`` (spherical), ``east_mps``, ``north_mps``, ``up_mps``,
-    ``velocity_mps`` (spherical); and the spherical ones given the readings of the whole flight,
-    ``position_smoothed_m``, ``velocity_smoothed_mps``. What the bound leaves out is said at
+    ``velocity_mps`` (spherical); and the spherical bounds given all measurements,
+    ``position_smoothed_m``, ``velocity_smoothed_mps``. For the errors that the bound omits, see
     :func:`ggbench.simulation.flight_bounds.bounds`.
     """
     import pandas as pd  # not at the top: it loads slowly
@@ -60,8 +60,8 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
 
     Parameters
     ----------
-    case : the case; of one with draws, run 0.
-    smoothed : for a smoother, which uses all readings, instead of a filter.
+    case : the case; with draws, that of run 0.
+    smoothed : whether the bound is that of a smoother, given all measurements, instead of a filter.
     """
     flight = prepare(case.of_run(0))
     bound = flight_bound(flight)
@@ -70,7 +70,7 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
 
 
 def around(case: CaseSpec, headings: int, starts: int, step_km: float) -> pd.DataFrame:
-    """Return :func:`tracks` of evenly spread headings and a square of starts about a flight's.
+    """Return :func:`tracks` for evenly spread headings and a square of starts around the flight's.
 
     Parameters
     ----------
@@ -91,14 +91,14 @@ def tracks(
     Parameters
     ----------
     case : with a flight of segments, or of a track from a file.
-    places_km : to the east and north of its start [km].
-    turns_deg : by which it is turned about each start [deg].
+    places_km : displacements of the start to the east and north [km].
+    turns_deg : clockwise rotations about each start [deg].
 
     Returns
     -------
     ``east_km``, ``north_km``, ``heading_deg`` at the start, ``bound_m`` (:func:`bound_of`),
-    ``present``, which is true of the flight as it is, in any case a row, and ``reason`` of those
-    that cannot be flown, which come last.
+    ``present``, true for the given flight, which always has a row, and ``reason`` for tracks that
+    cannot be flown; these come last.
 
     Raises
     ------

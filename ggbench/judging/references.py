@@ -1,4 +1,4 @@
-"""Bound and oracle that the estimates of a block of runs are compared with."""
+"""Bounds and oracles for comparison with the estimates of a block of runs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class CaseBound:
         return self._squares[name]
 
     def means(self, name: str) -> np.ndarray:
-        """Return their means (W, 2) over the windows."""
+        """Return the means (W, 2) of these bounds over the windows."""
         return _window_means(self.squares(name), self._times, self._windows)
 
     @property
@@ -51,7 +51,7 @@ class CaseBound:
 
     @property
     def required_m(self) -> float:
-        """Position error within which a run must end to succeed [m]."""
+        """Required position error at the end of a run [m]."""
         if self._windows.required_m is not None:
             return self._windows.required_m
         last = self.means("filter")[WINDOWS.index("last20"), 0]
@@ -63,7 +63,7 @@ def metrics(name: str, bound: CaseBound, oracle: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    name : of the bound that the estimates of the runs are compared with.
+    name : of the bound for the causality of the estimates.
     bound : of the flight.
     oracle : (R, W, 2) of the runs, from :func:`oracle_means`.
     """
@@ -79,9 +79,9 @@ def oracle_means(
     error_state: np.ndarray,
     transition: np.ndarray,
 ) -> np.ndarray:
-    """Return mean squared errors (R, W, 2) of the oracle, an estimator linearised at the truth.
+    """Return mean squared errors (R, W, 2) of the oracle, a filter linearised at the truth.
 
-    Only where the model is right (:func:`.situations.is_right_model`).
+    The model must be right (:func:`.situations.is_right_model`).
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def oracle_means(
 
 
 def parts(name: str) -> tuple[str, int | None]:
-    """Return causality and lag [ticks] of the name of a bound."""
+    """Return causality and lag [ticks] from the name of a bound."""
     if name.startswith("fixed-lag-"):
         return "fixed-lag", int(name.removeprefix("fixed-lag-"))
     return name, None

@@ -1,7 +1,7 @@
 """Errors and consistency of runs, and validation of estimates.
 
-Estimates come as blocks, (R, K, ...) of R runs and K epochs; a single run is a block of one. What
-is said of a run depends on no other run of its block: the kernels go through them one by one.
+Estimates are blocks (R, K, ...) of R runs and K epochs; a single run is a block of one. The kernels
+process one run after the other, so no result depends on other runs of the block.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _ROUNDING = 1e-9
 
 
 def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarray:
-    """Return which epochs (K,) belong to a window.
+    """Return the epochs (K,) of a window, as a mask.
 
     ``whole``: from the first update on; ``settled``: from ``settled_from_s`` on; ``last20``: the
     last ``last_s`` seconds.
@@ -60,15 +60,15 @@ def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarra
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The judgement of estimates: of R runs, or of one without the leading axis.
+    """Errors and consistency of R runs, or of one without the leading axis.
 
     Attributes
     ----------
     position_error, velocity_error : (R, K) spherical errors ‖·‖ [m], [m/s].
     nees : (R, K) normalised estimation error squared of the six judged states; NaN without P.
-    nis : (R, K) normalised innovation squared; NaN where there is none.
+    nis : (R, K) normalised innovation squared; NaN if not available.
     components : (R, K, 6) errors of position and velocity, ENU, estimated − true.
-    sigmas : (R, K, 6) their claimed standard deviations.
+    sigmas : (R, K, 6) reported standard deviations.
     """
 
     position_error: np.ndarray
@@ -80,13 +80,13 @@ class Evaluation:
 
 
 def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return part of an estimate as contiguous floats of this shape (...).
+    """Return part of an estimate as contiguous floats of a given shape (...).
 
     Raises
     ------
     ValueError
-        If it has another shape, holds anything but real numbers, or is an array of a kind that
-        means more than its numbers: masked ones, numbers with units.
+        If it has another shape, contains anything but real numbers, or is a masked array or one
+        with units.
     """
     require_plain(name, array)
     values = np.asarray(array)
@@ -100,7 +100,7 @@ def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def require_plain(name: str, array: Any) -> None:
-    """Raise ValueError if an array, or one in a list, means more than its numbers."""
+    """Raise ValueError for an array, also in a list, with a mask or units."""
     if isinstance(array, list | tuple):
         for item in array:
             if not isinstance(item, float):  # by far most of them
@@ -117,7 +117,7 @@ def require_plain(name: str, array: Any) -> None:
 def evaluate_block(
     error_state: np.ndarray, mean: np.ndarray, cov: np.ndarray | None
 ) -> tuple[Evaluation, list[str]]:
-    """Judge estimates of the INS error against the true one; the NIS is left NaN.
+    """Evaluate estimates of the INS error against the true error; the NIS stays NaN.
 
     The corrected navigation solution is INS − x̂, so its error is x_true − x̂.
 
@@ -129,9 +129,9 @@ def evaluate_block(
 
     Returns
     -------
-    The judgement, and what is wrong with each run ("" if nothing): numbers that are not finite, a
-    covariance of position and velocity that is not positive definite. Of such a run the judgement
-    says nothing.
+    The evaluation, and the fault of each run ("" if none): numbers that are not finite, or a
+    covariance of position and velocity that is not positive definite. The evaluation of such a run
+    is invalid.
     """
     runs, epochs, _ = mean.shape
     errors = np.full((2, runs, epochs), np.nan)
@@ -251,12 +251,12 @@ def _evaluate(
 
 
 def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
-    """Judge one estimate (:func:`evaluate_block`), the NIS of a filter included.
+    """Evaluate one estimate (:func:`evaluate_block`), including the NIS of a filter.
 
     Raises
     ------
     ValueError
-        If its numbers are not finite or its covariance is none.
+        If its numbers are not finite or its covariance is invalid.
     """
     shape = (problem.epochs, problem.dimension)
     mean = real_array("mean", estimate.mean, shape)
@@ -279,10 +279,10 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
 
 
 def window_means(evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:
-    """Return (R, W, 5): the :data:`METRICS` of each run in each of :data:`WINDOWS`.
+    """Return the :data:`METRICS` (R, W, 5) of each run in each of :data:`WINDOWS`.
 
-    Mean squared errors, mean NEES, mean NIS of the epochs that have one, and the share of epochs
-    whose NEES is below the 95 % quantile of a consistent estimate's.
+    They are mean squared errors, mean NEES, mean NIS of the epochs with innovations, and the share
+    of epochs with a NEES below the 95 % quantile of χ².
     """
     masks = np.array([window_mask(times, windows, name) for name in WINDOWS])
     out = np.empty((len(evaluation.nees), len(WINDOWS), len(METRICS)))
@@ -333,7 +333,7 @@ def _window_means(
 def window_metrics(
     evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
 ) -> dict[str, dict[str, float]]:
-    """Return each window's metrics (:func:`window_means`) of one run, by name; times are (K,)."""
+    """Return the metrics (:func:`window_means`) of one run by window; times are (K,)."""
     block = Evaluation(**{name: values[None] for name, values in vars(evaluation).items()})
     means = window_means(block, times, windows)[0].tolist()
     return {
@@ -343,8 +343,9 @@ def window_metrics(
 
 
 def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
-    """Return whether a run's final position error is beyond 10 × bound and beyond the INS's.
+    """Return whether a run's final position error exceeds 10 × bound and the error of the INS.
 
-    Beyond by more than rounding: the INS alone has its own error, summed up in another order.
+    It must exceed the INS error by more than rounding, because the estimate of the INS alone is
+    summed in another order.
     """
     return final_error > max(10.0 * final_bound, (1.0 + _ROUNDING) * final_ins_error)

@@ -33,13 +33,13 @@ _READINGS = ("outlier", "dropout", "noise_freedom")
 
 
 def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
-    """Return the situation of a case: the first that fits its keys, of :data:`SITUATIONS`.
+    """Return the situation of a case: the first of :data:`SITUATIONS` that fits its keys.
 
     Parameters
     ----------
     case : the case.
-    correlation_m : the field's correlation length along the track [m]; NaN where it is not known:
-        the prior then counts as narrow.
+    correlation_m : correlation length of the field along the track [m]; NaN if unknown: the prior
+        then counts as narrow.
     """
     if case.measured_sensors():
         return "measured"
@@ -67,9 +67,9 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
 
 
 def is_right_model(case: CaseSpec) -> bool:
-    """Return whether the assumed model is the true one, in all that a case can state.
+    """Return whether the assumed model equals the true one in all keys of the case.
 
-    Gaps at known times are no error of the model. The truth of measured readings is not known.
+    Gaps at known times are no model errors. For measured data the truth is unknown.
     """
     spec = case.gradiometer
     white = spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"

@@ -23,13 +23,12 @@ STANDING = (
 
 
 def standing(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each causal estimator but the INS, with :data:`STANDING`.
+    """Return a row for each causal estimator except the INS, with :data:`STANDING`.
 
     ``recommended_in``: the number of cases in which it is recommended; ``worst_ratio``,
     ``mean_ratio``: largest and geometric mean of its RMS error over that of the best estimator of a
-    case; ``seconds_per_run``: the geometric mean. Those recommended most often come first, then
-    those of the least mean ratio, then the cheapest. Only estimators that flew all runs of a case
-    count in it.
+    case; ``seconds_per_run``: the geometric mean. The order is by number of recommendations, then
+    mean ratio, then time. In each case only estimators with all runs count.
 
     Parameters
     ----------

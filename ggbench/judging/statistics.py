@@ -1,7 +1,6 @@
-"""Tests, bands of consistency, and intervals of shares and means, on arrays of runs.
+"""Tests, bands of consistency, and intervals of shares and means over runs.
 
-A run is one independent sample: its epochs are strongly correlated, so everything here counts
-runs.
+A run is one independent sample, because its epochs are strongly correlated.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class LogRatio:
 def log_ratio(first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray) -> LogRatio:
     """Return the ratio of two estimators' errors on the same runs.
 
-    Every cluster counts as one sample, its mean logarithm. Two clusters are needed for a test.
+    Every cluster is one sample: its mean logarithm. A test needs two clusters.
 
     Parameters
     ----------
@@ -86,10 +85,11 @@ def log_ratio(first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray) 
 def runs_to_decide(
     first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray, tests: int
 ) -> float:
-    """Return the number of runs that a verdict on a pair needs, as these runs are.
+    """Return the number of runs needed for a verdict on a pair, extrapolated from these runs.
 
-    The least one with which the means of as many runs differ, or are equivalent, with a power of
-    80 % (normal approximation); ∞ where none is enough, NaN with fewer than two clusters.
+    It is the least number with which the test finds a difference, or equivalence, with a power of
+    80 % (normal approximation). It is ∞ if no number is sufficient, and NaN with fewer than two
+    clusters.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def runs_to_decide(
 def exact_p(one: int, other: int) -> float:
     """Return the two-sided p-value of "one and other are equally likely" (binomial, exact).
 
-    McNemar's (1947) exact test of pairs that differ, and the sign test.
+    It is the p-value of McNemar's (1947) exact test of discordant pairs, and of the sign test.
     """
     total = one + other
     return min(1.0, 2.0 * float(bdtr(min(one, other), total, 0.5))) if total else 1.0
@@ -121,12 +121,12 @@ def exact_p(one: int, other: int) -> float:
 def share_interval(hits: np.ndarray, cluster: np.ndarray) -> tuple[float, float, float]:
     """Return a share of runs and its 95 % interval (Wilson 1927).
 
-    Where clusters differ more than independent runs would, the interval is that of as many
-    independent runs as they are worth.
+    If clusters differ more than independent runs, the interval is that of the effective number of
+    independent runs.
 
     Parameters
     ----------
-    hits : (runs,) which runs are counted.
+    hits : (runs,) mask of the counted runs.
     cluster : (runs,) number of the track or map error that runs share.
     """
     if len(hits) == 0:
@@ -147,13 +147,13 @@ def _independent_runs(hits: np.ndarray, cluster: np.ndarray) -> float:
 
 
 def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
-    """Return the p-value of "at most this share of runs" (binomial, exact); 1 without runs.
+    """Return the p-value of "at most this share of runs" (exact binomial test); 1 without runs.
 
     Parameters
     ----------
-    hits : (runs,) which runs are counted, or what part of each.
+    hits : (runs,) mask of the counted runs, or a fraction for each.
     cluster : (runs,) number of the track or map error that runs share.
-    share : to be tested.
+    share : hypothesis of the test.
     """
     if len(hits) == 0:
         return 1.0
@@ -172,9 +172,9 @@ def mean_interval(
 ) -> tuple[float, float, float]:
     """Return the mean over clusters of values (runs,) and its interval (Student's t).
 
-    NaN with one cluster.
+    The ends are NaN with one cluster.
 
-    The interval leaves out ``alpha``, half of it on each side.
+    The probability outside the interval is ``alpha``, half of it on each side.
     """
     means = cluster_means(values, cluster)
     mean, count = float(means.mean()), len(means)
@@ -196,17 +196,17 @@ def wilson(hits: float, runs: float) -> tuple[float, float, float]:
 
 
 def mean_band(samples: int, dimension: float) -> tuple[float, float]:
-    """Return the 95 % band of the mean NEES or NIS of a consistent estimator; NaN without samples.
+    """Return the 95 % band of the mean NEES or NIS of a consistent estimator; NaN if empty.
 
-    χ² with samples × dimension degrees of freedom (Bar-Shalom et al. 2001, § 5.4.2). For the NEES a
-    run is one sample, as if it were a single epoch (its epochs are strongly correlated): the
-    false-alarm rate of a window's mean is 5 % at most. The innovations of a filter are white: every
-    epoch of every run is a sample, and the false-alarm rate is 5 %.
+    The mean has a χ² distribution with samples × dimension degrees of freedom (Bar-Shalom et al.
+    2001, § 5.4.2). For the NEES a run is one sample, as if it were a single epoch (its epochs are
+    strongly correlated): the false-alarm rate of a window's mean is 5 % at most. The innovations of
+    a filter are white: every epoch of every run is a sample, and the false-alarm rate is 5 %.
 
     Parameters
     ----------
-    samples : number of runs, or of all their epochs with a reading.
-    dimension : number of states, or the mean number of channels of a reading.
+    samples : number of runs, or of all their epochs with a measurement.
+    dimension : number of states, or mean number of channels of a measurement.
     """
     if samples == 0:
         return math.nan, math.nan
@@ -217,13 +217,13 @@ def mean_band(samples: int, dimension: float) -> tuple[float, float]:
 def coverage_band(runs: int, level: float = 0.95) -> tuple[float, float]:
     """Return the 95 % band of a consistent estimator's coverage: the share of epochs inside.
 
-    Binomial, as if each run were a single epoch (its epochs are strongly correlated): the
-    false-alarm rate is 5 % at most. NaN without runs.
+    The band is binomial with one sample per run, because epochs are strongly correlated. The
+    false-alarm rate is at most 5 %. NaN without runs.
 
     Parameters
     ----------
     runs : number of runs.
-    level : the probability with which the truth is inside.
+    level : nominal probability that the truth is inside.
     """
     if runs == 0:
         return math.nan, math.nan
@@ -234,7 +234,7 @@ def coverage_band(runs: int, level: float = 0.95) -> tuple[float, float]:
 
 @lru_cache(maxsize=64)
 def binomial_quantile(probability: float, count: int, share: float) -> int:
-    """Return the least k such that at most k of ``count`` succeed with that probability or more.
+    """Return the least k such that P(successes ≤ k) is at least ``probability``.
 
     Parameters
     ----------
@@ -257,19 +257,19 @@ def excess_p_value(
 ) -> float:
     """Return the one-sided p-value of "after's MRSE is at most (1 + threshold) × before's".
 
-    Student's t-test that after − (1 + threshold)²·before has no positive mean, on the pairs; for
-    independent samples that of Welch (1947). These should be equally many: squared errors are
-    skewed, and with unequal numbers the test is wrong in its tails.
+    Pairs use Student's t-test of the hypothesis that after − (1 + threshold)²·before has no
+    positive mean. Independent samples use Welch's test (1947) and should be equally many, because
+    squared errors are skewed.
 
     Parameters
     ----------
     before_ms, after_ms : (runs,) mean squared errors [m² or m²/s²].
-    threshold : relative excess of MRSE that is tolerated.
-    paired : the two are of the same runs.
+    threshold : tolerated relative excess of MRSE.
+    paired : whether both belong to the same runs.
 
     Returns
     -------
-    1 with fewer than two runs of either; without any spread 0 or 1.
+    The p-value; 1 with fewer than two runs of either, and 0 or 1 without any spread.
 
     Raises
     ------
@@ -297,8 +297,8 @@ def excess_p_value(
 def holm(p_values: Iterable[float]) -> np.ndarray:
     """Return p-values (m,) adjusted for their number by Holm's (1979) step-down procedure.
 
-    Those below α reject true hypotheses with a probability of at most α, all of them together and
-    however they depend on each other.
+    Rejecting those below α rejects any true hypothesis with a probability of at most α, for any
+    dependence of the tests.
     """
     p = np.asarray(list(p_values), dtype=float)
     order = np.argsort(p)

@@ -1,7 +1,7 @@
 """Metrics of estimators over many runs: a row per case, estimator and window.
 
-A run is judged once, in the worker (:mod:`.judging.run_errors`). Runs that share a drawn track or
-map error form a cluster; intervals are over clusters.
+A worker evaluates each run once (:mod:`.judging.run_errors`). Runs that share a drawn track or map
+error form a cluster. Intervals resample clusters.
 """
 
 from __future__ import annotations
@@ -90,15 +90,15 @@ OFTEN = 0.30
 
 
 def succeeded(runs: pd.DataFrame) -> np.ndarray:
-    """Return which runs (R,) finished and ended within the required error."""
+    """Return the runs (R,), as a mask, that finished and ended within the required error."""
     near = runs["final_position_error_m"] <= runs["required_m"]
     return np.asarray(near & (runs["status"] == "ok"))
 
 
 def lost(runs: pd.DataFrame) -> np.ndarray:
-    """Return which runs (R,) finished, ended outside the required error, and do not report it.
+    """Return the runs (R,), as a mask, that ended outside the required error without warning.
 
-    Their mean NEES over the last window is beyond the 99.9 % quantile of χ².
+    Their mean NEES over the last window exceeds the 99.9 % quantile of χ².
     """
     beyond = runs["last20_nees"].to_numpy(float) > consistency.BEYOND
     finished = (runs["status"] == "ok").to_numpy()
@@ -116,8 +116,8 @@ def metrics(
     ----------
     runs : table of runs (:meth:`.results.folder.Results.runs`).
     published : case to published RMS errors of position [m] and velocity [m/s].
-    measurements : case to window to (epochs, channels): its epochs with a measurement in one run,
-        and the mean number of channels then. Where absent, the mean NIS has no band.
+    measurements : case to window to (epochs, channels): number of epochs with a measurement in one
+        run, and their mean number of channels. Without it the mean NIS has no band.
     """
     import pandas as pd
 

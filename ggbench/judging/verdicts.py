@@ -1,7 +1,7 @@
 """Verdict on a case: best estimator, recommended estimators, gain of aiding.
 
 Estimators are compared on equal runs. Recommendations are cross-fitted: the best estimator of the
-runs of even number is compared on those of odd number, then the reverse. Both must agree.
+even runs is compared on the odd runs, and vice versa. Both must agree.
 """
 
 from __future__ import annotations
@@ -43,13 +43,14 @@ class Verdict(NamedTuple):
 
     Attributes
     ----------
-    best : the estimator of least RMS error among the consistent ones, else among all; "" if none
-        was compared. Where none is recommended, it is the *least bad*.
-    recommended : labels of those recommended: first those as cheap as any, in the campaign's order.
+    best : estimator of least RMS error among the consistent ones, else among all; "" if none was
+        compared. If none is recommended, it is the *least bad*.
+    recommended : labels of the recommended estimators, the cheapest first, then in the order of the
+        campaign.
     consistent : number of consistent estimators.
-    gain : verdict on the best of each half against the INS in the other half, "undecided" where
-        the two differ, "" without an INS or with a single run.
-    reason : why none is recommended, "" if one is.
+    gain : verdict on the best of each half against the INS in the other half; "undecided" if the
+        two differ, "" without an INS or with a single run.
+    reason : reason why none is recommended; "" if one is.
     """
 
     best: str = ""
@@ -60,7 +61,7 @@ class Verdict(NamedTuple):
 
 
 class UnequalRunsError(ValueError):
-    """Estimators are compared that did not fly the same runs."""
+    """The compared estimators did not fly the same runs."""
 
 
 def require_equal_runs(runs: pd.DataFrame) -> None:
@@ -73,7 +74,7 @@ def require_equal_runs(runs: pd.DataFrame) -> None:
 
 
 def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of those estimators that flew all runs of a case and seldom failed."""
+    """Return the runs of the estimators that flew all runs of a case and seldom failed."""
     own = [runs["case"], runs["estimator"]]
     flown = runs["run"].groupby(own).transform("count")
     failed = (runs["status"] != "ok").groupby(own).transform("mean")
@@ -85,13 +86,13 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
 
     An estimator is *recommended* if
 
-    - it is consistent or conservative, its covariance at most twice too large;
-    - it succeeds in half of the runs or more, and not surely less often than another one;
-    - its RMS error is near that of the best one in both halves of the runs (:func:`_near`).
+    - it is consistent or conservative, and its covariance is at most twice too large;
+    - it succeeds in at least half of the runs, and not surely less often than another one;
+    - its RMS error is near the best one in both halves of the runs (:func:`_near`).
 
-    None is recommended where the best one is not surely better than the INS in both halves, if
-    that flew, or where there are fewer than 40 runs. A failed run counts with the largest error of
-    any estimator in it, the INS included.
+    None is recommended with fewer than 40 runs, or if the best one is not surely better than the
+    INS in both halves. A failed run counts with the largest error of any estimator in it, including
+    the INS.
 
     Parameters
     ----------

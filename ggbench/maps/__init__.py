@@ -1,6 +1,6 @@
-"""Gravity-gradient maps: made from the shipped data, read from files and written to them.
+"""Gravity-gradient maps: built from shipped data, read from files and written to them.
 
-``ggbench map build`` makes one from data of your own. What stands here is loaded when it is used.
+``ggbench map build`` builds a map from users' data. Names of this module are loaded at first use.
 """
 
 from __future__ import annotations

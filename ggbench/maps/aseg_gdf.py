@@ -33,8 +33,8 @@ class Field:
     Attributes
     ----------
     name, count, width : of the field.
-    number : whether its format is one of numbers.
-    description : what its definition says besides.
+    number : whether its format is numeric.
+    description : rest of its definition.
     """
 
     name: str

@@ -30,7 +30,7 @@ _HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
 
 def require_size(what: str, shape: tuple[int, ...], most: int) -> None:
-    """Raise MapError if so many nodes are more than ``most``. ``what`` begins the sentence."""
+    """Raise MapError for more than ``most`` nodes; ``what`` is the subject of the sentence."""
     nodes = math.prod(map(int, shape))
     if nodes > most:
         raise MapError(
@@ -44,10 +44,10 @@ def require_size(what: str, shape: tuple[int, ...], most: int) -> None:
 def require_possible(
     what: str, tensor: NDArray[np.floating], disturbance: NDArray[np.floating]
 ) -> None:
-    """Raise MapError if values of a map cannot be those of a disturbing field.
+    """Raise MapError if the values of a map are impossible for a disturbing field.
 
     They are a tensor (..., 6) [E] and a gravity disturbance (..., 3) [m/s²], finite; ``what`` names
-    the map at the beginning of the sentence.
+    the map, the subject of the sentence.
     """
     largest = _largest(tensor)
     if largest > LARGEST_GRADIENT:
@@ -77,7 +77,7 @@ def require_possible(
 
 
 def clean_text(text: str) -> str:
-    """Return a text of a stranger as one that can be shown: no control characters, not endless."""
+    """Return an untrusted text without control characters and with limited length."""
     clean = text[:_MOST_TEXT]
     clean = "".join("�" if unicodedata.category(c) in _HIDDEN else c for c in clean.strip())
     return clean if len(text) <= _MOST_TEXT else f"{clean}… ({len(text)} characters)"

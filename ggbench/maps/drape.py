@@ -1,7 +1,7 @@
 """Draped layers of a map: their base surface, and fields at equal heights above it.
 
 The base is the upper envelope of the terrain, smoothed to the map's spacing. It is nowhere below
-the ground, so that a height above it is one above the ground at least.
+the ground, so a height above it is at most the height above ground.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def base_surface(
     """Return heights of the base surface above the ellipsoid at nodes, (n_lat, n_lon) [m].
 
     The terrain's highest cell within half a spacing, or within one cell if that is more, averaged
-    over the same width. Where the spline through the nodes would lie below a cell, they are raised.
+    over the same width. Nodes are raised if the spline through them would lie below a cell.
     """
     steps = terrain.latitude_step_deg, terrain.longitude_step_deg
     nodes = latitude_deg, longitude_deg
@@ -121,7 +121,7 @@ class DrapedTerrain:
     ----------
     masses : of the terrain.
     ratio : see :meth:`TerrainMasses.field`.
-    smooth : the terrain whose field is left out, with level layers; None: nothing is.
+    smooth : smoothed terrain whose field is subtracted, on level layers; None: no subtraction.
     """
 
     masses: TerrainMasses
@@ -132,7 +132,7 @@ class DrapedTerrain:
     def of(
         cls, part: TerrainPart, nodes: Nodes, tolerance: float, continued: bool = True
     ) -> tuple[DrapedTerrain, float]:
-        """Return a terrain's part for draped nodes, and the error of its lines of mass [E].
+        """Return the terrain part for draped nodes, and the error of its lines of mass [E].
 
         The nodes have a base; the tolerance [E] is that of :meth:`TerrainMasses.ratio_for`.
         """
@@ -176,7 +176,7 @@ class SmoothTerrain:
 
     @classmethod
     def of(cls, part: TerrainPart, nodes: Nodes) -> SmoothTerrain | None:
-        """Return the terrain that a part leaves out; None if it leaves out nothing."""
+        """Return the smoothed terrain that a part subtracts; None without subtraction."""
         from .ground import Ground
 
         if part.above_degree is None:
@@ -208,8 +208,8 @@ def draped(part: Part, nodes: Nodes) -> Iterator[Layer]:
 def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[Layer]:
     """Yield a field on draped layers by polynomials in the height through level layers.
 
-    The level layers lie at Chebyshev's points. With a floor above the lowest node the field is
-    continued downwards from the layers above the floor: only a smooth one can be.
+    The level layers lie at Chebyshev's points. If the floor lies above the lowest node, the field
+    is continued downwards from the layers above the floor. Only a smooth field allows this.
 
     Raise MapError if a layer has too many nodes.
     """

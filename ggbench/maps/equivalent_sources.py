@@ -1,11 +1,12 @@
-"""Point masses that reproduce survey lines, found by damped least squares.
+"""Point masses that reproduce survey lines, by damped least squares.
 
 The masses lie on a regular grid at one depth below the flights (Dampney 1969,
-doi:10.1190/1.1439996). Their field is harmonic above them, so that all components of a map belong
-together. Each line and component has an unknown constant, for processed gradients have no mean
-along a line. The constants are eliminated: both sides are deviations from the mean of a line.
+doi:10.1190/1.1439996). Their field is harmonic above them, so all components of a map are
+consistent. Each line and component has an unknown constant, because processed gradients have zero
+mean along a line. The constants are eliminated: both sides are deviations from the mean of a line.
 
-The area is taken for flat: over 50 km the Earth falls by 50 m from a plane, over 20 km by 8 m.
+The area is assumed to be flat: over 50 km the Earth deviates by 50 m from a plane, over 20 km by 8
+m.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Plane:
 
     @classmethod
     def under(cls, lines: SurveyLines) -> Plane:
-        """Return the plane under the middle of some lines. Raises MapError if they are too wide."""
+        """Return the plane under the middle of lines. Raises MapError if they extend too far."""
         middles = [0.5 * (v.min() + v.max()) for v in (lines.latitude_deg, lines.longitude_deg)]
         plane = cls(*map(float, middles))
         widest = max(float(np.ptp(axis)) for axis in plane.metres(lines)[:2])
@@ -75,7 +76,7 @@ class Plane:
 
     @property
     def metres_per_degree(self) -> tuple[float, float]:
-        """Of latitude and of longitude."""
+        """Metres per degree of latitude and longitude."""
         meridian, prime_vertical = radii_of_curvature(math.radians(self.latitude_deg))
         cosine = math.cos(math.radians(self.latitude_deg))
         return math.radians(meridian), math.radians(prime_vertical * cosine)
@@ -104,7 +105,7 @@ class EquivalentSources:
     masses: Array
 
     def along(self, lines: SurveyLines, samples: NDArray[np.int64]) -> Array:
-        """Return what the masses make of the components of some samples, (n, components)."""
+        """Return the components of the field of the masses at some samples, (n, components)."""
         return self._fields(self.plane.metres(lines)[:, samples]) @ weights_of(lines).T
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
@@ -122,7 +123,7 @@ class EquivalentSources:
 
 
 def weights_of(lines: SurveyLines) -> Array:
-    """Return what measured components are of six gradients [E] and gravity [m/s²], (c, 9)."""
+    """Return weights (c, 9) of measured components in six gradients [E] and gravity [m/s²]."""
     weights = np.zeros((len(lines.components), 9))
     if lines.quantity == "disturbance":
         weights[0, 8] = -_MGAL
@@ -136,7 +137,7 @@ class Equations:
 
     Samples are averaged over blocks of three tenths of the depth.
 
-    Raises MapError if there are more masses than can be solved for.
+    Raises MapError if there are too many masses.
     """
 
     def __init__(self, lines: SurveyLines, depth_m: float, spacing_m: float) -> None:
@@ -187,7 +188,7 @@ class Equations:
 
 
 def residuals(sources: EquivalentSources, lines: SurveyLines, index: int) -> Array:
-    """Return reading minus map of a line, without their mean over it, (n, components)."""
+    """Return measurement minus map of a line, less the mean of the line, (n, components)."""
     samples = lines.samples(index)
     differences: Array = lines.values[samples] - sources.along(lines, samples)
     return differences - differences.mean(axis=0)

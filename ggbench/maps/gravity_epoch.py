@@ -41,13 +41,13 @@ class _Coefficient:
 
 
 def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None) -> bytes:
-    """Return the lines of coefficients with those that vary with time reduced to an epoch.
+    """Return the lines of coefficients, with time-variable ones reduced to an epoch.
 
-    ``body`` are the lines below the header of a file; ``intervals`` says whether each of them has
-    an interval of validity (icgem2.0).
+    ``body`` are the lines below the header of a file; ``intervals`` states whether lines have an
+    interval of validity (icgem2.0).
 
-    Raises MapError if coefficients vary and there is no epoch, or none does and there is one; if a
-    line cannot be read, or the epoch lies outside all intervals.
+    Raises MapError if coefficients vary but there is no epoch, or an epoch but no varying
+    coefficients; if a line cannot be read, or the epoch lies outside all intervals.
     """
     lines = [match[0].decode("latin-1") for match in _VARYING.finditer(body)]
     if not lines:

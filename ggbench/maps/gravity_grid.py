@@ -1,4 +1,4 @@
-"""Reading a geoid, gravity anomalies or gravity disturbances on a grid of the user's own."""
+"""Reader of users' grids of a geoid, gravity anomalies or gravity disturbances."""
 
 from __future__ import annotations
 
@@ -48,26 +48,25 @@ def read_grid(
     """Return the grid in a netCDF file (also GMT's), a raster, a ``.gdf`` or an ``.npz`` file.
 
     A netCDF file has one variable on latitude x longitude. Its attribute ``units``, and the unit of
-    a raster's band, is m for a geoid and mGal, µGal, Gal or m/s² for gravity, in which mGal is
-    assumed when nothing is said. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or
-    Surfer grid, as its suffix says. A ``.gdf`` file of ICGEM's calculation service says itself what
-    quantity, unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and
-    ``N_1e4m`` [1e-4 m], a geoid.
+    a raster's band, is m for a geoid and mGal, µGal, Gal or m/s² for gravity; without a unit mGal
+    is assumed. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or Surfer grid, identified by
+    its suffix. A ``.gdf`` file of ICGEM's calculation service states its quantity, unit and height.
+    An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m`` [1e-4 m], a geoid.
 
     Parameters
     ----------
     path : of the file.
     kind : ``geoid``, ``anomaly`` or ``disturbance``.
-    height_m : above the ellipsoid, where the values hold [m].
-    area : where values are needed. A grid with gaps is cut to it, and one around the Earth opposite
-        to it, unless it is held by the grid as it is. None: everywhere.
-    voids : values in the file that mark gaps, besides those that it declares and the usual ones.
+    height_m : height of the values above the ellipsoid [m].
+    area : area in which values are needed. A grid with gaps is cut to it. A grid around the Earth
+        is cut opposite to it, unless its own edges suit. None: everywhere.
+    voids : further values in the file that mark gaps.
 
     Raises
     ------
     MapError
-        If the file cannot be read, has gaps in the area, an irregular grid, other units, or values
-        that such a grid cannot have.
+        If the file cannot be read, has gaps in the area, an irregular grid, other units, or
+        impossible values.
     """
     units = dataclasses.replace(_UNITS[kind], voids=tuple(voids), kind=kind)
     try:

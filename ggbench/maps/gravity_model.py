@@ -1,7 +1,7 @@
 """Global gravity field models: files of spherical harmonic coefficients.
 
 The ``.gfc`` files of the International Centre for Global Earth Models (Barthelmes and Förste 2011),
-plain or packed with gzip, zip or tar, and the ``.npz`` file that the package carries.
+plain or packed with gzip, zip or tar, and the shipped ``.npz`` file.
 """
 
 from __future__ import annotations
@@ -59,15 +59,15 @@ class GravityModel:
 def read_model(
     path: Path, highest: int | None = None, epoch: datetime.date | None = None
 ) -> GravityModel:
-    """Return the model in a ``.gfc`` file, perhaps packed, or in an ``.npz`` file.
+    """Return the model of a ``.gfc`` file, also packed, or of an ``.npz`` file.
 
     An ``.npz`` file holds ``cs``, rows (C, S) for n = 0... and, within n, m = 0..n, ``gm`` [m³/s²]
     and ``r`` [m]. Degrees above the ``highest`` are left out; an ``epoch`` is for coefficients that
     vary with time.
 
-    Raises MapError if the file cannot be read, is no such file, has coefficients twice or not at
-    all, or does not go to the degree; if it varies with time and has no epoch, or the other way
-    round.
+    Raises MapError if the file cannot be read, has another format, duplicate or missing
+    coefficients, or a lower degree; if its coefficients vary with time but there is no epoch, or
+    the reverse.
     """
     content = content_of(path, MapError, "the coefficients ")
     if path.suffix == ".npz":

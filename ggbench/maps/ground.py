@@ -1,7 +1,7 @@
 """Highest ground of a terrain, the lower limit of a map of level layers.
 
-Parker's series holds above the highest ground only: over a valley such a map begins as high as over
-the summit. :mod:`.drape` has layers that follow the ground.
+Parker's series is valid only above the highest ground, so over a valley the map begins as high as
+over the summit. Layers of :mod:`.drape` follow the ground.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Ground:
     Attributes
     ----------
     terrain, geoid_height_m : see :class:`ggbench.maps.parts.TerrainPart`.
-    area : the bounds that are asked of the map.
-    clearance_m : height above the ground at which will be flown; None: not said.
+    area : requested bounds of the map.
+    clearance_m : planned height of the flight above the ground; None: unknown.
     """
 
     terrain: Terrain
@@ -46,22 +46,22 @@ class Ground:
 
     @property
     def highest_m(self) -> float:
-        """How high it is."""
+        """Height of the highest ground."""
         return float(np.max(self.terrain.height_m)) + self.geoid_height_m
 
     @property
     def place_deg(self) -> tuple[float, float]:
-        """Latitude and longitude of it [deg]."""
+        """Latitude and longitude of the highest ground [deg]."""
         row, column = np.unravel_index(
             int(np.argmax(self.terrain.height_m)), self.terrain.height_m.shape
         )
         return float(self.terrain.latitudes_deg[row]), float(self.terrain.longitudes_deg[column])
 
     def lowest_m(self) -> float:
-        """The lowest height of a map by default.
+        """Default height of the lowest layer.
 
-        As low as the terrain's own spacing tells of the field, as the series converges, and as a
-        Fourier grid of moderate size allows; at most as high as will be flown over the summit.
+        It is limited by the spacing of the terrain, the convergence of the series, and the size of
+        the Fourier grid. It is at most the height of the planned flight over the summit.
         """
         from ..gravity.parker import converging_clearance, least_clearance
 
@@ -75,7 +75,7 @@ class Ground:
         return max(self.floor_m(), min(lowest, self.highest_m + self.clearance_m))
 
     def floor_m(self) -> float:
-        """The lowest height that a map can begin at."""
+        """Lowest possible height of a map."""
         from ..gravity.parker import least_clearance
 
         return math.ceil(self.highest_m + least_clearance(self.terrain))
@@ -91,7 +91,7 @@ class Ground:
         )
 
     def beyond(self, nodes: Nodes, density: float) -> list[str]:
-        """Return what ground beyond the edges of the terrain is worth within the map, if much.
+        """Return a remark on the effect of unknown ground beyond the terrain, if it is large.
 
         A half-plane of the thickness t from the distance D on has the gradient 2 G ρ t / D.
         """
@@ -127,7 +127,7 @@ class Ground:
         ]
 
     def remark(self, nodes: Nodes) -> str:
-        """What the lowest layer of a map means to a flight that follows the ground."""
+        """Effect of the lowest layer on a flight that follows the ground."""
         lowest = float(nodes.height_m[0])
         lat, lon = nodes.latitude_deg, nodes.longitude_deg
         around = self.terrain.crop(lat[0], lat[-1], lon[0], lon[-1]).height_m

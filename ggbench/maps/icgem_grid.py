@@ -24,15 +24,15 @@ _KINDS = {
 
 
 class ReadGrid(NamedTuple):
-    """What a file holds.
+    """Content of a file.
 
     Attributes
     ----------
     latitude, longitude : of the nodes (n_lat,), (n_lon,) [deg], in any order.
     values : (n_lat, n_lon), NaN for gaps.
-    remarks : what to say of it.
-    height_m : above the ellipsoid, where gravity holds; None if the file does not say it.
-    is_height_anomaly : whether the file says so.
+    remarks : on the content.
+    height_m : height of the values above the ellipsoid; None if the file does not state it.
+    is_height_anomaly : whether the file states this.
     """
 
     latitude: Array
@@ -48,7 +48,7 @@ def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
 
     The unit is empty if the header names none.
 
-    Raises MapError if it is no such file, or its header says that it holds another quantity.
+    Raises MapError if the file has another format, or its header states another quantity.
     """
     text = path.read_text(errors="replace")
     head, _, body = text.partition("end_of_head")

@@ -1,8 +1,8 @@
-"""Gravity-gradient maps as netCDF files that describe themselves (CF conventions 1.11).
+"""Gravity-gradient maps as self-describing netCDF files (CF conventions 1.11).
 
-One variable per component of the tensor and of the gravity disturbance, each on height x latitude
-x longitude, so that every program which draws netCDF grids can draw them. A file is written layer
-by layer, never held in memory as a whole, and the same map always gives the same bytes.
+One variable per component of the tensor and of the gravity disturbance, each on height x latitude x
+longitude, so that any program for netCDF grids can draw them. A file is written layer by layer,
+without the whole map in memory. Equal maps give equal bytes.
 """
 
 from __future__ import annotations
@@ -91,8 +91,8 @@ _CRS = {
 class Nodes:
     """The nodes of a map: ascending and regular latitudes, longitudes [deg] and heights [m].
 
-    Of a draped map ``height_m`` are heights above its base surface, and ``base_m``
-    (n_lat, n_lon) are those of the base above the ellipsoid; None: the layers are level.
+    For a draped map ``height_m`` are heights above its base surface, and ``base_m`` (n_lat, n_lon)
+    is the height of the base above the ellipsoid; None: level layers.
     """
 
     latitude_deg: Array
@@ -160,17 +160,17 @@ def write_layers(
     compression: int = 1,
     errors: Errors | None = None,
 ) -> None:
-    """Write a map in one stroke: a reader sees a whole file or none.
+    """Write a map atomically.
 
     Parameters
     ----------
-    path : of the file; its folder is made if need be.
+    path : of the file; a missing folder is created.
     nodes : of the map.
     layers : one per height, from the lowest up.
     attributes : global attributes: title, source, history, ...
     dtype : ``float32`` (1e-5 E on a field of 100 E) or ``float64``.
     compression : of zlib, 0 (none) to 9.
-    errors : standard errors of the map, if they are known.
+    errors : standard errors of the map, if known.
 
     Raises
     ------
@@ -222,9 +222,9 @@ def write_layers(
 
 
 def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None:
-    """Write a map that is in memory.
+    """Write a map from memory.
 
-    Longitudes beyond 360° are counted in the turn in which the map's middle is within 180°.
+    Longitudes are shifted by whole turns, so that the middle of the map is within ±180°.
 
     Raises
     ------
@@ -322,5 +322,5 @@ def variables() -> dict[str, dict[str, str]]:
 
 
 def described(items: Mapping[str, Any]) -> str:
-    """Return a mapping as the one line of an attribute (JSON, keys in their order)."""
+    """Return a mapping as one line of JSON, for an attribute."""
     return json.dumps(dict(items), ensure_ascii=False, default=str)

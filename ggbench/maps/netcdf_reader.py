@@ -1,6 +1,6 @@
-"""Reading gravity-gradient maps from netCDF files, with a wary eye.
+"""Reader of untrusted netCDF files of gravity-gradient maps.
 
-:mod:`ggbench.maps.netcdf` says what is in them, and writes them.
+:mod:`ggbench.maps.netcdf` describes the format and writes it.
 """
 
 from __future__ import annotations
@@ -50,13 +50,12 @@ _LIMITS = {"height": (-12e3, 1e6), "latitude": (-90.0, 90.0), "longitude": (-360
 
 
 def read(path: Path, crop: Area | None = None) -> GradientMap:
-    """Return the map in a netCDF file of this package, or in one made like it.
+    """Return the map of a netCDF file in the format of this package.
 
-    Dimensions may be in any order, latitudes and heights may descend. Of a region to ``crop`` only
-    the nodes and a margin of a few are read.
+    Dimensions may be in any order, latitudes and heights may descend. With ``crop`` only the nodes
+    of this region and a small margin are read.
 
-    Raises MapError if there is no such file, or it is no complete map; the message says what is
-    wrong.
+    Raises MapError if the file does not exist or is no complete map; the message states the fault.
     """
     with _opened(path) as file:
         nodes, slices = _read_nodes(path, file)
@@ -78,7 +77,7 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
 def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
     """Return nodes, attributes and, one at a time, the layers of a file, from the lowest up.
 
-    Raises MapError as :func:`read` does, for the values when a layer is asked for.
+    Raises MapError as :func:`read`; faults of values are raised with their layer.
     """
     with _opened(path) as file:
         nodes, descends = _read_nodes(path, file)
@@ -95,9 +94,9 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
 
 
 def source_files(path: Path) -> dict[str, str]:
-    """Return of what files a map says that it was made: names, and their SHA-256.
+    """Return names and SHA-256 of the files from which a map was made.
 
-    Nothing of a map that does not say so, as one from elsewhere. Raises MapError if there is none.
+    The result is empty if the map does not state them. Raises MapError if the file does not exist.
     """
     with _opened(path) as file:
         text = _text(file, "source_files")

@@ -37,7 +37,7 @@ _ROUNDING_DEG = 1e-6  # what a bound may lie outside for being typed with few di
 
 @dataclasses.dataclass(frozen=True)
 class GridRequest:
-    """Bounds and spacings that a user asks for; None: derived from the inputs."""
+    """Bounds and spacings requested by a user; None: derived from the inputs."""
 
     south_deg: float | None = None
     north_deg: float | None = None
@@ -50,22 +50,22 @@ class GridRequest:
 
     @property
     def area(self) -> Area:
-        """The bounds."""
+        """Requested bounds."""
         return Area(self.south_deg, self.north_deg, self.west_deg, self.east_deg)
 
 
 @dataclasses.dataclass
 class SourceExtent:
-    """Where a source can serve, and where it should.
+    """Valid area and heights of a source.
 
     Attributes
     ----------
-    bounds : south, north, west, east [deg] that must not be left.
-    good : the same without the edges, where the field is poor.
+    bounds : limits south, north, west, east [deg].
+    good : the same without the edges, where the field is less accurate.
     floor_m : heights must be above this [m].
     lowest_m : lowest height by default [m].
-    sources_m : height of the sources [m]; their distance decides on the spacing.
-    ground : of sources that are ground, its highest point in words; else nothing.
+    sources_m : height of the sources [m]; the distance to them limits the spacing.
+    ground : description of the highest ground; "" for other sources.
     """
 
     bounds: Array
@@ -79,10 +79,10 @@ class SourceExtent:
 def nodes_for(
     extents: list[SourceExtent], request: GridRequest, drape: tuple[float, float] | None = None
 ) -> tuple[Nodes, list[str]]:
-    """The nodes, within what all sources can serve, and remarks about them.
+    """Return the nodes, within the limits of all sources, and remarks on them.
 
-    ``drape`` are the lowest and the highest layer above the ground of a draped map [m]; its nodes
-    have those heights, and no base yet.
+    ``drape`` are the heights of the lowest and highest layer of a draped map above its base [m];
+    the base itself is not set yet.
 
     Raise MapError if a request lies outside of the inputs or is too large.
     """
@@ -272,7 +272,7 @@ def _horizontal(request: GridRequest, across: float, distance: float, remarks: l
 
 
 def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
-    """Distances between nodes, horizontally and vertically, at a distance from the sources [m]."""
+    """Return largest horizontal and vertical node distances at a distance from the sources [m]."""
     quarter = _SPACING_PER_HEIGHT * distance
     if not ground:
         return quarter, quarter

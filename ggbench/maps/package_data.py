@@ -31,7 +31,7 @@ def data_arrays(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
 
 
 def damaged(name: str, keys: tuple[str, ...], error: Exception) -> MapError:
-    """Return the error of a data file whose arrays cannot be used."""
+    """Return the error for a data file with unusable arrays."""
     return MapError(
         f"Data file {name} of ggbench.scenarios is damaged ({text_of(error)}; arrays needed: "
         f"{', '.join(keys)}): install the package again."

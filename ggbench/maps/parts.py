@@ -1,9 +1,9 @@
 """Parts of a map, and their sum without double counting.
 
-Spherical harmonics hold the field up to a degree N. A terrain adds what is shorter: its field less
-that of the same terrain smoothed to degree N, which is in the harmonics already (residual terrain
-modelling, Forsberg 1984). The smoothing is a Butterworth filter in the terrain's own spectrum, and
-acts on masses: water counts by what it lacks against rock.
+Spherical harmonics represent the field up to a degree N. A terrain adds shorter wavelengths: its
+field less that of the terrain smoothed to degree N, which the harmonics contain already (residual
+terrain modelling, Forsberg 1984). The smoothing is a Butterworth filter of the terrain's spectrum
+and acts on masses: water counts with its density deficit.
 
 Every part yields, for each height of a map, the tensor (n_lat, n_lon, 6) [E] and the gravity
 disturbance (n_lat, n_lon, 3) [m/s²].
@@ -50,7 +50,7 @@ class Part(Protocol):
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
         """Yield tensor and gravity disturbance on latitude x longitude for each height.
 
-        They are the caller's to change.
+        Callers may change the arrays.
         """
         ...
 
@@ -73,8 +73,8 @@ class HarmonicPart:
     Attributes
     ----------
     coefficients : of the disturbing potential.
-    nodes_per_half_wave : of the highest degree, at which the series is summed at most; a spline of
-        degree 5 fills denser nodes. Infinite: at every node.
+    nodes_per_half_wave : largest number of nodes per half wave of the highest degree at which the
+        series is summed; a spline of degree 5 fills denser nodes. Infinite: every node.
     """
 
     coefficients: HarmonicCoefficients
@@ -104,7 +104,7 @@ class HarmonicPart:
 
 @dataclasses.dataclass(frozen=True)
 class ResidualPart:
-    """What a gravity grid holds beyond the harmonics that were removed from it."""
+    """The field of a gravity grid beyond the harmonics that were removed from it."""
 
     residual: Residual
 
@@ -120,14 +120,14 @@ class ResidualPart:
 
 @dataclasses.dataclass(frozen=True)
 class TerrainPart:
-    """The field of a terrain, or only of what is shorter in it than a degree's wavelength.
+    """The field of a terrain, or only its wavelengths shorter than those of a degree.
 
     Attributes
     ----------
     terrain, options : see :mod:`ggbench.gravity.parker`.
-    above_degree : leave out the field of the terrain smoothed to this degree; None: of nothing.
+    above_degree : subtract the field of the terrain smoothed to this degree; None: no subtraction.
     geoid_height_m : of the terrain's zero level above the ellipsoid [m].
-    dtype : of the field; ``float32`` errs by some 1e-5 E.
+    dtype : of the field; ``float32`` causes errors of about 1e-5 E.
     """
 
     terrain: Terrain
@@ -158,7 +158,7 @@ class TerrainPart:
 
 
 def terrain_about(terrain: Terrain, nodes: Nodes) -> Terrain:
-    """The terrain, or of one too wide for a plane what lies around the map."""
+    """Return the terrain, or its part around the map if it is too wide for a plane."""
     middle = 0.5 * (nodes.latitude_deg[0] + nodes.latitude_deg[-1])
     half = np.array([_WIDEST_DEG, _WIDEST_DEG / math.cos(math.radians(middle))]) / 2.0
     spans = np.ptp(terrain.latitudes_deg), np.ptp(terrain.longitudes_deg)
@@ -171,7 +171,7 @@ def terrain_about(terrain: Terrain, nodes: Nodes) -> Terrain:
 
 
 def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
-    """The terrain without waves of higher degree than that of a spherical harmonic series.
+    """Return the terrain without wavelengths shorter than those of a degree.
 
     A Butterworth filter of order 8: a wave of degree n keeps 1 / (1 + (n/degree)^16) of its
     amplitude. The terrain is continued by its mirror image at its edges.

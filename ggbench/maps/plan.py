@@ -1,4 +1,4 @@
-"""From a user's files to the parts, the nodes and the description of a map."""
+"""Plan of a map from users' files: parts, nodes and description."""
 
 from __future__ import annotations
 
@@ -51,24 +51,24 @@ _INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them 
 
 @dataclasses.dataclass(frozen=True)
 class Inputs:
-    """What a map is to be made of; see ``ggbench map build --help``.
+    """Inputs of a map; see ``ggbench map build --help``.
 
     Attributes
     ----------
     terrain, coefficients, grid, land_correction : files.
     grid_kind : ``geoid``, ``anomaly`` or ``disturbance``.
-    grid_height_m : above the ellipsoid, where the grid's values hold [m].
+    grid_height_m : height of the grid's values above the ellipsoid [m].
     min_degree, max_degree : of the coefficients.
-    epoch : for which coefficients hold that vary with time.
-    terrain_from_degree : up to which the other files hold the field.
+    epoch : epoch of time-variable coefficients.
+    terrain_from_degree : degree up to which the other files contain the field.
     density, water_density, order : of the terrain; see :mod:`ggbench.gravity.parker`.
-    geoid_height_m : of the terrain's zero level above the ellipsoid [m]; None: of a draped map that
-        of EGM2008, of a level one 0.
-    voids : values in terrains and grids that mark voids, besides what the files declare.
-    clearance_m : height above the ground at which will be flown; None if that is not said.
+    geoid_height_m : of the terrain's zero level above the ellipsoid [m]; None: EGM2008 for a draped
+        map, 0 for a level one.
+    voids : further values that mark voids in terrains and grids.
+    clearance_m : planned height of the flight above the ground; None if unknown.
     drape : lowest and highest layer above the ground of a draped map [m]; None: layers are level.
     tolerance_eotvos : of the field of a draped map's terrain.
-    continued : whether a draped map's terrain goes on beyond its edges.
+    continued : whether the terrain of a draped map is continued beyond its edges.
     """
 
     terrain: Path | None = None
@@ -112,10 +112,10 @@ class Plan:
 def plan(inputs: Inputs, request: GridRequest, command: str) -> Plan:
     """Return the plan of a map.
 
-    ``command`` is how the user asked for it, for the history of the file.
+    ``command`` is the user's command, for the history of the file.
 
-    Raises MapError or TerrainError if a file cannot be used, files do not go together, or bounds
-    cannot be served.
+    Raises MapError or TerrainError if a file is invalid, files contradict each other, or bounds are
+    outside the inputs.
     """
     sources = _Sources(inputs, request.area)
     nodes, remarks = nodes_for(sources.extents, request, inputs.drape)
@@ -452,7 +452,7 @@ class _Sources:
 
 
 class LayersWithRms:
-    """Layers on their way into a file, with the rms of their components."""
+    """Layers of a map and the RMS of their components, while they are written."""
 
     def __init__(self, layers: Iterator[Layer]) -> None:
         self._layers = layers

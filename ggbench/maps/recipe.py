@@ -1,7 +1,7 @@
-"""Recipes of maps from the package's data, and the cache of the maps that they make.
+"""Recipes of maps from shipped data, and the cache of these maps.
 
-:mod:`.maps.shipped` has the sources, and their fields. The normal field is no part of a map:
-:mod:`.gravity.ellipsoid` has it exactly. Tensor components are ordered [EE, EN, EU, NN, NU, UU],
+:mod:`.maps.shipped` defines the sources. Maps exclude the normal field, which
+:mod:`.gravity.ellipsoid` computes exactly. Tensor components are ordered [EE, EN, EU, NN, NU, UU],
 x = east, y = north, z = up.
 """
 
@@ -45,7 +45,7 @@ _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolatio
 
 @dataclass(frozen=True)
 class MapRecipe:
-    """What map to make: the same recipe always gives the same map.
+    """Recipe of a map: equal recipes give equal maps.
 
     Nodes start at the south-western, lowest corner; the last ones lie on the other bounds, or
     beyond them by less than one spacing.
@@ -86,11 +86,11 @@ class MapRecipe:
 
 
 def load_or_build(recipe: MapRecipe) -> GradientMap:
-    """Return the map of a recipe from the cache, or build it and put it there.
+    """Return the map of a recipe from the cache, or build and cache it.
 
-    The cache is a folder of netCDF files named by a hash of the recipe, the data and the code that
-    builds, so it never goes stale. A damaged file is replaced; a folder that cannot be written
-    costs only time. :data:`ggbench.numerics.cache.CACHE_VARIABLE` moves it.
+    The cache is a folder of netCDF files. Their names are hashes of recipe, data and code, so they
+    are never outdated. A damaged file is replaced. If the folder cannot be written, maps are built
+    again each time. :data:`ggbench.numerics.cache.CACHE_VARIABLE` sets the folder.
 
     Raises MapError as :func:`build` does.
     """
@@ -109,7 +109,7 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
 
 
 def build(recipe: MapRecipe) -> GradientMap:
-    """Make the map of a recipe.
+    """Build the map of a recipe.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def build(recipe: MapRecipe) -> GradientMap:
 
 
 def nodes_of(recipe: MapRecipe) -> Nodes:
-    """Return the nodes of a map; the recipe is a checked one."""
+    """Return the nodes of a map; the recipe must be from :func:`checked`."""
     step = recipe.spacing_arcmin / 60.0
     n_lat, n_lon, n_h = _node_counts(recipe)
     latitude = recipe.south_deg + step * np.arange(n_lat)
@@ -201,14 +201,14 @@ def _keep(path: Path, nodes: Nodes, gradient_map: GradientMap) -> None:
 
 
 def cached_path(recipe: MapRecipe) -> Path:
-    """Return where the map of a recipe is kept, or would be; the recipe is a checked one."""
+    """Return the path of a recipe's map in the cache; the recipe must be from :func:`checked`."""
     return cache_folder() / "maps" / f"{content_key(recipe)}.nc"
 
 
 def checked(recipe: MapRecipe) -> MapRecipe:
-    """Return a recipe with its longitudes counted as its source counts them.
+    """Return a recipe with longitudes in the turn of its source.
 
-    Raises MapError, as :func:`build` does, if it cannot be followed.
+    Raises MapError as :func:`build` if the recipe is impossible.
     """
     # Comparisons are such that NaN fails.
     if recipe.source not in SOURCES:
@@ -318,7 +318,7 @@ def _node_counts(recipe: MapRecipe) -> tuple[int, int, int]:
 
 
 def content_key(recipe: MapRecipe) -> str:
-    """Hash of all that determines the map: recipe, declaration of the source, data, code."""
+    """Return the hash of all inputs of a map: recipe, declaration of the source, data, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
     digest.update(rooms_hash(*MAP_ROOMS).encode())
@@ -330,12 +330,12 @@ def content_key(recipe: MapRecipe) -> str:
 
 
 def read(path: Path | str, crop: Area | None = None) -> GradientMap:
-    """Return the map in a netCDF file; with ``crop``, the nodes of this area and a few around it.
+    """Return the map of a netCDF file; with ``crop`` only the nodes of this area and a margin.
 
     Raises
     ------
     MapError
-        If there is no such file, or it is no complete map; the message says what is missing.
+        If the file does not exist or is no complete map; the message states the fault.
     """
     return netcdf_reader.read(Path(path), crop)
 
@@ -343,12 +343,12 @@ def read(path: Path | str, crop: Area | None = None) -> GradientMap:
 def write(path: Path | str, gradient_map: GradientMap) -> None:
     """Write a map to a netCDF file, ``*.nc``, in double precision.
 
-    In one stroke: a reader sees a whole file or none. The folder is made if need be.
+    The file is written atomically. A missing folder is created.
 
     Raises
     ------
     MapError
-        If the file is named otherwise, or cannot be written.
+        If the file has another suffix, or cannot be written.
     """
     path = Path(path)
     if path.suffix != ".nc":

@@ -1,8 +1,8 @@
-"""Sources of maps that the package carries, declared in ``shipped.toml``.
+"""Shipped sources of maps, declared in ``shipped.toml``.
 
-A source is a list of parts, of the same kinds as a user's map. What is rebuilt from the EGM2008
-geoid is not EGM2008's own field: over the Qinling mountains the two differ by some tenths of an E
-rms, at sea by 0.03 E (README of the data).
+A source is a list of parts of the same kinds as in users' maps. A field rebuilt from the EGM2008
+geoid differs from the field of EGM2008: over the Qinling mountains by some tenths of an E RMS, at
+sea by 0.03 E (README of the data).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SPEC = importlib.resources.files(__package__) / "shipped.toml"
 
 
 class Limits(NamedTuple):
-    """Where a source has a field, and how far apart nodes may be.
+    """Valid region of a source, and limits of the node spacing.
 
     Attributes
     ----------
@@ -43,10 +43,10 @@ class ShippedSource:
 
     Attributes
     ----------
-    provenance : where the data come from, in words.
+    provenance : source of the data, in words.
     highest_m : highest height of a map above the ellipsoid [m].
-    parts : whose sum is the field.
-    declaration : the source as it stands in ``shipped.toml``.
+    parts : parts of the field, which are added.
+    declaration : entry of the source in ``shipped.toml``.
     """
 
     provenance: str
@@ -56,7 +56,7 @@ class ShippedSource:
 
     @property
     def options(self) -> frozenset[str]:
-        """Fields of :class:`PartOptions` that some part follows."""
+        """Fields of :class:`PartOptions` that affect a part."""
         return frozenset().union(*(part.options for part in self.parts))
 
     @property
@@ -66,7 +66,7 @@ class ShippedSource:
 
     @property
     def errors(self) -> Errors | None:
-        """Standard errors of a map of one part, if they are known; of a sum they never are."""
+        """Standard errors of a map of one part, if known; those of a sum are unknown."""
         return self.parts[0].errors() if len(self.parts) == 1 else None
 
     def loaded(self, options: PartOptions) -> tuple[Part, ...]:
@@ -74,7 +74,7 @@ class ShippedSource:
         return tuple(part.part(options) for part in self.parts)
 
     def described(self, options: PartOptions) -> str:
-        """Return where a map comes from, in words."""
+        """Return the provenance of a map, in words."""
         notes = (part.note(options) for part in self.parts)
         return "; ".join(filter(None, (self.provenance, *notes)))
 

@@ -1,7 +1,7 @@
-"""Map parts made of data of the package.
+"""Map parts of shipped data.
 
-Each kind is a class, an entry of :data:`KINDS`: from the keys of a part in ``shipped.toml`` to the
-:class:`.parts.Part` that a user's data of the kind make, too.
+Each kind is a class in :data:`KINDS`. It converts the keys of a part in ``shipped.toml`` to a
+:class:`.parts.Part`, as for users' data.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class PartOptions:
 
     @property
     def relief(self) -> str:
-        """The smoothing in words."""
+        """Smoothing of the relief, in words."""
         if self.relief_smoothing_deg > 0.0:
             return f"relief smoothed by {self.relief_smoothing_deg} deg"
         return "relief not smoothed"
@@ -79,13 +79,13 @@ class PartOptions:
 
 @dataclasses.dataclass(frozen=True)
 class SpacingRule:
-    """Widest distances between nodes.
+    """Rule of the largest node distances.
 
     Attributes
     ----------
     share, vertical_share : of the heights above ``ground_m`` and ``vertical_ground_m``.
-    ground_m, vertical_ground_m : from where the heights of nodes count [m].
-    words, vertical_words : the rule as a message ends.
+    ground_m, vertical_ground_m : reference levels of these heights [m].
+    words, vertical_words : the rule, for the end of a message.
     """
 
     share: float
@@ -112,7 +112,7 @@ class ShippedPart(Protocol):
         ...
 
     def extent(self) -> SourceExtent:
-        """Return where the part has a field. Raises MapError as :meth:`part` does."""
+        """Return the valid region of the part. Raises MapError as :meth:`part`."""
         ...
 
     def spacing(self) -> SpacingRule | None:
@@ -124,7 +124,7 @@ class ShippedPart(Protocol):
         ...
 
     def note(self, options: PartOptions) -> str:
-        """Return what the options make of the part, in words; empty if nothing."""
+        """Return the effect of the options on the part, in words; "" for none."""
         ...
 
 
@@ -152,10 +152,10 @@ class ShippedHarmonics:
         """Return no rule: residuals have the shorter waves."""
 
     def errors(self) -> None:
-        """Return none: they are not known."""
+        """Return None: they are unknown."""
 
     def note(self, options: PartOptions) -> str:
-        """Return nothing."""
+        """Return ""."""
         return ""
 
 
@@ -166,9 +166,10 @@ class ShippedGeoid:
     Attributes
     ----------
     file, coefficients, topography : names of the data files.
-    lowest_m : above the ellipsoid, for which the resolution of the data is adequate [m].
+    lowest_m : lowest height above the ellipsoid for which the resolution of the data is adequate
+        [m].
     source_depth_m : depth below the ellipsoid of sources whose field would be as smooth [m]. Zero
-        for land; at sea, half of the shortest wavelength that the data hold.
+        for land; at sea, half of the shortest wavelength of the data.
     """
 
     SHARE: ClassVar[float] = 0.25
@@ -185,7 +186,7 @@ class ShippedGeoid:
         return self.file, self.topography, self.coefficients
 
     def part(self, options: PartOptions) -> Part:
-        """Return what the geoid holds beyond the harmonics."""
+        """Return the field of the geoid beyond the harmonics."""
         geoid = self.grid()
         if options.land_correction:
             elevation = self.elevation(geoid, options.relief_smoothing_deg)
@@ -222,7 +223,7 @@ class ShippedGeoid:
         )
 
     def errors(self) -> None:
-        """Return none: they are not known."""
+        """Return None: they are unknown."""
 
     def note(self, options: PartOptions) -> str:
         """Return the correction that turns the geoid into the height anomaly."""
@@ -259,8 +260,8 @@ class ShippedTerrain:
     Attributes
     ----------
     file : name of the data file.
-    clearance_m : least height of a map above the highest ground [m]: below, Parker's series grows
-        too long. It grows with the relief.
+    clearance_m : least height of a map above the highest ground [m]; below it Parker's series has
+        too many terms. It increases with the relief.
     """
 
     SHARE: ClassVar[float] = 0.6  # 0.01 E rms at a tenth of a kilometre above the highest ground
@@ -311,10 +312,10 @@ class ShippedTerrain:
         )
 
     def errors(self) -> None:
-        """Return none: they are not known."""
+        """Return None: they are unknown."""
 
     def note(self, options: PartOptions) -> str:
-        """Return the density, and how the relief is smoothed."""
+        """Return the density and the smoothing of the relief."""
         return f"{options.density_kg_m3:g} kg/m³, {options.relief}"
 
     def terrain(self) -> Terrain:
@@ -324,9 +325,9 @@ class ShippedTerrain:
 
 @dataclasses.dataclass(frozen=True)
 class ShippedMasses:
-    """The point masses that reproduce the lines of a survey.
+    """The point masses of a survey's lines.
 
-    ``studies/measured_surveys`` finds them from the lines, as ``ggbench map build --lines`` does.
+    ``studies/measured_surveys`` fits them to the lines, as ``ggbench map build --lines``.
     """
 
     SHARE: ClassVar[float] = 0.35  # 0.1 E rms
@@ -345,7 +346,7 @@ class ShippedMasses:
         return EquivalentSources(plane, stored["places"], stored["masses"])
 
     def extent(self) -> SourceExtent:
-        """Return the area of the lines and a little around it, from above the masses up."""
+        """Return the area of the lines with a margin, above the masses."""
         stored = _masses(self.file)
         bounds = stored["bounds"] + _LINES_MARGIN_DEG * np.array([-1.0, 1.0, -1.0, 1.0])
         highest = self._highest_m
@@ -371,7 +372,7 @@ class ShippedMasses:
         return stored["standard_error"], stored["error_distance"]
 
     def note(self, options: PartOptions) -> str:
-        """Return nothing."""
+        """Return ""."""
         return ""
 
     @property
@@ -389,7 +390,7 @@ KINDS: dict[str, type] = {
 
 
 def disturbing_coefficients(name: str) -> HarmonicCoefficients:
-    """Return coefficients in a data file of the package, less those of the normal field."""
+    """Return the coefficients of a data file, less those of the normal field."""
     data = data_arrays(name, ("cs", "gm", "r"))
     size = math.isqrt(2 * len(data["cs"]))
     cosine, sine = np.zeros((2, size, size))

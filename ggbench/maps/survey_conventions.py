@@ -21,14 +21,14 @@ _DIRECTIONS = ("east", "north", "up", "west", "south", "down")
 
 
 def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
-    """Return which axes fit lines better than those that were said; "" for none.
+    """Return the axes that fit lines better than the stated ones; "" if there are none.
 
-    Lines held back are compared with maps of the others, in each of the eight conventions.
+    Held-back lines are compared with maps of the others, in each of the eight conventions.
 
     Parameters
     ----------
-    survey_fit : a map that hardly predicts lines held back.
-    axes : of the file, as the user said, a key of :data:`.survey_lines.AXES`.
+    survey_fit : a map that hardly predicts held-back lines.
+    axes : axes of the file as stated by the user, a key of :data:`.survey_lines.AXES`.
     """
     lines = survey_fit.lines
     if lines.quantity != "gradient":

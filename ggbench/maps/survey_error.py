@@ -1,19 +1,20 @@
 """Standard error of a map of survey lines, and its correlation along a track.
 
-A line in the map and a line held back have the same noise. With N the noise's autocovariance:
+Lines in the map and held-back lines have equal noise, with the autocovariance N:
 
-- the residuals of lines held back have N plus the autocovariance of the map's error there;
-- those of lines in the map have N less that of its error, as the map has taken up so much of the
-  noise (exactly so of an optimal map: Rasmussen & Williams 2006, section 2.2).
+- the residuals of held-back lines have N plus the autocovariance of the map error there;
+- those of lines in the map have N less that of the map error, because the map has fitted part of
+  the noise (exact for an optimal map: Rasmussen & Williams 2006, section 2.2).
 
-Half of the difference is free of noise. It is the mean of the error's autocovariance on the lines
-of the survey and as far from them as the next line. The distance at which it falls to 1/e is kept.
+Half of the difference is free of noise. It is the mean autocovariance of the map error, over the
+lines of the survey and positions one line spacing away. The correlation distance is that at which
+it falls to 1/e.
 
 Components that no line measured get the error of an isotropic field, in which the variances of EE,
 EN, EU, NN, NU and UU are as 3 : 1 : 4 : 3 : 4 : 8.
 
-Half a difference that is not positive says nothing of the error, which is then not known. Residuals
-have no mean along a line, so the error leaves out the unknown constant of each line.
+If the difference is not positive, the error is unknown. Residuals have zero mean along a line, so
+the error excludes the unknown constant of each line.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ def _isotropic() -> Array:
 def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     """Return the standard error of the nine components of a map, and its correlation distance.
 
-    (9,) of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; (9,) [m]. NaN of gravity
-    where gradients were measured, and of gradients where gravity was. Both are NaN, too, where the
-    residuals of lines held back are no larger than those of lines in the map.
+    The error is (9,), of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; the
+    distance is (9,) [m]. Gravity is NaN if gradients were measured, and vice versa. Both are NaN if
+    the residuals of held-back lines are no larger than those of lines in the map.
     """
     measured = weights_of(fit.lines)
     basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured

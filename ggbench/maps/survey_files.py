@@ -1,4 +1,4 @@
-"""Survey lines read from Geosoft XYZ, ASEG-GDF2 and CSV files."""
+"""Reader of survey lines in Geosoft XYZ, ASEG-GDF2 and CSV files."""
 
 from __future__ import annotations
 
@@ -74,20 +74,20 @@ def read_lines(
     Parameters
     ----------
     path : ``*.xyz`` (Geosoft), ``*.dat`` with its ``*.dfn`` (ASEG-GDF2), ``*.csv``; or any ``.gz``.
-    columns : what the file calls ``line``, ``kind``, the :data:`REQUIRED`, the :data:`PROJECTED`
-        and the components; a unit in brackets behind a name, as in ``Alt [ft]``, holds in place of
-        the file's.
-    components : to use; none: all that the file has.
+    columns : names in the file of ``line``, ``kind``, the :data:`REQUIRED`, the :data:`PROJECTED`
+        and the components; a unit in brackets after a name, as in ``Alt [ft]``, replaces that of
+        the file.
+    components : to use; none: all in the file.
     axes : of the file's tensor, a key of :data:`AXES`.
     quantity : ``gradient`` [E], ``disturbance`` or ``anomaly`` (free-air) [mGal].
-    voids : values that mark missing ones, as they are in the file.
+    voids : values in the file that mark missing ones.
     crs : reference system of the coordinates, such as ``EPSG:32754``; None: WGS 84.
 
     Raises
     ------
     MapError
-        If the file cannot be read, lacks a column, or one is of another quantity; the message says
-        what was found.
+        If the file cannot be read, lacks a column, or a column has another quantity; the message
+        states the fault.
     """
     table = _table(path)
     unknown = sorted(set(columns or {}) - set(_KEYS))

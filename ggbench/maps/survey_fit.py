@@ -1,7 +1,7 @@
-"""Lines held back from a map: they choose its settings, and show its residuals.
+"""Cross-validation of a map of survey lines: settings and residuals of held-back lines.
 
-Whole lines are held back, every fifth one at a time, for neighbouring samples share their noise.
-Ties are never held back: they cross the others, and level them.
+Whole lines are held back, every fifth at a time, because neighbouring samples share their noise.
+Ties are never held back, because they cross and level the other lines.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _DAMPINGS = (0.03, 0.1, 0.3, 1.0)
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Settings that a user asks for; None: chosen on lines that are held back."""
+    """Settings requested by a user; None: chosen by cross-validation."""
 
     depth_m: float | None = None
     spacing_m: float | None = None
@@ -46,15 +46,15 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class SurveyFit:
-    """Point masses of survey lines, with what they leave of lines that they were not fitted to.
+    """Point masses of survey lines, with the residuals of held-back lines.
 
     Attributes
     ----------
     lines : of the survey.
-    settings, sources : of the map, which all lines make.
-    held_back : reading minus map of each line but ties, the map made without it and others, by the
-        line's index, without its mean.
-    scores : RMS residual of lines held back, for each setting that was tried.
+    settings, sources : of the map of all lines.
+    held_back : measurement minus map of each line except ties, less its mean, by the index of the
+        line; the map excludes the line.
+    scores : RMS residual of held-back lines, for each tested setting.
     """
 
     lines: SurveyLines
@@ -80,11 +80,11 @@ class SurveyFit:
 def fit(
     lines: SurveyLines, options: FitOptions, progress: Callable[[str], None] = lambda _: None
 ) -> SurveyFit:
-    """Return the map of all lines, with the settings whose residuals on lines held back are least.
+    """Return the map of all lines, with the settings of least residuals on held-back lines.
 
     ``progress`` is called with a sentence for each setting.
 
-    Raises MapError if there are fewer than two lines that can be held back.
+    Raises MapError if fewer than two lines can be held back.
     """
     folds = _folds(lines)
     ties = [index for index, kind in enumerate(lines.kinds) if kind == TIE]

@@ -1,4 +1,4 @@
-"""Lines of an airborne gravity survey in ggbench's axes, and their selection.
+"""Lines of an airborne gravity survey in axes of ggbench, and their selection.
 
 :mod:`.survey_files` reads them. Components have the names of the gradiometer's channels: ``xx`` is
 east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.
@@ -64,8 +64,8 @@ class SurveyLines:
     latitude_deg, longitude_deg, height_m : of each sample, (N,); above the ellipsoid.
     components : names, see :data:`COMPONENTS`, or only :data:`DISTURBANCE`.
     values : (N, len(components)) [E], axes east, north, up; or [mGal].
-    dropped : how many samples were left out because a value was missing.
-    remarks : what was made of units and missing values.
+    dropped : number of samples omitted because of a missing value.
+    remarks : on units and missing values.
     """
 
     names: tuple[str, ...]
@@ -82,7 +82,7 @@ class SurveyLines:
 
     @property
     def quantity(self) -> Quantity:
-        """What was measured."""
+        """Measured quantity."""
         return "disturbance" if self.components == (DISTURBANCE,) else "gradient"
 
     @property
@@ -95,7 +95,7 @@ class SurveyLines:
         return np.flatnonzero(self.line == index)
 
     def only(self, lines: Sequence[int]) -> SurveyLines:
-        """Return some of the lines, in their order here, and nothing of the others."""
+        """Return only some of the lines, in the same order."""
         numbers = sorted(lines)
         samples = np.isin(self.line, numbers)
         return dataclasses.replace(
@@ -111,7 +111,7 @@ class SurveyLines:
         )
 
     def chosen(self, patterns: Sequence[str]) -> list[int]:
-        """Return the lines that patterns name: a name, a pattern such as ``*.1``, or a kind.
+        """Return the lines of patterns: a name, a pattern such as ``*.1``, or a kind.
 
         Raises MapError if a pattern names no line.
         """
@@ -131,9 +131,9 @@ class SurveyLines:
         return sorted(numbers)
 
     def without(self, patterns: Sequence[str]) -> SurveyLines:
-        """Return the lines that no pattern names, see :meth:`chosen`.
+        """Return the lines that match no pattern, see :meth:`chosen`.
 
-        Raises MapError if a pattern names no line, or nothing is left.
+        Raises MapError if a pattern names no line, or no line remains.
         """
         out = self.chosen(patterns)
         if len(out) == len(self.names):
@@ -142,18 +142,19 @@ class SurveyLines:
 
 
 def in_our_axes(component: str, axes: str) -> tuple[str, int]:
-    """Return what a component of a file's axes is called in ours, and its sign; see :func:`turned`.
+    """Return name and sign of a component of a file in axes of ggbench; see :func:`turned`.
 
-    ``xz`` of axes north, east, down is ``yz`` with the opposite sign; ``xx-yy`` there is ``xx-yy``
-    with the opposite sign.
+    In axes north, east, down ``xz`` is ``yz`` with the opposite sign, and ``xx-yy`` changes its
+    sign.
     """
     return turned(component, AXES[axes])
 
 
 def turned(component: str, turn: Turn) -> tuple[str, int]:
-    """Return what a component is called in other axes, and its sign.
+    """Return name and sign of a component in other axes.
 
-    ``turn`` says which of the other axes each axis is, and in which direction.
+    ``turn`` contains, for each axis of the file, the parallel axis of the other system and its
+    sign.
     """
     if "-" in component:
         first, second = (f"{turn[pair[0]][0]}" * 2 for pair in component.split("-"))
@@ -166,7 +167,7 @@ def turned(component: str, turn: Turn) -> tuple[str, int]:
 def axes_in_words(turn: Turn, names: tuple[str, str, str, str, str, str]) -> str:
     """Return axes in words, as in ``x north, y east, z down``.
 
-    ``names`` are those of the directions of x, y and z, followed by the opposite ones.
+    ``names`` contains the directions of x, y and z, then the three opposite directions.
     """
     order = "xyz"
     return ", ".join(

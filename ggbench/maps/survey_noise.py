@@ -1,9 +1,9 @@
-"""Coloured noise of a survey's readings: a vector autoregression of lines held back from the map.
+"""Coloured noise of a survey: a vector autoregression of held-back lines.
 
-The residuals of lines held back hold the noise of the readings and the error of the map there.
-Their model is n_k = Σ A_i n_{k−i} + e_k, e ~ N(0, C), fitted by least squares to all lines at once
-(Lütkepohl 2005, section 3.2). The order is that under which lines held back from this fit are
-likeliest.
+The residuals of held-back lines contain the noise of the measurements and the map error. Their
+model is n_k = Σ A_i n_{k−i} + e_k, e ~ N(0, C), fitted by least squares to all lines at once
+(Lütkepohl 2005, section 3.2). The order maximises the likelihood of lines that are held back from
+this fit.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ def autoregression(
 
 
 def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
-    """Return the noise of lines held back, and a score of each order.
+    """Return the noise of held-back lines, and a score of each order.
 
-    The score is the mean log-likelihood of a sample of lines that the model was not fitted to.
+    The score is the mean log-likelihood per sample of lines outside the fit.
 
     Raises MapError if the samples are too few, too irregular, or the noise is not stationary.
     """

@@ -41,7 +41,7 @@ _LEAST = 1e-3
 
 
 class Column(NamedTuple):
-    """A column of a table that is used: its name, and its unit; empty if it has none."""
+    """A used column of a table: its name, and its unit or ""."""
 
     name: str
     unit: str
@@ -159,7 +159,7 @@ def require_limits(
 def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity) -> None:
     """Raise MapError if values (N,) without a stated unit are too small for any field.
 
-    Such are gradients in s⁻² and gravity in m/s².
+    This detects gradients in s⁻² and gravity in m/s².
     """
     unit, other = ("E", "s^-2") if quantity == "gradient" else ("mGal", "m/s2")
     unstated = [column.name for column in values if not column.unit]

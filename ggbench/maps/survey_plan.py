@@ -1,4 +1,4 @@
-"""From survey lines to the plan of a map."""
+"""Plan of a map of survey lines."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _DOUBTFUL = 0.7  # of the readings: the map then predicts less than half of the 
 
 @dataclasses.dataclass(frozen=True)
 class SurveyInputs:
-    """What a map of survey lines is to be made of; see ``ggbench map build --help``.
+    """Inputs of a map of survey lines; see ``ggbench map build --help``.
 
     Attributes
     ----------
     lines : file of the survey.
     columns, components, axes, quantity : of the file, see :func:`.survey_files.read_lines`.
-    leave_out : names, patterns or kinds of lines that the map must not know.
+    leave_out : names, patterns or kinds of lines to exclude.
     voids, crs : of the file, see :func:`.survey_files.read_lines`.
-    fit_options : settings that are not to be chosen.
+    fit_options : fixed settings.
     """
 
     lines: Path
@@ -50,9 +50,9 @@ class SurveyInputs:
 
 
 def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyFit:
-    """Return the map of a survey's lines, without those that are left out.
+    """Return the map of a survey's lines, without the excluded ones.
 
-    Raises MapError if the file cannot be used, or a line that is to be left out is not in it.
+    Raises MapError if the file is invalid, or an excluded line does not exist.
     """
     lines = read_lines(
         path=inputs.lines,
@@ -69,7 +69,7 @@ def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyF
 def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, command: str) -> Plan:
     """Return the plan of a map of survey lines.
 
-    Raises MapError if bounds cannot be served.
+    Raises MapError if bounds are outside the lines.
     """
     lines = fit.lines
     extent, request = _extent(fit), _with_heights(fit, request)
@@ -110,10 +110,10 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
 
 
 def doubts(fit: SurveyFit, axes: str) -> str:
-    """Return a warning if the map hardly predicts lines held back; empty if it does.
+    """Return a warning if the map hardly predicts held-back lines, else "".
 
-    Wrong axes and noise above the field both bring residuals to the RMS of the readings. ``axes``
-    are those of the file, as the user says; others that fit are named.
+    With wrong axes, or noise larger than the field, the residuals reach the RMS of the
+    measurements. ``axes`` are those stated by the user; the warning names axes that fit better.
     """
     unit = fit.lines.unit
     doubtful = ", ".join(
@@ -162,7 +162,7 @@ def _with_heights(fit: SurveyFit, request: GridRequest) -> GridRequest:
 
 
 def provenance_of(inputs: SurveyInputs, fit: SurveyFit, order: int) -> str:
-    """Return in a sentence what a model of noise was fitted to."""
+    """Return a sentence on the data to which a noise model was fitted."""
     left_out: Sequence[str] = inputs.leave_out
     return (
         f"ggbench {VERSION}: vector autoregression of order {order}, chosen and fitted on "

@@ -52,11 +52,11 @@ class SurveyTable:
     ----------
     path : of the file.
     columns : cells (N,) of each column; an empty cell is a missing value.
-    rows : number of each sample's line in the file (N,).
-    units : of columns that state one.
-    descriptions : of columns that have one.
-    voids : numbers that mark missing values, as the file declares them for a column.
-    cut : whether the last row was left out, being cut.
+    rows : (N,) line number of each sample in the file.
+    units : stated units, by column.
+    descriptions : stated descriptions, by column.
+    voids : declared marks of missing values, by column.
+    cut : whether an incomplete last row was omitted.
     """
 
     path: Path
@@ -68,9 +68,9 @@ class SurveyTable:
     cut: bool = False
 
     def named(self, name: str) -> str:
-        """Return the column of a name; "" if there is none.
+        """Return the column of a name; "" if it does not exist.
 
-        It may be written in other letters, and lack the unit in brackets of the file's name.
+        Case and a unit in brackets are ignored.
         """
         if name in self.columns:
             return name
@@ -94,7 +94,7 @@ class SurveyTable:
 
 
 def text_in(path: Path, content: bytes) -> str:
-    """Return the text of a survey; raises MapError if it holds other bytes than UTF-8's."""
+    """Return the text of a survey; raises MapError if it is not UTF-8."""
     try:
         text = content.decode("utf-8-sig")
         bad = text.find("\0")
@@ -113,10 +113,10 @@ def text_in(path: Path, content: bytes) -> str:
 def read_csv(path: Path, text: str) -> SurveyTable:
     """Return the table of a CSV text: commas, semicolons or tabs; lines with a # are remarks.
 
-    The first other line names the columns, unless it holds numbers and the remark above names as
-    many columns, as numpy.savetxt writes it.
+    The first other line names the columns, unless it contains numbers and the remark above names as
+    many columns (format of numpy.savetxt).
 
-    Raises ValueError or MapError if it is none.
+    Raises ValueError or MapError if the text is no table.
     """
     rows = text.splitlines()
     filled = [n for n, row in enumerate(rows) if row.strip() and row.lstrip()[:1] != "#"]
@@ -184,7 +184,7 @@ def read_xyz(path: Path, text: str) -> SurveyTable:
     it, in any of the forms ``Line 1000``, ``L1000``, ``LINE:1000`` and ``Line 1000 2008/07/03``.
     ``*`` is a missing value.
 
-    Raises ValueError or MapError if it is none.
+    Raises ValueError or MapError if the text is no table.
     """
     comments: list[list[str]] = []
     cells: list[list[str]] = []
@@ -269,5 +269,5 @@ def missing_line(table: SurveyTable, column: str) -> None:
 
 
 def unreadable(path: Path, ending: str, error: BaseException) -> MapError:
-    """Return what to say of a file that a reader cannot read."""
+    """Return the reason why a reader cannot read a file, for a message."""
     return MapError(f"{path} is not a {ending} file: {text_of(error)}.")

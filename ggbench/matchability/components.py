@@ -1,7 +1,7 @@
 """Index of matching suitability by principal components, as in the literature.
 
-The index finds what varies over the cells of a study, not what predicts an error: nothing in it has
-seen one.
+The index represents the variation over the cells of a study. It is not fitted to position errors,
+so it need not predict them.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class Components:
     ----------
     explained : (p,) shares of the variance, falling.
     vectors : (p, p), a component in each column, in the order of :data:`ORIENTATION`.
-    kept : how many of them are in the index.
-    index : (N,) Σ λ_k/Σλ v_kᵀx of the cells; NaN of a cell that was left out.
+    kept : number of components in the index.
+    index : (N,) Σ λ_k/Σλ v_kᵀx of the cells; NaN for an omitted cell.
     """
 
     explained: Array
@@ -49,12 +49,12 @@ class Components:
 
 
 def principal_components(statistics: Mapping[str, Array]) -> Components | None:
-    """Return the components of the statistics (N,) named in :data:`ORIENTATION`.
+    """Return the principal components of the statistics (N,) named in :data:`ORIENTATION`.
 
-    Of their logarithms, each turned so that larger is taken for better and then standardised. A
-    component is turned so that it correlates positively with the standard deviation: eigenvectors
-    have no sign. A cell one of whose statistics is not positive, as where a map is flat, is left
-    out. None if fewer than six cells remain, or a statistic is the same in all.
+    The inputs are the logarithms of the statistics, with signs such that larger is better,
+    standardised. The sign of a component is chosen such that it correlates positively with the
+    standard deviation. A cell with a statistic that is not positive, for example in a flat map, is
+    omitted. The result is None if fewer than six cells remain, or a statistic is equal in all.
     """
     columns = np.stack([np.asarray(statistics[name], float) for name in ORIENTATION], axis=1)
     usable = np.all(np.isfinite(columns) & (columns > 0.0), axis=1)
@@ -78,7 +78,7 @@ def principal_components(statistics: Mapping[str, Array]) -> Components | None:
 
 
 def grades(index: Array) -> list[str]:
-    """Return the grade of each cell, by thirds of the index (N,); the lowest where it is NaN."""
+    """Return the grade of each cell, by thirds of the index (N,); the lowest for NaN."""
     finite = index[~np.isnan(index)]
     if finite.size == 0:
         return [GRADES[0]] * index.size

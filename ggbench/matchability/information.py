@@ -2,8 +2,8 @@
 
 The instrument holds a local level, and its noise is white. h are its measurements in units of the
 noise, H their derivatives for a metre to the east and to the north. Heights, velocities and
-attitudes are assumed known: the numbers depend on the place and the track alone. The bound of a
-flight includes them all.
+attitudes are assumed known, so the results depend only on position and track. The bound of a flight
+includes all of them.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _APART_M = 20.0
 
 @dataclass(frozen=True)
 class Instrument:
-    """What reads the field.
+    """The instrument that measures the field.
 
     Attributes
     ----------
     kind : ``tensor``, all six components; ``uu``, the vertical gradient; ``gravity``, a gravimeter.
-    noise : standard deviation of each reading of each channel [E; mGal of a gravimeter].
+    noise : standard deviation of a measurement, per channel [E; for a gravimeter mGal].
     """
 
     kind: Kind = "tensor"
@@ -53,18 +53,18 @@ class Instrument:
 
     @property
     def unit(self) -> str:
-        """Of its readings."""
+        """Unit of the measurements."""
         return "mGal" if self.kind == "gravity" else "E"
 
     def readings(self, field: Field, positions: Array) -> Array:
         """Return h (N, c), in units of the noise, at positions (N, 3) [rad, rad, m].
 
-        A gravimeter's are reduced to gravity, normal and disturbing.
+        For a gravimeter h is normal gravity plus the disturbance.
 
         Raises
         ------
         OutsideMapError
-            If a gravimeter is outside the map; a gradiometer reads the border's values there.
+            If a gravimeter is outside the map; for a gradiometer the values of the border continue.
         """
         if self.kind == "gravity":
             disturbance = field.gravity_disturbance(*positions.T)[:, 2:]
@@ -93,7 +93,7 @@ class Instrument:
 
 
 def moved(positions: Array, offset: Array) -> Array:
-    """Return positions (..., 3) moved by offsets (..., 2) [m] to the east and north; broadcast."""
+    """Return positions (..., 3) displaced by offsets (..., 2) [m] to the east and north."""
     metres = metres_along(positions.reshape(-1, 3)).reshape(*positions.shape[:-1], 2)
     angles = offset / metres
     out = np.empty((*np.broadcast_shapes(angles.shape[:-1], positions.shape[:-1]), 3))
@@ -103,7 +103,7 @@ def moved(positions: Array, offset: Array) -> Array:
 
 
 def information(jacobians: Array) -> Array:
-    """Return Fisher's information J = Σ HᵀH (2, 2) [1/m²] of readings whose H (N, c, 2) are."""
+    """Return Fisher's information J = Σ HᵀH (2, 2) [1/m²] of measurements with H (N, c, 2)."""
     rows = jacobians.reshape(-1, 2)
     return np.asarray(rows.T @ rows)
 
@@ -129,9 +129,9 @@ def offsets(reach_m: float, step_m: float) -> Array:
 def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -> Array:
     """Return A(d) = ½ Σ ‖h(p) − h(p + d)‖² (s, s) of a track (N, 3) moved by offsets (s, s, 2).
 
-    Half of the squared distance of the two hypotheses: by so many nepers their likelihoods differ
-    on the mean. NaN in the corners of the grid, beyond the length of its axes, and where the moved
-    track leaves the map.
+    It is half of the squared distance of the two hypotheses, the mean difference of their log
+    likelihoods. It is NaN in the corners of the grid, beyond the length of its axes, and if the
+    displaced track leaves the map.
     """
     flat = grid.reshape(-1, 2)
     distances = np.full(len(flat), np.nan)
@@ -151,7 +151,7 @@ def least(ambiguities: Array, grid: Array, right_m: float, reach_m: float) -> fl
     Parameters
     ----------
     ambiguities, grid : (s, s), (s, s, 2) of :func:`ambiguity`.
-    right_m : r₀, within which a fix is the right one [m].
+    right_m : r₀, largest error of a right fix [m].
     """
     beyond = ambiguities[_ring(grid, right_m, reach_m) & ~np.isnan(ambiguities)]
     return float(beyond.min()) if beyond.size else np.nan
@@ -162,8 +162,8 @@ def false_fix_bound(
 ) -> float:
     """Return the union bound Σ Q(√(A(d)/2)) of the share of false fixes, at most 1.
 
-    Two hypotheses are √(2A) standard deviations apart, and the wrong one wins where noise crosses
-    the middle. The sum is over basins, the minima of A that lie beyond r₀.
+    Two hypotheses are √(2A) standard deviations apart. The wrong one wins if the noise exceeds half
+    of this distance. The sum is over basins, the minima of A that lie beyond r₀.
 
     Parameters
     ----------
@@ -179,10 +179,10 @@ def false_fix_bound(
 
 
 def spill(info: Array, right_m: float, sigma_m: float = np.inf) -> float:
-    """Return the share of fixes in the right basin that are yet further off than r₀.
+    """Return the share of fixes in the right basin with an error above r₀.
 
-    P(|e| > r₀) of e ~ N(0, (J + I/σ²)⁻¹), in polar coordinates; what :func:`false_fix_bound` leaves
-    out where the information J (2, 2) is little.
+    P(|e| > r₀) of e ~ N(0, (J + I/σ²)⁻¹), in polar coordinates. :func:`false_fix_bound` does not
+    include these fixes; they matter if the information J (2, 2) is small.
     """
     inverse = info + np.eye(2) / sigma_m**2
     if np.linalg.det(inverse) <= 0.0:

@@ -38,7 +38,7 @@ _ROUNDING = 1e-6
 
 
 class Bounds(NamedTuple):
-    """Where cells may lie [deg]; None: as far as the map reaches."""
+    """Bounds of the cells [deg]; None: limits of the map."""
 
     south: float | None = None
     north: float | None = None
@@ -62,20 +62,20 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Design:
-    """What is asked of each cell. None: derived from the size of the cells.
+    """Requirements on each cell. None: derived from the size of the cells.
 
     Attributes
     ----------
     height_m : of the flights above the ellipsoid, over a draped map above its base surface [m]; by
         default that of the map's lowest nodes.
     cell_deg : side of a cell [deg].
-    instrument : what reads the field.
+    instrument : for the measurements.
     spacing_m : between the nodes of the statistics; by default a fiftieth of the cell.
-    per_km2 : readings on a square kilometre, spread evenly, of the information.
+    per_km2 : measurements per square kilometre, for the information.
     track_m : length of straight tracks through the centre; by default the shortest side of a cell.
-    readings : of each track, the first and the last at its ends.
-    sigma_m : standard deviation, per axis, of the position before.
-    right_m : r₀, how far a fix may be off and be the right one; by default half of ``sigma_m``.
+    readings : number of measurements on a track, including its ends.
+    sigma_m : standard deviation of the position prior, per axis.
+    right_m : r₀, largest error of a right fix; by default half of ``sigma_m``.
     """
 
     height_m: float | None = None
@@ -111,7 +111,7 @@ class Design:
 
     @property
     def reach(self) -> float:
-        """How far from the truth a position may be sought [m]."""
+        """Largest displacement in the search for a position [m]."""
         return REACH * self.sigma_m
 
     @property
@@ -126,10 +126,10 @@ class Scored:
 
     Attributes
     ----------
-    design : what was asked, nothing of it None.
+    design : complete design, without None.
     table : a row for each cell; see :func:`score`.
     components : the principal components behind its index; None with too few cells.
-    draped : whether the map is a draped one.
+    draped : whether the map is draped.
     """
 
     design: Design
@@ -139,7 +139,7 @@ class Scored:
 
     @property
     def height(self) -> str:
-        """The height of the flights, in words."""
+        """Height of the flights, in words."""
         above = ABOVE_BASE if self.draped else ""
         return f"{self.design.height_m:g} m{above}"
 
@@ -147,15 +147,15 @@ class Scored:
 def score(
     field: Field, design: Design, bounds: Bounds | None = None, name: str = "the map"
 ) -> Scored:
-    """Score all cells that fit into a map with what surrounds them.
+    """Score all cells that fit into a map together with their surroundings.
 
     Heights of a draped map are those above its base surface, and tracks follow it.
 
     Parameters
     ----------
     field : of the map.
-    design : what is asked.
-    bounds : where cells may lie.
+    design : requirements.
+    bounds : of the cells.
     name : of the map, for messages.
 
     Returns
@@ -184,7 +184,7 @@ def score(
     Raises
     ------
     MapError
-        If the map does not hold the height or a cell, or something is asked that cannot be.
+        If the map does not contain the height or a cell, or a requirement is impossible.
     """
     import pandas as pd  # not at the top: it loads slowly
 
@@ -200,9 +200,9 @@ def score(
 
 
 def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
-    """Return the cells of a map, row by row from the south, and the design with nothing None.
+    """Return the cells of a map, row by row from the south, and the complete design.
 
-    The map reaches as far around them as a track through them may be sought.
+    The map extends beyond them by the largest displacement of a track.
 
     Raises
     ------
@@ -218,10 +218,10 @@ def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[l
 def cells_between(
     lower: Array, upper: Array, design: Design, bounds: Bounds, name: str, above: str = ""
 ) -> tuple[list[Cell], Design]:
-    """Return what :func:`cells_of` does of a map from and to a node (3,) [rad, rad, m].
+    """Return :func:`cells_of` for a map given by its first and last node (3,) [rad, rad, m].
 
-    ``above`` says above what heights are, in messages.
-    Raise MapError if the height or the cells do not fit in the map.
+    ``above`` names the reference of heights in messages. Raise MapError if the height or the cells
+    do not fit in the map.
     """
     height = float(lower[2]) if design.height_m is None else design.height_m
     if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
@@ -283,7 +283,7 @@ def _completed(design: Design, side: float) -> Design:
 
 
 def score_cell(field: Field, cell: Cell, design: Design) -> dict[str, float]:
-    """Return the row of one cell, all but the index; ``design`` has nothing that is None."""
+    """Return the row of one cell without the index; ``design`` must be complete."""
     assert design.spacing_m is not None
     assert design.height_m is not None
     nodes, east_m, north_m = _nodes(cell, design.height_m, design.spacing_m)
@@ -324,7 +324,7 @@ def _along_tracks(field: Field, cell: Cell, design: Design) -> dict[str, float]:
 
 
 def tracks(cell: Cell, design: Design) -> Iterator[tuple[float, Array]]:
-    """Yield the headings [deg] and where readings are taken (N, 3) [rad, rad, m], straight."""
+    """Yield headings [deg] and positions (N, 3) [rad, rad, m] of straight tracks."""
     assert design.track_m is not None
     assert design.height_m is not None
     along = np.linspace(-0.5, 0.5, design.readings)[:, np.newaxis] * design.track_m

@@ -27,7 +27,7 @@ _STRETCH = 1.01
 
 
 def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, float]:
-    """Return a map by its name, and the height at which it is to be scored [m].
+    """Return a map by its name, and the height for its score [m].
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
     Raises
     ------
     MapError
-        If there is no such map, or a shipped region has no map of that height or size.
+        If the map does not exist, or a shipped region has no map of that height or size.
     """
     if name not in SOURCES:
         if not name.endswith((".nc", ".npz")):

@@ -1,8 +1,7 @@
 """Statistics of a map cell that the literature uses to choose matching areas.
 
 A cell is an array g (m, n) of a scalar at m rows of nodes from south to north and n columns from
-west to east. The statistics are blind to the sensor: none has a noise in it, and none knows in
-which direction a track runs.
+west to east. The statistics do not depend on the sensor noise or on the direction of a track.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ _ROUNDING = 1e-13
 
 
 class Statistics(NamedTuple):
-    """Of one cell; u is the unit of the scalar.
+    """Statistics of one cell; u is the unit of the scalar.
 
     Attributes
     ----------
-    deviation, span : standard deviation and range [u], of what a plane leaves.
-    slope_deviation : standard deviation of the slope [u/m]; the plane is left in.
-    roughness : root mean square of differences of neighbours [u/m]; the plane is left in.
-    entropy : of the deviations, over its largest value: 0 to 1; small where few nodes stand out.
-    correlation_m : distance at which the autocorrelation falls to 1/e [m], of what a plane leaves.
+    deviation, span : standard deviation and range [u], less the best plane.
+    slope_deviation : standard deviation of the slope [u/m], with the plane.
+    roughness : RMS difference of neighbours [u/m], with the plane.
+    entropy : of the deviations, over its largest value: 0 to 1; small if few nodes deviate.
+    correlation_m : distance at which the autocorrelation falls to 1/e [m], less the best plane.
     """
 
     deviation: float
@@ -45,10 +44,10 @@ class Statistics(NamedTuple):
 
 
 def statistics(g: Array, east_m: float, north_m: float) -> Statistics:
-    """Return the statistics of a cell (m, n), whose nodes lie so far apart [m].
+    """Return the statistics of a cell (m, n) with given node distances [m].
 
-    A regional slope is removed where it would only measure how large the cell is, and kept where it
-    is something to see.
+    The best plane is removed from statistics that would otherwise measure the size of the cell, and
+    kept in the others.
     """
     rest = without_plane(g)
     lengths = correlation_length(rest, east_m), correlation_length(rest.T, north_m)
@@ -81,8 +80,7 @@ def deviation(g: Array) -> float:
 def slope(g: Array, east_m: float, north_m: float) -> Array:
     """Return S = √(g_x² + g_y²) (m − 2, n − 2) by the differences of 3 × 3 nodes (Horn 1981).
 
-    In units of g per metre. An angle atan S, as of a terrain, has no meaning for a field: S has a
-    unit.
+    The unit is that of g per metre. Unlike the slope of a terrain, S is no tangent of an angle.
     """
     over_rows = g[:-2] + 2.0 * g[1:-1] + g[2:]
     over_columns = g[:, :-2] + 2.0 * g[:, 1:-1] + g[:, 2:]
@@ -94,8 +92,8 @@ def slope(g: Array, east_m: float, north_m: float) -> Array:
 def roughness(g: Array, east_m: float, north_m: float) -> float:
     """Return the mean RMS difference of neighbours of g (m, n) by rows and columns, per metre.
 
-    The literature gives them per node, so that they depend on the spacing twice: as the length of a
-    step, which is divided by here, and as what a step leaves out, which remains.
+    In the literature the difference is per node and depends on the spacing in two ways: by the
+    length of a step, which is divided out here, and by the unresolved field, which remains.
     """
     along_rows = math.sqrt(float(np.mean(np.diff(g, axis=1) ** 2))) / east_m
     along_columns = math.sqrt(float(np.mean(np.diff(g, axis=0) ** 2))) / north_m
@@ -105,8 +103,8 @@ def roughness(g: Array, east_m: float, north_m: float) -> float:
 def difference_entropy(g: Array) -> float:
     """Return H / ln(mn), H = −Σ D ln D with D = |g − ḡ| / Σ|g − ḡ|, g (m, n); 1 of a constant.
 
-    Erratum of the literature, which has |g − ḡ|/|ḡ| for a deviation: as a share of the sum |ḡ|
-    cancels; without the sum it explodes where the mean is near zero, as that of an anomaly is.
+    The literature uses |g − ḡ|/|ḡ| for a deviation. As a share of the sum, |ḡ| cancels. Without the
+    sum it diverges for a mean near zero, as that of an anomaly.
     """
     deviations = np.abs(g - g.mean()).ravel()
     total = deviations.sum()
@@ -119,15 +117,15 @@ def difference_entropy(g: Array) -> float:
 def fractal_dimension(g: Array) -> float:
     """Return the fractal dimension of the surface g (m, n), 2 to 3, by differential box counting.
 
-    After Sarkar & Chaudhuri (1994), on the largest square of a grid: boxes of s × s nodes from 2 to
-    a quarter of its side, whose heights are that share of the range of g, each counted between the
-    lowest and the highest node of its border and inside, so that neighbours share their edges. NaN
-    of a constant.
+    The method is that of Sarkar & Chaudhuri (1994), on the largest square of a grid. Boxes have s ×
+    s nodes, from 2 to a quarter of the side, and heights in proportion to the range of g. Boxes are
+    counted between the lowest and highest node inside and on the border, so that neighbours share
+    their edges. The result is NaN for a constant.
 
     Raises
     ------
     ValueError
-        If the grid is smaller than 64 × 64: fewer boxes give no line.
+        If the grid is smaller than 64 × 64.
     """
     side = min(g.shape) - 1
     if side + 1 < FRACTAL_NODES:

@@ -1,1 +1,1 @@
-"""Compiled arithmetic: kernels, runs as vectors, their matrices, rotations; the source's hash."""
+"""Compiled arithmetic: kernels, vectors and matrices of runs, rotations, source hashes."""

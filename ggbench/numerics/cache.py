@@ -1,9 +1,9 @@
 """Folders of compiled code, one for each version of a module's source.
 
-Numba sees that a function's own file has changed, but not the file of a function that it inlines,
-and would go on with the old formula. The code of a module is therefore in a folder that is named
-by a hash of the module's source and of all that it imports. A change is compiled where it matters,
-and all processes and checkouts with the same source share a folder.
+Numba detects a change of a function's own file, but not of the file of an inlined function, and
+would use the old formula. Therefore the folder of a module's code is named by a hash of the source
+of the module and all its imports. A change recompiles only affected modules. All processes and
+checkouts with equal source share a folder.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MOST_KEPT = 5
 
 
 def cache_folder() -> Path:
-    """Return the folder of everything that can be made again: maps and compiled code."""
+    """Return the folder of all reproducible files: maps and compiled code."""
     return Path(os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_path("ggbench"))
 
 
@@ -44,12 +44,12 @@ def code_folder(file: Path) -> Path:
 
 
 def make_code_folder(folder: Path) -> None:
-    """Make a folder of compiled code, and remove those of its module's oldest sources.
+    """Create a folder of compiled code, and remove those of the module's oldest sources.
 
     Raises
     ------
     OSError
-        If it cannot be made.
+        If the folder cannot be created.
     """
     if not folder.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -58,10 +58,10 @@ def make_code_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def exclusive_lock(file: Path) -> Iterator[None]:
-    """Return a context in which no other process makes a file of the cache.
+    """Return a context in which no other process writes a file of the cache.
 
-    A process that has waited may find the file. The lock is a file next to it, and ends with the
-    process. Without a writable folder there is no lock, and work may be done twice.
+    After waiting the file may exist. The lock is a file next to it and ends with the process.
+    Without a writable folder there is no lock, and work may be done twice.
     """
     with contextlib.ExitStack() as until:
         with contextlib.suppress(OSError):
@@ -72,9 +72,9 @@ def exclusive_lock(file: Path) -> Iterator[None]:
 
 
 def use_versioned_numba_cache() -> None:
-    """Set numba's own cache folder to one of this source, before anything is compiled.
+    """Set numba's own cache folder to one for this source, before any compilation.
 
-    Functions that users compile by themselves may inline the package's.
+    Functions compiled by users may inline functions of the package.
     """
     folder = _base() / f"ggbench-{rooms_hash(*COMPILED_ROOMS)}"
     os.environ[_VARIABLE] = str(folder)

@@ -1,14 +1,14 @@
-"""Compiled code on disk, found by its source and made by one process.
+"""Cache of compiled code, identified by its source and written by one process.
 
 Numba's own cache lacks two properties:
 
-- Code is found by the source of its module and of all that this module imports (:mod:`.cache`).
-- One process compiles a function while the others wait, and then load what it has written. Numba's
-  index of a function would drop an entry that two processes write at the same time, or serve one
-  process's code for the argument types of the other.
+- Code is identified by the source of its module and of all imports (:mod:`.cache`).
+- One process compiles a function. The others wait and load the result. With simultaneous writes,
+  numba's index of a function would lose an entry, or return code for other argument types.
 
 Results have the same bits in every process, although each compiled function holds its own copy of
-the functions that it calls: without ``fastmath`` the compiler may not round a copy otherwise.
+the functions that it calls: without ``fastmath`` the compiler may not change the rounding of a
+copy.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from .cache import code_folder, exclusive_lock, make_code_folder
 
 
 class Kernel:
-    """A function compiled once for the kernels that call it, and once for Python, if Python does.
+    """A function compiled once for calls by kernels, and once for calls by Python if there are any.
 
-    Code of a function without a file, of a notebook or of exec, is not kept on disk.
+    Code of functions without a file (notebooks, exec) is not kept on disk.
 
-    Code that Python calls has an entry, which takes arguments apart. With one for each function, a
-    sixth of all that is compiled would be entries.
+    Code called by Python has an entry that unpacks arguments. Entries for all functions would be a
+    sixth of the compiled code.
     """
 
     def __init__(self, function: Any, jit: Any) -> None:
@@ -64,7 +64,7 @@ class Kernel:
 
     @property
     def targetoptions(self) -> Any:
-        """By this name numba finds the option of functions to be inlined."""
+        """Options under the name that numba expects."""
         return self._part.targetoptions
 
     @property
@@ -115,7 +115,7 @@ def _without_collections() -> Iterator[None]:
 
 
 class Locator:
-    """Numba's folder for the code of a function: that of its module's source."""
+    """Numba's folder for the code of a function, named by the source of its module."""
 
     SUFFIX = "entry"
 
@@ -130,7 +130,7 @@ class Locator:
         return cls(py_func, py_file)
 
     def ensure_cache_path(self) -> None:
-        """Make the folder; raise OSError if that fails."""
+        """Create the folder; raise OSError if that fails."""
         make_code_folder(self._folder)
 
     def get_cache_path(self) -> str:
@@ -142,12 +142,12 @@ class Locator:
         return self._folder.name
 
     def get_disambiguator(self) -> str:
-        """Return what tells code from that of other functions of the name, and for other uses."""
+        """Return a text that distinguishes functions of equal names, and other uses of code."""
         return f"{self._line}.{self.SUFFIX}"
 
 
 class PartLocator(Locator):
-    """The same for code that other kernels call."""
+    """Locator of code that is called by other kernels."""
 
     SUFFIX = "part"
 

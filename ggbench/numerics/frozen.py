@@ -10,13 +10,16 @@ import numpy as np
 
 
 def frozen(array: np.ndarray) -> np.ndarray:
-    """Return an immutable copy: backed by bytes, it cannot be made writeable again."""
+    """Return an immutable copy of an array (...).
+
+    It is backed by bytes, so it cannot be made writeable again.
+    """
     contiguous = _contiguous(array)
     return np.frombuffer(contiguous.tobytes(), contiguous.dtype).reshape(contiguous.shape)
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Return an array, contiguous, that its holders cannot change by mistake; no copy if it is."""
+    """Return an array (...) as read-only and contiguous; it is copied only where that is needed."""
     contiguous = _contiguous(array)
     if contiguous.flags.writeable:
         contiguous = contiguous.view()
@@ -31,7 +34,13 @@ def _contiguous(array: np.ndarray) -> np.ndarray:
 
 
 def freeze_arrays(instance: Any, freeze: Callable[[np.ndarray], np.ndarray] = frozen) -> None:
-    """Replace the arrays among the fields of a frozen dataclass: for its ``__post_init__``."""
+    """Replace the arrays (...) among the fields of a frozen dataclass, in ``__post_init__``.
+
+    Parameters
+    ----------
+    instance : of the dataclass.
+    freeze : returns the array (...) to store instead.
+    """
     for item in fields(instance):
         value = getattr(instance, item.name)
         if isinstance(value, np.ndarray):

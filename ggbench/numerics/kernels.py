@@ -1,10 +1,10 @@
 """Decorators that compile hot loops.
 
-Kernels are kept on disk (:mod:`.compiling`) and let other threads run. Division by zero gives
-infinity or NaN, as in NumPy: the branch of Python's exception would keep a loop from becoming
-vector instructions. The compiler itself may not fuse a product and a sum, so that a kernel has the
-same bits wherever it is inlined; see :mod:`.vectors`. Arrays are copied in loops: numba takes three
-seconds to compile an assignment of one array to another.
+Kernels are cached on disk (:mod:`.compiling`) and release the GIL. Division by zero gives infinity
+or NaN, as in NumPy, because the branch of Python's exception would prevent vector instructions. The
+compiler itself may not fuse a product and a sum, so a kernel has the same bits wherever it is
+inlined; see :mod:`.vectors`. Arrays are copied in loops, because numba needs three seconds to
+compile an assignment of one array to another.
 """
 
 from __future__ import annotations
@@ -46,10 +46,9 @@ LANES = 8
 
 @compiled
 def aligned(count: int) -> np.ndarray:
-    """Return an array (count,), not yet filled, that begins where a line of the cache does.
+    """Return an unfilled array (count,) that begins at a cache line.
 
-    Vectors of eight numbers then are in one line each, which makes loops over them half as fast
-    again.
+    Each vector of eight numbers then lies in one line, which makes loops 1.5 times as fast.
     """
     array = np.empty(count + 7)
     start = -(array.ctypes.data // 8) % 8

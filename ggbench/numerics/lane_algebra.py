@@ -1,9 +1,9 @@
 """Compiled linear algebra of filters and smoothers on the matrices of eight runs.
 
-Matrices have the layout of :mod:`.lanes`. Sizes are those of the arrays: n states, m
-equations of a reading, each three at least (equations may be zero). Readings are whitened: the
-noise of each equation has unit variance. Symmetric matrices are computed by halves and kept whole.
-No step mixes lanes, so a run's result does not depend on its neighbours, bit for bit.
+Matrices have the layout of :mod:`.lanes`. Sizes are n states and m equations of a measurement, each
+at least three (equations may be zero). Measurements are whitened: the noise of each equation has
+unit variance. For symmetric matrices one half is computed and copied to the other. No step mixes
+lanes, so the result of a run does not depend on its neighbours, bit for bit.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _column_products(a: np.ndarray, i: int, b: np.ndarray, j: int) -> Tile:
 
 @compiled
 def copy(source: np.ndarray, out: np.ndarray) -> None:
-    """Copy a matrix."""
+    """Copy a matrix (rows, columns)."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             store(out, i, j, load(source, i, j))
@@ -74,7 +74,14 @@ def copy(source: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def products_of_rows(a: np.ndarray, count: int, b: np.ndarray, out: np.ndarray) -> None:
-    """Fill A Bᵀ of the first ``count`` rows, three or more, of A (., n) and all of B (., n)."""
+    """Fill the first ``count`` rows of A Bᵀ.
+
+    Parameters
+    ----------
+    a, b : (count or more, n), (rows, n); each has three rows or more.
+    count : three or more.
+    out : (count or more, rows).
+    """
     rows = b.shape[0]
     for i_0 in range(0, count, 3):
         i = min(i_0, count - 3)  # the last tile may overlap
@@ -179,9 +186,9 @@ def project(rows: np.ndarray, p: np.ndarray, m: int, hp: np.ndarray, s: np.ndarr
 
 @compiled
 def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
-    """Fill the lower triangle of L, L Lᵀ = a matrix of which the lower half is given.
+    """Fill the lower triangle of L (m, m), L Lᵀ = a symmetric matrix given by its lower half.
 
-    The diagonal of ``lower`` is that of 1 / L; NaN or infinite in a lane and from the row on where
+    The diagonal of ``lower`` is that of 1 / L; NaN or infinite in a lane from the row on at which
     the matrix is not positive definite. ``matrix`` and ``lower`` may be the same array.
     """
     one = splat(1.0)
@@ -202,8 +209,8 @@ def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
 def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) -> None:
     """Fill the lower triangle of L (n, n), L Lᵀ = a symmetric matrix, and 1 / L_ii (1, n).
 
-    Where the matrix of a lane is not positive definite ``inverse`` has an element there that is
-    not a positive number.
+    If the matrix of a lane is not positive definite, ``inverse`` has an element that is not a
+    positive number.
     """
     one = splat(1.0)
     for i in range(matrix.shape[0]):
@@ -223,10 +230,10 @@ def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) 
 
 @compiled
 def transposed_root(matrix: np.ndarray, size: int, out: np.ndarray) -> None:
-    """Fill the first rows of Lᵀ (size, n), L Lᵀ = the first rows and columns of a matrix (n, n).
+    """Fill the first rows of Lᵀ (size, n), L Lᵀ = the leading block of a matrix (n, n).
 
-    The matrix is symmetric, and may be singular: a row of Lᵀ is zero where nothing but rounding is
-    left of the diagonal's element. What is beyond ``size`` in these rows is zero.
+    The matrix is symmetric and may be singular: a row of Lᵀ is zero if only rounding remains of its
+    diagonal element. Elements beyond ``size`` are zero.
     """
     for i in range(size):
         for j in range(out.shape[1]):
@@ -245,7 +252,10 @@ def transposed_root(matrix: np.ndarray, size: int, out: np.ndarray) -> None:
 
 @compiled
 def is_positive(inverse: np.ndarray, r: int) -> bool:
-    """Return whether a matrix was positive definite, from :func:`triangular_root`."""
+    """Return whether the matrix of lane ``r`` was positive definite.
+
+    ``inverse`` (1, n) is the output of :func:`triangular_root`.
+    """
     good = True
     for i in range(inverse.shape[1]):
         good &= 0.0 < inverse[0, i, r] < np.inf
@@ -254,7 +264,10 @@ def is_positive(inverse: np.ndarray, r: int) -> bool:
 
 @compiled
 def solve_lower(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
-    """Fill L⁻¹ B of L from :func:`factorise` and the first m rows of B (., n); may be in place."""
+    """Fill L⁻¹ B (m, n) of L (m, m) from :func:`factorise` and the first m rows of B.
+
+    ``out`` may be ``right``.
+    """
     for j in range(right.shape[1]):
         for i in range(m):
             total = load(right, i, j)
@@ -265,7 +278,10 @@ def solve_lower(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -
 
 @compiled
 def solve_upper(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
-    """Fill L⁻ᵀ B of L from :func:`factorise` and the first m rows of B (., n); may be in place."""
+    """Fill L⁻ᵀ B (m, n) of L (m, m) from :func:`factorise` and the first m rows of B.
+
+    ``out`` may be ``right``.
+    """
     for j in range(right.shape[1]):
         for i in range(m - 1, -1, -1):
             total = load(right, i, j)
@@ -314,7 +330,16 @@ def kalman_gain(
     half: np.ndarray,
     gain: np.ndarray,
 ) -> None:
-    """Fill H P, the root L of H P Hᵀ + 1 as :func:`factorise` has it, L⁻¹ H P, and Kᵀ."""
+    """Fill the Kalman gain of whitened measurements, K = P Hᵀ (H P Hᵀ + 1)⁻¹.
+
+    Parameters
+    ----------
+    rows, p : H (m, n) and P (n, n).
+    m : equations.
+    hp : (m, n) output, H P.
+    lower : (m, m) output, L of H P Hᵀ + 1, see :func:`factorise`.
+    half, gain : (m, n) outputs, L⁻¹ H P and Kᵀ.
+    """
     project(rows, p, m, hp, lower)
     factorise(lower, m, lower)
     solve_lower(lower, m, hp, half)
@@ -331,11 +356,11 @@ def joseph(
     scratch: np.ndarray,
     change: np.ndarray,
 ) -> None:
-    """Replace P by (I − K H) P (I − K H)ᵀ + K Kᵀ of K given as Kᵀ (m, n).
+    """Replace P (n, n) by (I − K H) P (I − K H)ᵀ + K Kᵀ, given Kᵀ (m, n).
 
-    With M = P − K (H P) that is M − (M Hᵀ − K) Kᵀ: two products of rank m instead of two whole
+    With M = P − K (H P) the result is M − (M Hᵀ − K) Kᵀ: two products of rank m instead of two full
     ones. ``hp`` (m, n) is H P; ``scratch`` (n, n) and ``change`` (m, n) are overwritten. M is
-    symmetric but for rounding.
+    symmetric except for rounding.
     """
     add_products(gain, hp, -1.0, p, scratch)
     products_of_rows(rows, m, scratch, change)
@@ -349,7 +374,7 @@ def joseph(
 def add_products(
     left: np.ndarray, right: np.ndarray, sign: float, p: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill P ± Aᵀ B of A and B (m, n), a symmetric matrix (n, n), in another array than P."""
+    """Fill P ± Aᵀ B, with A and B (m, n) and symmetric result (n, n), in another array than P."""
     n, factor = p.shape[0], splat(sign)
     for i_0 in range(0, n, 3):
         i = min(i_0, n - 3)

@@ -1,7 +1,7 @@
-"""Layout of the matrices of eight runs: filled from a block, written back to it.
+"""Layout of the matrices of eight runs, and transfer from and to blocks.
 
-A matrix of eight runs is a contiguous array (rows, columns, LANES), the run last; a column of
-numbers is an array (1, n, LANES).
+A matrix of eight runs is a contiguous array (rows, columns, LANES); the run is the last axis. A
+vector is an array (1, n, LANES).
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from .vectors import load_from, splat, store_from, transposed, with_sign
 
 @compiled
 def unfilled(rows: int, columns: int) -> np.ndarray:
-    """Return an array (rows, columns, LANES) whose vectors lie within lines of cache."""
+    """Return an unfilled array (rows, columns, LANES), aligned to cache lines."""
     return aligned(rows * columns * LANES).reshape((rows, columns, LANES))
 
 
 def allocate(*shapes: tuple[int, int]) -> list[np.ndarray]:
-    """Return what :func:`unfilled` does of several shapes, in one piece of memory.
+    """Return unfilled arrays (rows, columns, LANES) of several shapes, in one piece of memory.
 
-    NumPy has large pieces mapped in large pages, whose first touch costs next to nothing.
+    NumPy maps large pieces in large pages, whose first access costs little time.
     """
     ends = np.cumsum([0, *(rows * columns * LANES for rows, columns in shapes)])
     memory = np.empty(ends[-1] + LANES)
@@ -36,7 +36,7 @@ def allocate(*shapes: tuple[int, int]) -> list[np.ndarray]:
 
 @compiled
 def lanes(rows: int, columns: int) -> np.ndarray:
-    """Return what :func:`unfilled` does, filled with zeros; long tracks are not written twice."""
+    """Return an array (rows, columns, LANES) of zeros, aligned as by :func:`unfilled`."""
     array = unfilled(rows, columns)
     array[:] = 0.0
     return array
@@ -44,13 +44,13 @@ def lanes(rows: int, columns: int) -> np.ndarray:
 
 @compiled
 def series(count: int, rows: int, columns: int) -> np.ndarray:
-    """Return an array (count, rows, columns, LANES), not yet filled: a matrix of each epoch."""
+    """Return an unfilled array (count, rows, columns, LANES): a matrix for each epoch."""
     return unfilled(count * rows, columns).reshape((count, rows, columns, LANES))
 
 
 @compiled
 def group_starts(runs: int) -> np.ndarray:
-    """Return with which run each group of up to LANES runs begins."""
+    """Return the first run of each group of up to LANES runs, (groups,)."""
     first = np.empty((runs + LANES - 1) // LANES, dtype=np.int64)
     for i in range(first.shape[0]):
         first[i] = i * LANES
@@ -59,36 +59,36 @@ def group_starts(runs: int) -> np.ndarray:
 
 @compiled
 def count_from(first: int, runs: int) -> int:
-    """Return how many runs the group has that begins with ``first``."""
+    """Return the number of runs in the group that begins with run ``first``."""
     return min(LANES, runs - first)
 
 
 @inlined
 def each() -> range:
-    """Return the indices of all lanes, those that are filled up among them."""
+    """Return the indices of all lanes, including unused ones."""
     return range(LANES)
 
 
 def lane_of(run: int) -> tuple[int, int]:
-    """Return which group a run of a block is in, and in which lane of it."""
+    """Return the group of a run in a block, and its lane in the group."""
     return divmod(run, LANES)
 
 
 @compiled
 def integers() -> np.ndarray:
-    """Return an integer of each lane (LANES,), all zero."""
+    """Return zeros (LANES,), an integer for each lane."""
     return np.zeros(LANES, dtype=np.int64)
 
 
 @compiled
 def flags() -> np.ndarray:
-    """Return a truth value of each lane (LANES,), all false."""
+    """Return False for each lane (LANES,)."""
     return np.zeros(LANES, dtype=np.bool_)
 
 
 @compiled
 def numbers(value: float) -> np.ndarray:
-    """Return a number of each lane (LANES,)."""
+    """Return an array (LANES,) with a value in every lane."""
     return np.full(LANES, value)
 
 
@@ -102,7 +102,7 @@ def group_members(first: int, runs: int) -> np.ndarray:
 
 
 def groups(runs: int) -> Iterator[slice]:
-    """Yield which of R runs go through the lanes together, group by group."""
+    """Yield the runs of each group of lanes, of R runs."""
     for first in range(0, runs, LANES):
         yield slice(first, min(first + LANES, runs))
 
@@ -110,7 +110,7 @@ def groups(runs: int) -> Iterator[slice]:
 def in_lanes(runs: np.ndarray) -> np.ndarray:
     """Return the matrices (R, rows, columns) of a group as (rows, columns, LANES).
 
-    In lanes that are left the last run repeats, as :func:`members` has it.
+    Unused lanes repeat the last run, see :func:`group_members`.
     """
     out = unfilled(*runs.shape[1:])
     out[:, :, : len(runs)] = np.moveaxis(runs, 0, -1)
@@ -150,9 +150,9 @@ def _departure(
 
 @compiled
 def moving_states(transition: np.ndarray, process_cov: np.ndarray) -> int:
-    """Return how many states there are before those that Φ and Q (R, K, n, n) leave as they are.
+    """Return the number of states before those that Φ and Q (R, K, n, n) leave unchanged.
 
-    As the first run has it at its first epoch.
+    The first run at its first epoch determines it.
     """
     group = np.zeros(LANES, dtype=np.int64)
     count = transition.shape[2]
@@ -176,13 +176,13 @@ def gather(
     Parameters
     ----------
     transition, process_cov : (R, K, n, n) of a block.
-    group : (LANES,) runs, see :func:`members`.
-    expected : how many states move, from :func:`moving_states`.
-    phi, q : (n, n, LANES) output, the rows of states that move.
+    group : (LANES,) runs, see :func:`group_members`.
+    expected : number of states that change, from :func:`moving_states`.
+    phi, q : (n, n, LANES) output, the rows of states that change.
 
     Returns
     -------
-    How many states move: ``expected``, or n where any of the runs departs from that.
+    Number of states that change: ``expected``, or n if any run differs from that.
     """
     n = phi.shape[0]
     moving = expected
@@ -197,7 +197,7 @@ def gather(
 def gather_rows(values: np.ndarray, group: np.ndarray, k: int, count: int, out: np.ndarray) -> None:
     """Fill the first ``count`` rows of values (R, K, rows, columns) at epoch ``k``.
 
-    ``out`` (., columns, LANES) has as many columns. Eight numbers of each run become eight vectors.
+    ``out`` (., columns, LANES) has as many columns.
     """
     used, size = count * values.shape[3], values.shape[2] * values.shape[3]
     epochs = values.shape[1]
@@ -241,7 +241,7 @@ def gather_row(values: np.ndarray, group: np.ndarray, k: int, out: np.ndarray) -
 
 @compiled
 def broadcast(values: np.ndarray, out: np.ndarray) -> None:
-    """Give a matrix (rows, columns) to all lanes."""
+    """Copy a matrix (rows, columns) to all lanes."""
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             for r in range(LANES):

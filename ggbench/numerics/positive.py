@@ -11,7 +11,7 @@ _NO_NOISE = 1e-13
 def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return G (n, r), G Gᵀ = a covariance (n, n) of rank r, and its pseudo-inverse, transposed.
 
-    In units of its deviations, so that no unit outweighs another.
+    The rank is determined in units of standard deviations, so that it does not depend on units.
     """
     sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
     unit = np.where(sigma > 0.0, sigma, 1.0)
@@ -43,11 +43,10 @@ def nearest_root(matrix: np.ndarray) -> np.ndarray:
 
 
 class MatrixSquareRoot:
-    """Upper-triangular square root of a covariance that may not be positive definite any more.
+    """Upper-triangular square root of a covariance that may have lost positive definiteness.
 
-    The negative centre weight of some sigma points guarantees nothing. P is symmetrised and
-    factorised by Cholesky; where that fails, the root is :func:`nearest_root`, and the repair is
-    counted.
+    Sigma points with a negative centre weight may cause this. P is symmetrised and factorised by
+    Cholesky. If that fails, the root is :func:`nearest_root`, and the repair is counted.
     """
 
     def __init__(self) -> None:
@@ -62,7 +61,7 @@ class MatrixSquareRoot:
         return nearest_root(matrix)
 
     def repaired(self, matrix: np.ndarray) -> np.ndarray:
-        """Return the symmetric, positive definite covariance that the square root is of."""
+        """Return a covariance (n, n), symmetric and positive definite: P or its nearest one."""
         before = self.repairs
         root = self(matrix)
         return 0.5 * (matrix + matrix.T) if self.repairs == before else root.T @ root

@@ -1,9 +1,9 @@
-"""Values of many arrays that kernels pass on by one address.
+"""Records of many arrays that kernels pass by one address.
 
-A named tuple goes from one compiled function to the next as all numbers that describe its arrays,
-seven or more for each. For a model with thirty arrays most of what was compiled copied them. A
-record is held in memory instead, and passed on by its address, as
-:mod:`numba.experimental.structref` does. In Python it is a frozen dataclass.
+Compiled functions pass a named tuple as all numbers that describe its arrays, seven or more for
+each. For a model with thirty arrays, most compiled code copied these numbers. A record is in memory
+instead and is passed by its address, as in :mod:`numba.experimental.structref`. In Python it is a
+frozen dataclass.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _MEMORY = types.MemInfoPointer(types.voidptr)
 
 @dataclass_transform(frozen_default=True, eq_default=False)
 def record(cls: _Class) -> _Class:
-    """Return a class with annotated fields as one whose values kernels take, make and pass on.
+    """Return a class with annotated fields as a type that kernels accept, create and pass on.
 
-    A field cannot be set. Arrays in fields are shared, and can be filled. Only kernels can use a
-    record that a kernel returns.
+    Fields cannot be set. Arrays in fields are shared and can be filled. A record returned by a
+    kernel is usable only in kernels.
     """
     made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
     names = [field.name for field in dataclasses.fields(made)]
@@ -62,12 +62,12 @@ def record(cls: _Class) -> _Class:
 
 
 def fields_of(value: Any) -> tuple[Any, ...]:
-    """Return the fields of a record, as its class lists them."""
+    """Return the fields of a record, in the order of its class."""
     return tuple(getattr(value, field.name) for field in dataclasses.fields(value))
 
 
 class RecordType(types.StructRef):
-    """The type of a record in a kernel: its class, and the types of its fields."""
+    """Type of a record in kernels: its class, and the types of its fields."""
 
     def __init__(self, made: type, fields: Any) -> None:
         self.made = made
@@ -77,7 +77,7 @@ class RecordType(types.StructRef):
         self.name = f"{made.__module__}.{made.__qualname__}.{digest}"
 
     def preprocess_fields(self, fields: Any) -> Any:
-        """Return the names and types of the fields, of constants without their values."""
+        """Return the names and types of the fields; constants become their general types."""
         return [(name, types.unliteral(kind)) for name, kind in fields]
 
 

@@ -1,7 +1,7 @@
 """Compiled sines, cosines and rotation matrices of numbers, vectors and arrays.
 
-A call of the C library keeps a loop over points or runs from becoming vector instructions. Where
-angles are known to be small or are latitudes, a series without branches takes its place here.
+A call of the C library prevents vector instructions in loops over points or runs. For small angles
+and latitudes, series without branches replace it.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _REST = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(12))
 
 @inlined
 def circular(square: float) -> tuple[float, float]:
-    """Return sin(x)/x and (1 − cos x)/x² of an angle x, of which the square is given.
+    """Return sin(x)/x and (1 − cos x)/x² of an angle x, given its square.
 
-    Their Taylor series, to rounding for angles below π/2, and to 1e-11 below π.
+    The Taylor series are exact to rounding for angles below π/2, and to 1e-11 below π.
     """
     sine = cosine = like(square, 0.0)
     for k in range(11, -1, -1):
@@ -58,7 +58,7 @@ def _rodrigues(x: float, y: float, z: float, a: float, b: float) -> Matrix:
 
 @inlined
 def small_turn(x: float, y: float, z: float) -> Matrix:
-    """Return exp([v×]) of v = (x, y, z) (Rodrigues), for angles for which :func:`circular` is."""
+    """Return exp([v×]) of v = (x, y, z) (Rodrigues), in the range of :func:`circular`."""
     a, b = circular(x * x + y * y + z * z)
     return _rodrigues(x, y, z, a, b)
 
@@ -135,7 +135,7 @@ def rotation_vector(matrix: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` with the product of two 3 by 3 matrices."""
+    """Fill ``out`` (3, 3) with the product of two matrices (3, 3)."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
@@ -143,7 +143,14 @@ def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
-    """Return C_nb of heading (clockwise from north), pitch (nose up), roll (right down) [rad]."""
+    """Return C_nb (3, 3), from axes of the body (right, forward, up) to ENU.
+
+    Parameters
+    ----------
+    heading : clockwise from north [rad].
+    pitch : nose up [rad].
+    roll : right side down [rad].
+    """
     sin_h, cos_h = math.sin(heading), math.cos(heading)
     sin_p, cos_p = math.sin(pitch), math.cos(pitch)
     sin_r, cos_r = math.sin(roll), math.cos(roll)
@@ -160,7 +167,7 @@ def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
 
 @compiled
 def between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return the rotations (M, 3, 3) at shares (M,) of the way from one to another, the shortest.
+    """Return rotations (M, 3, 3) at shares (M,) of the shortest way from one to another.
 
     ``before`` and ``after`` (M, 3, 3) are less than π/2 apart.
     """

@@ -1,7 +1,6 @@
 """Package version, and hashes of the source behind compiled code and cached maps.
 
-A hash is of whole rooms, or of a module with all that it imports; never of a list of files that
-somebody has to remember.
+A hash covers whole rooms, or a module with all its imports. There is no list of files to maintain.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ _IMPORT = re.compile(r"^\s*from\s+(\.+)([\w.]*)\s+import\s+(\((?:[^)#]|#.*)*\)|.
 
 
 def module_hash(file: Path) -> str:
-    """Return a hash (16 hexadecimal digits) of a module's source and of all that it imports.
+    """Return a hash (16 hexadecimal digits) of the source of a module and of all its imports.
 
-    Imports count within the package, direct and indirect ones. A file elsewhere, such as a user's
-    own estimator, may use any compiled function: its hash covers all :data:`COMPILED_ROOMS`.
+    Direct and indirect imports within the package count. A file elsewhere, such as a user's own
+    estimator, may use any compiled function: its hash covers all :data:`COMPILED_ROOMS`.
     """
     if PACKAGE in file.parents:
         # A formula may be compiled for vectors although its module does not import them.
@@ -66,7 +65,7 @@ def _imported(file: Path) -> set[Path]:
 
 @cache
 def directly_imported(file: Path) -> frozenset[Path]:
-    """Return the modules of the package that a module's own import lines name."""
+    """Return the modules of the package in the import lines of a module."""
     found = set()
     for dots, path, names in _IMPORT.findall(file.read_text(encoding="utf-8")):
         base = file.parents[len(dots) - 1].joinpath(*filter(None, path.split(".")))

@@ -1,10 +1,10 @@
-"""Vectors: the numbers of eight runs as one value of compiled code.
+"""Vectors: numbers of eight runs as one value in compiled code.
 
 An array (..., LANES) of double precision numbers, the run last, is read and written a vector at a
 time by :func:`load` and :func:`store`. Vectors are added, subtracted, multiplied, divided and
-negated lane by lane, and ``math.sqrt`` and ``math.floor`` take them. A formula is therefore
-written once, and compiled for a number or for the numbers of eight runs. Vectors exist in compiled
-code only and cannot be returned to Python.
+negated lane by lane, and ``math.sqrt`` and ``math.floor`` take them. A formula is therefore written
+once, and compiled for a number or for the numbers of eight runs. Vectors exist only in compiled
+code and cannot be returned to Python.
 
 A product of vectors and a sum in one expression are fused (rounded once) as the function is
 written, before the compiler inlines anything: the bits of a kernel depend on its source alone.
@@ -176,7 +176,7 @@ def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
 
 @intrinsic
 def splat(typing: Any, number: Any) -> Any:
-    """Return the vector that holds a number in all lanes."""
+    """Return a vector with a number in all lanes."""
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _spread(builder, args[0])
@@ -186,7 +186,7 @@ def splat(typing: Any, number: Any) -> Any:
 
 @intrinsic
 def like(typing: Any, kind: Any, number: Any) -> Any:
-    """Return a number as a value of another one's kind: a number or a vector."""
+    """Return a number in the type of another value: a number or a vector."""
     if not (isinstance(kind, _Vector) or kind == types.float64):
         return None
 
@@ -198,7 +198,7 @@ def like(typing: Any, kind: Any, number: Any) -> Any:
 
 @intrinsic
 def with_sign(typing: Any, size: Any, sign: Any) -> Any:
-    """Return a vector of the sizes of one and the signs of another."""
+    """Return a vector with the magnitudes of one vector and the signs of another."""
     if not isinstance(size, _Vector) or not isinstance(sign, _Vector):
         return None
 
@@ -222,7 +222,7 @@ def store_from(typing: Any, array: Any, start: Any, value: Any) -> Any:
 
 @intrinsic
 def transposed(typing: Any, rows: Any) -> Any:
-    """Return the LANES columns, as vectors, of a matrix whose rows are a tuple of LANES vectors."""
+    """Return the LANES columns, as vectors, of a matrix given by a tuple of LANES row vectors."""
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         rows = cgutils.unpack_tuple(builder, args[0], LANES)

@@ -1,1 +1,1 @@
-"""Recorded flights: read into problems, simulated runs written as such, corrected tracks."""
+"""Recorded flights: reading, writing of simulated runs, corrected tracks."""

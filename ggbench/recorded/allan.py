@@ -1,8 +1,7 @@
 """Noise of inertial sensors from the Allan deviation of a log at rest.
 
-A sensor's noise is taken as white plus a first-order Gauss–Markov bias, which are the keys of
-``[imu]``. Their Allan variance (IEEE Std 952-1997, annex C) is fitted to that of the log, the mean
-over the three axes.
+The noise model is white noise plus a first-order Gauss–Markov bias, as in ``[imu]``. Their Allan
+variance (IEEE Std 952-1997, annex C) is fitted to that of the log, the mean over the three axes.
 """
 
 from __future__ import annotations
@@ -53,9 +52,9 @@ class SensorNoise:
     Attributes
     ----------
     white : root PSD of the white noise [unit/√Hz].
-    bias : σ of the bias that changes, a Gauss–Markov process [unit]; 0 if none is seen.
-    time : its correlation time [s]; ∞ if none is seen, the duration if it is not shorter.
-    instability : least Allan deviation over 0.664 [unit]; no larger flicker noise is there.
+    bias : σ of the Gauss–Markov bias [unit]; 0 if not detected.
+    time : its correlation time [s], at most the duration; ∞ without a bias.
+    instability : least Allan deviation over 0.664 [unit], an upper limit of flicker noise.
     """
 
     white: float
@@ -70,10 +69,10 @@ class ImuNoise:
 
     Attributes
     ----------
-    period, duration : of the samples that are used [s].
+    period, duration : of the used samples [s].
     gyros, accelerometers : in rad/s and m/s².
-    remarks : what was left out of the log, or filled in.
-    doubts : what is suspicious about its units.
+    remarks : on omitted or interpolated samples.
+    doubts : warnings about units.
     """
 
     period: float
@@ -87,9 +86,9 @@ class ImuNoise:
 def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNoise:
     """Return the noise of the sensors of a log at rest.
 
-    The file is CSV or netCDF with ``time_s`` and rates or increments, as of ``[imu_record]``;
-    ``names`` is what it calls them, a table or a preset. Single lost samples are skipped. Of a log
-    with longer gaps the longest piece is used.
+    The file is CSV or netCDF with ``time_s`` and rates or increments, as in ``[imu_record]``.
+    ``names`` is a table of its column names, or a preset. Single missing samples are skipped. If
+    there are longer gaps, the longest piece is used.
 
     Raises FlightError if the file cannot be read, is short, has too many gaps, or is not at rest.
     """

@@ -1,4 +1,4 @@
-"""Files of recorded numbers, CSV or netCDF: a column for each quantity, its unit in the name."""
+"""CSV or netCDF files of recorded numbers; column names contain units."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Columns:
     Attributes
     ----------
     path : of the file.
-    values : (N,) of each column; NaN where one that may be empty is.
-    first_line : number of the line of the first row; None of a file that has no lines.
-    stated : columns whose unit the file or the user states.
+    values : (N,) of each column; NaN for empty cells.
+    first_line : line number of the first row; None for netCDF.
+    stated : columns with a unit stated by file or user.
     """
 
     path: Path
@@ -60,7 +60,7 @@ class Columns:
         return len(next(iter(self.values.values())))
 
     def states_unit(self, name: str) -> bool:
-        """Return whether the unit of a column is stated, not taken from its key."""
+        """Return whether the unit of a column is stated, instead of taken from its key."""
         return name in self.stated
 
     def stacked(self, names: Sequence[str]) -> np.ndarray:
@@ -80,7 +80,7 @@ class Columns:
                 )
 
     def error(self, sentence: str, row: int | None = None) -> FlightError:
-        """Return an error of this file, of one of its rows."""
+        """Return an error of this file, at one of its rows."""
         where = ""
         if row is not None:
             where = (
@@ -97,13 +97,13 @@ def read(
     may_be_empty: Iterable[str] = (),
     names: str | Mapping[str, str] | None = None,
 ) -> Columns:
-    """Read columns of a file, ``.nc`` or else CSV; others than those named are passed over.
+    """Read columns of a file, ``.nc`` or CSV; other columns are ignored.
 
-    A number may be missing in those that ``may_be_empty``. ``names`` is what the file calls its
-    columns, a table or a preset; see :func:`.column_names.find`.
+    Columns of ``may_be_empty`` may have missing numbers. ``names`` is a table of column names, or a
+    preset; see :func:`.column_names.find`.
 
-    Raises FlightError with a sentence that names the file and the place, what was found and what is
-    allowed.
+    Raises FlightError with a sentence that states the file, the place, the value and the allowed
+    values.
     """
     needed_columns = ("time_s", *required)
     empty = frozenset(may_be_empty)
@@ -244,9 +244,9 @@ def _variable(
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray], comment: str = "") -> None:
-    """Write columns (N,) as CSV, whole or not at all; each number is read back to its last bit.
+    """Write columns (N,) as CSV, atomically and without loss of digits.
 
-    NaN becomes an empty field. ``comment`` goes before the names, behind a #.
+    NaN becomes an empty field. ``comment`` is written above the names, after a #.
 
     Raises FlightError if the file cannot be written.
     """
@@ -258,9 +258,9 @@ def write(path: Path, columns: Mapping[str, np.ndarray], comment: str = "") -> N
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file, whole or not at all; its folder is made if need be.
+    """Write a file atomically; a missing folder is created.
 
-    Raises FlightError if it cannot be written.
+    Raises FlightError if the file cannot be written.
     """
     with written_whole(path, FlightError) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")

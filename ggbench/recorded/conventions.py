@@ -1,7 +1,7 @@
 """Conventions of a gradiometer's record: axes, unit and normal field that fit the map best.
 
-Readings are compared with what the map has where the INS indicates to be, for each of the eight
-conventions of axes, in Eötvös and in s⁻², each without its mean.
+Measurements are compared with the map at the INS positions, for each of the eight conventions of
+axes, in Eötvös and in s⁻², both less their means.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _DIRECTIONS = {
 
 
 class Convention(NamedTuple):
-    """A convention that fits a record: its axes, the factor of its unit, and what it lacks.
+    """A convention that fits a record: axes, factor of the unit, and missing normal field or mean.
 
-    ``after`` and ``before`` are RMS residuals with it and without [E], the latter as the record is.
+    ``after`` and ``before`` are RMS residuals with and without the convention [E].
     """
 
     turn: Turn
@@ -47,9 +47,9 @@ class Convention(NamedTuple):
 
 
 def gradient_convention(flight: RecordedFlight) -> Convention | None:
-    """Return the convention that fits a gradiometer's record clearly better than ours.
+    """Return the convention that fits a gradiometer's record clearly better than that of ggbench.
 
-    None without a gradiometer, of a filtered one, and if no convention fits.
+    The result is None without a gradiometer, for a filtered one, and if no convention fits.
     """
     problem, spec = flight.problem, flight.spec.gradiometer
     if spec is None or spec.filter != "none" or problem.track is None:
@@ -87,7 +87,7 @@ def gradient_convention(flight: RecordedFlight) -> Convention | None:
 
 
 def in_words(convention: Convention, instrument: str) -> str:
-    """Return what a convention says, for a sentence."""
+    """Return a convention in words, for a sentence."""
     parts = []
     if convention.turn is not CONVENTIONS[0] and instrument in _DIRECTIONS:
         parts.append(f"in axes {axes_in_words(convention.turn, _DIRECTIONS[instrument])}")

@@ -28,11 +28,11 @@ SIGMAS = (
 
 
 class EstimateError(GGBenchError):
-    """An estimate cannot be turned into a track."""
+    """A corrected track cannot be computed from an estimate."""
 
 
 def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[str, np.ndarray]:
-    """Return the corrected track: what the INS indicates, less its estimated errors.
+    """Return the corrected track: the INS solution less its estimated errors.
 
     ``start`` is added to the times [s].
 
@@ -42,7 +42,7 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
     ``velocity_east_mps``, ..., ``heading_deg``, ``pitch_deg``, ``roll_deg``, and
     :data:`SIGMAS`, NaN if the estimate has no covariance.
 
-    Raises EstimateError if the problem has no track, or the estimate is not of its shape or not
+    Raises EstimateError if the problem has no track, or the estimate has another shape or is not
     finite.
     """
     if problem.track is None:
@@ -60,7 +60,7 @@ def corrected_samples(
     indicated: Motion,
     start: float = 0.0,
 ) -> dict[str, np.ndarray]:
-    """Return the corrected track at the samples of the INS, from the first to the last epoch.
+    """Return the corrected track at the INS samples, from the first to the last epoch.
 
     Between epochs the estimated errors are linear in time.
 
@@ -69,11 +69,11 @@ def corrected_samples(
     problem, estimate : as for :func:`corrected`.
     times : (N,) of the samples [s].
     indicated : motion of the INS at the samples.
-    start : is added to the times [s].
+    start : offset of the times [s].
 
     Returns
     -------
-    Columns as :func:`corrected` has them, without standard deviations.
+    Columns as of :func:`corrected`, without standard deviations.
 
     Raises
     ------
@@ -126,18 +126,18 @@ def _whitened(errors: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Residuals:
-    """What the readings say to an estimate.
+    """Residuals or innovations of an estimate.
 
     Attributes
     ----------
-    predicted : (K, m) readings as predicted: by a filter from the epochs before, else by the
+    predicted : (K, m) predicted measurements: for a filter from earlier epochs, else from the
         estimate itself.
-    whitened : (K, m) readings minus these: of a filter its innovations, in units of their
-        covariances (by the Cholesky factor: independent, of variance 1 if the filter is
-        consistent); else residuals, in units of the readings' noise. NaN where there is no reading.
-    nis : (K,) normalised innovation squared of a filter, else NaN: its own (:attr:`.Estimate.nis`)
-        if it has other innovations than those of the readings as they are.
-    innovations : whether they are those of a filter.
+    whitened : (K, m) measurements minus predictions. For a filter these are innovations, whitened
+        by the Cholesky factor of their covariance (independent, of variance 1 if the filter is
+        consistent); else residuals in units of the noise. NaN without a measurement.
+    nis : (K,) normalised innovation squared of a filter, or its own ``nis``
+        (:attr:`.Estimate.nis`); NaN for other estimators.
+    innovations : whether ``whitened`` are innovations.
     """
 
     predicted: np.ndarray
@@ -147,10 +147,10 @@ class Residuals:
 
 
 def residuals(problem: Problem, estimate: Estimate) -> Residuals:
-    """Return what the readings say to an estimate.
+    """Return the residuals or innovations of an estimate.
 
-    Raises EstimateError if the estimate is not of the problem's shape, not finite, or its
-    covariance is none.
+    Raises EstimateError if the estimate has another shape, is not finite, or its covariance is
+    invalid.
     """
     mean, cov = _arrays(problem, estimate)
     there, z = problem.present, problem.measurements
@@ -179,9 +179,9 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
 def residual_columns(
     problem: Problem, differences: Residuals, start: float = 0.0
 ) -> dict[str, np.ndarray]:
-    """Return residuals as columns (K,): of each channel the reading, its prediction, the residual.
+    """Return residuals as columns (K,): measurement, prediction and residual of each channel.
 
-    Names are those of sensor and channel, with the channel's unit; ``..._present`` is 1 or 0.
+    Names contain sensor, channel and unit; ``..._present`` is 1 or 0.
     """
     columns = {"time_s": start + problem.times}
     for j, channel in enumerate(problem.channels):
@@ -200,17 +200,17 @@ def residual_columns(
 
 @dataclass(frozen=True)
 class AgainstReference:
-    """The errors of an estimate against a reference track, at the epochs that it covers.
+    """Errors of an estimate against a reference track, at the epochs of the reference.
 
     Attributes
     ----------
     times : (C,) of these epochs [s].
-    components, sigmas : (C, 6) errors of position [m] and velocity [m/s] and their claimed σ.
+    components, sigmas : (C, 6) errors of position [m] and velocity [m/s] and their reported σ.
     nees : (C,) normalised error squared of position and velocity, or of the position alone if the
         reference has no velocities; NaN without covariances.
-    states : how many states the NEES is of, 6 or 3.
+    states : number of states of the NEES, 6 or 3.
     windows : name of each window to ``position_mrse_m``, ``horizontal_mrse_m``,
-        ``velocity_mrse_mps`` and ``nees_mean``, as :class:`.judgement.Judgement` has them.
+        ``velocity_mrse_mps`` and ``nees_mean``, as in :class:`.judgement.Judgement`.
     """
 
     times: np.ndarray
@@ -226,8 +226,8 @@ def against(
 ) -> AgainstReference:
     """Return the errors of an estimate against a reference track.
 
-    Raises EstimateError if the estimate is not of the problem's shape, not finite, or its
-    covariance is none.
+    Raises EstimateError if the estimate has another shape, is not finite, or its covariance is
+    invalid.
     """
     mean, cov = _arrays(problem, estimate)
     covered = np.isfinite(reference.error_state[:, :3]).all(axis=1)

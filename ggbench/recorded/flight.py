@@ -1,4 +1,4 @@
-"""A recorded flight: the estimation problem that its files are, and its reference."""
+"""Recorded flights: estimation problem and reference from files."""
 
 from __future__ import annotations
 
@@ -66,18 +66,18 @@ _LONGEST_GAP = 3.0
 
 @dataclass(frozen=True)
 class RecordedFlight:
-    """What the files of a recorded flight are to estimators, and to those who judge them.
+    """Problem and reference of a recorded flight.
 
     Attributes
     ----------
     path : of the flight's file.
-    spec : what it says.
-    problem : what estimators are given; its times are since the first sample of the INS [s].
-    reference : errors of the INS against the reference track, if there is one: NaN where it says
-        nothing, as of the biases. No estimator is given it.
+    spec : its content.
+    problem : input of estimators; times count from the first sample of the INS [s].
+    reference : errors of the INS against the reference track, or None; NaN for states that it
+        lacks, such as biases. Estimators never receive it.
     start : time of the first sample of the INS, on its own clock [s].
     sample_times : (N + 1,) of all samples of the INS, since the first [s].
-    indicated : what the INS indicates at them.
+    indicated : INS solution at the samples.
     """
 
     path: Path
@@ -90,13 +90,13 @@ class RecordedFlight:
 
     @property
     def reference_is_of(self) -> str:
-        """The sensor whose record the reference is; "" if it is none."""
+        """Sensor whose record is also the reference; "" if there is none."""
         return _sensor_of_reference(self.spec, self.path.parent)
 
     def inputs(self) -> list[dict[str, str]]:
-        """Return the role, the name and the SHA-256 of each file that the flight was read from.
+        """Return role, name and SHA-256 of each input file.
 
-        Raises FlightError or MapError if one cannot be read any more.
+        Raises FlightError or MapError if a file can no longer be read.
         """
         spec, folder = self.spec, self.path.parent
         tables: dict[str, Any] = {}
@@ -113,7 +113,7 @@ class RecordedFlight:
 
 
 def read_flight(path: Path | str) -> RecordedFlight:
-    """Read a recorded flight: its file, and the records that the file names.
+    """Read a recorded flight: its file and the records.
 
     Parameters
     ----------
@@ -122,10 +122,10 @@ def read_flight(path: Path | str) -> RecordedFlight:
     Raises
     ------
     FlightError
-        If the file, or one that it names, cannot be used; with a sentence that says which, where in
-        it, what was found and what is allowed.
+        If the file or a record is invalid, with a sentence that states the file, the place, the
+        value and the allowed values.
     GGBenchError
-        If the map cannot be made or read, or the low-pass cannot be computed.
+        If the map cannot be built or read, or the low-pass cannot be computed.
     """
     path = Path(path)
     spec, folder = load(path), path.parent

@@ -54,16 +54,16 @@ _SPINS = 10.0
 
 
 class Inertial(NamedTuple):
-    """What the INS of a flight has recorded, of one run in lanes.
+    """INS record of a flight, as one run in lanes.
 
     Attributes
     ----------
     path : of the record.
     base : its samples.
     increments : (N, 6, LANES).
-    longitude : of the first sample [rad]: in its turn longitudes of the flight are counted.
-    solution : (N + 1, TRACK, LANES) its own; None if it is to be mechanised here.
-    recording : of which it is mechanised; None of an INS's own solution.
+    longitude : of the first sample [rad]; it sets the turn of all longitudes.
+    solution : (N + 1, TRACK, LANES) recorded solution; None if ggbench mechanises the IMU data.
+    recording : data for the mechanization; None with a recorded solution.
     """
 
     path: Path
@@ -74,11 +74,11 @@ class Inertial(NamedTuple):
     recording: Recording | None = None
 
     def navigated(self, gravity: KnownGravity) -> np.ndarray:
-        """Return what the INS indicates at its samples (N + 1, TRACK, LANES).
+        """Return the INS solution at the samples (N + 1, TRACK, LANES).
 
-        ``gravity`` is what the mechanization adds to normal gravity.
+        ``gravity`` is the gravity that the mechanization adds to normal gravity.
 
-        Raises FlightError if the mechanization ends beyond all numbers.
+        Raises FlightError if the mechanization overflows.
         """
         if self.solution is not None:
             return self.solution
@@ -99,11 +99,11 @@ class Inertial(NamedTuple):
 
 
 def inertial(spec: FlightSpec, folder: Path, model: SensorSuite, field: Field) -> Inertial:
-    """Return what the INS of a recorded flight has recorded, in files of a folder.
+    """Return the INS record of a recorded flight, from files of a folder.
 
-    ``model`` and ``field`` are the sensors and the map that the estimators assume.
+    ``model`` and ``field`` are the assumed sensors and map.
 
-    Raises FlightError if a record cannot be used.
+    Raises FlightError if a record is invalid.
     """
     if spec.ins is not None:
         return _of_solution(spec, spec.ins, folder, field)
@@ -241,13 +241,13 @@ def _require_few(base: TimeBase, columns: Columns) -> None:
 
 
 def force_hint(force: float, period: float, increments: bool) -> str:
-    """Return a hint at what explains a specific force that gravity does not; "" if nothing does.
+    """Return a hint that explains a specific force inconsistent with gravity; "" if there is none.
 
     Parameters
     ----------
-    force : typical size of the specific force, as it is read [m/s²].
+    force : typical specific force in the file [m/s²].
     period : of the samples [s].
-    increments : whether the columns are called increments.
+    increments : whether the columns are named as increments.
     """
     causes = [(1.0, "if it is in g"), (1e3, "if it is in thousandths of g")]
     causes += [(1e2 * _GRAVITY, "if it is in cm/s²"), (1e6, "if it is in µg")]

@@ -41,7 +41,7 @@ def velocity_columns(frame: Frame) -> tuple[str, ...]:
 def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
     """Return velocities (N, 3) ENU [m/s].
 
-    Raises FlightError if they are beyond what velocities can be.
+    Raises FlightError if velocities are impossible.
     """
     names = velocity_columns(frame)
     columns.require_within(dict.fromkeys(names, (-FASTEST_MPS, FASTEST_MPS)))
@@ -55,7 +55,7 @@ def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
 def positions_of(columns: Columns) -> np.ndarray:
     """Return positions (N, 3) [rad, rad, m], the longitude without jumps.
 
-    Raises FlightError if they are beyond what positions can be.
+    Raises FlightError if positions are impossible.
     """
     columns.require_within({name: _LIMITS[name] for name in POSITION})
     positions = columns.stacked(POSITION)
@@ -68,7 +68,7 @@ def positions_of(columns: Columns) -> np.ndarray:
 def attitudes_in(columns: Columns) -> np.ndarray:
     """Return C_nb (N, 3, 3) of heading, pitch and roll.
 
-    Raises FlightError if they are beyond what angles can be.
+    Raises FlightError if angles are impossible.
     """
     columns.require_within({name: _LIMITS[name] for name in ATTITUDE})
     return np.asarray(attitudes_of(np.radians(columns.stacked(ATTITUDE))))
@@ -83,7 +83,7 @@ def angles_of(attitudes: np.ndarray) -> np.ndarray:
 
 
 def track_columns(times: np.ndarray, motion: Motion) -> dict[str, np.ndarray]:
-    """Return a track (N,) as columns of a file: times, places, velocities ENU and angles."""
+    """Return a track (N,) as columns of a file: times, positions, velocities ENU and angles."""
     places = np.hstack([np.degrees(motion.positions[:, :2]), motion.positions[:, 2:]])
     values = np.hstack([places, motion.velocities, np.degrees(angles_of(motion.attitudes))])
     names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE)
@@ -98,10 +98,10 @@ def require_consistent(
     frame: Frame,
     noise: float = 0.0,
 ) -> None:
-    """Raise FlightError unless the positions move as the velocities say.
+    """Raise FlightError unless positions and velocities are consistent.
 
-    A sign, a frame, a unit or an order taken for another is found so, and named. Times (N,) are
-    those of the rows [s], the frame is the user's, and ``noise`` is the RMS of a position [m].
+    The message names a wrong sign, frame, unit or order. Times (N,) are those of the rows [s], the
+    frame is that of the user, and ``noise`` is the RMS noise of a position [m].
     """
     there = np.isfinite(positions).all(axis=1) & np.isfinite(velocities).all(axis=1)
     if np.count_nonzero(there) < 3:

@@ -1,4 +1,4 @@
-"""The normal field in the readings of a gradiometer."""
+"""Normal field in the measurements of a gradiometer."""
 
 from __future__ import annotations
 

@@ -43,14 +43,14 @@ _FARTHEST = 20_000.0
 
 
 class Series(NamedTuple):
-    """The readings of one sensor.
+    """Measurements of one sensor.
 
     Attributes
     ----------
-    samples : (G,) of the INS, to which they belong.
-    values : (G, w) of its columns, NaN for none.
+    samples : (G,) INS samples of the measurements.
+    values : (G, w) of its columns, NaN for missing ones.
     columns : the file.
-    rows : (G,) of it.
+    rows : (G,) of the file.
     """
 
     samples: np.ndarray
@@ -60,9 +60,9 @@ class Series(NamedTuple):
 
 
 def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str, ...]:
-    """Return the columns that a sensor's file has, in the order of its channels.
+    """Return the columns of a sensor's file, in the order of its channels.
 
-    Those of a receiver and a gradiometer have names of their own; others have the channels' names.
+    Receivers and gradiometers have special names; other columns have the names of the channels.
     """
     table = sensors_of(spec)[sensor]
     if sensor == "gradiometer":
@@ -83,9 +83,9 @@ def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str
 def read_series(
     spec: FlightSpec, folder: Path, model: SensorSuite, base: TimeBase
 ) -> dict[str, Series]:
-    """Return the readings of every sensor on board, the gradiometer's first.
+    """Return the measurements of every sensor, the gradiometer's first.
 
-    Raises FlightError if a file cannot be used.
+    Raises FlightError if a file is invalid.
     """
     return {sensor: _read(spec, folder, model, base, sensor) for sensor in sensors_of(spec)}
 
@@ -128,9 +128,9 @@ def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np
 
 
 def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndarray, np.ndarray]:
-    """Return a gradiometer's readings (1, G, g) [E], and which (1, G) are missing.
+    """Return gradiometer measurements (1, G, g) [E], and the mask (1, G) of missing ones.
 
-    Raises FlightError if a reading is there in part, or one of a filtered instrument is missing.
+    Raises FlightError for an incomplete measurement, or a missing one of a filtered instrument.
     """
     values, table = series.values, spec.gradiometer
     assert table is not None
@@ -159,9 +159,9 @@ def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndar
 def others(
     model: SensorSuite, series: dict[str, Series], at: list[np.ndarray], ins: Motion
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the readings of the other sensors (1, K, e), and which of them there are.
+    """Return the measurements of the other sensors (1, K, e), and the mask of available ones.
 
-    ``at`` says at which of the epochs each is read, ``ins`` what the INS indicates there (1, K, .).
+    ``at`` are the epochs of each sensor, ``ins`` is the INS solution at the epochs (1, K, .).
     """
     width = sum(len(sensor.channels) for sensor in model.aiding)
     read = np.full((*ins.positions.shape[:2], width), np.nan)
@@ -183,10 +183,10 @@ def others(
 def require_near(
     columns: Columns, rows: np.ndarray, away: np.ndarray, allowed: float, what: str
 ) -> None:
-    """Raise FlightError if a receiver's first position is nowhere near the INS's.
+    """Raise FlightError if a receiver's first position is far from that of the INS.
 
-    Rows (G,) of the file are ``away`` from the INS (G, 3) [m], NaN for none; ``allowed`` is what
-    the prior allows [m], and ``what`` has the positions.
+    ``away`` (G, 3) [m] is the distance from the INS of rows (G,), NaN for missing ones; ``allowed``
+    follows from the prior [m]; ``what`` names the record.
     """
     there = np.flatnonzero(np.isfinite(away[:, :2]).all(axis=1))
     if not len(there):

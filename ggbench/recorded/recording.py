@@ -28,11 +28,11 @@ FLIGHT = "flight.toml"
 
 
 def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str = "") -> Path:
-    """Write a run of a simulated flight as a recorded one; return the path of its file.
+    """Write a run of a simulated flight as a recorded flight; return the path of its file.
 
-    The tables are those of the model, the records those of which the run's problem is made; the
-    truth is in ``reference.csv`` alone. The readings are given as their sensors would deliver
-    them: a receiver's positions are geodetic. The folder must hold no files yet.
+    The tables are those of the model, and the records contain the data of the run's problem. Only
+    ``reference.csv`` contains the truth. Measurements have the form of real sensors: positions of a
+    receiver are geodetic. The folder must be empty.
 
     Raises FlightError if the folder is not empty, or cannot be written.
     """
@@ -65,7 +65,7 @@ def _write(flight: Flight, seed: int, run: int, folder: Path, title: str) -> Non
 
 
 def require_empty(folder: Path) -> None:
-    """Raise FlightError if a folder is none, or holds anything."""
+    """Raise FlightError if a path is no folder, or the folder is not empty."""
     if folder.exists() and not folder.is_dir():
         raise FlightError(f"{folder} is not a folder")
     if folder.exists() and any(folder.iterdir()):

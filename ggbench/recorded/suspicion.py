@@ -42,8 +42,8 @@ _FEWEST = 20
 class ClockFit(NamedTuple):
     """The offset of a receiver's clock that fits the INS best.
 
-    ``offset`` [s] is to be added to its times; ``after`` and ``before`` are RMS residuals with it
-    and without, in ``unit``.
+    ``offset`` [s] must be added to its times. ``after`` and ``before`` are RMS residuals with and
+    without it, in ``unit``.
     """
 
     offset: int
@@ -53,7 +53,7 @@ class ClockFit(NamedTuple):
 
 
 def nis_ratio(problem: Problem, differences: Residuals) -> float:
-    """Return the mean NIS of a filter over that of a consistent one; NaN of other estimators."""
+    """Return the mean NIS of a filter over that of a consistent one; NaN for other estimators."""
     counts = problem.present.sum(axis=1)
     if not differences.innovations or not counts.any():
         return np.nan
@@ -61,9 +61,9 @@ def nis_ratio(problem: Problem, differences: Residuals) -> float:
 
 
 def median_nis_ratio(problem: Problem, differences: Residuals) -> float:
-    """Return the median NIS of a filter over that of a consistent one; NaN of other estimators.
+    """Return the median NIS of a filter over that of a consistent one; NaN for others.
 
-    Few outliers hardly change it.
+    A few outliers hardly change the median.
     """
     counts = problem.present.sum(axis=1)
     some = np.isfinite(differences.nis) & (counts > 0)
@@ -73,9 +73,9 @@ def median_nis_ratio(problem: Problem, differences: Residuals) -> float:
 
 
 def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
-    """Yield a sentence for each filter that rejects outliers, or weighs them down, and is right.
+    """Yield a sentence for each filter that rejects or downweights outliers correctly.
 
-    ``residuals`` are what the measurements say to each estimator, by its label.
+    ``residuals`` are those of each estimator, by label.
     """
     for label, differences in residuals.items():
         if nis_ratio(flight.problem, differences) > MOST_NIS and _is_robust(label):
@@ -89,9 +89,9 @@ def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator
 
 
 def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
-    """Yield a sentence for each thing that is suspicious, with likely causes.
+    """Yield a sentence for each suspicion, with likely causes.
 
-    ``residuals`` are what the readings say to each estimator, by its label.
+    ``residuals`` are those of each estimator, by label.
     """
     problem = flight.problem
     beyond = {
@@ -158,10 +158,10 @@ def _beyond(problem: Problem, differences: Residuals) -> tuple[int, int]:
 
 
 def isolated_outliers(problem: Problem) -> int:
-    """Return how many epochs have a measurement that stands out from those before and after it.
+    """Return the number of epochs whose measurement differs from those before and after it.
 
-    Measurements are compared with what the INS indicates, whose error changes slowly; each channel
-    by its deviation from the running median, whose own median is its scale.
+    Measurements are compared with the INS, whose error changes slowly. The deviation of each
+    channel is that from the running median, scaled by its own median.
     """
     there = problem.present
     every = np.arange(problem.epochs)
@@ -182,8 +182,8 @@ def isolated_outliers(problem: Problem) -> int:
 def clock_fit(problem: Problem, sensor: str) -> ClockFit | None:
     """Return the offset in whole seconds that fits a receiver's readings to the INS best.
 
-    Of its velocities if it has them, else of its positions; less what the INS's error makes of
-    them in five minutes. None if no offset is clearly better than none, as in straight flight.
+    It uses velocities if available, else positions, less the slow INS error over five minutes. The
+    result is None if no offset is clearly better, as in straight flight.
     """
     own = [j for j, channel in enumerate(problem.channels) if channel.sensor == sensor]
     velocities = [j for j in own if problem.channels[j].name.startswith("velocity")]

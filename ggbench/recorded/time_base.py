@@ -26,9 +26,9 @@ _PERIOD_SLIP = 0.2
 
 @dataclass(frozen=True)
 class TimeBase:
-    """The samples of the INS: ``start`` + n ``dt``, n = 0..``count`` [s], on its own clock.
+    """Samples of the INS, ``start`` + n ``dt``, n = 0..``count`` [s], on the clock of the INS.
 
-    ``tolerance`` is how far from a sample a reading may lie [s].
+    ``tolerance`` is the largest time difference of a measurement and its sample [s].
     """
 
     start: float
@@ -44,13 +44,13 @@ class TimeBase:
     def samples_of(
         self, columns: Columns, times: np.ndarray, outside: Literal["refuse", "drop"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return which samples readings belong to, and which rows of the file they are.
+        """Return the INS samples of measurements, and their rows in the file.
 
-        The first sample is the prior's and takes no reading. Times (N,) are those of the rows
-        on the clock of the INS [s].
+        The first sample is the time of the prior and has no measurement. Times (N,) are those of
+        the rows on the clock of the INS [s].
 
-        Raises FlightError if readings lie outside, too far from a sample, or two of them at the
-        same one.
+        Raises FlightError if measurements lie outside, too far from a sample, or two at the same
+        sample.
         """
         since = times - self.start
         nearest = np.rint(since / self.dt).astype(np.int64)
@@ -143,9 +143,9 @@ def time_base(
     tolerance: float | None,
     before: int = 0,
 ) -> tuple[TimeBase, bool]:
-    """Return the samples of an INS's record, and whether its rows are just those.
+    """Return the samples of an INS record, and whether its rows are exactly these samples.
 
-    Rows that are not have to be interpolated.
+    Other rows must be interpolated.
 
     Parameters
     ----------
@@ -153,13 +153,13 @@ def time_base(
     times : (N,) of its rows [s].
     dt : interval of the samples [s].
     max_gap : longest interval between two rows [s].
-    tolerance : of readings' times [s].
-    before : how many samples there are before the first row.
+    tolerance : largest time difference of a measurement and its sample [s].
+    before : number of samples before the first row.
 
     Raises
     ------
     FlightError
-        If there are gaps, the period is another one, or there are too few rows.
+        If there are gaps, another period, or too few rows.
     """
     if len(times) < 3:
         raise columns.error(f"has {len(times)} rows; a record of an INS needs at least 3")

@@ -13,7 +13,7 @@ _KML = "http://www.opengis.net/kml/2.2"
 
 
 def gpx_text(columns: Mapping[str, np.ndarray], name: str) -> str:
-    """Return a corrected track as GPX 1.1, without times: the clock of an INS is not UTC's.
+    """Return a corrected track as GPX 1.1, without times, because the INS clock is not UTC.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def gpx_text(columns: Mapping[str, np.ndarray], name: str) -> str:
 
 
 def kml_text(columns: Mapping[str, np.ndarray], name: str) -> str:
-    """Return a corrected track, columns (K,), as a line of KML 2.2, as :func:`gpx_text` does."""
+    """Return a corrected track, columns (K,), as a line of KML 2.2, see :func:`gpx_text`."""
     ElementTree.register_namespace("", _KML)
     root = ElementTree.Element(f"{{{_KML}}}kml")
     mark = ElementTree.SubElement(root, f"{{{_KML}}}Placemark")

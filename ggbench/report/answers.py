@@ -1,4 +1,4 @@
-"""The numbers of a page's answer, for the sentences of its template."""
+"""Numbers for the sentences of a page's answer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_OWN = 2
 
 
 def left_the_map(runs: pd.DataFrame) -> list[str]:
-    """Return the estimators of which more runs left the map than :data:`MOST_OUTSIDE`."""
+    """Return the estimators with more than :data:`MOST_OUTSIDE` runs outside the map."""
     own = runs[runs["assumption"] == ""]
     shares = (own["remark"] == OUTSIDE).groupby(own["estimator"], sort=False).mean()
     return [str(label) for label in shares.index[shares > MOST_OUTSIDE]]
@@ -32,7 +32,7 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
 def named_among(
     recovered: Sequence[tuple[str, float]], own: Sequence[str]
 ) -> list[tuple[str, float]]:
-    """Return the estimators that an answer names: the first ones and one's own, in order."""
+    """Return the estimators named in an answer: the first ones and the user's own, in order."""
     named = [label for label, _ in recovered if label in own][:MOST_OWN]
     for label, _ in recovered:
         if len(named) < MOST_RECOVERED and label not in named:
@@ -43,8 +43,8 @@ def named_among(
 def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the estimators that failed in all runs of cases.
 
-    ``label``; ``cases``, the titles of these cases, none if they are all cases; ``reason`` of the
-    first of these failures.
+    The columns are ``label``; ``cases``, the titles of the cases, empty for all cases; ``reason``
+    of the first failure.
     """
     own = runs[runs["assumption"] == ""]
     rows = []
@@ -59,12 +59,12 @@ def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[st
 
 
 def answer(results: Reported) -> dict[str, Any]:
-    """Return what the template ``answer.j2`` states.
+    """Return the content of the template ``answer.j2``.
 
-    ``label`` is the estimator recommended in most cases (:func:`.standing.standing`), else the
-    best in most; ``row`` its metrics in the ``lead`` case, the first of the page's table in which
-    it is that; ``reason`` says why none is recommended in the first case without. ``own`` are the
-    metrics of the reader's own estimators in the lead case, those that finished.
+    ``label`` is the estimator recommended in most cases (:func:`.standing.standing`), else the best
+    in most; ``row`` are its metrics in the ``lead`` case, the first such case in the page's table.
+    ``reason`` states why none is recommended, for the first case without. ``own`` are the metrics
+    of the user's own finished estimators in the lead case.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]

@@ -1,6 +1,7 @@
-"""Registry of all columns: heading, unit, format and definition of every number that is shown.
+"""Registry of all columns: heading, unit, format and definition.
 
-Markdown tables, HTML pages and the page of definitions read ``templates/columns.csv`` by it alone.
+Markdown tables, HTML pages and the page of definitions use ``templates/columns.csv`` through this
+module.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class Column:
     ----------
     heading : without the unit.
     unit : of the values; may be empty.
-    form : how a value is written: "text", or a key of :data:`_FORMS`.
+    form : format of a value: "text", or a key of :data:`_FORMS`.
     definition : in one sentence; empty for the ends of an interval.
     """
 
@@ -35,7 +36,7 @@ class Column:
 
     @property
     def head(self) -> str:
-        """Heading and unit; times are written with theirs."""
+        """Heading with unit; cells of times contain their own unit."""
         has_unit = self.unit and self.form != "time"
         return f"{self.heading} [{self.unit}]" if has_unit else self.heading
 
@@ -89,14 +90,14 @@ NONE = "–"
 
 
 def column(key: str) -> Column:
-    """Return the column of a key; a counter of an estimator is a number named by its key."""
+    """Return the column of a key; an estimator's counter is a number named by its key."""
     return COLUMNS.get(key) or Column(key.replace("_", " "), form="metres")
 
 
 def significant(value: float, digits: int) -> str:
-    """Return a number with that many significant digits, without an exponent where it is short.
+    """Return a number with a number of significant digits, without an exponent if it is short.
 
-    NaN is a dash, a number beyond all others the sign of infinity.
+    NaN is a dash; infinity is its sign.
     """
     if value == 0.0:
         return "0"
@@ -125,7 +126,7 @@ def efficiency(value: float) -> str:
 
 
 def share(value: float) -> str:
-    """Return a share in per cent with two significant digits; 100% is every run."""
+    """Return a share in per cent with two significant digits; 100% only for all runs."""
     text = significant(100.0 * value, 2)
     if not math.isfinite(value):
         return text
@@ -151,12 +152,12 @@ _FORMS = {
 
 
 def marked(text: str, consistency: str) -> str:
-    """Return a text with the symbol of an estimator that is not consistent."""
+    """Return a text with the symbol of an inconsistent estimator."""
     return f"{text} {SYMBOLS.get(consistency, '')}".rstrip()
 
 
 def cell(key: str, value: Any) -> str:
-    """Return a value as a table shows it.
+    """Return a value as text for a table.
 
     Parameters
     ----------

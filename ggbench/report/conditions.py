@@ -1,4 +1,4 @@
-"""Conditions of a scenario in a few words, from its keys: the rows of a page's table."""
+"""Conditions of a scenario from its keys, for the table of a page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST_VALUES = 3
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of conditions: what the truth of the cases has in common, or its range.
+    """Return the table of conditions: common values or ranges of the true cases.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
-    """Return the source of the map, its spacing and whether it errs."""
+    """Return the source of the map, its spacing and its errors."""
     true, assumed = case.side("truth").field, case.side("model").field
     if assumed.source == "normal":
         return ["normal field"]

@@ -47,7 +47,7 @@ class Metrics:
         self._rows = table.set_index(["case", "estimator"])
 
     def value(self, case: str, estimator: str, column: str) -> float:
-        """Return a metric, NaN where it was not flown."""
+        """Return a metric, NaN if it was not flown."""
         if (case, estimator) not in self._rows.index:
             return math.nan
         return float(self._rows.loc[(case, estimator), column])

@@ -51,7 +51,7 @@ def folder_of(label: str) -> str:
 
 
 def of_the_reference(flight: RecordedFlight) -> str:
-    """Return a remark if the reference is the record of a sensor that estimators use, else ""."""
+    """Return a remark if the reference is also the record of a sensor, else ""."""
     sensor = flight.reference_is_of
     if not sensor:
         return ""
@@ -67,15 +67,15 @@ def write(
     families: Mapping[str, str],
     output: Path,
 ) -> Path:
-    """Write what estimators make of a recorded flight: all files together, or none.
+    """Write the report of a recorded flight: all files together, or none.
 
     ``LABEL/corrected.csv``, ``.gpx`` and ``.kml`` at the epochs, ``LABEL/full_rate.csv`` at the
     samples of the INS, ``LABEL/residuals.csv``, ``report.md`` and its figures, and ``report.html``,
-    which needs no other file.
+    a single file.
 
     Parameters
     ----------
-    flight : as it was read.
+    flight : recorded flight.
     estimates : of each estimator, by its label, at least one.
     families : family of each estimator.
     output : folder to write into.
@@ -87,7 +87,7 @@ def write(
     Raises
     ------
     EstimateError, FlightError, FigureError
-        If an estimate is none of this problem, or a file cannot be written.
+        If an estimate belongs to another problem, or a file cannot be written.
     """
     try:
         with written_together(output) as place:
@@ -393,8 +393,8 @@ def _by_sensor(problem: Problem, differences: Residuals) -> list[tuple[str, list
 def made_of(inputs: Sequence[Mapping[str, str]]) -> list[str]:
     """Return a line that names the input files with the first digits of their SHA-256.
 
-    Of each its ``role``, ``name`` and ``sha256``, as :func:`.result_keys.input_files`
-    has them; no line without any.
+    Each file has ``role``, ``name`` and ``sha256``, as in :func:`.result_keys.input_files`; without
+    files the line is empty.
     """
     named = [f"{i['role']} {code(i['name'])} {i['sha256'][:16]}" for i in inputs]
     line = f"- data, each with the first 16 digits of its SHA-256: {'; '.join(named)}"

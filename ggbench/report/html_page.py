@@ -1,7 +1,7 @@
-"""The HTML page of a scenario: all tables and figures in one file that needs no network.
+"""HTML page of a scenario: all tables and figures in one file, without network.
 
-The tables are in the page as numbers, which its script formats and sorts. The figures are those of
-the markdown page and of the Python interface, as SVG; the script shows their values.
+The page contains tables as numbers, which its script formats and sorts. Figures are those of the
+markdown page, as SVG; the script shows their values.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ def write(results: Reported, picture: Picture, path: Path, notes: str) -> Path:
 
     ``picture`` answers the scenario's question; ``notes`` are in markdown.
 
-    A page that would be too large has no pairs; if need be, metrics of the settled window alone.
+    A large page omits the pairs, and if necessary all windows but the settled one.
 
     Raises
     ------
     PageError
-        If the page would have more than :data:`MOST_BYTES` even so, or cannot be written.
+        If the page still exceeds :data:`MOST_BYTES`, or cannot be written.
     """
     figures, content = _figures(results, picture), b""
     for most_tables in _SIZES:
@@ -77,9 +77,9 @@ def text(
     with_pairs: bool = True,
     all_windows: bool = True,
 ) -> str:
-    """Return the page with figures and notes in markdown; with fewer tables if asked for.
+    """Return the page with figures and notes in markdown, optionally with fewer tables.
 
-    Without pairs, or with the settled window alone.
+    The options omit pairs, or all windows but the settled one.
     """
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
     pairs = results.pairs()
@@ -125,7 +125,7 @@ def _brief(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
 
 
 def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:
-    """Return a page whose tables are drawn by DataTables and by scripts of the templates."""
+    """Return a page with tables drawn by DataTables and scripts of the templates."""
     environment = page_templates.environment(html=True)
     # Text as it is, whatever letters: the file is UTF-8 throughout.
     environment.policies["json.dumps_kwargs"] = {
@@ -147,7 +147,7 @@ def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:
 
 
 def packed(tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
-    """Return tables and the meaning of their columns as the script of a page reads them."""
+    """Return tables and definitions of their columns as JSON for the page's script."""
     return {
         "tables": {name: _packed(table) for name, table in tables.items()},
         "columns": _meanings(tables.values()),

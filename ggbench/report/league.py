@@ -26,7 +26,7 @@ def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
     """Return the league of the settled window: ratios, texts of cells, and the profile's ratios.
 
     A cell has the ratio to the oracle, or to the bound of the assumed model where there is no
-    oracle; the share of lost runs where most are lost. Estimators are in the order of the metrics,
+    oracle; the share of lost runs if most are lost. Estimators are in the order of the metrics,
     smoothers last. Only estimators with all runs of a case have a place in its profile.
 
     Parameters
@@ -97,8 +97,8 @@ def _text(cell: Mapping[str, Any] | None) -> str:
 def errors(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return the table of errors: a row for each case, a column for each estimator.
 
-    Cells are those of :func:`.tables.error_cell`, of the settled window; estimators with fewer
-    runs than others of a case have the number of their runs.
+    Cells are those of :func:`.tables.error_cell` for the settled window. Cells of estimators with
+    fewer runs than others state this number.
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     most = rows["case"].map(rows.groupby("case")["runs"].max())

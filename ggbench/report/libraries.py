@@ -16,7 +16,7 @@ _PACKAGES = ("itables", "markdown_it")
 
 
 class PageError(GGBenchError):
-    """An HTML page cannot be made."""
+    """An HTML page cannot be created."""
 
 
 def package(name: str) -> Any:
@@ -25,7 +25,7 @@ def package(name: str) -> Any:
     Raises
     ------
     PageError
-        If it is not installed.
+        If the package is not installed.
     """
     try:
         return importlib.import_module(name)

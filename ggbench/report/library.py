@@ -1,4 +1,4 @@
-"""The front page of a folder of reports: findings, the league of the suite, the scenarios."""
+"""Front page of a folder of reports: findings, league of the suite, scenarios."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relative links of a text that is written into several folders."""
+"""Relative links of a text for several folders."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _ABSOLUTE = re.compile(r"[a-zA-Z][\w+.-]*:")
 
 
 def without_dead(text: str, folder: Path, coming: Set[str] = frozenset()) -> str:
-    """Return markdown with the text alone of relative links that lead nowhere from a folder.
+    """Return markdown in which relative links without a target become plain text.
 
-    Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. A report
-    that is written elsewhere has neither. Files of the folder that are still ``coming`` count.
+    Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. Reports in
+    other folders have neither. Files that are still ``coming`` count as existing.
     """
 
     def kept(match: re.Match[str]) -> str:

@@ -1,4 +1,4 @@
-"""The markdown page of a scenario, of a screen or two."""
+"""Markdown page of a scenario."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
 
     Parameters
     ----------
-    results, picture : what is reported, and the figure that answers the scenario's question.
+    results, picture : results, and the figure that answers the scenario's question.
     folder : folder of the figures.
     notes : the scenario's, in markdown.
     """

@@ -50,11 +50,11 @@ def style() -> str:
 
 
 def html(template: str, **values: Any) -> str:
-    """Return an HTML page of a template that takes ``style``."""
+    """Return an HTML page from a template with ``style``."""
     return environment(html=True).get_template(template).render(style=style(), **values)
 
 
 def markdown(template: str, templates: Path = TEMPLATES, **values: Any) -> str:
-    """Return a markdown page, without empty lines in a row."""
+    """Return a markdown page without repeated empty lines."""
     text = environment(templates=templates).get_template(template).render(values)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"

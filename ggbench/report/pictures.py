@@ -24,7 +24,7 @@ MOST_COLUMNS = 3
 
 
 class Picture(NamedTuple):
-    """A figure, its caption, and a sentence that explains it where it needs one."""
+    """A figure, its caption, and optionally a sentence that explains it."""
 
     figure: Drawing
     caption: str

@@ -42,7 +42,7 @@ _NEAR = 1.25
 
 
 def referenced(metrics: pd.DataFrame) -> list[str]:
-    """Return the cases with published errors that a table has room for."""
+    """Return the cases with published errors that fit into a table."""
     return metrics.loc[metrics["published_m"].notna(), "case"].unique().tolist()[:MOST_REFERENCES]
 
 
@@ -51,8 +51,8 @@ def published_table(
 ) -> pd.DataFrame:
     """Return published errors, bounds and estimators: a column for each case and window.
 
-    Estimators that agree within 1% in all columns share a row; the nearest ones come first. Those
-    of one's own come before all others, and have a row even if they failed.
+    Estimators that agree within 1% in all columns share a row; the nearest ones come first. Users'
+    own estimators come first, and have a row even if they failed.
     """
     cases = referenced(metrics)
     chosen = metrics[metrics["case"].isin(cases) & metrics["window"].isin(WINDOWS)]
@@ -97,10 +97,10 @@ def _published(error: float, is_allowed: bool | None) -> str:
 
 
 def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
-    """Return for each case with a published error whether the filtering bound lies below it.
+    """Return, for each case with a published error, whether the filtering bound is lower.
 
-    Columns case, window, published_m, bound_m, allowed. Where every filter failed, there is no
-    bound, and the case is left out.
+    Columns case, window, published_m, bound_m, allowed. If every filter failed, there is no bound,
+    and the case is omitted.
     """
     rows = metrics[metrics["published_m"].notna() & (metrics["causality"] == "filter")]
     rows = rows[rows["bound_m"].notna()]
@@ -112,8 +112,8 @@ def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
 def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
     """Return bound and RMS errors of estimators over windows from several starts to the end.
 
-    A row for the bound and for each estimator that finished, case by case, as many as a table has
-    room for. Empty where a flight is too short or too long for :data:`STARTS_S`.
+    There is a row for the bound and for each finished estimator, case by case, up to the size of a
+    table. Values are empty if a flight is too short or too long for :data:`STARTS_S`.
     """
     cases, lines = referenced(metrics), []
     for case in cases:
@@ -137,7 +137,7 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:
-    """Return published improvements by a known gravity, and what the disturbance can cause."""
+    """Return published improvements by known gravity, and the effect of the disturbance."""
     rows = []
     for claim in results.scenario.claims:
         if claim.case not in results.manifest["cases"]:
@@ -162,12 +162,12 @@ def gravity_claims(results: Results) -> pd.DataFrame:
 
 
 def claimed(results: Any) -> pd.DataFrame:
-    """Return the published claims on pairs of estimators, and their verdicts here.
+    """Return the published claims on pairs of estimators, and their verdicts.
 
     A claim of *equal* holds if the pair is equivalent; a claim of *larger* or *smaller* holds if
     the pair is worse or better. A claim on times compares medians. The claims of a scenario are a
-    family of tests of their own. An undecided one is open, with the number of runs that would
-    decide it.
+    family of tests of their own. An undecided claim is open, with the number of runs needed for a
+    decision.
     """
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
     metrics = results.metrics()

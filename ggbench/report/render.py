@@ -22,13 +22,13 @@ class ReportError(GGBenchError):
 def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Path]:
     """Write the report of a results folder: ``NAME.md``, its figures and data, ``NAME.html``.
 
-    All of it takes its place together, or nothing.
+    All files are written together, or none.
 
     Parameters
     ----------
     folder : results of ``ggbench run``, finished or interrupted.
-    output : folder to write to; made if it does not exist.
-    pages : files in it to which a page may link, besides those that are there: they come later.
+    output : folder to write to; a missing one is created.
+    pages : files that will exist in ``output`` later, as targets of links.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
     Raises
     ------
     StoreError, ScenarioError, ReportError
-        If the folder is not a results folder, is damaged or holds no finished run.
+        If the folder is not a results folder, is damaged or has no finished run.
     """
     results = Reported(folder)
     if results.metrics().empty:

@@ -1,4 +1,4 @@
-"""Results as reports show them: estimators of files by their own names, and all tables by name."""
+"""Results as shown in reports: short names of estimators, all tables by name."""
 
 from __future__ import annotations
 
@@ -21,42 +21,42 @@ _LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother
 
 
 class Reported(Results):
-    """A results folder whose tables name estimators as reports show them.
+    """A results folder whose tables use the short names of estimators.
 
-    An estimator of a file has the name of its class, ``mine[gain=2]`` for ``a/file.py[gain=2]``,
-    unless another one has it, too. Commands keep the file.
+    The short name of a file's estimator is that of its class, ``mine[gain=2]`` for
+    ``a/file.py[gain=2]``, unless it is ambiguous. Commands keep the file.
     """
 
     @cached_property
     def shown(self) -> dict[str, str]:
-        """The shown name of each estimator by its label."""
+        """Short name of each estimator by its label."""
         metrics = super().metrics()
         names = dict(zip(metrics["estimator"], metrics["name"], strict=True))
         return {label: label for label in super().labels} | shown_names(names)
 
     @property
     def labels(self) -> list[str]:
-        """The shown names, in the order in which the estimators were asked for."""
+        """Short names, in the order of the command."""
         return [self.shown[label] for label in super().labels]
 
     @property
     def families(self) -> dict[str, str]:
-        """The family of each estimator by its shown name."""
+        """Family of each estimator by its short name."""
         return {self.shown[label]: family for label, family in super().families.items()}
 
     @property
     def own(self) -> list[str]:
-        """The shown names of estimators that are not shipped, in order."""
+        """Short names of estimators that are not shipped, in order."""
         families = self.families
         return [label for label in self.labels if is_own(label, families)]
 
     @property
     def seeking(self) -> dict[str, str]:
-        """Names that an estimator's source uses to find truth, by its shown name."""
+        """Names in an estimator's source that lead to the truth, by its short name."""
         return {self.shown[label]: names for label, names in super().seeking.items()}
 
     def series(self, case: str, estimator: str) -> np.ndarray:
-        """Return the errors (runs, K', 4) of finished runs of a shown estimator."""
+        """Return the errors (runs, K', 4) of finished runs of an estimator, by its short name."""
         labels = {name: label for label, name in self.shown.items()}
         return super().series(case, labels.get(estimator, estimator))
 
@@ -65,15 +65,15 @@ class Reported(Results):
         return self._named(super().runs())
 
     def metrics(self) -> pd.DataFrame:
-        """Return a row per case, estimator and window."""
+        """Return a row for each case, estimator and window."""
         return self._named(super().metrics())
 
     def pairs(self) -> pd.DataFrame:
-        """Return every two estimators of a kind in each case."""
+        """Return the pairs of estimators of a kind in each case."""
         return self._named(super().pairs())
 
     def cases(self) -> pd.DataFrame:
-        """Return a row per case: set-up, bounds and verdicts."""
+        """Return a row for each case: set-up, bounds and verdicts."""
         return self._named(super().cases())
 
     def failures(self) -> pd.DataFrame:
@@ -81,9 +81,9 @@ class Reported(Results):
         return self._named(super().failures())
 
     def further_tables(self) -> dict[str, pd.DataFrame]:
-        """Return the tables besides metrics, cases and pairs that are not empty, by name.
+        """Return all non-empty tables except metrics, cases and pairs, by name.
 
-        In the order of a page: errors first, counters last.
+        The order is that of a page: errors first, counters last.
         """
         tables = {
             "errors": league.errors(self.metrics(), self.cases()),
@@ -99,13 +99,13 @@ class Reported(Results):
         return {name: table for name, table in tables.items() if len(table)}
 
     def write_data(self, folder: Path) -> None:
-        """Write the digest, and the other tables that are not empty, into a folder."""
+        """Write the digest and the other non-empty tables into a folder."""
         digest.write(self, folder)
         for name, table in self.further_tables().items():
             digest.write_csv(table, folder / f"{name}.csv")
 
     def rerun(self) -> str:
-        """Return the command that runs the campaign again."""
+        """Return the command that repeats the campaign."""
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""

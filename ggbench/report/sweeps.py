@@ -46,9 +46,9 @@ def is_of_the_prior(scenario: Scenario) -> bool:
 
 
 def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
-    """Return at most three parts of a grid: of its cases, at the middle of all further axes.
+    """Return at most three parts of a grid, at the middle of all further axes.
 
-    Abscissae are values of the first axis, or σ/ℓ where the axis is the initial uncertainty.
+    Abscissae are values of the first axis, or σ/ℓ if this is the initial uncertainty.
     """
     sweep = scenario.sweep
     assert sweep is not None
@@ -74,7 +74,7 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
 
 
 def shown_cases(results: Results) -> pd.DataFrame:
-    """Return the flown cases that a page lists, those that decide; of a sweep, of its figure."""
+    """Return the flown cases of a page: the deciding ones, or for a sweep those of its figure."""
     cases, metrics = results.cases(), results.metrics()
     cases = cases[cases["case"].isin(metrics["case"])]
     if results.scenario.sweep is not None:
@@ -96,10 +96,9 @@ def reached(
 ) -> pd.DataFrame:
     """Return for each target the values of the first axis that reach it, part by part.
 
-    Of the bound, the EKF and the first of one's own estimators, for which the interval of the
-    errors leads to one in parentheses.
-    ``3.2 E`` means up to there, which is interpolated: only where no error is surely smaller than
-    the one before, else the values themselves are listed. Empty without a sweep.
+    The columns are the bound, the EKF and the first own estimator, with an interval in parentheses.
+    ``3.2 E`` is an interpolated upper limit. If an error is surely smaller than the one before, the
+    values are listed instead. The table is empty without a sweep.
     """
     if scenario.sweep is None:
         return pd.DataFrame()
@@ -152,10 +151,10 @@ def _limit(value: float, unit: str) -> str:
 
 
 def recovered(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
-    """Return the largest σ/ℓ up to which each causal estimator succeeds in 95% of the runs.
+    """Return, for each causal estimator, the largest σ/ℓ with 95% success.
 
-    On equal runs, and in every case of the grid with a smaller or an equal σ/ℓ; the widest
-    first. An estimator without such a case has 0.
+    All cases with an equal or smaller σ/ℓ must have 95% success, on equal runs. The largest comes
+    first. Estimators without such a case have 0.
     """
     rows = comparable(metrics)
     rows = rows[rows["causality"] == "filter"]

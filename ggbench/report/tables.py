@@ -1,4 +1,4 @@
-"""Tables as text: markdown of any rows, and the cells that compare estimators."""
+"""Tables as markdown text, and cells that compare estimators."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def code(text: object) -> str:
-    """Return a text of anyone's, such as an estimator's label, as a code span of markdown.
+    """Return an untrusted text, such as an estimator's label, as a markdown code span.
 
     Its fence is longer than any run of backticks in it (CommonMark, section 6.1).
     """
@@ -42,7 +42,7 @@ def code(text: object) -> str:
 
 
 def plain(text: object) -> str:
-    """Return a text of anyone's, such as the reason of a failure, as markdown that shows it."""
+    """Return an untrusted text, such as a reason of failure, as escaped markdown."""
     return _MARKUP.sub(r"\\\g<0>", line_of(str(text), _LONGEST_TEXT))
 
 
@@ -67,9 +67,9 @@ def text(table: pd.DataFrame) -> str:
 def error_cell(row: Mapping[str, Any]) -> str:
     """Return ``RMS (× oracle), success †`` of a row of metrics; success only below 100%.
 
-    The INS has its RMS error, and a success rate if any run succeeds by chance. Where most runs
-    are lost, the cell has their share alone; where all failed, "failed". "as the INS": no more runs
-    succeed than of the INS.
+    The cell of the INS has its RMS error, and a success rate if any run succeeds. If most runs are
+    lost, the cell has only their share; if all failed, "failed". "as the INS" means a success rate
+    no higher than that of the INS.
     """
     if row["failed"] == row["runs"]:
         return FAILED
@@ -95,7 +95,7 @@ def is_lost(row: Mapping[str, Any]) -> bool:
 
 
 def names(labels: Sequence[str], most: int = 3) -> str:
-    """Return estimators in code, the first few, and the number of the others."""
+    """Return the first few estimators as code, and the number of the others."""
     first = [code(label) for label in labels[:most]]
     more = len(labels) - most
     if more > 0:

@@ -1,4 +1,4 @@
-"""Views of the three tables of a scenario: data frames in, data frames out.
+"""Views of the three tables of a scenario, as data frames.
 
 ``metrics``, ``pairs`` and ``cases`` are those of :class:`ggbench.results.folder.Results`.
 """
@@ -35,9 +35,9 @@ def require_equal_runs(rows: pd.DataFrame) -> None:
 
 
 def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
-    """Return the rows of a window that are of all runs of their case.
+    """Return the rows of a window with all runs of their case.
 
-    Estimators with fewer runs are left out: their errors are of another sample.
+    Estimators with fewer runs are omitted, because their errors belong to another sample.
     """
     rows = metrics[metrics["window"] == window]
     rows = rows[rows["runs"] == rows.groupby("case")["runs"].transform("max")]
@@ -46,7 +46,7 @@ def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
 
 
 def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
-    """Return the estimators that flew fewer runs than others of a case, and are not compared."""
+    """Return the estimators with fewer runs than others of a case, which are not compared."""
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     comparable_labels = comparable(rows)["estimator"]
     return [label for label in rows["estimator"].unique() if label not in set(comparable_labels)]
@@ -62,11 +62,10 @@ def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
 def deciding_cases(
     metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_CASES
 ) -> pd.DataFrame:
-    """Return at most so many cases that decide between estimators, in the order of the file.
+    """Return at most ``most`` cases that decide between estimators, in the order of the file.
 
-    Of cases with the same set of recommended estimators the one in which causal estimators differ
-    most comes first, by the ratio of their largest and least RMS errors; then the other cases.
-    Larger ratios come first in both groups.
+    Among cases with equal recommendations, the one with the largest ratio of RMS errors of causal
+    estimators comes first. These cases precede all others. Both groups are ordered by this ratio.
     """
     if len(cases) <= most:
         return cases
@@ -83,7 +82,7 @@ def deciding_cases(
 
 
 def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
-    """Return at most so many cases, evenly spread in the order of the file, both ends included."""
+    """Return at most ``most`` cases, evenly spread in the order of the file, with both ends."""
     if len(cases) <= most:
         return cases
     return cases.iloc[np.unique(np.linspace(0, len(cases) - 1, most).round().astype(int))]
@@ -94,8 +93,8 @@ def answer_table(
 ) -> pd.DataFrame:
     """Return the page's table: bound, INS, EKF, recommended and best smoother of each case.
 
-    Estimators of one's own have a column each. If these are too many for a page, the table has a
-    column for each case and a row for each estimator, of one's own the first ones.
+    Each own estimator has a column. If there are too many, the table has a column for each case and
+    a row for each estimator, the own ones first.
     """
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     plain = (cases["recommended"] != "").to_numpy()
@@ -182,11 +181,11 @@ class _Cells:
 def drawn_estimators(
     metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = (), most: int = MOST_DRAWN
 ) -> list[str]:
-    """Return the estimators of a figure: the EKF, one's own, those of a table, the best ones.
+    """Return the estimators of a figure: EKF, own ones, those of a table, best ones.
 
-    Of each name and causality one is drawn, with the least mean logarithm of error over the bound;
-    of one's own all, up to the number of lines. Only estimators that flew all runs of every case
-    shown count.
+    For each name and causality the one with the least mean logarithm of error over bound is drawn;
+    own estimators are all drawn, up to the number of lines. Only estimators with all runs of every
+    shown case count.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]
@@ -229,7 +228,7 @@ def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:
 
 
 def not_consistent(metrics: pd.DataFrame) -> list[str]:
-    """Return causal estimators that are overconfident or unsafe in any case, most often first."""
+    """Return causal estimators that are overconfident or unsafe in any case, by frequency."""
     rows = metrics[(metrics["window"] == "settled") & (metrics["causality"] == "filter")]
     marked = rows[rows["consistency"].isin(list(columns.SYMBOLS))]
     return marked["estimator"].value_counts().index.tolist()

@@ -1,7 +1,7 @@
 """Columns of a record: the results of one run of one estimator.
 
-The one declaration of these columns: the tables of the database with their checks, blank records
-and the table of runs follow from it.
+Only this module declares the columns. Database tables with their checks, blank records and the
+table of runs follow from it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class Column:
     ----------
     name, kind : its name, and the type of its values.
     check : condition on the values besides their type, as SQL that follows the name.
-    finished : whether it is of finished runs only; of failed ones it is NULL.
-    defined : whether it has a value in every row; a float without one is NaN, in SQL NULL.
+    finished : whether only finished runs have it; NULL for failed ones.
+    defined : whether every row has a value; a float without a value is NaN, in SQL NULL.
     tabled : whether the table of runs has it.
     """
 
@@ -45,7 +45,7 @@ class Column:
 
     @property
     def blank(self) -> Any:
-        """Value in the record of a run that has failed, if nothing is known of it."""
+        """Value in the record of a failed run, if nothing else is known."""
         if self.kind is float:
             return math.nan
         return None if self.finished else self.kind()
@@ -72,7 +72,7 @@ class Column:
 
     @property
     def dtype(self) -> type | None:
-        """Type of the column of a table; text keeps the one that pandas gives it."""
+        """Type of the column of a table; text keeps the default of pandas."""
         if self.kind is str:
             return None
         return float if self.kind is int and self.finished else self.kind

@@ -1,8 +1,8 @@
-"""Texts in CSV files that spreadsheets take for texts, whatever they begin with.
+"""CSV files with texts that spreadsheets do not execute as formulas.
 
-A cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return is a formula to a
-spreadsheet. Titles, labels and reasons come from anyone, so such a text is written behind an
-apostrophe (OWASP, CSV injection), which :func:`restored` takes off.
+Spreadsheets execute a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return.
+Titles, labels and reasons are untrusted. Therefore an apostrophe precedes such texts (OWASP, CSV
+injection); :func:`restored` removes it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def csv_text(table: pd.DataFrame, **options: Any) -> str:
 
 
 def restored(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table that was read from such a file with its texts as they were."""
+    """Return a table read from such a file, with its original texts."""
     texts = table.select_dtypes(exclude=["number", "bool"])
     return table.assign(**{key: texts[key].map(_plain) for key in texts})
 

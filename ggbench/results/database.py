@@ -1,7 +1,7 @@
 """Database of a results folder: records, fixes, time series, arrays of cases.
 
-Each result is durable (written through to the disk) when it has been added. What is read is sound:
-SQLite refuses a row that the declared columns do not allow (:mod:`.results.columns`).
+Each added result is durable (synchronised to the disk). SQLite refuses rows that violate the
+declared columns (:mod:`.results.columns`).
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ _TRUTHS = tuple(column.name for column in COLUMNS if column.kind is bool)
 
 
 class StoreError(GGBenchError):
-    """A results folder cannot be used."""
+    """A results folder is unusable."""
 
 
 class Result(NamedTuple):
-    """What one run of one estimator leaves behind.
+    """Result of one run of one estimator.
 
     Attributes
     ----------
-    key : hash of all that the result depends on but the number of the run
+    key : hash of all inputs of the result except the number of the run
         (:mod:`.campaign.result_keys`).
-    record : what is said of the run, a value for each of :data:`.columns.NAMES`.
+    record : record of the run, a value for each of :data:`.columns.NAMES`.
     series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
         None.
-    detail : (K, 18) float32, errors and their σ of a run kept in detail
-        (:meth:`Database.detail`); or None.
-    fixes : of a matcher, see :func:`.judging.fix_metrics.judge`.
-    retry_above : None if the result is final; else the time limit [s] above which another attempt
-        is worth it, of a run that died or was too slow.
+    detail : (K, 18) float32, errors and their σ, for selected runs (:meth:`Database.detail`); or
+        None.
+    fixes : fixes of a matcher, see :func:`.judging.fix_metrics.judge`.
+    retry_above : None if the result is final; for a run that died or was too slow, the time limit
+        [s] above which it is repeated.
     """
 
     key: str
@@ -69,12 +69,12 @@ class Database:
     Parameters
     ----------
     path : of its file.
-    create : make it if it does not exist, to be written.
+    create : create a missing file, and open it for writing.
 
     Raises
     ------
     StoreError
-        If it has other columns than this version of the package, or is damaged.
+        If the file has other columns than this version of the package, or is damaged.
     """
 
     def __init__(self, path: Path, create: bool = False) -> None:
@@ -128,13 +128,13 @@ class Database:
             )
 
     def close(self) -> None:
-        """Close the database, whose log is merged into it."""
+        """Close the database; its log is merged."""
         self._connection.close()
 
     def add(self, results: Iterable[Result]) -> None:
         """Store results in one transaction.
 
-        Raise StoreError if they cannot be written (a full disk): then none of them is.
+        Raise StoreError if they cannot be written (full disk); then none of them is stored.
         """
         records: list[tuple[Any, ...]] = []
         fixes: list[tuple[Any, ...]] = []
@@ -151,9 +151,9 @@ class Database:
         self._write({"records": records, "fixes": fixes, "curves": curves})
 
     def finished(self, limit: float = np.inf, retry_failed: bool = False) -> dict[str, np.ndarray]:
-        """Return, by key, the runs (N,) whose results a time limit [s] leaves as they are.
+        """Return, by key, the runs (N,) with a final result for a time limit [s].
 
-        ``retry_failed`` leaves out all runs that failed, for whatever reason.
+        With ``retry_failed`` no failure is final.
         """
         to_repeat: dict[str, list[int]] = {}
         query = "SELECT key, run FROM records WHERE retry_above < ?"
@@ -170,7 +170,7 @@ class Database:
     def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
         """Yield the records under a key of the runs from ``first`` to below ``runs``, in order.
 
-        Raise StoreError if one is damaged.
+        Raise StoreError if a record is damaged.
         """
         query = (
             f"SELECT {', '.join(NAMES)} FROM records WHERE key = ? AND run >= ? AND run < ? "
@@ -188,14 +188,15 @@ class Database:
     def runs(self, keys: Set[str], runs: int) -> pd.DataFrame:
         """Return the table of the runs below ``runs`` under some keys, in the order of both.
 
-        ``key``, then the columns of a record that are :data:`.columns.TABLED`, in their order.
+        The columns are ``key``, then those of :data:`.columns.TABLED`.
         """
         return self._table("records", TABLED, keys, runs, "key, run")
 
     def fixes(self, keys: Set[str], runs: int) -> dict[str, pd.DataFrame]:
-        """Return the fixes of the runs below ``runs``, by the keys of estimators that make fixes.
+        """Return the fixes of the runs below ``runs``, by the keys of matchers.
 
-        Tables of ``run`` and :data:`.judging.fix_metrics.ROWS`, in the order of runs and fixes.
+        The tables have ``run`` and :data:`.judging.fix_metrics.ROWS`, in the order of runs and
+        fixes.
         """
         query = "SELECT DISTINCT key FROM records WHERE fixes IS NOT NULL AND run < ?"
         makers = keys & {key for (key,) in self._select(query, (runs,))}
@@ -226,9 +227,9 @@ class Database:
     def series(self, key: str, runs: int) -> np.ndarray:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
 
-        K' are the epochs that ``kept`` of the shared arrays names.
+        The array ``kept`` of the case lists the K' epochs.
 
-        Raise StoreError if one is damaged.
+        Raise StoreError if a series is damaged.
         """
         rows = self._select(
             "SELECT series FROM curves WHERE key = ? AND run < ? ORDER BY run", (key, runs)
@@ -239,14 +240,14 @@ class Database:
         return np.array(curves)
 
     def series_of(self, key: str, run: int) -> np.ndarray | None:
-        """Return (K', 4) of one run, or None if it has none."""
+        """Return the series (K', 4) of one run, or None if it has none."""
         return self._blob("series", key, run, 4)
 
     def detail(self, key: str, run: int) -> np.ndarray | None:
-        """Return (K, 18) of a run kept in detail.
+        """Return the errors (K, 18) of a selected run.
 
-        Errors of position and velocity, their σ, and those of the gravity disturbance [m/s²], NaN
-        where it is no state.
+        They are the errors of position and velocity, their σ, and error and σ of the gravity
+        disturbance [m/s²]; NaN if it is no state.
         """
         return self._blob("detail", key, run, 18)
 
@@ -255,17 +256,17 @@ class Database:
         return None if not rows or rows[0][0] is None else _unpack(rows[0][0], width)
 
     def write_arrays(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store the arrays, (K,) or (K, m), that all runs of a case share."""
+        """Store the arrays (K,) or (K, m) that are common to all runs of a case."""
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **arrays)
         self._write({"shared": [(key, content.getvalue())]})
 
     def has_arrays(self, key: str) -> bool:
-        """Return whether what all runs of a case share is stored."""
+        """Return whether the common arrays of a case are stored."""
         return bool(self._select("SELECT 1 FROM shared WHERE key = ?", (key,)))
 
     def arrays(self, key: str, case: str) -> dict[str, np.ndarray]:
-        """Return the arrays, (K,) or (K, m), that all runs share; ``case`` is for messages.
+        """Return the common arrays (K,) or (K, m); ``case`` is for messages.
 
         Raise StoreError if they are missing or damaged.
         """

@@ -1,9 +1,9 @@
 """Tables of a campaign as small text files for the library page.
 
-``manifest.json``  what was run.
+``manifest.json``  scenario, estimators and versions.
 ``metrics.csv``    metrics of the settled window.
 ``cases.csv``      the cases.
-``pairs.csv``      paired comparisons with the INS, the EKF and the estimators that a case names.
+``pairs.csv``      comparisons with the INS, the EKF and the estimators that a case names.
 """
 
 from __future__ import annotations
@@ -69,12 +69,12 @@ DIGITS = "%.6g"
 
 @dataclass(frozen=True, eq=False)
 class Digest:
-    """A campaign as the library's page knows it.
+    """Summary of a campaign for the page of the library.
 
     Attributes
     ----------
     manifest : mapping
-        What was run, when, on what; ``title`` is the scenario's.
+        Scenario, estimators, versions, date and machine; ``title`` is that of the scenario.
     metrics, cases, pairs : DataFrame
         Tables of :class:`.folder.Results`, metrics of the settled window.
     """
@@ -86,9 +86,9 @@ class Digest:
 
 
 def write(results: Results, folder: Path) -> None:
-    """Write the digest of a results folder into a folder, which is made if need be.
+    """Write the digest of a results folder into a folder; a missing one is created.
 
-    Raise OSError if it cannot be written.
+    Raise OSError if a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     metrics, cases = results.metrics(), results.cases()

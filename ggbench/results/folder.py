@@ -1,6 +1,6 @@
 """Reader of a results folder: records, tables, and files for other tools.
 
-Only what the folder itself holds is read: no estimator is loaded and nothing is simulated.
+The reader uses only the files of the folder. It loads no estimator and simulates nothing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _Measurements = dict[str, dict[str, tuple[int, float]]]
 
 
 class ResultsError(GGBenchError):
-    """What is asked of a results folder is not in it."""
+    """A results folder lacks the requested item."""
 
 
 class Cell(NamedTuple):
@@ -58,10 +58,10 @@ RUN_COLUMNS = (
 
 
 class Results:
-    """A results folder, finished or stopped; its tables are the caller's own, to be changed.
+    """A results folder, complete or interrupted; callers may change its tables.
 
-    ``store`` is the open folder, if it is open already. Raise StoreError if it is no results folder
-    or is damaged.
+    ``store`` is the folder, if it is already open. Raise StoreError if it is no results folder or
+    is damaged.
     """
 
     def __init__(self, folder: Path | str, store: Store | None = None) -> None:
@@ -74,17 +74,17 @@ class Results:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario with the cases that were run."""
+        """Scenario with the cases that were run."""
         return self.whole_scenario.select(self.manifest["cases"])
 
     @cached_property
     def whole_scenario(self) -> Scenario:
-        """The scenario from the copy in the folder, with all of its cases.
+        """Scenario from the copy in the folder, with all its cases.
 
         Raises
         ------
         ScenarioError, StoreError
-            If this version cannot read it, or it is not the one that was run.
+            If this version cannot read it, or it differs from the scenario that was run.
         """
         manifest = self.manifest
         loaded = scenario.from_text(
@@ -99,22 +99,22 @@ class Results:
 
     @property
     def labels(self) -> list[str]:
-        """The labels of the estimators, in the order in which they were asked for."""
+        """Labels of the estimators, in the order of the command."""
         return list(self.estimators)
 
     @cached_property
     def estimators(self) -> dict[str, dict[str, Any]]:
-        """What the results of each estimator depend on: class, parameters, hash of its source."""
+        """Inputs of each estimator's results: class, parameters, hash of its source."""
         return dict(self.manifest["estimators"])
 
     @property
     def families(self) -> dict[str, str]:
-        """The family of each estimator (:data:`ggbench.problem.Family`)."""
+        """Family of each estimator (:data:`ggbench.problem.Family`)."""
         return dict(self.manifest["families"])
 
     @property
     def seeking(self) -> dict[str, str]:
-        """Estimators whose source looks where truth could be found, each with what it uses."""
+        """Estimators whose source uses names that lead to the truth, with these names."""
         names_used = {name: estimator.get("seeks") for name, estimator in self.estimators.items()}
         return {
             label: ", ".join(map(str, names))
@@ -124,13 +124,13 @@ class Results:
 
     @property
     def run_count(self) -> int:
-        """How many runs of each case were asked for."""
+        """Requested number of runs of each case."""
         return int(self.manifest["runs"])
 
     def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
-        """Yield the records of the cases ("") or of one assumption, with the names of their cell.
+        """Yield the records of the cases ("") or of one assumption, with their cells.
 
-        Case by case, estimator by estimator, run by run.
+        The order is case, estimator, run.
         """
         for cell in self.cells:
             if cell.assumption == assumption:
@@ -146,20 +146,20 @@ class Results:
     def series(self, case: str, estimator: str) -> np.ndarray:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
 
-        K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
+        The array ``kept`` of the case lists the K' epochs. The result may be empty.
         """
         key = self._keys.get(("", case, estimator))
         curves = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
         return curves if not len(curves) else self._of_length(curves, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
-        """Return (K', 4) of one run, or None if it has none."""
+        """Return the series (K', 4) of one run, or None if it has none."""
         key = self._keys.get(("", case, estimator))
         curve = None if key is None else self.store.series_of(key, run)
         return None if curve is None else self._of_length(curve, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
-        """Return (K, 18) of a run kept in detail, see :meth:`.database.Database.detail`."""
+        """Return the errors (K, 18) of a selected run, see :meth:`.database.Database.detail`."""
         key = self._keys.get(("", case, estimator))
         curve = None if key is None else self.store.detail(key, run)
         return None if curve is None else self._of_length(curve, case, "times")
@@ -172,10 +172,10 @@ class Results:
         return curves
 
     def counters(self) -> pd.DataFrame:
-        """Return what estimators counted of themselves: medians over the runs that finished.
+        """Return the counters of the estimators: medians over the finished runs.
 
-        A row for each case and estimator that left numbers in the ``info`` of its estimates: case,
-        estimator, then a column for each counter, NaN where an estimator does not have it.
+        There is a row for each case and estimator with numbers in ``info``: case, estimator, and a
+        column for each counter, NaN for estimators without it.
         """
         rows = []
         for cell in self.cells:
@@ -188,10 +188,10 @@ class Results:
 
     @cached_property
     def fixes(self) -> dict[tuple[str, str], pd.DataFrame]:
-        """The fixes of matchers, by case and estimator.
+        """Fixes of matchers, by case and estimator.
 
-        ``run`` and :data:`.judging.fix_metrics.ROWS` of each that was tried, accepted or not, in
-        a run that finished.
+        The columns are ``run`` and :data:`.judging.fix_metrics.ROWS`, for all attempts in finished
+        runs, accepted or not.
         """
         by_key = self.store.fixes({cell.key for cell in self.cells}, self.run_count)
         return {
@@ -203,7 +203,7 @@ class Results:
     def fix_metrics(self) -> pd.DataFrame:
         """Return the metrics of fixes: case, estimator, runs, :data:`.judging.fix_metrics.COLUMNS`.
 
-        A row for each estimator that makes fixes, on each case.
+        There is a row for each matcher and case.
         """
         rows, table = [], self._cases_runs
         for (case, estimator), fixes in self.fixes.items():
@@ -214,7 +214,7 @@ class Results:
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
-        """Return the arrays that all runs share: epochs (K,), track (K, 3), bounds, signals."""
+        """Return the arrays common to all runs: epochs (K,), track (K, 3), bounds, signals."""
         if case not in self._arrays:
             key = self.manifest["shared"].get(case, "")
             self._arrays[case] = self.store.arrays(key, case)
@@ -223,7 +223,7 @@ class Results:
     def runs(self) -> pd.DataFrame:
         """Return the table of runs: one row per run and estimator, the cases first, then studies.
 
-        :data:`RUN_COLUMNS`; numbers that a run does not have are NaN.
+        The columns are :data:`RUN_COLUMNS`; missing numbers are NaN.
         """
         return self._runs.copy()
 
@@ -244,14 +244,14 @@ class Results:
         return table[[*RUN_COLUMNS]]
 
     def command(self, cell: Cell, run: int) -> str:
-        """Return the command that runs one run again, alone, in one process."""
+        """Return the command that repeats one run, alone, in one process."""
         case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
         options = {"--case": case, "-e": cell.estimator, "--seed": self.manifest["seed"]}
         words = [f"{option} {shlex.quote(str(value))}" for option, value in options.items()]
         return f"ggbench run {as_argument(self.manifest['argument'])} {' '.join(words)} --run {run}"
 
     def metrics(self) -> pd.DataFrame:
-        """Return a row per case, estimator and window (:func:`.summary.metrics`)."""
+        """Return a row for each case, estimator and window (:func:`.summary.metrics`)."""
         return self._metrics.copy()
 
     @cached_property
@@ -269,7 +269,7 @@ class Results:
         return self.metrics_of(self._cases_runs)
 
     def metrics_of(self, runs: pd.DataFrame) -> pd.DataFrame:
-        """Return the metrics of some rows of the table of runs, which recommend nothing."""
+        """Return the metrics of some rows of the table of runs, without recommendations."""
         published = {
             case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
             for case in self.scenario.cases
@@ -287,7 +287,7 @@ class Results:
         return cases.verdicts(self._cases_runs, self._unjudged)
 
     def pairs(self) -> pd.DataFrame:
-        """Return every two estimators of a kind in each case (:func:`.pairs.pairs`)."""
+        """Return the pairs of estimators of a kind in each case (:func:`.pairs.pairs`)."""
         return self._pairs.copy()
 
     @cached_property
@@ -295,11 +295,11 @@ class Results:
         return pairs.pairs(self._cases_runs)
 
     def pairs_of(self, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
-        """Return chosen pairs as a family of tests of their own (:func:`.pairs.family`)."""
+        """Return chosen pairs as a separate family of tests (:func:`.pairs.family`)."""
         return pairs.family(self._cases_runs, requested)
 
     def cases(self) -> pd.DataFrame:
-        """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`)."""
+        """Return a row for each case: set-up, bounds and verdicts (:func:`.cases.cases`)."""
         return self._cases.copy()
 
     @cached_property
@@ -322,7 +322,7 @@ class Results:
         return counts
 
     def studies(self) -> pd.DataFrame:
-        """Return each assumption's metrics, and as ``""`` those of the same runs without it."""
+        """Return metrics of each assumption, and as ``""`` those of the same runs without it."""
         table = self._runs
         studied = table[table["assumption"] != ""]
         if studied.empty:
@@ -339,16 +339,16 @@ class Results:
         return pd.concat(frames, ignore_index=True)
 
     def failures(self) -> pd.DataFrame:
-        """Return the runs that failed, each with its reason and the command that repeats it."""
+        """Return the failed runs, each with its reason and the command that repeats it."""
         table = self._runs
         columns = ["assumption", "case", "estimator", "run", "reason", "command"]
         return table.loc[table["status"] != "ok", columns].reset_index(drop=True)
 
 
 def as_argument(path: str) -> str:
-    """Return a path as it can be pasted into a command: quoted, and not taken for an option.
+    """Return a path for a command line: quoted, and never an option.
 
-    Bytes that are no UTF-8 become escapes within ``$'...'``, which shells read back.
+    Bytes that are no UTF-8 become escapes within ``$'...'``, which shells convert back.
     """
     try:
         path.encode()
@@ -361,9 +361,10 @@ def as_argument(path: str) -> str:
 def write_tables(results: Results) -> pd.DataFrame:
     """Write the tables of a results folder into it; return the metrics.
 
-    ``metrics.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv``, ``runs.parquet`` (the table of
-    runs; without pyarrow ``runs.csv``), if assumptions were studied ``assumptions.csv``, and if
-    matchers made fixes ``fixes.csv``. Raise StoreError if a file cannot be written.
+    The files are ``metrics.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv``, ``runs.parquet``
+    (the table of runs; without pyarrow ``runs.csv``), if assumptions were studied
+    ``assumptions.csv``, and if matchers made fixes ``fixes.csv``. Raise StoreError if a file cannot
+    be written.
     """
     metrics = results.metrics()
     tables = {

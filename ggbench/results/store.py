@@ -1,11 +1,9 @@
 """Results folder with atomic writes.
 
-``manifest.json``   what was run: the scenario's text, versions, machine, seed, date, and the keys
-                    under which the results are stored.
+``manifest.json``   text of the scenario, versions, machine, seed, date, and keys of the results.
 ``records.sqlite``  the results themselves (:mod:`.results.database`).
 
-The other files of a folder are made from these two. A results folder is data: nothing in it is
-ever executed.
+The other files of a folder are made from these two. Nothing in a results folder is ever executed.
 """
 
 from __future__ import annotations
@@ -62,7 +60,7 @@ _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 
 
 def kept_epochs(epochs: int) -> np.ndarray:
-    """Return the epochs (K',) that a time series keeps: all, or an even choice of many."""
+    """Return the epochs (K',) of a stored time series: all, or an even choice of many."""
     numbers = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
     return np.round(numbers).astype(int)
 
@@ -73,13 +71,13 @@ class Store(Database):
     Parameters
     ----------
     folder : of the results.
-    create : make it (and its database) if it does not exist, and keep other processes out.
-    fresh : first remove the files of an earlier campaign, and nothing else.
+    create : create missing folder and database, and lock the folder for other processes.
+    fresh : first remove the files of an earlier campaign, but no others.
 
     Raises
     ------
     StoreError
-        If it does not exist, is in use by another process, or is damaged.
+        If the folder does not exist, is in use by another process, or is damaged.
     """
 
     def __init__(self, folder: Path, create: bool = False, fresh: bool = False) -> None:
@@ -115,7 +113,7 @@ class Store(Database):
             ) from None
 
     def close(self) -> None:
-        """Close the database, whose log is merged into it, and leave the folder to others."""
+        """Close the database and unlock the folder."""
         super().close()
         self._leave()
 
@@ -125,14 +123,14 @@ class Store(Database):
             self._locked.close()
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Write the manifest, and next to it the scenario's text for a human reader."""
+        """Write the manifest, and the text of the scenario for readers."""
         self.write("manifest.json", (json.dumps(manifest, indent=1) + "\n").encode())
         self.write("scenario.toml", manifest["scenario_text"].encode())
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file of the folder, whole or not at all, and through to the disk.
+        """Write a file of the folder atomically, synchronised to the disk.
 
-        Raise StoreError if it cannot be written.
+        Raise StoreError if the file cannot be written.
         """
         temporary = self.folder / f".{name}.{os.getpid()}.part"
         try:
@@ -147,9 +145,9 @@ class Store(Database):
             raise StoreError(f"cannot write {self.folder / name}: {reason_of(error)}") from None
 
     def remove(self, name: str) -> None:
-        """Take a file out of the folder, if it is there.
+        """Remove a file of the folder, if it exists.
 
-        Raise StoreError if it cannot be removed.
+        Raise StoreError if the file cannot be removed.
         """
         try:
             (self.folder / name).unlink(missing_ok=True)
@@ -158,10 +156,10 @@ class Store(Database):
 
 
 def require_ours(folder: Path) -> None:
-    """Raise StoreError if a folder exists and holds anything but what a campaign left there.
+    """Raise StoreError if a folder exists that is no results folder.
 
-    Ours is one with our database or a manifest of ours (whatever else is next to them),
-    or with nothing but what a campaign makes first.
+    A results folder has the database or a manifest of ggbench, next to any other files, or only the
+    first files of a campaign.
     """
     try:
         names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
@@ -185,7 +183,7 @@ def require_ours(folder: Path) -> None:
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a results folder.
 
-    Raise StoreError if it cannot be read, is damaged or of another format.
+    Raise StoreError if the manifest cannot be read, is damaged or has another format.
     """
     path = folder / "manifest.json"
     try:

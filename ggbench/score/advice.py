@@ -40,13 +40,13 @@ class Limit:
 
 @dataclass(frozen=True)
 class Advice:
-    """What ``ggbench advise`` found.
+    """Result of ``ggbench advise``.
 
     Attributes
     ----------
     bound_m : Cramér–Rao bound of the RMS position error in the settled window [m].
-    limits : causes of error, the one that gains most first.
-    noise : noise of the gradiometer that reaches the target, NaN if none does or none is sought.
+    limits : causes of error, the largest gain first.
+    noise : gradiometer noise that reaches the target; NaN without a target, or if none reaches it.
     unit : of that noise; "" without a gradiometer.
     """
 
@@ -59,7 +59,7 @@ class Advice:
 
 
 def estimators() -> list[str]:
-    """Return the INS and the estimators that are recommended in some case of the suite."""
+    """Return the INS and the estimators that are recommended in at least one case of the suite."""
     recommended = stored_runs.header()["recommended"].values()
     labels = [kinds[kind]["label"] for kind in ("causal", "smoother") for kinds in recommended]
     return ["ins", *dict.fromkeys(label for label in labels if label)]
@@ -74,10 +74,10 @@ def advise(
     jobs: int | None = None,
     progress: Callable[[running.CampaignProgress], None] = lambda step: None,
 ) -> Advice:
-    """Fly a few runs of a case of a scenario, and compute what its bound gains.
+    """Fly a few runs of a case, and compute the effect of each cause of error on its bound.
 
-    ``target_m`` is the RMS position error that is wanted [m]. Raise GGBenchError if the case cannot
-    be flown, or runs gave no result.
+    ``target_m`` is the wanted RMS position error [m]. Raise GGBenchError if the case cannot be
+    flown, or runs have no result.
     """
     bound = bound_of(case)
     limits = [
@@ -107,12 +107,12 @@ def _noise_key(case: CaseSpec) -> str:
 def with_value(
     case: CaseSpec, key: str, value: Callable[[float], float], sides: Sequence[str] = SIDES
 ) -> CaseSpec:
-    """Return a case with other values of a key, of the case and of each side that states its own.
+    """Return a case with a new value of a key, in its own table and in those of truth and model.
 
     Parameters
     ----------
     key : dotted, ``gradiometer.noise_eotvos``.
-    value : of the new number by the old one; zeros and keys without a number stay.
+    value : returns the new number, given the old one; zeros and keys without a number stay.
     sides : "" for the case's own table, ``truth``, ``model``.
     """
     for side in sides:
@@ -143,7 +143,7 @@ def _numbers(table: Any, *words: str) -> list[str]:
 
 
 def halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
-    """Yield each cause of error with the case in which it is half as large, on both sides."""
+    """Yield each cause of error with the case in which it is halved, in truth and model."""
     causes: list[tuple[str, list[str]]] = []
     if case.gradiometer is not None:
         key = _noise_key(case)
@@ -173,10 +173,10 @@ def halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
 
 
 def needed(case: CaseSpec, key: str, target_m: float) -> float:
-    """Return the largest noise of the gradiometer with which the bound reaches a target [m].
+    """Return the largest gradiometer noise for which the bound reaches a target [m].
 
-    ``key`` is the dotted key of the noise, which is changed for truth and model together. NaN if no
-    noise between 1e-6 and 1e4 reaches it.
+    ``key`` is the dotted key of the noise, which changes for truth and model together. The result
+    is NaN if no noise between 1e-6 and 1e4 reaches the target.
     """
     low, high = math.log(_FINEST), math.log(_COARSEST)
 
@@ -197,8 +197,8 @@ def needed(case: CaseSpec, key: str, target_m: float) -> float:
 def usual_seconds() -> Mapping[str, float]:
     """Return the usual time of a run by estimator [s]: the median over the cases of the suite.
 
-    The few runs of an advice are the first of their process, which also load and compile. Their
-    times decide nothing.
+    The few runs of an advice are the first of their process, so their times include loading and
+    compilation and are not used.
     """
     cells = pd.DataFrame(stored_runs.header()["cells"])
     return {
@@ -207,9 +207,9 @@ def usual_seconds() -> Mapping[str, float]:
 
 
 def recommended(advice: Advice) -> tuple[str, bool]:
-    """Return the causal estimator to use, and whether it is recommended or only the best.
+    """Return the best causal estimator, and whether it is recommended.
 
-    Of several that are recommended it is the one that usually takes the least time.
+    If several are recommended, it is the one with the least usual time.
     """
     seconds, metrics = usual_seconds(), table(advice)
     named = metrics.loc[metrics["recommended"].astype(bool), "estimator"]
@@ -219,11 +219,11 @@ def recommended(advice: Advice) -> tuple[str, bool]:
 
 
 def after_landing(advice: Advice) -> str:
-    """Return the smoother of least error, "" where none was flown."""
+    """Return the smoother of least error, "" if none was flown."""
     return str(advice.results.cases().iloc[0]["best_smoother"])
 
 
 def table(advice: Advice) -> pd.DataFrame:
-    """Return the settled metrics of the estimators that were flown, by RMS error."""
+    """Return the settled metrics of all flown estimators, by RMS error."""
     metrics = advice.results.metrics()
     return metrics[metrics["window"] == "settled"].sort_values("rms_m", kind="stable")

@@ -180,7 +180,7 @@ def write(card: Card, path: Path) -> None:
 
 
 def read(path: Path) -> Card:
-    """Read a card; raise ScoreError if it is no card, or of another format."""
+    """Read a card; raise ScoreError if the file is no card, or of another format."""
     content = content_of(path, ScoreError, "the card ", MOST_BYTES)
     try:
         loaded = from_json(content)

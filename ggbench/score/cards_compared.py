@@ -22,10 +22,10 @@ TOLERANCE = 2e-5
 
 
 def differences(old: Card, new: Card) -> list[str]:
-    """Return in what two cards of the same runs differ, a sentence each; nothing if reproduced.
+    """Return the differences of two cards of the same runs, a sentence each; none if reproduced.
 
-    Everything that a card states is compared, numbers within :data:`TOLERANCE`. The figures of a
-    question are compared where its runs agree.
+    All values of a card are compared, numbers within :data:`TOLERANCE`. The figures of a question
+    are compared if its runs agree.
     """
     sentences = [*_unlike(_conditions(old), _conditions(new))]
     questions = {question.case: question for question in new.questions}
@@ -120,11 +120,11 @@ def _require_same_runs(old: tuple[int, str, int], new: tuple[int, str, int]) -> 
 
 
 def worse(old: Card, new: Card) -> list[str]:
-    """Return in which questions a new card is surely worse than an old one, a sentence each.
+    """Return the questions in which a new card is surely worse than an old one, a sentence each.
 
-    On the runs that both flew; p-values by Holm over the card, so that of estimators that do not
-    differ at most 5% are called worse anywhere. Raise ScoreError if the cards are of other runs, or
-    have no question in common.
+    Only common runs are compared. The p-values are adjusted by Holm over the card, so at most 5% of
+    equal estimators are reported as worse. Raise ScoreError if the cards differ in seed or suite,
+    or have no common question.
     """
     _require_same_runs(
         (old.seed, old.suite, old.results_version), (new.seed, new.suite, new.results_version)

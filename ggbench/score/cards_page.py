@@ -1,4 +1,4 @@
-"""One page of checked cards: estimators and their questions in tables that sort."""
+"""Page of checked cards: sortable tables of estimators and questions."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ from .stored_runs import ScoreError
 
 @dataclass(frozen=True)
 class CheckedCard:
-    """A card of a folder, and what became of its check.
+    """A card of a folder, and the result of its check.
 
     Attributes
     ----------
     path : of its file.
-    card : as it was flown again; None if it was not, or differs.
-    reasons : why it is not believed, a sentence each; none if it is reproduced.
+    card : card of the new flight; None if it was not flown, or differs.
+    reasons : reasons why it is not reproduced, a sentence each.
     """
 
     path: Path
@@ -36,7 +36,7 @@ class CheckedCard:
 
 
 def files_of(folder: Path) -> list[Path]:
-    """Return the JSON files in a folder and in its folders; raise ScoreError if there are none."""
+    """Return the JSON files in a folder and its subfolders; raise ScoreError if there are none."""
     try:
         files = sorted(path for path in folder.rglob("*.json") if path.is_file())
     except OSError as error:
@@ -54,19 +54,19 @@ def check(
     tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[running.CampaignProgress], None] = lambda step: None,
 ) -> CheckedCard:
-    """Fly a card again and compare all that it states.
+    """Fly a card again and compare all its values.
 
-    Only the code of installed estimators and of those that are allowed is run, never a file because
-    a card names it. A file's hash is compared with the card's before it flies. Raise
-    KeyboardInterrupt if it was interrupted.
+    Only installed and allowed estimators are run, never a file that only the card names. The hash
+    of a file is compared with that of the card before the flight. Raise KeyboardInterrupt if
+    interrupted.
 
     Parameters
     ----------
     path : file of the card.
     allowed : estimators of files and programs whose cards may be flown.
-    flights : folder of results folders; what they hold is not flown again.
-    jobs, progress : as :func:`.scoring.score` has them.
-    tell : is called with a sentence before the flight.
+    flights : folder of results folders; stored runs are not flown again.
+    jobs, progress : as in :func:`.scoring.score`.
+    tell : called with a sentence before the flight.
     """
     try:
         old = cards.read(path)

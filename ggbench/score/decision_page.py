@@ -28,7 +28,7 @@ def over_map(tracks: pd.DataFrame, case: CaseSpec) -> Drawing:
     Parameters
     ----------
     tracks : of :func:`ggbench.judging.planned.around`.
-    case : whose flight was moved.
+    case : with the original flight.
     """
     present = trajectory_of(case.trajectory, case.imu.period_s).positions
     field = beside(make_field(case.side("truth").field), float(present[0, 1]))
@@ -45,7 +45,7 @@ def write(
     scenario : of the case.
     advice : on the case.
     tracks : of :func:`ggbench.judging.planned.around`, for the case.
-    target_m : RMS position error that is wanted [m], None if none is stated.
+    target_m : wanted RMS position error [m], or None.
     path : of the page.
 
     Raises

@@ -24,7 +24,7 @@ _SHOWN = 10
 
 
 def estimator_rows(advice: Advice) -> list[tuple[str, ...]]:
-    """Return a row of texts for each estimator that was flown, with the columns of the head."""
+    """Return a row of texts for each flown estimator, with the columns of the head."""
     usual = advices.usual_seconds()
     return [
         (
@@ -59,7 +59,7 @@ def verdicts(advice: Advice) -> list[str]:
 
 
 def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
-    """Return a row of texts for each cause of error, the one that gains most first."""
+    """Return a row of texts for each cause of error, the largest gain first."""
     return [
         (
             limit.cause,
@@ -71,7 +71,7 @@ def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
 
 
 def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
-    """Return which gradiometer reaches an RMS position error [m], and whether any does."""
+    """Return the gradiometer that reaches an RMS position error [m], and whether any does."""
     sentences = []
     if advice.bound_m <= target_m:
         sentences.append(f"The bound allows {target_m:g} m with the sensors as they are.")
@@ -104,12 +104,12 @@ def track_rows(tracks: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def track_sentences(tracks: pd.DataFrame, target_m: float | None) -> list[str]:
-    """Return the bounds of the worst and the present track, and what cannot be flown.
+    """Return the bounds of the worst and the present track, and the tracks that cannot be flown.
 
     Parameters
     ----------
     tracks : of :func:`ggbench.judging.planned.around`.
-    target_m : RMS position error that is wanted [m], None if none is stated.
+    target_m : wanted RMS position error [m], or None.
     """
     able, sentences = _able(tracks), []
     if len(able):

@@ -1,4 +1,4 @@
-"""The pages of a card: markdown and HTML, of one table."""
+"""Pages of a card, in markdown and HTML, from one table."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _DIVERGED = "diverged: the final error exceeds ten bounds and the error of the I
 
 
 def headline(card: Card) -> str:
-    """Return what a card says in two sentences: verdicts against the EKF and the recommended."""
+    """Return two sentences on a card: verdicts against the EKF and the recommended estimators."""
     sentences = []
     for role, name in (("ekf", "the EKF"), ("", "the recommended estimators")):
         counts = card.verdicts(role)
@@ -53,7 +53,7 @@ def headline(card: Card) -> str:
 
 
 def rows(card: Card) -> list[tuple[str, ...]]:
-    """Return a row of texts for each question that was flown, with the columns of :data:`HEAD`."""
+    """Return a row of texts for each flown question, with the columns of :data:`HEAD`."""
     return [_row(question) for question in card.questions if not question.skipped]
 
 
@@ -82,7 +82,7 @@ def _named(rival: Opponent | None) -> str:
 def kinds_of_failures(failures: pd.DataFrame) -> list[tuple[str, str, str]]:
     """Return a row for each kind of failure, the most frequent first.
 
-    Reasons are of one kind if they differ in numbers only.
+    Reasons that differ only in numbers are of one kind.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def kinds_of_failures(failures: pd.DataFrame) -> list[tuple[str, str, str]]:
 
     Returns
     -------
-    The reason of the first, the number of runs by case, and the command that repeats the first.
+    Reason of the first failure, number of runs by case, and the command that repeats the first.
     """
     if not len(failures):
         return []

@@ -1,4 +1,4 @@
-"""Scoring: an estimator flies the suite and is compared, run by run, with the stored runs."""
+"""Scoring: flight of the suite by an estimator, and comparison with the stored runs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _NUMBERS = (
 
 @dataclass(frozen=True)
 class Score:
-    """What a score ended with; without a card if it was interrupted.
+    """Result of a score; without a card if it was interrupted.
 
     ``failures`` : runs that failed or diverged: case, run, reason, and the command that repeats it.
     """
@@ -66,17 +66,17 @@ def score(
 ) -> Score:
     """Fly the suite with an estimator and return its card.
 
-    Raise GGBenchError if the estimator or a case is named wrongly, it takes no case, or the stored
-    runs are of another version.
+    Raise GGBenchError if the estimator or a case does not exist, the estimator refuses all cases,
+    or the stored runs have another version.
 
     Parameters
     ----------
     estimator : text that names it.
-    folder : results folder of its runs; what it holds is not flown again.
+    folder : results folder of its runs; stored runs are not flown again.
     runs : number in each case, by default that of the stored runs.
     seed : of the runs. With another seed than the public one the opponents are flown too.
-    judged_runs : which of the runs are judged: all, or those of odd or even number.
-    cases : names of those to fly, by default all.
+    judged_runs : runs to judge: all, or those of odd or even number.
+    cases : names of the cases to fly, by default all.
     jobs : number of worker processes, by default one for each processor.
     progress : called at every step.
     """

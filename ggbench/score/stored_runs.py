@@ -1,7 +1,7 @@
 """Stored runs of the standard suite for all estimators of the roster.
 
-They are written from a results folder by ``make suite`` and read as a table of runs, so that an
-estimator is compared with others that are not flown again.
+``make suite`` writes them from a results folder. An estimator is compared with them, without flying
+the others again.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class StoredRuns:
     header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``; ``cells`` with
         name, parameters, causality, bound and seconds of every case and estimator; ``recommended``,
         by case and kind of estimators.
-    runs : table of runs as a results folder has it, NaN where nothing is stored.
+    runs : table of runs as in a results folder, NaN for missing values.
     """
 
     header: Mapping[str, Any]
@@ -78,7 +78,7 @@ class StoredRuns:
 def write(results: Results, path: Path) -> None:
     """Write the runs of a results folder of the suite.
 
-    Raise ScoreError if estimators have not flown the same runs, or the file cannot be written.
+    Raise ScoreError if estimators have flown different runs, or the file cannot be written.
     """
     runs, metrics, cases = results.runs(), results.metrics(), results.cases()
     names, labels = [case.name for case in results.scenario.cases], results.labels

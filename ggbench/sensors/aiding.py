@@ -1,11 +1,11 @@
 """Aiding sensors other than the gradiometer, and their dependence on the INS error.
 
-Each is given the motion and what the INS indicates of it, and says
+Each sensor receives the true motion and the INS solution, and returns
 
-* what its channels deliver without errors of its own (:meth:`AidingSensor.exact`),
-* the same as a linear function of the INS's errors (:meth:`AidingSensor.about`).
+* the measurements without its own errors (:meth:`AidingSensor.exact`),
+* the same as a linear function of the INS errors (:meth:`AidingSensor.about`).
 
-Errors of its own are white noise, a bias of each channel if it has one, outliers and dropouts.
+Its own errors are white noise, channel biases, outliers and dropouts.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ class Motion(NamedTuple):
 
     @classmethod
     def of(cls, track: _Track) -> Motion:
-        """Return that of a track, indicated or true."""
+        """Return the motion of a track, indicated or true."""
         return cls(track.positions, track.velocities, track.attitudes)
 
     @classmethod
     def of_states(cls, states: np.ndarray) -> Motion:
-        """Return the motion of navigation states (..., 15): the inverse of :attr:`states`."""
+        """Return the motion of navigation states (..., 15), the inverse of :attr:`states`."""
         c_nb = states[..., 6:].reshape(*states.shape[:-1], 3, 3)
         return cls(states[..., :3], states[..., 3:6], c_nb)
 
@@ -67,7 +67,7 @@ class Motion(NamedTuple):
         return np.concatenate([self.positions, self.velocities, c_nb], axis=-1)
 
     def at(self, epochs: Any) -> Motion:
-        """Return that of some of the epochs K."""
+        """Return the motion at some of the epochs K."""
         return Motion(
             self.positions[..., epochs, :],
             self.velocities[..., epochs, :],
@@ -77,7 +77,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class AidingSensor(ABC):
-    """What all of these sensors have.
+    """Base of the aiding sensors.
 
     Attributes
     ----------
@@ -86,8 +86,8 @@ class AidingSensor(ABC):
     bias : σ of each channel's bias [unit of the channel]; zero for none.
     bias_time : correlation time of the bias, a Gauss–Markov process [s]; ∞ for a constant.
     faults : outliers and dropouts, which no estimator assumes.
-    arm_sigma : σ of the error of each part of its lever arm, a constant [m]; zero for none.
-    label : a name of its own, of one of several of a kind; "" for none.
+    arm_sigma : σ of the constant error of each component of its lever arm [m]; zero for none.
+    label : name, if there are several sensors of its kind; "" for none.
     """
 
     period: float
@@ -102,7 +102,7 @@ class AidingSensor(ABC):
 
     @property
     def name(self) -> str:
-        """What it is called: its label, or its kind if it is the one without a label."""
+        """Name: its label, or its kind without a label."""
         return self.label or self.kind
 
     @property
@@ -112,26 +112,26 @@ class AidingSensor(ABC):
 
     @abstractmethod
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return what the channels deliver without errors of their own (..., K, e)."""
+        """Return the measurements without the sensor's own errors (..., K, e)."""
 
     @abstractmethod
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return the channels, but for the map's gravity, as functions of the INS's errors.
+        """Return the channels without the map's gravity as linear functions of the INS errors.
 
-        Offset (..., K, e) and the first nine columns of C_k (..., K, e, 9), see
+        The result is the offset (..., K, e) and the first nine columns of C_k (..., K, e, 9), see
         :class:`.ModelArrays`.
         """
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return readings (..., K, e) as they are if the INS indicates another motion.
+        """Return measurements (..., K, e) as they would be with another INS solution.
 
-        Most do not depend on what it indicates.
+        Most measurements do not depend on the INS solution.
         """
         return readings
 
     @property
     def weights(self) -> np.ndarray:
-        """What the channels make of the gravity disturbance ENU (e, 3) [unit / (m/s²)]."""
+        """Jacobian W of the channels by the gravity disturbance ENU (e, 3) [unit / (m/s²)]."""
         return np.zeros((len(self.channels), 3))
 
     @property
@@ -141,11 +141,11 @@ class AidingSensor(ABC):
 
     @property
     def armed(self) -> int:
-        """Number of states of an error of the lever arm: three, or none."""
+        """Number of lever-arm states: three or zero."""
         return 3 if self.arm_sigma > 0.0 else 0
 
     def by_arm(self, motion: Motion, turning: np.ndarray) -> np.ndarray:
-        """Return what the channels make of a metre of each part of its error (..., K, e, 3).
+        """Return the Jacobian of the channels by the lever arm (..., K, e, 3) [unit / m].
 
         Parameters
         ----------
@@ -155,11 +155,11 @@ class AidingSensor(ABC):
         return np.zeros((*motion.positions.shape[:-1], len(self.channels), 3))
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return what is left of a bias at each of the epochs (K,) since the one before it."""
+        """Return the factor of a bias at each epoch (K,) since the previous one."""
         return remaining(times, self.bias_time)
 
     def biases(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return the biases of a run (K, b) at the epochs, of the channels that have one."""
+        """Return the biases of a run (K, b) at the epochs, for the channels with one."""
         return self.bias * gauss_markov(times, self.bias_time, self.biased, rng)
 
 
@@ -167,8 +167,8 @@ class AidingSensor(ABC):
 class VelocityLog(AidingSensor):
     """A log: components of the velocity, in axes of the body (right, forward, up) or ENU.
 
-    In axes of the body it depends on the attitude error φ, C_bn v ≈ Ĉ_bn (v̂ − δv + v̂ × φ); what is
-    neglected, φ × δv and φ² v / 2, is 1 mm/s for 3′ and 1 m/s.
+    In axes of the body it depends on the attitude error φ, C_bn v ≈ Ĉ_bn (v̂ − δv + v̂ × φ); the
+    neglected terms φ × δv and φ² v / 2 are 1 mm/s for 3′ and 1 m/s.
     """
 
     components: tuple[str, ...] = ("x", "y")
@@ -187,14 +187,14 @@ class VelocityLog(AidingSensor):
         return tuple(Channel(f"velocity {names[i]}", "m/s", self.name) for i in self._axes)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return components of the true velocity."""
+        """Return the true velocity components (..., K, e) [m/s]."""
         found = truth.velocities
         if self.body:
             found = np.einsum("...ji,...j->...i", truth.attitudes, found)
         return np.broadcast_to(found, ins.velocities.shape)[..., self._axes]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return Ĉ_bn (v̂ − δv + v̂ × φ), or v̂ − δv."""
+        """Return the offset (..., K, e) [m/s] and C_k of Ĉ_bn (v̂ − δv + v̂ × φ), or of v̂ − δv."""
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         offset = ins.velocities
         if self.body:
@@ -209,7 +209,7 @@ class VelocityLog(AidingSensor):
 
 @dataclass(frozen=True)
 class Barometer(AidingSensor):
-    """A height [m], of the air's pressure or of a known sea level: ĥ − δh."""
+    """A height [m] from air pressure or a known sea level: ĥ − δh."""
 
     kind = "barometer"
 
@@ -219,11 +219,11 @@ class Barometer(AidingSensor):
         return (Channel("height", "m", self.name),)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the true height."""
+        """Return the true height (..., K, 1) [m]."""
         return np.broadcast_to(truth.positions, ins.positions.shape)[..., 2:]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return ĥ − δh."""
+        """Return the offset ĥ (..., K, 1) [m] and C_k (..., K, 1, 9) of ĥ − δh."""
         rows = np.zeros((*ins.positions.shape[:-1], 1, MOVED))
         rows[..., 0, 2] = -1.0
         return ins.positions[..., 2:], rows
@@ -231,14 +231,14 @@ class Barometer(AidingSensor):
 
 @dataclass(frozen=True)
 class Gravimeter(AidingSensor):
-    """A gravimeter whose readings are reduced with what the INS indicates [mGal].
+    """A gravimeter; measurements are reduced with the INS solution [mGal].
 
-    An accelerometer in steady flight feels f = c(v, p) + γ(p) − δg, with the Eötvös accelerations
-    c = (2ω_ie + ω_en) × v and normal gravity −γ. Reduced, turned by the INS's attitude, it says
-    c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f: the disturbance δg at the true place, and what the INS's
-    errors make of c, γ and f (Li 2011). ``scalar`` is the excess of gravity, −δg_U. The
-    accelerations of the vehicle are taken as known; what they leave is part of the noise. Squares
-    of errors are neglected: 0.02 mGal for 1 m/s or 10 km, 0.04 mGal for a tilt of 1′.
+    In steady flight an accelerometer measures f = c(v, p) + γ(p) − δg, with the Eötvös
+    accelerations c = (2ω_ie + ω_en) × v and normal gravity −γ. The reduced measurement is c(v̂, p̂)
+    + γ(p̂) − Ĉ_nb C_bn f: the disturbance δg at the true position, plus the effects of the INS
+    errors on c, γ and f (Li 2011). ``scalar`` is the excess of gravity, −δg_U. Vehicle
+    accelerations are assumed known; their residual is part of the noise. Squares of errors are
+    neglected: 0.02 mGal for 1 m/s or 10 km, 0.04 mGal for a tilt of 1′.
     """
 
     components: tuple[str, ...] = ("scalar",)
@@ -258,11 +258,11 @@ class Gravimeter(AidingSensor):
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the disturbance: its components; against it upwards."""
+        """W (e, 3) [mGal / (m/s²)]: east, north, and the negative of the upward component."""
         return np.asarray((MGAL * _SIGNS[:, np.newaxis] * np.eye(3))[self._axes])
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the disturbance at the true place, reduced with the INS's errors."""
+        """Return the reduced disturbance at the true place (..., K, e) [mGal]."""
         disturbance = gravity.gravity_disturbance(*np.moveaxis(truth.positions, -1, 0))
         felt = self.steady_force(truth.positions, truth.velocities) - disturbance
         turn = ins.attitudes @ np.swapaxes(truth.attitudes, -1, -2)
@@ -271,10 +271,10 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS * reduced)[..., self._axes])
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return the readings reduced with the new track.
+        """Return the readings (..., K, e) [mGal], reduced with the new track.
 
-        What was felt is turned from the old attitude to the new one; of components that are not
-        measured it is what a steady flight in the new attitude has.
+        The measured specific force is rotated from the old attitude to the new one. Components that
+        are not measured are those of steady flight in the new attitude.
         """
         turn = new.attitudes @ np.swapaxes(old.attitudes, -1, -2)
         reduced = self.steady_force(new.positions, new.velocities)
@@ -286,7 +286,10 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS * again)[..., self._axes])
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return what the INS's errors make of the reduction, linearised."""
+        """Return zeros (..., K, e) and the Jacobian of the reduction by the INS errors.
+
+        The Jacobian (..., K, e, 9) is in mGal per m, m/s and rad.
+        """
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         for j, step in ((1, 100.0), (2, 100.0), (3, 1.0), (4, 1.0), (5, 1.0)):
             # c and γ are smooth: the fourth digit of a central difference is beyond any reading.
@@ -317,15 +320,21 @@ def position_error(indicated: np.ndarray, true: np.ndarray) -> np.ndarray:
 
 
 def corrected_positions(indicated: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return positions (..., 3) of which indicated ones have such errors ENU (..., 3) [m].
+    """Return indicated positions (..., 3), corrected for errors ENU (..., 3) [m].
 
-    The inverse of :func:`position_error`.
+    It is the inverse of :func:`position_error`.
     """
     return np.asarray(indicated - (error / metres_of(indicated))[..., _ENU])
 
 
 def corrected_motion(indicated: Motion, errors: np.ndarray) -> Motion:
-    """Return what an INS indicates at K epochs, less errors (K, 9 or more) of the error state."""
+    """Return the motion that an INS indicates, corrected for estimated errors.
+
+    Parameters
+    ----------
+    indicated : positions and velocities (K, 3), attitudes (K, 3, 3).
+    errors : (K, n), the first nine are errors of position, velocity, attitude [m, m/s, rad].
+    """
     attitudes, turn = np.empty((len(errors), 3, 3)), np.empty((3, 3))
     for k, c_nb in enumerate(indicated.attitudes):
         rotation_matrix(np.ascontiguousarray(errors[k, 6:9]), turn)
@@ -343,7 +352,7 @@ def cross_matrix(vectors: np.ndarray) -> np.ndarray:
 
 
 def metres_of(positions: np.ndarray) -> np.ndarray:
-    """Return what longitude, latitude and height are worth (..., 3) [m/rad, m/rad, 1]."""
+    """Return metres per unit of longitude, latitude and height (..., 3) [m/rad, m/rad, 1]."""
     flat = np.ascontiguousarray(positions).reshape(-1, 3)
     metres = np.hstack([metres_along(flat), np.ones((len(flat), 1))])
     return metres.reshape(positions.shape)

@@ -1,4 +1,4 @@
-"""Receivers of satellite navigation: positions and velocities of an antenna."""
+"""GNSS receivers: positions and velocities of an antenna."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _TIMING = 1e-9
 
 @dataclass(frozen=True)
 class FalsePositions:
-    """Errors of a receiver's positions that follow the clock, the same in all runs.
+    """Position errors of a receiver at fixed times, equal in all runs.
 
-    As if it were jammed, spoofed or misled by its corrections.
+    They represent jamming, spoofing or wrong corrections.
 
     Attributes
     ----------
-    ramp : ENU [m/s], by which the error grows from ``ramp_from`` [s] on.
-    jump : ENU [m], between the two times of ``jump_within`` [s].
+    ramp : rate of the error ENU [m/s] from ``ramp_from`` [s] on.
+    jump : error ENU [m] between the two times of ``jump_within`` [s].
     """
 
     ramp: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -44,20 +44,19 @@ _TRUE_POSITIONS = FalsePositions()
 
 @dataclass(frozen=True)
 class Gnss(AidingSensor):
-    """Satellite navigation: position, as seen from where the INS believes to be, and velocity.
+    """Satellite navigation: position relative to the INS, and velocity.
 
     Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv; an antenna at the lever arm l
-    adds C_nb l ≈ (I + [φ×]) Ĉ_nb l. Only positions have biases, and errors that follow the clock.
+    adds C_nb l ≈ (I + [φ×]) Ĉ_nb l. Only positions have biases and errors at fixed times.
 
-    Velocities are corrected for the known arm with the gyros' rates ω, taken as exact. An arm that
-    is longer by δl adds C_nb δl to positions and C_nb (ω × δl) to velocities. As states, the three
-    parts of δl enter by Ĉ_nb: φ × Ĉ_nb δl is neglected, 2 mm for 2 m and 3′. So all estimators,
-    also those of linear states, may have them.
+    Velocities are corrected for the known lever arm with the gyro rates ω, which count as exact. An
+    error δl of the arm adds C_nb δl to positions and C_nb (ω × δl) to velocities. States δl enter
+    by Ĉ_nb, without φ × Ĉ_nb δl (2 mm for 2 m and 3′), so they are linear.
 
     Attributes
     ----------
-    position, velocity : which of them it gives.
-    errors : of positions, which follow the clock.
+    position, velocity : whether the receiver provides them.
+    errors : position errors at fixed times.
     lever : right, forward, up: from the INS to the antenna [m].
     """
 
@@ -70,7 +69,7 @@ class Gnss(AidingSensor):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Position ENU relative to the INS's [m], velocity ENU [m/s]; those that there are."""
+        """Position ENU relative to the INS [m] and velocity ENU [m/s], if provided."""
         kinds = [("position", "m")] * self.position + [("velocity", "m/s")] * self.velocity
         return tuple(
             Channel(f"{what} {axis}", unit, self.name) for what, unit in kinds for axis in "ENU"
@@ -78,17 +77,17 @@ class Gnss(AidingSensor):
 
     @property
     def biased(self) -> int:
-        """Number of axes of the positions, if these have a bias."""
+        """Number of axes with a position bias: three or zero."""
         return 3 if self.position and self.bias > 0.0 else 0
 
     def by_arm(self, motion: Motion, turning: np.ndarray) -> np.ndarray:
-        """Return C_nb of positions, C_nb [ω×] of velocities."""
+        """Return C_nb for positions [m/m], C_nb [ω×] for velocities [m/s per m]: (..., K, e, 3)."""
         c_nb = motion.attitudes
         parts = [c_nb] * self.position + [c_nb @ cross_matrix(turning)] * self.velocity
         return np.concatenate(parts, axis=-2)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return true positions relative to the INS's, and true velocities."""
+        """Return the antenna's true position less the INS's [m], and true velocity: (..., K, e)."""
         parts = []
         if self.position:
             antenna = truth.attitudes @ np.array(self.lever)
@@ -98,7 +97,7 @@ class Gnss(AidingSensor):
         return np.concatenate(parts, axis=-1)
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv."""
+        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv: offset (..., K, e), C_k (..., K, e, 9)."""
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
         rows[..., np.arange(len(selected)), selected] = -1.0
@@ -113,7 +112,7 @@ class Gnss(AidingSensor):
         return np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return positions relative to the new track."""
+        """Return the readings (..., K, e), positions relative to the new track [m]."""
         if not self.position:
             return readings
         # Metres of the new track: a radian of longitude is worth another length there.

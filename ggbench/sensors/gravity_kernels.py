@@ -1,4 +1,4 @@
-"""Term of the map's gravity disturbance in the equation of measurement, compiled."""
+"""Gravity-disturbance term of the equation of measurement, compiled."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .model_arrays import ModelArrays
 def disturbance_at(
     model: ModelArrays, run: int, k: int, error: np.ndarray, value: np.ndarray, slope: np.ndarray
 ) -> None:
-    """Fill δg (3,), the gravity disturbance ENU [m/s²], where a run is if its INS errs so.
+    """Fill δg (3,), the gravity disturbance ENU [m/s²] at the INS position less an error.
 
     Parameters
     ----------
     model, run, k : of a block; run and epoch.
     error : (3,) position error ENU [m].
-    slope : (3, 3) output, how it changes with a metre of error to the east, to the north and up.
+    slope : (3, 3) output, derivatives by the error to the east, to the north and upwards [s⁻²].
     """
     place = model.places[run, k]
     sine, cosine = sine_cosine(place[0])
@@ -71,7 +71,7 @@ def add_gravity(
     k : epoch.
     x : (1, n, lanes) states.
     predicted : (1, m, lanes) h, changed.
-    slope : (m, n, lanes) derivative by the states, changed; (0, n, lanes) if it is not wanted.
+    slope : (m, n, lanes) derivative by the states, changed; (0, n, lanes) if not needed.
     """
     if model.gravity.coefficients.size == 0:
         return
@@ -103,7 +103,7 @@ def bend_gravity_pairs(
     odd: np.ndarray,
     even: np.ndarray,
 ) -> None:
-    """Add what W_k δg adds at x ± d_q to its straight line at x, d_q = spread · L_q.
+    """Add the nonlinear part of W_k δg at x ± d_q, with d_q = spread · L_q.
 
     Parameters
     ----------

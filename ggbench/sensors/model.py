@@ -27,14 +27,15 @@ NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
 
 
 class DelayedInsSolution(NamedTuple):
-    """INS solution at the times at which the gradiometer's readings of the epochs are taken.
+    """INS solution at the measurement times of the gradiometer.
 
     Attributes
     ----------
-    delays : (K,) τ_k, by which they are older than their epochs [s].
-    positions, attitudes : (..., K, 3), (..., K, 3, 3) as :class:`.aiding.Motion` has them, then.
-    rows : (..., K, 6, 15) B_k: from x(t_k) to the position error [m] and the attitude error [rad]
-        then.
+    delays : (K,) τ_k, delays of the measurements behind their epochs [s].
+    positions, attitudes : (..., K, 3), (..., K, 3, 3) at these times, as in
+        :class:`.aiding.Motion`.
+    rows : (..., K, 6, 15) B_k: from x(t_k) to the position error [m] and attitude error [rad] at
+        these times.
     """
 
     delays: np.ndarray
@@ -60,7 +61,7 @@ class AidingChannels(NamedTuple):
     gravity: DisturbanceMap
 
     def without(self, absent: np.ndarray) -> AidingChannels:
-        """Return them with zeros where a channel delivers nothing, ``absent`` (..., K, e)."""
+        """Return the equation with zeros for missing measurements, ``absent`` (..., K, e)."""
         for array in (self.offset, self.linear, self.weights):
             array[absent] = 0.0
         return self
@@ -75,17 +76,17 @@ def aiding_channels(
     motion: Motion,
     turning: np.ndarray,
 ) -> AidingChannels:
-    """Return the equation of aiding sensors along INS tracks, all their readings there.
+    """Return the equation of aiding sensors along INS tracks, as if no measurement were missing.
 
     Parameters
     ----------
     sensors : in the order of their channels.
-    states : behind those of the INS.
+    states : after those of the INS.
     dimension : number of states.
-    gravity : the map that a gravimeter's readings depend on.
-    read_at : epochs at which each sensor is read.
-    motion : what the INS indicates at the epochs (..., K, .).
-    turning : (..., K, 3) angular rates about the body's axes there [rad/s].
+    gravity : the map of the gravimeters.
+    read_at : epochs of the measurements of each sensor.
+    motion : INS solution at the epochs (..., K, .).
+    turning : (..., K, 3) angular rates about the body's axes at the epochs [rad/s].
     """
     epochs, total = motion.positions.shape[:-1], sum(len(sensor.channels) for sensor in sensors)
     offset, linear = np.zeros((*epochs, total)), np.zeros((*epochs, total, dimension))
@@ -120,17 +121,16 @@ def model_arrays(
 
     Parameters
     ----------
-    field, gradiometer : the map and the instrument, if there is one, as the estimators know them.
+    field, gradiometer : assumed map and instrument (or None).
     times : (K,) measurement epochs [s].
-    ins : what the INS indicates at the epochs (..., K, .); (...) is () or (R,).
-    taken : what it indicates when readings are taken.
+    ins : INS solution at the epochs (..., K, .); (...) is () or (R,).
+    taken : INS solution at the delayed measurement times.
     treatment : the prefilter of the G outputs of the instrument.
-    missing : (..., G) which of its readings dropped out.
-    at : (G,) at which epochs the gradiometer is read.
+    missing : (..., G) mask of missing measurements.
+    at : (G,) epochs of the gradiometer's measurements.
     others : the channels of the other sensors.
-    states : behind those of the INS.
-    whitening : of the G readings, if their noise is coloured; they have no low-pass then, and come
-        without delay.
+    states : after those of the INS.
+    whitening : of the G measurements, for coloured noise without low-pass and delay; else None.
     """
     if gradiometer is None:
         gradiometer = NO_GRADIOMETER
@@ -238,18 +238,18 @@ def _combined(
 class SensorModel:
     """The measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
 
-    :class:`.ModelArrays` has the equation. A filtered gradiometer's offset is
-    ẑ_k − gain_k S T(p̂_k), where ẑ is the reading predicted along the INS track and passed through
-    the same filter and prefilter as the instrument's output, p̂_k the INS position (and attitude) at
-    t_k − τ_k, and the gain that of the chain. Without a filter the offset is zero, and τ_k is the
-    latency of the readings, if they have one. Whitened coloured noise combines the last few
-    readings, each at the INS position then less the position error of now. That is an
-    approximation: the error has changed since by the velocity error times the lag, up to 15 s in
-    the shipped flights. It makes the bounds of ``vinton2008`` 0.7 to 1.1 % too high. Outside the
-    map the field at its border is continued. Where a reading is missing, h and H are zero.
+    :class:`.ModelArrays` has the equation. A filtered gradiometer's offset is ẑ_k − gain_k S
+    T(p̂_k), where ẑ is the measurement predicted along the INS track, after the filter and
+    prefilter of the instrument, p̂_k the INS position (and attitude) at t_k − τ_k, and the gain
+    that of the chain. Without a filter the offset is zero, and τ_k is the latency of the readings,
+    if they have one. Whitened coloured noise combines the last few measurements, each at its own
+    INS position less the present position error. This neglects the change of the error, velocity
+    error times lag, over up to 15 s in the shipped flights. It raises the bounds of ``vinton2008``
+    by 0.7 to 1.1 %. Outside the map the field of the border continues. For a missing measurement h
+    and H are zero.
 
-    ``evaluations`` counts the points at which h was taken, and the Jacobians: what an estimator
-    asked of the map. A compiled engine takes the arrays instead and counts for itself.
+    ``evaluations`` counts evaluations of h and of Jacobians. Compiled engines use the arrays and
+    have their own counters.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ class SensorModel:
 
     @property
     def evaluations(self) -> int:
-        """Number of states at which h was taken so far, and of Jacobians."""
+        """Number of evaluations of h and of its Jacobian so far."""
         return self._evaluations
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
@@ -285,11 +285,11 @@ class SensorModel:
         return out.reshape(*states.shape[:-1], *out.shape[1:])
 
     def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return h (N, m) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+        """Return h (N, m) at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
         return self._along(at, x)[0]
 
     def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return H (N, m, n) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+        """Return H (N, m, n) at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
         return self._along(at, x)[1]
 
     def _along(self, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Arrays of the equation of measurement, and quantities of an epoch for eight runs."""
+"""Arrays of the equation of measurement, and the context of an epoch for eight runs."""
 
 from __future__ import annotations
 
@@ -18,46 +18,46 @@ from .gradiometer.instrument import STRAPDOWN
 
 @record
 class ModelArrays:
-    """The equation of measurement as arrays: one for every channel of every sensor.
+    """Equation of measurement as arrays, common to all channels of all sensors.
 
     h_k(x) = offset_k + C_k x + gain_k Σ_i S_ki T(p̂_{k−lag_i} − B_k x) + W_k δg(p̂_k − x)
 
     The m channels are the gradiometer's g, then those of the other sensors. T is the gravity
     gradient tensor of the map in the axes of the mount, Γ_EE, Γ_EN, Γ_EU, Γ_NN, Γ_NU, Γ_UU [E]; δg
     is the map's gravity disturbance ENU [m/s²]. Both are taken at positions p̂ of the INS, less
-    position errors ENU [m]; where the mount turns with the vehicle, T is also turned by its
-    attitude less the attitude error [rad]. The sum counts the readings that the whitening of
-    coloured noise combines: one without it, with lag 0. Only the gradiometer's rows have it, the
-    rows of S_ki of the others are zero. Biases, scale factors, lever arms, gravity and clocks are
-    columns of C_k or B_k; mounting angles and delays are columns of B_k. Whitening combines
-    the constant biases of the gradiometer as it combines readings. A channel that delivers nothing
-    at an epoch has an offset and rows of zeros there.
+    position errors ENU [m]; if the mount rotates with the vehicle, T is also rotated by its
+    attitude less the attitude error [rad]. The sum is over the measurements that the whitening of
+    coloured noise combines; without whitening there is one term with lag 0. For sensors other than
+    the gradiometer the rows of S_ki are zero. Biases, scale factors, lever arms, gravity and clocks
+    are columns of C_k or B_k; mounting angles and delays are columns of B_k. Whitening applies
+    equally to measurements and to constant biases of the gradiometer. A missing measurement has a
+    zero offset and zero rows.
 
-    For many runs at once (a block) the arrays that differ from run to run have the run as leading
-    axis: those in :data:`OF_A_RUN`.
+    In a block of runs the arrays in :data:`OF_A_RUN` have the run as leading axis.
 
     Attributes
     ----------
     dimension : number of states n. The first three are the position error ENU [m].
-    instrument : index of :data:`.instrument.INSTRUMENTS`; strapdown where mounting angles are
-        states, see :mod:`.gradiometer.mounting`.
+    instrument : index of :data:`.instrument.INSTRUMENTS`; strapdown if mounting angles are states,
+        see :mod:`.gradiometer.mounting`.
     channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
     combined : (1 or K, T, g, 6) S_ki, of all epochs or of each.
-    lags : (1 or K, T) by how many epochs each of the T readings is earlier; −1 where there is none.
+    lags : (1 or K, T) lags of the T combined measurements [epochs]; −1 for none.
     origin, step, coefficients, base : the map of T, see :class:`.field.Field`.
-    times : (K,) t_k − τ_k, at which the gradiometer's readings are taken [s].
-    references : (K, 3) INS positions then [rad, rad, m].
-    attitudes : (K, 3, 3) INS attitudes C_nb then, or those of the mount; only of ``STRAPDOWN``.
-    rows : (K, 6, 15 to n) B_k, from x to the errors of position ENU [m] and attitude [rad] then;
-        states behind its columns have none.
+    times : (K,) t_k − τ_k, measurement times of the gradiometer [s].
+    references : (K, 3) INS positions at these times [rad, rad, m].
+    attitudes : (K, 3, 3) INS attitudes C_nb at these times, or those of the mount; only for
+        ``STRAPDOWN``.
+    rows : (K, 6, 15 to n) B_k, from x to the errors of position ENU [m] and attitude [rad] at these
+        times; further states have no columns.
     offset : (K, m) in units of the channels.
-    gain : (K,) of the gradiometer; zero where its reading is missing.
+    gain : (K,) of the gradiometer; zero for a missing measurement.
     linear : (K, m, n) C_k [unit of the channel per unit of the state].
-    first_linear : the first channel with a C_k or a W_k that is not zero; m if there is none.
-    columns : (s,) states by which C_k x + W_k δg changes, in order; see :func:`linear_reach`.
+    first_linear : first channel with non-zero C_k or W_k; m if there is none.
+    columns : (s,) states that affect C_k x + W_k δg, in order; see :func:`linear_reach`.
     weights : (K, m, 3) W_k [unit of the channel per m/s²].
     places : (K, 3) INS positions at the epochs [rad, rad, m].
-    gravity : the map of δg; empty where all W_k are zero.
+    gravity : the map of δg; empty if all W_k are zero.
     """
 
     dimension: int
@@ -91,9 +91,12 @@ class ModelArrays:
         return self.mapped(lambda array: array[np.newaxis])
 
     def mapped(self, change: Callable[..., np.ndarray], *others: ModelArrays) -> ModelArrays:
-        """Return the same with the arrays that differ from run to run changed.
+        """Return a copy in which a function replaces each array that differs from run to run.
 
-        ``change`` is given an array, and behind it that of each of the others.
+        Parameters
+        ----------
+        change : receives the array (...) of this model and of each of ``others``, returns the new.
+        others : models of which the arrays are combined with this one's.
         """
         models = (self, *others)
         own: dict[str, Any] = {
@@ -130,7 +133,7 @@ def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarr
 
 
 def immutable(indices: np.ndarray) -> np.ndarray:
-    """Return a read-only copy of integers."""
+    """Return a read-only copy of integers (...)."""
     return np.frombuffer(indices.tobytes(), indices.dtype).reshape(indices.shape)
 
 
@@ -140,7 +143,7 @@ class EpochContext:
 
     Attributes
     ----------
-    references : (T, 3, lanes) positions at the readings that are combined [rad, rad, m].
+    references : (T, 3, lanes) positions of the combined measurements [rad, rad, m].
     attitudes : (1, 9, lanes) C_nb, row by row.
     offset : (1, m, lanes) in units of the channels.
     gain : (1, 1, lanes) of the gradiometer.
@@ -154,7 +157,7 @@ class EpochContext:
 
 @record
 class PointScratch:
-    """Scratch for S vectors of points at which h is evaluated.
+    """Scratch for S vectors of points of evaluation of h.
 
     Attributes
     ----------
@@ -170,7 +173,7 @@ class PointScratch:
 
 @compiled
 def epoch_context(model: ModelArrays) -> EpochContext:
-    """Return an unfilled context of a block."""
+    """Return an unfilled context of a block, in the shapes of :class:`EpochContext`."""
     new, m = lanes.lanes, model.offset.shape[2]
     return EpochContext(new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1))
 

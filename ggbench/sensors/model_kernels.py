@@ -1,7 +1,7 @@
 """The equation of measurement and its derivative, compiled: h and H of eight states at a time.
 
-All estimators use these kernels. :class:`.ModelArrays` has the equation and its symbols. A vector
-holds eight states: of eight runs in compiled estimators, or of one run in frameworks.
+All estimators use these kernels. :class:`.ModelArrays` defines the equation and its symbols. A
+vector contains eight states, of eight runs in compiled estimators or of one run in frameworks.
 """
 
 from __future__ import annotations
@@ -120,9 +120,9 @@ def read(
     k : epoch.
     context : of the runs, from :func:`load_epoch`.
     errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad]; the
-        latter only of a strapdown instrument.
-    vectors : how many of the S vectors are points.
-    count : how many of the points there is an answer for, in the order of memory.
+        latter only for a strapdown instrument.
+    vectors : number of points among the S vectors.
+    count : number of points to evaluate, in the order of memory.
     points : scratch for S.
     out : (g, S, lanes) output.
     """
@@ -196,20 +196,20 @@ def linearise_reading(
     predicted: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill what :func:`read` does [E], and its derivative, at a point of each run.
+    """Fill the output of :func:`read` [E] and its derivative, at a point of each run.
 
     For a platform the derivative is D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change
-    and the local level's turn (eqs. 11, 12 of Wang et al. 2013). An attitude error beyond π is
-    taken as the turn that it amounts to.
+    and the local level's turn (eqs. 11, 12 of Wang et al. 2013). An attitude error beyond π counts
+    as the equivalent smaller rotation.
 
     Parameters
     ----------
     model, k, context, points : as in :func:`read`.
     errors : (6, 1, lanes) B_k x.
-    count : how many of the lanes there is an answer for.
+    count : number of lanes to evaluate.
     predicted : (1, m, lanes) output, of the first g channels.
-    out : (g, 6, lanes) output [E/m; E/rad], by the error; the last three columns of a strapdown
-        instrument only.
+    out : (g, 6, lanes) output [E/m; E/rad], derivative by the error; the last three columns only
+        for a strapdown instrument.
     """
     places, found, reference = points.places, points.tensors, context.references
     at = min(k, model.lags.shape[0] - 1)
@@ -285,7 +285,7 @@ def _along(found: np.ndarray, first: int) -> Tensor:
 
 @compiled
 def moving_errors(instrument: int) -> int:
-    """Return on how many elements of B_k x the readings depend."""
+    """Return the number of elements of B_k x (6,) on which the readings depend."""
     return 6 if instrument == STRAPDOWN else 3
 
 
@@ -318,7 +318,7 @@ class Expansion:
 
 @compiled
 def expansion_of(model: ModelArrays) -> Expansion:
-    """Return unfilled arrays of a block."""
+    """Return unfilled arrays of a block, in the shapes of :class:`Expansion`."""
     new = lanes.lanes
     g, m, n = model.channels.shape[0], model.linear.shape[2], model.linear.shape[3]
     return Expansion(
@@ -335,7 +335,7 @@ def expansion_of(model: ModelArrays) -> Expansion:
 
 @compiled
 def load_expansion(model: ModelArrays, group: np.ndarray, k: int, out: Expansion) -> None:
-    """Fill what does not depend on the states: B_k, C_k and the context of a group (lanes,)."""
+    """Fill the parts that do not depend on states: B_k, C_k, context of a group (lanes,)."""
     lanes.gather_rows(model.rows, group, k, out.b.shape[0], out.b)
     load_epoch(model, group, k, out.context)
     if model.first_linear < model.linear.shape[2]:
@@ -412,12 +412,12 @@ def predict_runs(
 def expand(
     model: ModelArrays, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Expansion
 ) -> None:
-    """Fill h and its derivative at a state of each run.
+    """Fill h (1, m, lanes) and its Jacobian at a state of each run.
 
     Parameters
     ----------
     model, group, count, k, x : as in :func:`predict_runs`.
-    out : output; :func:`load_expansion` is part of this.
+    out : output; this function calls :func:`load_expansion`.
     """
     load_expansion(model, group, k, out)
     _displace(x, out)

@@ -32,19 +32,19 @@ def gauss_markov(
 
 
 def remaining(times: np.ndarray, correlation_time: float) -> np.ndarray:
-    """Return what is left (K,) of a Gauss–Markov process at each time since the one before it."""
+    """Return the factor (K,) of a Gauss–Markov process at each time since the previous one."""
     return np.asarray(np.exp(-np.diff(times, prepend=0.0) / correlation_time))
 
 
 def bursts(
     times: np.ndarray, share: float, duration: float, width: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return at which times (K, width) each of ``width`` Markov chains of two states is struck.
+    """Return the mask (K, width) of times at which ``width`` two-state Markov chains are on.
 
-    A chain is struck for ``duration`` [s] in the mean, and in a ``share`` of the time: it is left
-    at a rate 1/duration and entered at share/((1 − share) duration), so that what it is now is
-    forgotten by e^(−Δt/((1 − share) duration)). With a duration of 0 it is struck at each time
-    independently of all others.
+    A chain is on for ``duration`` [s] on average, and for a ``share`` of the time. The rate of
+    leaving this state is 1/duration, that of entering it share/((1 − share) duration), so the
+    correlation decays as e^(−Δt/((1 − share) duration)). With a duration of 0 all times are
+    independent.
     """
     forgotten = np.zeros(len(times))
     if duration > 0.0:

@@ -1,6 +1,6 @@
 """Error states of sensors: prior, dynamics, and their columns of C_k or B_k.
 
-Each kind of state is one class. A suite lists those that it has, see :func:`states_of`.
+Each kind of state is one class. :func:`states_of` lists the states of a suite.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ MOUNTING = "gradiometer mounting error"
 
 
 class Seen(NamedTuple):
-    """What columns of C_k depend on, where a sensor is read (..., G, .) along INS tracks.
+    """Inputs of columns of C_k at the measurements of a sensor (..., G, .) along INS tracks.
 
     Attributes
     ----------
-    motion : what the INS indicates of the sensor's place when it is read.
+    motion : INS solution at the measurements of the sensor.
     turning : (..., G, 3) angular rate about the body's axes [rad/s].
-    gain : (..., G) that multiplies the readings; one but for a gradiometer.
-    predicted : returns the readings (..., G, c) that h predicts at the motion, but for the gain.
+    gain : (..., G) factor of the measurements; one except for a gradiometer.
+    predicted : returns the measurements (..., G, c) predicted by h at the motion, without the gain.
     """
 
     motion: Motion
@@ -43,12 +43,12 @@ Sensor = AidingSensor | Gradiometer
 
 @dataclass(frozen=True)
 class SensorStates:
-    """A block of states that are errors of sensors, constant if a kind does not say otherwise.
+    """A block of states for errors of sensors, constant by default.
 
     Attributes
     ----------
-    name, unit : as :class:`.problem.StateBlock` has them.
-    sigma : (s,) standard deviations at the start.
+    name, unit : as in :class:`.problem.StateBlock`.
+    sigma : (s,) initial standard deviations.
     stream : name of the random numbers of a gradiometer's states in a simulation.
     """
 
@@ -66,12 +66,12 @@ class SensorStates:
         return np.zeros(len(times))
 
     def draw(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return true values (K, s) of a run at its epochs [s]."""
+        """Return true values (K, s) of a run at its epochs."""
         constant = np.array(self.sigma) * rng.standard_normal(len(self.sigma))
         return np.tile(constant, (len(times), 1))
 
     def distort(self, readings: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return exact readings (G, c) of a gradiometer with errors of true values (G, s)."""
+        """Return exact gradiometer measurements (G, c) with errors of true values (G, s)."""
         return readings
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
@@ -85,45 +85,45 @@ class SensorStates:
 
 @dataclass(frozen=True)
 class GravityDisturbance(SensorStates):
-    """Gravity that neither the INS nor its map knows [m/s²]; its motion is that of the INS."""
+    """Gravity disturbance [m/s²] unknown to INS and map; its dynamics are those of the INS."""
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return W of a gravimeter."""
+        """Return W (e, 3) of a gravimeter, see :attr:`.AidingSensor.weights`."""
         return sensor.weights if isinstance(sensor, AidingSensor) else None
 
 
 @dataclass(frozen=True)
 class MountingAngles(SensorStates):
-    """Angles by which the axes of a gradiometer's mount are turned [rad]."""
+    """Constant rotations of a gradiometer's mount about its axes [rad]."""
 
     stream = "mounting"
 
     def turn(self, mount: Mount, states: slice) -> Mount:
-        """Return the mount as one that is fixed to a body, whose attitude error they are."""
+        """Return the mount as a strapdown mount with these angles as attitude error."""
         return with_mounting_angles(mount, states.start)
 
 
 @dataclass(frozen=True)
 class GradiometerBias(SensorStates):
-    """Biases of a gradiometer's channels that walk [E]."""
+    """Biases of a gradiometer's channels, random walks [E]."""
 
     gradiometer: Gradiometer
     stream = "biases"
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return what the walk adds."""
+        """Return the variance (K,) [E²] of the walk's steps, drift² Δt."""
         return self.gradiometer.drift**2 * np.diff(times, prepend=0.0)
 
     def draw(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return walks from a constant."""
+        """Return random walks (K, s) [E] that begin at a random constant."""
         return biases(self.gradiometer, len(self.sigma), times, rng)
 
     def distort(self, readings: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the readings plus the biases."""
+        """Return readings (G, c) plus biases (G, s), s = c [E]."""
         return readings + values
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the gain: a bias goes through the instrument's filter as its readings do."""
+        """Return gain times identity (..., G, c, s): biases are filtered as readings are."""
         if not isinstance(sensor, Gradiometer):
             return None
         return seen.gain[..., np.newaxis, np.newaxis] * np.eye(len(self.sigma))
@@ -136,15 +136,15 @@ class AidingBias(SensorStates):
     sensor: AidingSensor
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return e^(−Δt/T)."""
+        """Return e^(−Δt/T) (K,)."""
         return self.sensor.decay(times)
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return what keeps the variance."""
+        """Return σ² (1 − e^(−2 Δt/T)) (K,), which keeps the variance of the process constant."""
         return np.asarray(self.sensor.bias**2 * (1.0 - self.decay(times) ** 2))
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return one for each bias in its channel."""
+        """Return ones (e, s) where a bias belongs to a channel, zeros elsewhere."""
         if sensor is not self.sensor:
             return None
         return np.eye(len(self.sensor.channels), len(self.sigma))
@@ -157,12 +157,12 @@ class LeverArmError(SensorStates):
     sensor: AidingSensor
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return what a metre of each part makes of the channels."""
+        """Return the Jacobian (..., G, e, 3) by the lever arm, see :meth:`.AidingSensor.by_arm`."""
         return self.sensor.by_arm(seen.motion, seen.turning) if sensor is self.sensor else None
 
 
 class PlacedStates(NamedTuple):
-    """A block of states and its place among all."""
+    """A block of states and its slice of the state vector."""
 
     states: slice
     kind: SensorStates
@@ -180,13 +180,13 @@ def states_of(
     disturbance: tuple[float, ...],
     first: int,
 ) -> list[PlacedStates]:
-    """Return the states behind those of the INS, in the order of the state vector.
+    """Return the states after those of the INS, in the order of the state vector.
 
     Parameters
     ----------
     gradiometer, aiding : the sensors.
-    disturbance : σ of the gravity that the INS does not know [m/s²]; () if it is no state.
-    first : number of states before them.
+    disturbance : σ of the unknown gravity disturbance [m/s²]; () if it is no state.
+    first : index of the first.
     """
     placed = []
     for kind in _kinds(gradiometer, aiding, disturbance):
@@ -213,7 +213,7 @@ def _kinds(
 
 
 def gradiometer_states(gradiometer: Gradiometer) -> Iterator[SensorStates]:
-    """Yield the states that are errors of a gradiometer."""
+    """Yield the states for errors of a gradiometer."""
     angles = 3 if gradiometer.mounting_sigma > 0.0 else 0
     yield MountingAngles(MOUNTING, "rad", (gradiometer.mounting_sigma,) * angles)
     # A bias that only walks starts from a hundredth of what one reading adds: states are
@@ -237,10 +237,10 @@ def add_columns(
     Parameters
     ----------
     linear : C_k, changed.
-    at : (G,) epochs at which the sensor is read.
-    channels : of the m, the sensor's.
-    states : those of all sensors.
-    sensor, seen : as the kinds take them.
+    at : (G,) epochs of the sensor's measurements.
+    channels : channels of the sensor among the m.
+    states : states of all sensors.
+    sensor, seen : arguments of :meth:`SensorStates.columns`.
     """
     for place, kind in states:
         columns = kind.columns(sensor, seen)

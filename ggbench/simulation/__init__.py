@@ -1,1 +1,1 @@
-"""From a scenario's case and a seed to a problem and its truth, with the bound of its error."""
+"""Simulation of a case: problem, truth and bound from a seed."""

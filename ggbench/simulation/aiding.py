@@ -21,14 +21,14 @@ from .instruments import interruptions
 
 
 def sensors_of_side(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
-    """Return the sensors of one side of a case, in the order of their channels.
+    """Return the sensors of the truth or the model of a case, in the order of their channels.
 
     Parameters
     ----------
     side : Side
         The tables.
     truth : TruthSpec or None
-        Dropouts and outliers of the true readings; None for the estimators' sensors.
+        Dropouts and outliers of the true sensors; None for the assumed sensors.
     """
     changes = {} if truth is None else truth.sensor
     return tuple(

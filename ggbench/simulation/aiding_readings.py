@@ -1,4 +1,4 @@
-"""Simulated readings of the aiding sensors."""
+"""Simulated measurements of the aiding sensors."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .random_streams import RandomStreams
 def aiding_readings(
     flight: Flight, streams: Sequence[RandomStreams], ins: Motion
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the readings of R runs, whose INSs indicate a motion (R, K, .) at the epochs.
+    """Return the measurements of R runs, given the INS solutions (R, K, .) at the epochs.
 
     Returns
     -------
-    measurements (R, K, e), of which some are no readings; which are (R, K, e); true states
-    (R, K, n): biases and errors of lever arms that estimators have as states, and zeros.
+    Measurements (R, K, e); mask of the available ones (R, K, e); true states (R, K, n): biases and
+    lever-arm errors that are states, zeros elsewhere.
     """
     true, times, truth = flight.true, flight.times, flight.motion_at_epochs
     runs, epochs = ins.positions.shape[:2]
@@ -76,7 +76,7 @@ def _false(
 def persistent_errors(
     sensor: AidingSensor, times: np.ndarray, of_run: RandomStreams
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the errors of a run that last: of channels (K, e), and of the lever arm (3,) [m]."""
+    """Return the persistent errors of a run: channel biases (K, e), lever-arm error (3,) [m]."""
     drawn, arm = np.zeros((len(times), len(sensor.channels))), np.zeros(3)
     if sensor.biased:
         drawn[:, : sensor.biased] = sensor.biases(times, of_run[f"{sensor.name}/biases"])

@@ -20,7 +20,7 @@ class Bound:
     Attributes
     ----------
     filtering, predicted : (K, n, n) given the measurements up to each epoch, and before its own.
-    gain : (K, n, m) Kalman gains that attain it.
+    gain : (K, n, m) Kalman gains of the bound.
     jacobians : (K, m, n) H at the truth.
     smoother_gain : (K, n, n) of the Rauch–Tung–Striebel recursion.
     ticks : (K,) times of the epochs, in whole units.
@@ -40,7 +40,7 @@ class Bound:
 
     @property
     def whole(self) -> int:
-        """Lag [ticks] that holds all measurements."""
+        """Lag [ticks] that covers all measurements."""
         return int(self.ticks[-1] - self.ticks[0])
 
     def fixed_lag(self, lag: int) -> np.ndarray:
@@ -78,7 +78,7 @@ class Bound:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return states of the Kalman filter linearised at the truth, filtered and predicted.
 
-        Its gains are those that attain the bound, its measurements those of the estimators.
+        It has the gains of the bound and the measurements of the estimators.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class Bound:
         return filtered, predicted
 
     def oracle_smoothed(self, filtered: np.ndarray, predicted: np.ndarray, lag: int) -> np.ndarray:
-        """Return states (K, R, n) of the oracle given the measurements of ``lag`` ticks after."""
+        """Return states (K, R, n) of the oracle given measurements up to ``lag`` ticks later."""
 
         def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
             gain = self.smoother_gain[k][:, np.newaxis]
@@ -134,7 +134,7 @@ def posterior_bound(
     prior_cov : (n, n) before the first transition.
     jacobians : (K, m, n), H at the truth.
     noise_cov : (m, m).
-    ticks : (K,) times of the epochs, in whole units; one after the other if not given.
+    ticks : (K,) times of the epochs, in whole units; by default 0, 1, 2, ...
     """
     epochs, _, n = jacobians.shape
     filtering = np.empty((epochs, n, n))

@@ -34,7 +34,7 @@ from .true_motion import error_free_motion, require_within
 
 @dataclass(frozen=True)
 class Flight:
-    """All of a case that is the same in every run.
+    """Error-free quantities of a case, equal in all runs.
 
     Attributes
     ----------
@@ -43,11 +43,10 @@ class Flight:
     delta_angles, delta_velocities : (N, 3) error-free IMU increments.
     field : map and normal field in which the truth flies.
     model_field : the field that the estimators assume.
-    epochs : (K,) indices of the measurement epochs, of whatever sensor, among the INS samples.
-    noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it reads them [E].
-    measured : (G, g) readings that were measured there [E], NaN where one is missing; None where
-        they are simulated.
-    measured_errors : by gravimeter, (G,) of readings that were measured [mGal], or NaN.
+    epochs : (K,) INS samples of the measurement epochs of all sensors.
+    noise_free : (G, 6) true tensors in the gradiometer's mount at its measurement times [E].
+    measured : (G, g) measured gradients there [E], NaN for missing ones; None for simulated ones.
+    measured_errors : by gravimeter, (G,) errors of measured gravity [mGal], NaN for missing ones.
     """
 
     case: CaseSpec
@@ -68,7 +67,7 @@ class Flight:
 
     @cached_property
     def gradient_epochs(self) -> np.ndarray:
-        """At which of the epochs (G,) the gradiometer is read; at none without one."""
+        """Epochs (G,) of the gradiometer's measurements; none without a gradiometer."""
         return self._read_at("gradiometer")
 
     @cached_property
@@ -84,35 +83,35 @@ class Flight:
 
     @property
     def schedule(self) -> MeasurementTimes:
-        """When what is read."""
+        """Measurement times of all sensors."""
         return MeasurementTimes(
             self.times, self.epochs, self.trajectory.dt, self.gradient_epochs, self.aiding_epochs
         )
 
     @property
     def instrument(self) -> str:
-        """How the gradiometer is mounted."""
+        """Mount of the gradiometer."""
         spec = self.case.gradiometer
         return "local-level" if spec is None else spec.instrument
 
     @property
     def latency(self) -> float:
-        """How long before the times that the gradiometer's readings bear they are taken [s]."""
+        """Latency of the gradiometer's measurements behind their time stamps [s]."""
         return 0.0 if self.true.gradiometer is None else self.true.gradiometer.latency
 
     @property
     def motion_at_epochs(self) -> Motion:
-        """Where the truth is at the epochs, and how it moves."""
+        """True position, velocity and attitude at the epochs."""
         return Motion.of(self.trajectory).at(self.epochs)
 
     @cached_property
     def true(self) -> SensorSuite:
-        """Sensors and prior as they are."""
+        """True sensors and prior."""
         return suite_of_case(self.case, "truth")
 
     @cached_property
     def model(self) -> SensorSuite:
-        """Sensors and prior as the estimators know them."""
+        """Assumed sensors and prior."""
         return suite_of_case(self.case, "model")
 
     @cached_property
@@ -122,16 +121,16 @@ class Flight:
 
     @cached_property
     def metres(self) -> np.ndarray:
-        """What latitude, longitude and height are worth at the epochs (K, 3) [m/rad, m/rad, 1]."""
+        """Metres per unit of latitude, longitude, height at the epochs (K, 3) [m/rad, m/rad, 1]."""
         return metres_of(self.motion_at_epochs.positions)[:, [1, 0, 2]]
 
     def added_gravity(
         self, field: Field, gradients: tuple[np.ndarray, np.ndarray] | None = None
     ) -> KnownGravity:
-        """Return what the mechanizations of R runs, if they have this field, add to normal gravity.
+        """Return the gravity that the mechanizations of R runs add to normal gravity.
 
-        ``gradients`` are those (R, G, g) [E] that they integrate, if they do, and which (R, G)
-        are missing; those of a single run without any error if not given.
+        ``gradients`` are the integrated measurements (R, G, g) [E] and their mask of missing ones
+        (R, G); by default those of a single run without errors.
         """
         samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)
         return added_gravity(
@@ -140,7 +139,7 @@ class Flight:
 
     @cached_property
     def exact_gradients(self) -> tuple[np.ndarray, np.ndarray]:
-        """What a gradiometer without any error reads (1, G, g) [E], and that none is missing."""
+        """Error-free measurements (1, G, g) [E] of a gradiometer, and an all-false mask."""
         exact = self.noise_free[np.newaxis]
         if self.model.gradiometer is not None:
             exact = exact @ self.model.gradiometer.channels.T
@@ -148,9 +147,9 @@ class Flight:
 
     @cached_property
     def unknown_gravity(self) -> np.ndarray:
-        """The gravity disturbance (K, 3), ENU [m/s²], that the INS does not know at the truth.
+        """Gravity disturbance (K, 3), ENU [m/s²], at the truth that the INS does not compensate.
 
-        Where it integrates gradients: of readings without noise, in a flight without errors.
+        With integrated gradients it holds for measurements without noise, in an error-free flight.
         """
         if not self.model.integrates:
             return self.unknown_to_a_map
@@ -158,7 +157,7 @@ class Flight:
 
     @cached_property
     def unknown_to_a_map(self) -> np.ndarray:
-        """The gravity disturbance (K, 3), ENU [m/s²], less what a map of the INS says of it."""
+        """Gravity disturbance (K, 3), ENU [m/s²], less that of the map of the INS."""
         places = self.motion_at_epochs.positions.T
         disturbance = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:
@@ -169,10 +168,10 @@ class Flight:
 
     @property
     def gravity_response(self) -> np.ndarray:
-        """Errors (K, 9) of an INS without any other error than that it does not know the gravity.
+        """Errors (K, 9) of an INS whose only error is the uncompensated gravity disturbance.
 
-        Position ENU [m], velocity ENU [m/s], attitude about the body's axes [rad]: pitch, roll, and
-        heading to the left.
+        They are position ENU [m], velocity ENU [m/s], and attitude about the body's axes [rad]:
+        pitch, roll, and heading (positive to the left).
         """
         return self._without_errors[0]
 
@@ -205,7 +204,7 @@ class Flight:
 
     @cached_property
     def faults(self) -> Faults:
-        """What is wrong with the gradiometer beyond noise and biases."""
+        """Errors of the gradiometer other than noise and biases."""
         return faults(self.case.truth.gradiometer)
 
     @cached_property
@@ -215,10 +214,10 @@ class Flight:
 
     @cached_property
     def motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean specific force [m/s²] and angular rate [rad/s] (K, 3) of each reading, in the mount.
+        """Mean specific force [m/s²] and angular rate [rad/s] (K, 3) of measurements, in the mount.
 
-        A platform does not turn in inertial axes; a local level turns with the Earth and with the
-        flight over it, by 1e-4 rad/s, which is neglected here.
+        A platform does not rotate in inertial space. The rotation of a local level with the Earth
+        and the flight, 1e-4 rad/s, is neglected.
         """
         truth, samples = self.trajectory, self.epochs[self.gradient_epochs]
         count = samples[0]
@@ -237,7 +236,7 @@ class Flight:
 
     @cached_property
     def noise_growth(self) -> np.ndarray:
-        """The gradiometer's noise (G,) over that at rest: of the body's motion in each reading."""
+        """Factor (G,) of the gradiometer noise over that at rest, from the motion of the body."""
         samples, dt = self.epochs[self.gradient_epochs], self.trajectory.dt
         squares = [
             (steps**2).sum(axis=1)[: samples[-1]].reshape(len(samples), -1).mean(axis=1) / dt**2
@@ -247,19 +246,19 @@ class Flight:
 
     @property
     def absent(self) -> np.ndarray:
-        """Which readings (G,) of the gradiometer are missing in all runs."""
+        """Mask (G,) of gradiometer measurements that are missing in all runs."""
         if self.measured is not None:
             return np.asarray(np.isnan(self.measured).any(axis=1))
         return self.faults.in_dropouts(self.times[self.gradient_epochs])
 
     @property
     def ticks(self) -> np.ndarray:
-        """The epochs (K,) as multiples of the case's tick."""
+        """Epochs (K,) as multiples of the case's tick."""
         return np.asarray(np.round(self.times / self.case.tick_s).astype(int))
 
     @cached_property
     def expected(self) -> np.ndarray:
-        """The share of runs (K, m) in which each of the measurements is there."""
+        """Share of runs (K, m) in which each measurement is available."""
         true, times = self.true, self.times
         measurements = np.zeros((len(times), len(true.channels)))
         gradients, others = np.split(measurements, [true.gradients], axis=1)
@@ -277,7 +276,7 @@ def prepare(case: CaseSpec) -> Flight:
     Raises
     ------
     MapError, OutsideMapError, TrajectoryError
-        If a map cannot be made, the flight leaves it, or cannot be flown.
+        If a map cannot be built, or the flight leaves it or cannot be flown.
     GGBenchError
         If the low-pass cannot be computed, or errors decay within its delay.
     """
@@ -342,7 +341,7 @@ def prepare(case: CaseSpec) -> Flight:
 
 
 def gradiometer_places(case: CaseSpec, positions: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
-    """Return where (K, 3) a gradiometer is that is not where estimators believe it to be."""
+    """Return positions (K, 3) of a gradiometer whose true lever arm estimators do not know."""
     error = case.truth.gradiometer.lever_arm_error_m
     if not any(error):
         return positions

@@ -1,4 +1,4 @@
-"""The field that a scenario's ``[field]`` table describes: normal, a map's file, a built map."""
+"""Fields of ``[field]`` tables: normal field, map file, or built map."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ FILE_SUFFIXES = (".nc", ".npz")
 
 
 def is_file(source: str) -> bool:
-    """Return whether a source is the path of a map's file."""
+    """Return whether a source is the path of a map file."""
     return source.endswith(FILE_SUFFIXES)
 
 
 def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
-    """Return the field of a ``[field]`` table; the last few are kept.
+    """Return the field of a ``[field]`` table; the last few are cached.
 
-    ``constant`` is a gravity disturbance ENU [mGal] that is in no map.
+    ``constant`` is an additional gravity disturbance ENU [mGal].
 
-    ``source`` is ``normal`` (no map), the path of a map's file, or the name of a source from which
-    the map is built, or taken from the cache.
+    ``source`` is ``normal`` (no map), the path of a map file, or the name of a shipped source,
+    whose map is built or read from the cache.
 
     Raises
     ------
     MapError
-        If the map cannot be made; the message says why and what is allowed.
+        If the map cannot be built; the message states the reason and the allowed values.
     """
     # What the accelerometers feel is no part of the map.
     field = _make(spec.model_copy(update={"gravity_disturbance": False}), map_version(spec))
@@ -52,14 +52,14 @@ def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
 
 
 def map_version(spec: FieldSpec) -> tuple[int, int]:
-    """Return the version of a map's file; zeros of a map that is built, or that is missing."""
+    """Return the version of a map file; zeros for a built or missing map."""
     return version_of(Path(spec.source)) if is_file(spec.source) else (0, 0)
 
 
 def version_of(path: Path) -> tuple[int, int]:
-    """Return time of change [ns] and size [bytes] of a file; zeros if it cannot be found.
+    """Return modification time [ns] and size [bytes] of a file; zeros if it does not exist.
 
-    A user's file may be written again while a process lives.
+    Users may overwrite a file while a process runs.
     """
     try:
         status = path.stat()
@@ -74,12 +74,12 @@ def _with_constant(field: Field, constant: tuple[float, ...]) -> Field:
 
 
 def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...]:
-    """Return the standard error that a map states of a gradiometer's channels [E].
+    """Return the standard error of a gradiometer's channels stated by a map [E].
 
     Raises
     ------
     MapError
-        If it states none.
+        If the map states none.
     """
     error = make_field(spec).standard_error[:6]
     if not np.isfinite(error).all():
@@ -92,10 +92,10 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
 
 
 def beside(field: Field, longitude: float) -> Field:
-    """Return a field whose map counts longitudes in the same turn as a flight [rad].
+    """Return a field whose map longitudes are in the same turn as those of a flight [rad].
 
-    A flight at 275.7° is over a map at −84.3°, and one across the date line over one that ends at
-    181° or begins at −181°.
+    Longitudes of 275.7° and −84.3° are equal, and maps across the date line may end at 181° or
+    begin at −181°.
     """
     if not field.has_map:
         return field
@@ -168,7 +168,7 @@ def _degradation(spec: MapErrorSpec) -> MapDegradation:
 
 
 def map_recipe(spec: FieldSpec) -> MapRecipe:
-    """Return the recipe of the map that a ``[field]`` table with a named source describes."""
+    """Return the recipe of the map of a ``[field]`` table with a shipped source."""
     return MapRecipe(
         source=spec.source,
         south_deg=spec.south_deg,
@@ -187,7 +187,7 @@ def map_recipe(spec: FieldSpec) -> MapRecipe:
 
 
 def map_content(spec: FieldSpec) -> str | None:
-    """Return a hash of the map that a ``[field]`` table names, None if it has none.
+    """Return a hash of the map of a ``[field]`` table, or None without a map.
 
     Raises
     ------
@@ -202,15 +202,15 @@ def map_content(spec: FieldSpec) -> str | None:
 
 
 def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
-    """Yield the role, the name and the SHA-256 of each file of which a field's map is made.
+    """Yield role, name and SHA-256 of each input file of a field's map.
 
-    A map that is built has the data it is built of; a map's file is one, and so are those of which
-    it says that it was made.
+    For a built map these are its data. For a map file they are the file itself and the inputs that
+    it states.
 
     Raises
     ------
     MapError
-        If one cannot be read.
+        If a file cannot be read.
     """
     if spec.source == "normal":
         return

@@ -1,4 +1,4 @@
-"""Cramér–Rao bounds of flights without errors, several of one case at once."""
+"""Cramér–Rao bounds of error-free flights, for several flights of one case at once."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .sensor_suite import SensorSuite
 
 
 def bounds(flights: Sequence[Flight]) -> list[Bound]:
-    """Return the posterior Cramér–Rao bound of the measurements that estimators receive, of each.
+    """Return the posterior Cramér–Rao bounds of flights, for the measurements of the estimators.
 
-    H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the
-    true ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors
-    without a state and what motion adds to the noise are left out, so that it stays a lower
-    bound. Measurements that drop out count by their expected share.
+    H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the true
+    ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors without a
+    state and noise due to motion are omitted, so the result remains a lower bound. Measurements
+    with dropouts count with their expected share.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def bounds(flights: Sequence[Flight]) -> list[Bound]:
     Raises
     ------
     ValueError
-        If they do not share epochs and maps.
+        If the flights differ in epochs or maps.
     """
     return _bounds(flights, flights[0].true)
 
@@ -42,7 +42,7 @@ def flight_bound(flight: Flight) -> Bound:
 
 
 def unfiltered_bound(flight: Flight) -> Bound:
-    """Return the bound of the same gradiometer without its low-pass and the noise behind that."""
+    """Return the bound of the same gradiometer without low-pass and noise behind it."""
     instrument, true = flight.true.gradiometer, flight.true
     if instrument is not None and instrument.lowpass is not None:
         instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)

@@ -1,6 +1,6 @@
-"""Estimation problems from the solution of an INS and the readings of sensors.
+"""Estimation problems from INS solutions and sensor measurements.
 
-The readings come from a simulation or a recording; the truth is not known here.
+Measurements come from a simulation or a recording. This module does not access the truth.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from .sensor_suite import SensorSuite
 
 @dataclass(frozen=True)
 class MeasurementTimes:
-    """Measurement epochs, and the sensors that are read at each.
+    """Measurement epochs, and the sensors with measurements at each.
 
     Attributes
     ----------
     times : (K,) epochs of any sensor, since the start [s].
     samples : (K,) indices of the INS samples at the epochs.
     dt : between two INS samples [s].
-    gradients : (G,) indices of the epochs at which the gradiometer is read.
-    aiding : indices of the epochs at which each of the other sensors is read.
+    gradients : (G,) indices of the epochs with gradiometer measurements.
+    aiding : indices of the epochs with measurements of each of the other sensors.
     """
 
     times: np.ndarray
@@ -47,7 +47,7 @@ class MeasurementTimes:
     aiding: Sequence[np.ndarray]
 
     def between(self, first: int, last: int) -> MeasurementTimes:
-        """Return the epochs from ``first`` to ``last``, of a flight that begins before them."""
+        """Return the epochs from ``first`` to ``last``, for a flight that begins before them."""
         start = 0 if first == 0 else int(self.samples[first - 1])
         epochs = slice(first, last + 1)
 
@@ -63,10 +63,10 @@ class MeasurementTimes:
         )
 
     def delays(self, model: SensorSuite) -> np.ndarray:
-        """Return the delays (K,) [s] of the gradiometer's readings behind their epochs.
+        """Return the delays (K,) [s] of the gradiometer's measurements behind their epochs.
 
-        A delay is the rest of a filter's after its treatment, or a latency; no reading is from
-        before the start.
+        A delay is that of a filter after its treatment, or a latency. No measurement is earlier
+        than the start.
         """
         delays, at = np.zeros(len(self.times)), self.gradients
         if (sensor := model.gradiometer) is not None:
@@ -81,11 +81,11 @@ class MechanizedRuns(NamedTuple):
     Attributes
     ----------
     states : (R, K, 15) position, velocity and C_nb, row by row.
-    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) a reading's delay earlier.
-    transition, process_cov : (R, K, n, n) Φ and Q as the estimators know them.
-    rows : (R, K, 6, 15) from an error at an epoch to that a delay earlier.
-    integrated : (R, K, 3) gravity disturbance ENU [m/s²] that it adds by its readings of gradients.
-    turning : (R, K, 3) angular rate about the body's axes that its gyros tell [rad/s].
+    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) at the delayed measurement times.
+    transition, process_cov : (R, K, n, n) assumed Φ and Q.
+    rows : (R, K, 6, 15) from the error at an epoch to that at the delayed time.
+    integrated : (R, K, 3) gravity disturbance ENU [m/s²] from integrated gradients.
+    turning : (R, K, 3) measured angular rate about the body's axes [rad/s].
     """
 
     states: np.ndarray
@@ -99,7 +99,7 @@ class MechanizedRuns(NamedTuple):
 
     @classmethod
     def empty(cls, runs: int, epochs: int, n: int) -> MechanizedRuns:
-        """Return arrays to be filled: in one piece, of which large pages may be made."""
+        """Return unfilled arrays in one piece of memory, to allow large pages."""
         shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,), (3,))
         ends = np.cumsum([runs * epochs * math.prod(shape) for shape in shapes])
         pieces = np.split(np.empty(ends[-1]), ends[:-1])
@@ -111,23 +111,23 @@ class MechanizedRuns(NamedTuple):
 
     @property
     def motion(self) -> Motion:
-        """What the INS indicates at the epochs (R, K, .)."""
+        """INS solution at the epochs (R, K, .)."""
         return Motion.of_states(self.states)
 
     def delayed(self, delays: np.ndarray) -> DelayedInsSolution:
-        """Return what the INS indicates when readings with delays (K,) are taken."""
+        """Return the INS solution at measurement times with delays (K,)."""
         return DelayedInsSolution(delays, self.delayed_positions, self.delayed_attitudes, self.rows)
 
 
 class SensorReadings(NamedTuple):
-    """Readings of the sensors of R runs.
+    """Measurements of the sensors of R runs.
 
     Attributes
     ----------
     gradients : (R, G, g) output of the gradiometer, behind its filter [E].
-    missing : (R, G) whether a reading of it is missing.
-    others : (R, K, e) readings of the other sensors, in the order of their channels.
-    present : (R, K, e) whether such a reading exists; a missing one may be any finite number.
+    missing : (R, G) mask of its missing measurements.
+    others : (R, K, e) measurements of the other sensors, in the order of their channels.
+    present : (R, K, e) mask of the available ones; missing ones may be any finite number.
     """
 
     gradients: np.ndarray
@@ -139,7 +139,7 @@ class SensorReadings(NamedTuple):
 def rates(angles: np.ndarray, samples: np.ndarray, dt: float) -> np.ndarray:
     """Return angular rates (K, ...) [rad/s] at samples (K,) of an INS: means of two steps.
 
-    Of the angles (N, ...) [rad] of its gyros, ``dt`` [s] apart.
+    The inputs are gyro increments (N, ...) [rad], ``dt`` [s] apart.
     """
     around = np.clip([samples - 1, samples], 0, len(angles) - 1)
     return np.asarray(angles[around].mean(axis=0) / dt)
@@ -157,11 +157,11 @@ def propagate_errors(
 
     Parameters
     ----------
-    model : sensors and prior as the estimators know them.
+    model : assumed sensors and prior.
     when : the epochs.
     gravity : added by the mechanization to normal gravity.
     track : (N + 1, TRACK, LANES) solutions of the INSs at their samples.
-    increments : (N, 6, LANES) increments of the IMU that lead there.
+    increments : (N, 6, LANES) increments of the IMU between them.
     out : output, of R runs.
     """
     runs, samples, dt = len(out.states), when.samples, when.dt
@@ -205,15 +205,15 @@ def added_gravity(
     gradients: np.ndarray,
     missing: np.ndarray,
 ) -> KnownGravity:
-    """Return what the mechanizations of a group of R runs add to normal gravity.
+    """Return the gravity that the mechanizations of a group of R runs add to normal gravity.
 
     Parameters
     ----------
-    model : sensors as the estimators know them.
-    field : of which the disturbance is added, if it is compensated.
-    samples : (G,) of the INS at which the gradiometer is read.
-    count : of its samples.
-    gradients, missing : (R, G, g), (R, G) of :class:`SensorReadings`, if they are integrated.
+    model : assumed sensors.
+    field : field of the compensated disturbance, if any.
+    samples : (G,) INS samples of the gradiometer's measurements.
+    count : number of INS samples.
+    gradients, missing : (R, G, g), (R, G) of :class:`SensorReadings`, if gradients are integrated.
     """
     if not model.integrates:
         return of_map(field.disturbance_map) if model.compensates else NORMAL_GRAVITY
@@ -237,8 +237,8 @@ def build_problems(
     model : sensors and prior that the estimators assume.
     field : the map that they assume.
     when : the epochs.
-    ins : solutions of the INSs there.
-    read : readings of the sensors.
+    ins : INS solutions at the epochs.
+    read : measurements of the sensors.
     """
     treatment, at, times = model.treatment(len(when.gradients)), when.gradients, when.times
     motion = ins.motion
@@ -326,16 +326,16 @@ def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Wh
 
 
 def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:
-    """Raise GGBenchError if errors decay within the delay of filtered or late readings.
+    """Raise GGBenchError if errors decay within the delay of filtered or late measurements.
 
-    The measurement model takes the state back over the delay (:mod:`.ins.transitions`): a decay
-    would be e^(delay / time constant) there, and the noise that goes with it is neglected.
+    The measurement model propagates the state back over the delay (:mod:`.ins.transitions`). A
+    decay would grow by e^(delay / time constant), and the noise of that time is neglected.
 
     Parameters
     ----------
-    model : sensors as the estimators know them.
+    model : assumed sensors.
     altimeter : its time constant [s]; ∞ without one.
-    count : number of readings of the gradiometer.
+    count : number of gradiometer measurements.
     """
     if model.gradiometer is None:
         return

@@ -15,13 +15,13 @@ from .random_streams import RandomStreams
 
 
 class Gradients(NamedTuple):
-    """What the gradiometers of R runs deliver, whatever the INS indicates.
+    """Gradiometer measurements of R runs.
 
     Attributes
     ----------
-    output : (R, G, g) [E].
-    missing : (R, G).
-    states : (R, K, s) at all epochs, true values of the instrument's states by their names.
+    output : (R, G, g) measurements, after the low-pass [E].
+    missing : (R, G) mask of missing measurements.
+    states : (R, K, s) true values of the instrument's states at all epochs, by name.
     """
 
     output: np.ndarray
@@ -35,7 +35,7 @@ class Gradients(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[Gradients]) -> Gradients:
-        """Return what several have, one after the other."""
+        """Return the joined arrays of several groups of runs."""
         if len(parts) == 1:
             return parts[0]
         output, missing, states = zip(*parts, strict=True)
@@ -44,7 +44,7 @@ class Gradients(NamedTuple):
 
 
 def gradients(flight: Flight, streams: Sequence[RandomStreams]) -> Gradients:
-    """Return what the gradiometers of R runs deliver; of no readings without one."""
+    """Return the gradiometer measurements of R runs; empty without a gradiometer."""
     runs, width, instrument = len(streams), flight.model.gradients, flight.true.gradiometer
     if instrument is not None and flight.measured is not None:
         # What was measured is the same in all runs; biases are those that the truth adds.

@@ -1,4 +1,4 @@
-"""Versions of the files that a case is made of: a cache within a process is keyed by them."""
+"""Versions of the input files of a case, the keys of caches within a process."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Versions = tuple[tuple[int, int], ...]
 
 
 def input_versions(case: CaseSpec) -> Versions:
-    """Return time of change [ns] and size [bytes] of each file of a case; zeros of a built map.
+    """Return modification time [ns] and size [bytes] of each input file; zeros for built maps.
 
     Raises
     ------
     TrajectoryError
-        If a file of the flight is missing. Other missing files have zeros.
+        If a file of the flight is missing. For other missing files the result is zero.
     """
     maps = tuple(map_version(case.side(name).field) for name in ("truth", "model"))
     noises = tuple(version_of(shipped_or_own(name)) for name in noise_names(case))

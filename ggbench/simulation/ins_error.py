@@ -40,12 +40,11 @@ class InsError:
         return np.asarray(np.hypot(self.deviations[:, 0], self.deviations[:, 1]))
 
     def linear_until(self, allowed: float) -> float:
-        """Return when the second order of the position error exceeds a length [m] [s]; ∞ if never.
+        """Return when second-order position errors exceed a length [m]: a time [s]; ∞ if never.
 
-        It is d² / 2R of a distance d on a sphere of radius R: the size of what a linear error
-        model leaves out of the position where the INS is off by d. Against a receiver of 3 m, the
-        open-loop EKF is worse than the closed loop from one to three times this moment on. The
-        distance is what the error grows by: another start is no matter of feedback.
+        They are d² / 2R for an INS error d on a sphere of radius R. With a receiver of 3 m, the
+        open-loop EKF becomes worse than the closed loop at one to three times this moment. The
+        distance d is the growth of the error, because feedback does not reduce the initial error.
         """
         grown = self.horizontal**2 - self.horizontal[0] ** 2
         beyond = grown > 2.0 * EARTH_RADIUS_M * allowed
@@ -60,9 +59,10 @@ def inertial_alone(suite: SensorSuite) -> SensorSuite:
 
 
 def ins_error(suite: SensorSuite, trajectory: Trajectory) -> InsError:
-    """Return how far the INS errs that has the inertial sensors, prior and altimeter of a suite.
+    """Return the error of an unaided INS with the inertial sensors, prior and altimeter of a suite.
 
-    P = Φ P Φᵀ + Q along the truth. Errors without a state, such as those of scale, are left out.
+    It follows from P = Φ P Φᵀ + Q along the truth. Errors without a state, such as scale factors,
+    are omitted.
     """
     count, alone = len(trajectory.times) - 1, inertial_alone(suite)
     samples = np.unique(np.linspace(0, count, _STEPS + 1).astype(int))

@@ -1,4 +1,4 @@
-"""From the tables of a case or a flight to instruments in SI units."""
+"""Instruments in SI units from the tables of a case or a flight."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _MICRO_G = 1e-6 * STANDARD_GRAVITY
 
 
 class GravityState(NamedTuple):
-    """The gravity that the INS does not know, as a state.
+    """States of the gravity disturbance that the INS does not know.
 
     Attributes
     ----------
     sizes : σ ENU [m/s²].
-    distance : D of its correlation [m].
-    walk : root PSD of what is left, where gradients are integrated, for each m/s [s⁻¹˙⁵]: the
-        readings' noise [s⁻²] times the root of the time between them; None where they are not.
+    distance : correlation distance D [m].
+    walk : root PSD of the remainder with integrated gradients, per m/s [s⁻¹˙⁵]: measurement noise
+        [s⁻²] times the root of the measurement interval; None without integration.
     """
 
     sizes: tuple[float, float, float]
@@ -51,14 +51,14 @@ class GravityState(NamedTuple):
 
     @property
     def driven(self) -> tuple[float, ...]:
-        """What drives it, see :class:`ggbench.ins.adjoint.Noise`."""
+        """Return the process noise, see :class:`ggbench.ins.adjoint.Noise`."""
         if self.walk is not None:
             return (self.walk,) * 3
         return tuple(math.sqrt(2.0) * size for size in self.sizes)
 
 
 def imu_of(spec: ImuSpec, errors: TrueImu) -> Imu:
-    """Return the inertial sensors of a table, with errors that no estimator models."""
+    """Return the inertial sensors of a table, with their unmodelled errors."""
 
     def triad(scale_factor_ppm: float, misalignment_arcmin: float) -> SensorErrors:
         return SensorErrors(1e-6 * scale_factor_ppm, math.radians(misalignment_arcmin / 60.0))
@@ -84,7 +84,7 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
     Raises
     ------
     GGBenchError
-        If its model of coloured noise cannot be read, or is of other channels or another period.
+        If its model of coloured noise cannot be read, or has other channels or another period.
     """
     rate, colour = 1.0 / spec.period_s, _colour(spec)
     noise = spec.noise_eotvos
@@ -122,12 +122,12 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
 
 
 def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
-    """Yield path and SHA-256 of each model of coloured noise that a case names, once.
+    """Yield path and SHA-256 of each coloured-noise model of a case, once.
 
     Raises
     ------
     ColouredNoiseError
-        If one cannot be read.
+        If a file cannot be read.
     """
     for name in noise_names(case):
         path = shipped_or_own(name)
@@ -135,7 +135,7 @@ def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
 
 
 def noise_names(case: CaseSpec) -> list[str]:
-    """Return the models of coloured noise that a case names, each once."""
+    """Return the coloured-noise models of a case, each once."""
     specs = [case.side(name).gradiometer for name in ("truth", "model")]
     names = dict.fromkeys(spec.coloured_noise for spec in specs if spec is not None)
     return list(filter(None, names))
@@ -173,7 +173,7 @@ def _disk(spec: GradiometerSpec) -> RotatingGradiometer:
 
 
 def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
-    """Return the disks of a rotating instrument whose imperfections a case gives, else None."""
+    """Return the disks of a rotating instrument with simulated imperfections, or None."""
     spec, errors = case.gradiometer, case.truth.gradiometer.rotating
     if spec is None or spec.rotating is None or errors is None:
         return None
@@ -191,7 +191,7 @@ def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
 
 
 def interruptions(spec: Interruptions, outlier: float | tuple[float, ...]) -> Faults:
-    """Return the dropouts of any sensor, and outliers of such a size [unit of the channel]."""
+    """Return dropouts of a sensor, and outliers of a given size [unit of the channel]."""
     return Faults(
         outlier_share=spec.outlier_share,
         outlier=outlier,
@@ -202,7 +202,7 @@ def interruptions(spec: Interruptions, outlier: float | tuple[float, ...]) -> Fa
 
 
 def faults(spec: TrueGradiometer) -> Faults:
-    """Return the errors of the true gradiometer beyond noise and biases."""
+    """Return the errors of the true gradiometer other than noise and biases."""
     return replace(
         interruptions(spec, spec.outlier_eotvos),
         scale_factor=1e-6 * spec.scale_factor_ppm,
@@ -226,9 +226,9 @@ def faults(spec: TrueGradiometer) -> Faults:
 def gravity_state(
     spec: DisturbanceSpec | None, gradiometer: Gradiometer | None
 ) -> GravityState | None:
-    """Return the gravity that the INS does not know, if it is a state.
+    """Return the states of the unknown gravity disturbance, or None.
 
-    Raise GGBenchError if gradients that are not of the whole tensor are to be integrated.
+    Raise GGBenchError if gradients are integrated without the whole tensor.
     """
     if spec is None:
         return None

@@ -1,4 +1,4 @@
-"""Measured readings in place of simulated ones."""
+"""Measured data in place of simulated measurements."""
 
 from __future__ import annotations
 
@@ -15,16 +15,15 @@ from .instruments import gradiometer_of
 
 
 def measured_readings(case: CaseSpec, positions: np.ndarray) -> np.ndarray | None:
-    """Return the readings (G, g) [E] that were measured at the true positions (G, 3).
+    """Return the measured gradients (G, g) [E] at the true positions (G, 3).
 
-    NaN where one is missing; None of a case whose readings are simulated. A survey delivers the
-    disturbing field: the normal field's gradient at the surveyed position, which its processing
-    took away, is added again.
+    Missing ones are NaN; the result is None for simulated measurements. A survey contains the
+    disturbing field, so the normal gradient at the surveyed position is added.
 
     Raises
     ------
     GGBenchError
-        If the survey lines have other components, or samples at other times.
+        If the survey lines lack components, or have samples at other times.
     """
     spec = case.gradiometer
     if spec is None or spec.readings == "simulated":
@@ -37,15 +36,15 @@ def measured_readings(case: CaseSpec, positions: np.ndarray) -> np.ndarray | Non
 def measured_errors(
     case: CaseSpec, field: Field, positions: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return by how much measured gravity (G,) is off a field, by the gravimeter [mGal].
+    """Return the errors of measured gravity (G,) against a field, by gravimeter [mGal].
 
-    NaN where a reading is missing. It takes the place of simulated noise.
+    Missing ones are NaN. The errors replace simulated noise.
 
     Parameters
     ----------
     case : the case.
     field : the true field.
-    positions : true ones (G, 3) at which each sensor is read.
+    positions : true positions (G, 3) of the measurements of each sensor.
 
     Raises
     ------

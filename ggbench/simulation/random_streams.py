@@ -1,4 +1,4 @@
-"""Random numbers of a run: a generator for each source of error, by the name of the source."""
+"""Random numbers of a run: a generator for each named source of error."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Stored results have their random numbers. The table is complete: a new source ne
 
 
 def spawn_key(source: str) -> tuple[int, ...]:
-    """Return the spawn key of a source of error, which its name alone determines.
+    """Return the spawn key of a source of error, determined only by its name.
 
     Parameters
     ----------
@@ -60,10 +60,10 @@ def spawn_key(source: str) -> tuple[int, ...]:
 
 
 class RandomStreams:
-    """The generators of a run by the names of the sources of error, each made when first used.
+    """The generators of a run by source of error, each created at first use.
 
-    They are children of the seed of the campaign and the number of the run
-    (:class:`numpy.random.SeedSequence`). A source's stream depends on no other source.
+    They are children of campaign seed and run number (:class:`numpy.random.SeedSequence`). The
+    stream of a source depends on no other source.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Mechanization with feedback: corrections of an estimator reset the INS.
 
-The error model is linear about what the INS indicates. Where an INS that is not corrected has
-drifted far, the squares of its errors are beyond what sensors see; one that is set right every
-minute errs by little. Nothing here knows the truth: what is replayed are the IMU's own readings.
+The error model is linear about the INS solution. If an uncorrected INS has drifted far,
+second-order errors exceed the sensor noise. With a reset every minute they stay small. Only
+measured IMU data are replayed, never the truth.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ stay states: they enter linearly, and their own error model goes on."""
 
 
 class Recording(NamedTuple):
-    """What IMUs and altimeters have delivered to the INSs of a group of runs.
+    """IMU and altimeter data of a group of runs.
 
     Attributes
     ----------
-    initial : (R, 15) what the INSs were set to.
+    initial : (R, 15) initial INS states.
     increments : (N, 6, LANES) [rad], [m/s].
     heights : (N, 1, LANES) of the altimeters, means over the intervals [m]; (0, 1, LANES) without.
     gains : of the altimeter.
@@ -51,7 +51,7 @@ class Recording(NamedTuple):
     gains: tuple[float, float]
 
     def of_run(self, run: int) -> Recording:
-        """Return that of one of the runs, as a group of its own."""
+        """Return the data of one run, as a group."""
         return Recording(
             self.initial[run : run + 1],
             in_lanes(out_of_lanes(self.increments, run + 1)[run:]),
@@ -62,13 +62,13 @@ class Recording(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """What is needed to navigate a run again, from any epoch on.
+    """Data to mechanise a run again, from any epoch.
 
     Attributes
     ----------
-    model, field, when, gravity : as :func:`.formulation.propagate_errors` and
-        :func:`.formulation.build_problems` take them.
-    recording : of the run, as a group of its own.
+    model, field, when, gravity : arguments of :func:`.formulation.propagate_errors` and
+        :func:`.formulation.build_problems`.
+    recording : of the run, as a group.
     """
 
     model: SensorSuite
@@ -78,19 +78,19 @@ class Replay:
     recording: Recording
 
     def start(self, problem: Problem) -> Loop:
-        """Return a closed loop that stands at the start of the flight of a problem."""
+        """Return a closed loop at the start of the flight of a problem."""
         return Loop(self, problem)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replays(Sequence[Replay]):
-    """The replays of a block of runs, each made when it is asked for.
+    """The replays of a block of runs, each created on demand.
 
     Attributes
     ----------
     model, field, when, gravity : of each :class:`Replay`.
     recordings : of each group of runs.
-    runs : how many there are.
+    runs : number of runs.
     """
 
     model: SensorSuite
@@ -112,7 +112,7 @@ class Replays(Sequence[Replay]):
 
 
 class Loop:
-    """A flight that is navigated part by part, each from what an estimator made of the last."""
+    """A flight that is mechanised in parts; each part starts from the corrected end of the last."""
 
     def __init__(self, replay: Replay, problem: Problem) -> None:
         assert problem.track is not None
@@ -124,9 +124,9 @@ class Loop:
         self._part = problem
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the epochs up to ``last`` that have not been corrected yet.
+        """Return the problem of the uncorrected epochs up to ``last``.
 
-        Its prior is what is known at the last correction.
+        Its prior is the estimate at the last correction.
         """
         replay, first = self._replay, self._first
         when, recording = replay.when, replay.recording
@@ -170,7 +170,7 @@ class Loop:
         return SensorReadings(gradients, missing, others, there[..., model.gradients :])
 
     def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-        """Set the INS right by the estimate of the part that was asked for last.
+        """Reset the INS by the estimate of the latest part.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class Loop:
 
         Returns
         -------
-        The same estimates (K', n) as errors of the INS that is not corrected.
+        The same estimates (K', n) as errors of the uncorrected INS.
         """
         track = self._part.track
         assert track is not None

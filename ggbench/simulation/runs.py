@@ -1,9 +1,8 @@
-"""From a flight and a seed to an estimation problem and its truth.
+"""Problem and truth of runs of a flight.
 
 A run adds random errors to a :class:`~.error_free_flight.Flight`. The random streams of a run are
 spawned from (seed, run), one per error source, so that two cases that differ in one source share
-all the others. What the truth has and what the estimators assume may differ: sensors, prior and
-map each exist twice, see :mod:`ggbench.spec.sensors`.
+all others. Sensors, prior and map exist twice, true and assumed, see :mod:`ggbench.spec.sensors`.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from .replay import Recording, Replays
 
 @dataclass(frozen=True)
 class Truth:
-    """What the runner knows and no estimator may see, of a run or of a block of R runs.
+    """Truth of a run or of a block of R runs, hidden from estimators.
 
     Attributes
     ----------
@@ -51,7 +50,7 @@ class Truth:
 
 
 def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
-    """Return the estimation problem of one run, and the truth it hides.
+    """Return the estimation problem of one run, and its truth.
 
     Parameters
     ----------
@@ -63,9 +62,9 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
 
 
 def simulate_block(flight: Flight, seed: int, runs: Sequence[int]) -> tuple[ProblemBlock, Truth]:
-    """Return the estimation problems of several runs, and the truth that they hide.
+    """Return the estimation problems of several runs, and their truth.
 
-    A run is the same, bit by bit, in whatever block.
+    A run is equal, bit by bit, in every block.
 
     Parameters
     ----------
@@ -78,12 +77,12 @@ def simulate_block(flight: Flight, seed: int, runs: Sequence[int]) -> tuple[Prob
 def simulate_flights(
     flights: Sequence[Flight], seed: int, runs: Sequence[int]
 ) -> tuple[ProblemBlock, Truth]:
-    """Return what :func:`simulate_block` does, of runs with a flight of one case each.
+    """Return :func:`simulate_block` for runs with different flights of one case.
 
     Raises
     ------
     ValueError
-        If they do not share epochs and map.
+        If the flights differ in epochs or map.
     """
     first = flights[0]
     for flight in flights:
@@ -148,15 +147,15 @@ def _add_states(
 
 
 class Record(NamedTuple):
-    """What the sensors of one run deliver, and where its INS starts.
+    """Sensor data of one run, and the initial state of its INS.
 
     Attributes
     ----------
-    initial : (15,) position, velocity and C_nb, row by row, at which the INS starts.
+    initial : (15,) initial position, velocity and C_nb, row by row, of the INS.
     increments : (N, 6) angles [rad] and velocities [m/s] of the IMU.
     heights : (N,) of the altimeter, means over the intervals [m]; (0,) without one.
-    indicated : what the INS makes of it at the epochs (1, K, .).
-    read : what the other sensors deliver, of one run.
+    indicated : INS solution at the epochs (1, K, .).
+    read : measurements of the other sensors, of one run.
     """
 
     initial: np.ndarray
@@ -167,7 +166,7 @@ class Record(NamedTuple):
 
 
 def record(flight: Flight, seed: int, run: int) -> Record:
-    """Return what is recorded in a run: the same numbers of which :func:`simulate` makes its own.
+    """Return the sensor data of a run, equal to those of :func:`simulate`.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ _LAYOUT = (
 
 
 class AidingStates(NamedTuple):
-    """States of an aiding sensor: biases, and errors of its lever arm; none begin at −1."""
+    """Indices of the states of an aiding sensor, biases and lever-arm errors; −1 for none."""
 
     sensor: AidingSensor
     biases: slice
@@ -56,7 +56,7 @@ class AidingStates(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorSuite:
-    """Sensors and prior of one side of a case.
+    """True or assumed sensors and prior of a case.
 
     Attributes
     ----------
@@ -64,10 +64,10 @@ class SensorSuite:
     gradiometer : None without one.
     aiding : the other sensors.
     initial_error : table of the prior.
-    altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
-    disturbance : of the gravity that the INS does not know, if it is a state.
+    altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, or None.
+    disturbance : states of the unknown gravity disturbance, or None.
     compensates : whether the mechanization adds the gravity disturbance of its map.
-    map_error : of the gradiometer's channels [E], what is added to their noise; () for none.
+    map_error : of the gradiometer's channels [E], added to their noise; () for none.
     """
 
     imu: Imu
@@ -80,23 +80,23 @@ class SensorSuite:
     map_error: tuple[float, ...] = ()
 
     def gravimeter_map(self, field: Field) -> DisturbanceMap:
-        """Return the map of gravity on which a gravimeter's readings depend by the position.
+        """Return the gravity map whose disturbance gravimeters measure at the estimated position.
 
-        Where the gravity that the INS does not know is a state, only of what the INS adds.
+        If the unknown disturbance is a state, the map contains only the part that the INS adds.
         """
         is_assumed = self.disturbance is None or self.compensates
         return field.disturbance_map if is_assumed else NO_MAP
 
     @property
     def integrates(self) -> bool:
-        """Whether the mechanization integrates the gradiometer's own readings."""
+        """Whether the mechanization integrates measured gradients."""
         return self.disturbance is not None and self.disturbance.walk is not None
 
     @property
     def has_memory(self) -> bool:
-        """Whether filtered, late or whitened readings, or integrals, depend on the track before.
+        """Whether filtered, late, whitened or integrated measurements depend on the earlier track.
 
-        Feedback would change that track.
+        Feedback would change this track.
         """
         sensor = self.gradiometer
         return self.integrates or (
@@ -111,26 +111,26 @@ class SensorSuite:
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """The channels: the gradiometer's, then those of the other sensors."""
+        """Channels: those of the gradiometer, then those of the other sensors."""
         names = () if self.gradiometer is None else self.gradiometer.components
         gradients = (Channel(f"gradient {name}", "E", "gradiometer") for name in names)
         return (*gradients, *(channel for sensor in self.aiding for channel in sensor.channels))
 
     @cached_property
     def columns(self) -> list[slice]:
-        """The channels of each of the other sensors, counted behind the gradiometer's."""
+        """Channels of each of the other sensors, counted after the gradiometer's."""
         ends = np.cumsum([0, *(len(sensor.channels) for sensor in self.aiding)]).tolist()
         return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
     @cached_property
     def layout(self) -> tuple[StateBlock, ...]:
-        """The states: the INS's, and gravity, mounting angles, biases and lever arms if unknown."""
+        """States: the INS's, then unknown gravity, mounting angles, biases and lever arms."""
         placed = (StateBlock(kind.name, place, kind.unit) for place, kind in self.states)
         return (*_LAYOUT, *placed)
 
     @cached_property
     def states(self) -> list[PlacedStates]:
-        """The states behind those of the INS."""
+        """States after those of the INS."""
         sizes = () if self.disturbance is None else self.disturbance.sizes
         return states_of(self.gradiometer, self.aiding, sizes, STATES)
 
@@ -140,12 +140,12 @@ class SensorSuite:
 
     @cached_property
     def aiding_states(self) -> list[AidingStates]:
-        """The states of each of the aiding sensors, behind all others."""
+        """States of each of the aiding sensors, after all others."""
         return [AidingStates(sensor, *map(self._place, names_of(sensor))) for sensor in self.aiding]
 
     @property
     def ins_state_count(self) -> int:
-        """Number of states of the INS, the gravity disturbance included if it is one."""
+        """Number of states of the INS, including the gravity disturbance."""
         return STATES if self.disturbance is None else STATES + 3
 
     @property
@@ -155,10 +155,10 @@ class SensorSuite:
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
-        """Covariance (m, m) of the measurements' noise as the filter's treatment leaves it.
+        """Covariance (m, m) of the measurement noise after the treatment of the filter.
 
-        Whitening takes the noise behind the filter into account by itself, see :meth:`treatment`.
-        Coloured noise is what :meth:`whitening` leaves of it.
+        Whitening includes the noise behind the filter, see :meth:`treatment`. For coloured noise it
+        is that after :meth:`whitening`.
         """
         variances: list[float] = []
         gradiometer = self.gradiometer
@@ -174,7 +174,7 @@ class SensorSuite:
         return np.diag(variances)
 
     def treatment(self, count: int) -> Prefilter:
-        """Return the treatment of ``count`` outputs of the gradiometer's filter.
+        """Return the treatment of ``count`` outputs of the gradiometer's low-pass.
 
         Raises
         ------
@@ -190,12 +190,12 @@ class SensorSuite:
         )
 
     def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening | None:
-        """Return the whitening of the gradiometer's readings, None if their noise is white.
+        """Return the whitening of the gradiometer's measurements, None for white noise.
 
         Parameters
         ----------
-        times : (G,) of the readings [s].
-        missing : (G,) which of them there are not.
+        times : (G,) of the measurements [s].
+        missing : (G,) mask of missing ones.
         """
         if self.gradiometer is None or self.gradiometer.colour is None:
             return None
@@ -228,7 +228,7 @@ class SensorSuite:
         dt: float,
         gravity: KnownGravity = NORMAL_GRAVITY,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Φ and Q (K, n, n) between measurement epochs along one track: :meth:`along` it.
+        """Return Φ and Q (K, n, n) between measurement epochs along one track, see :meth:`along`.
 
         Parameters
         ----------
@@ -250,12 +250,12 @@ class SensorSuite:
         dt: float,
         gravity: KnownGravity,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what :meth:`along` fills, for the motions of a group, whatever they come from.
+        """Return the output of :meth:`along` for the motions of a group.
 
         Parameters
         ----------
         motions, delta_velocities : at N + 1 IMU samples, and (N, 3) increments [m/s], of R tracks.
-        epochs, delays, dt, gravity : as :meth:`along` has them.
+        epochs, delays, dt, gravity : as in :meth:`along`.
         """
         track = in_lanes(np.stack([motion.states for motion in motions]))
         if self.integrates:
@@ -301,9 +301,9 @@ class SensorSuite:
         process_cov: np.ndarray,
         rows: np.ndarray,
     ) -> None:
-        """Fill Φ and Q (R, K, n, n) of the runs in the first R lanes: :meth:`system` of each track.
+        """Fill Φ and Q (R, K, n, n) of the runs in the first R lanes, see :meth:`system`.
 
-        And what takes an error at an epoch back over the delay of what is read there.
+        Also fill the rows that propagate an error back from an epoch over the measurement delay.
 
         Parameters
         ----------
@@ -311,7 +311,7 @@ class SensorSuite:
         epochs : (K,) indices of samples.
         delays : (K,) [s], or (0,) for no rows.
         dt : [s].
-        gravity : what the mechanization adds to normal gravity.
+        gravity : gravity that the mechanization adds to normal gravity.
         transition, process_cov : output.
         rows : (R, K, 6, 15) of :func:`.delayed_rows.delayed_rows_lanes`, output.
         """

@@ -1,4 +1,4 @@
-"""From the tables of a case to the sensors and the prior of its truth, or of its estimators."""
+"""True or assumed sensors and prior from the tables of a case."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .sensor_suite import SensorSuite
 
 
 def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuite:
-    """Return the sensors and prior of one side of a case.
+    """Return the true or assumed sensors and prior of a case.
 
     Raises
     ------
     MapError
-        If the map's standard error is to be assumed, and the map states none.
+        If the model needs the map's standard error, but the map states none.
     """
     suite = suite_of(
         case.side(name),
@@ -44,20 +44,20 @@ def suite_of(
     disturbance: DisturbanceSpec | None = None,
     compensates: bool = False,
 ) -> SensorSuite:
-    """Return the sensors and prior that tables describe.
+    """Return the sensors and prior of tables.
 
     Parameters
     ----------
     side : tables of sensors and prior.
-    altimeter : damps the mechanization, if there is one.
-    truth : further errors of the true sensors; None for the estimators' ones.
+    altimeter : for the damping of the mechanization, or None.
+    truth : further errors of the true sensors; None for the assumed ones.
     disturbance : the unknown gravity, if it is a state.
     compensates : whether the mechanization adds the gravity disturbance of its map.
 
     Raises
     ------
     GGBenchError
-        If gradients are to be integrated and the gradiometer does not measure a whole tensor.
+        If gradients are integrated but the gradiometer does not measure the whole tensor.
     """
     damping = None
     if altimeter is not None:

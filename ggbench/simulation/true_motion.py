@@ -1,4 +1,4 @@
-"""True motion of a flight, from its trajectory's table, and error-free inertial readings."""
+"""True motion of a flight and error-free inertial data, from its ``[trajectory]`` table."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .field_source import beside
 def error_free_motion(
     spec: TrajectorySpec, dt: float, versions: tuple[object, ...], felt: Field | None
 ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """Return the truth and the IMU increments, (N, 3) each, of angle and velocity.
+    """Return the truth and error-free IMU increments of angle and velocity, (N, 3) each.
 
-    Cases that differ in sensors and priors share them.
+    Cases that differ only in sensors and priors share the result.
 
-    ``versions`` are those of the files of which the flight is made. ``felt`` is the field whose
-    disturbance of gravity the accelerometers feel, if they do.
+    ``versions`` are those of the input files. ``felt`` is the field whose gravity disturbance the
+    accelerometers measure, or None.
     """
     trajectory = trajectory_of(spec, dt)
     _require_possible(trajectory)
@@ -65,7 +65,7 @@ def _require_possible(trajectory: Trajectory) -> None:
 
 
 def require_within(fields: Sequence[Field], positions: np.ndarray, spec: TrajectorySpec) -> None:
-    """Raise OutsideMapError if positions (K, 3) leave a map; it says how many, and what to do."""
+    """Raise OutsideMapError if positions (K, 3) leave a map, with their number and a remedy."""
     for field in fields:
         try:
             field.require_inside(positions)
@@ -104,7 +104,7 @@ def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
     Raises
     ------
     TrajectoryError
-        If it cannot be flown, or a file that it names cannot be used.
+        If the flight is impossible, or a file is invalid.
     """
     pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
     banks = spec.vehicle == "aircraft"

@@ -1,8 +1,8 @@
 """Tables of the aiding sensors: GNSS, velocity log, barometer, gravimeter.
 
-``[gnss]`` holds for the simulated truth and for the estimators. ``[truth.gnss]`` changes it for the
-truth alone, and adds errors that no estimator models; ``[model.gnss]`` changes it for estimators
-alone. ``[sensor.<name>]`` has the keys of the table of its kind (:mod:`.named_sensors`).
+``[gnss]`` describes both the simulated truth and the assumed model. ``[truth.gnss]`` changes only
+the truth, and adds errors that no estimator models. ``[model.gnss]`` changes only the model.
+``[sensor.<name>]`` has the keys of its kind (:mod:`.named_sensors`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
 
 
 class Interruptions(Section):
-    """Missing readings and outliers of any sensor."""
+    """Missing measurements and outliers of any sensor."""
 
     outlier_share: q.Share = 0.0
     """Probability that a reading of a channel is an outlier; needs the outliers' size."""
@@ -52,14 +52,14 @@ class Interruptions(Section):
 
 
 class PeriodicSpec(Section):
-    """A sensor that is read periodically."""
+    """A sensor with periodic measurements."""
 
     period_s: q.ReadingPeriod
     """Time between readings; a whole multiple of `imu.period_s`."""
 
     @property
     def in_words(self) -> str:
-        """The kind and the noise, for the table of conditions of a report.
+        """Kind and noise, for the table of conditions of a report.
 
         Raise NotImplementedError in the base class.
         """
@@ -79,7 +79,7 @@ class GnssSpec(PeriodicSpec):
     position_bias_m: q.PositionBias = 0.0
     """Standard deviation of a correlated position error per axis, as of multipath and atmosphere.
 
-    Where estimators assume one, it is a state. Multipath and the atmosphere are correlated so.
+    Where estimators assume one, it is a state.
     """
     position_bias_time_s: q.TimeConstant | None = None
     """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
@@ -105,7 +105,7 @@ class GnssSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """The receiver and its noise."""
+        """Receiver and its noise."""
         if self.position_noise_m is not None:
             return f"GNSS {self.position_noise_m:g} m"
         return f"GNSS {self.velocity_noise_mps:g} m/s"
@@ -180,7 +180,7 @@ class LogSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """The log and its noise."""
+        """Log and its noise."""
         return f"velocity log {self.noise_mps:g} m/s"
 
 
@@ -193,7 +193,7 @@ class TrueLog(LogChange, Interruptions):
     """``[truth.velocity_log]``: the true log."""
 
     outlier_mps: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to a reading."""
+    """Standard deviation of outliers, drawn for each measurement."""
 
 
 class RecordedLog(LogSpec, ReadingsRecording):
@@ -213,7 +213,7 @@ class BarometerSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """The height and its noise."""
+        """Height and its noise."""
         return f"height {self.noise_m:g} m"
 
 
@@ -226,7 +226,7 @@ class TrueBarometer(BarometerChange, Interruptions):
     """``[truth.barometer]``: the true barometer."""
 
     outlier_m: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to a reading."""
+    """Standard deviation of outliers, drawn for each measurement."""
 
 
 class RecordedBarometer(BarometerSpec, ReadingsRecording):
@@ -236,7 +236,7 @@ class RecordedBarometer(BarometerSpec, ReadingsRecording):
 class GravimeterSpec(PeriodicSpec):
     """``[gravimeter]``: the gravity disturbance, its size (``scalar``) or components.
 
-    Reduced with the position and velocity that the INS indicates: their errors are in the reading.
+    It is reduced with position and velocity of the INS, so the measurements contain their errors.
     """
 
     kind: Literal["gravimeter"] = "gravimeter"
@@ -251,7 +251,7 @@ class GravimeterSpec(PeriodicSpec):
     )
     """`"scalar"`: magnitude of the gravity disturbance; `"east"`, `"north"`: its components."""
     readings: Literal["simulated", "measured"] = "simulated"
-    """Whether readings are simulated, or those of the survey lines that `[trajectory]` flies."""
+    """Simulated measurements, or those of the survey lines that `[trajectory]` flies."""
 
     @model_validator(mode="after")
     def _check(self) -> GravimeterSpec:
@@ -261,7 +261,7 @@ class GravimeterSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """The gravimeter and its noise, if that is known."""
+        """Gravimeter and its noise, if it is known."""
         if self.readings == "measured":
             return "gravimeter measured"
         return f"gravimeter {self.noise_mgal:g} mGal"
@@ -276,7 +276,7 @@ class TrueGravimeter(GravimeterChange, Interruptions):
     """``[truth.gravimeter]``: the true gravimeter."""
 
     outlier_mgal: q.Outlier = 0.0
-    """Standard deviation of what an outlier adds to a reading."""
+    """Standard deviation of outliers, drawn for each measurement."""
 
 
 class RecordedGravimeter(GravimeterSpec, ReadingsRecording):

@@ -57,7 +57,7 @@ class AxisSpec(Section):
         return self
 
     def change(self, index: int) -> dict[str, Any]:
-        """Return what a value changes, as nested tables."""
+        """Return the changes of a value, as nested tables."""
         if self.changes is not None:
             return dict(self.changes[index].content())
         assert self.key is not None  # checked above
@@ -65,7 +65,7 @@ class AxisSpec(Section):
 
     @property
     def title(self) -> str:
-        """Label and unit, as they stand on an axis."""
+        """Label and unit of the axis."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
     def at(self, index: int) -> str:
@@ -73,12 +73,12 @@ class AxisSpec(Section):
         return f"{number(self.values[index])} {self.unit}".rstrip()
 
     def coordinates(self) -> np.ndarray:
-        """Return the values (n,) as they are spaced on the axis: log10 of a logarithmic one's."""
+        """Return the values (n,) on the scale of the axis: log10 for a logarithmic axis."""
         values = np.array(self.values, dtype=float)
         return np.log10(values) if self.scale == "log" else values
 
     def changed_keys(self) -> set[str]:
-        """Return the dotted keys that the axis changes, those of sensors in their short forms."""
+        """Return the dotted keys that the axis changes, with short forms of sensors."""
         return {short_key(key) for i in range(len(self.values)) for key in _dotted(self.change(i))}
 
 
@@ -103,7 +103,7 @@ class SweepSpec(Section):
 
 
 def number(value: float) -> str:
-    """Return a number as case names and tables write it: short, exact, ``0.0001``, ``3e-6``."""
+    """Return a number as in names of cases and tables: short, exact, ``0.0001``, ``3e-6``."""
     short = f"{value:g}"
     if float(short) != value:
         short = repr(value)

@@ -29,11 +29,11 @@ class CampaignSpec(Section):
     )
     """Estimators, with parameters: `"ekf[iterations=5]"`.
 
-    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` takes an estimator out of those before it.
+    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` removes an estimator from those before it.
     """
     time_limit_s: q.TimeLimit = 600.0
     """Time limit of one run of one estimator."""
 
     def runs_of(self, study: str, runs: int) -> int:
-        """Return the number of runs in the cases (""), or in an assumption's study."""
+        """Return the number of runs in the cases (""), or in the study of an assumption."""
         return min(runs, self.assumption_runs) if study else runs

@@ -1,6 +1,7 @@
 """Cases: pydantic models of a scenario's tables.
 
-A key carries its unit. A rule on several keys is checked in the table that holds them all.
+The name of a key states its unit. A rule on several keys is checked in the table that contains them
+all.
 """
 
 from __future__ import annotations
@@ -65,8 +66,8 @@ class WindowsSpec(Section):
     """Spherical position error within which a run must end to succeed.
 
     Without it: three times the RMS filtering bound over the last window. A run has *converged* at
-    the first epoch from which its error stays within. A *false fix* ends outside and claims with
-    95 % to be inside.
+    the first epoch from which its error stays within. A *false fix* ends outside, but its 95 %
+    region is smaller than its error.
     """
 
 
@@ -80,7 +81,7 @@ class ReferenceSpec(Section):
 
 
 def require_sensors(tables: Any, mapless: bool) -> None:
-    """Raise ValueError without a sensor on board, or with a gravimeter that has no map to read."""
+    """Raise ValueError without any sensor, or for a gravimeter without a map."""
     if not sensors_of(tables):
         raise ValueError(
             f"no sensor is on board: give at least one of gradiometer, {', '.join(KINDS)}, sensor"
@@ -119,9 +120,9 @@ def _changed(key: str, table: Any, change: Any) -> Any:
 
 
 class CaseSpec(WithSensors):
-    """``[[case]]``: a flight to compare; any keys of the other tables, laid over those of the file.
+    """``[[case]]``: a flight to compare; its keys replace those of the other tables.
 
-    The model holds a resolved case: the tables of the file with the case's changes.
+    The model is a resolved case: the tables of the file with the changes of the case.
     """
 
     name: CaseName
@@ -238,7 +239,7 @@ class CaseSpec(WithSensors):
         return f"CaseSpec({self.name}: {self.title!r})"
 
     def changed(self, key: str, value: Any) -> CaseSpec:
-        """Return the case with another value of a key, held to the rules of a file.
+        """Return the case with a new value of a key, validated as a file.
 
         ``case.changed("gradiometer.noise_eotvos", 1.0)``; a table may be given as a mapping.
 
@@ -252,7 +253,7 @@ class CaseSpec(WithSensors):
         Raises
         ------
         ScenarioError
-            If there is no such key, or the case would break a rule.
+            If the key does not exist, or the case would break a rule.
         """
         whole = laid_over(self.model_dump(warnings=False), nested(key, value))
         case = validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
@@ -267,7 +268,7 @@ class CaseSpec(WithSensors):
 
     @property
     def seed(self) -> int:
-        """Seed of the campaign of the scenario that the case is of; 1 if it is of none."""
+        """Seed of the scenario's campaign; 1 without a scenario."""
         return self._seed
 
     def with_seed(self, seed: int) -> CaseSpec:
@@ -278,12 +279,12 @@ class CaseSpec(WithSensors):
     def model_copy(
         self, *, update: Mapping[str, Any] | None = None, deep: bool = False
     ) -> CaseSpec:
-        """Return a copy with other tables, which are not validated.
+        """Return a copy with other tables, without validation.
 
         Raises
         ------
         ScenarioError
-            If ``update`` names no table: a dotted key is for :meth:`changed`.
+            If ``update`` names no table; for dotted keys use :meth:`changed`.
         """
         for key in update or {}:
             if key not in type(self).model_fields:
@@ -294,17 +295,17 @@ class CaseSpec(WithSensors):
 
     @property
     def periods(self) -> dict[str, float]:
-        """Time between two readings [s] of each sensor on board, by its name."""
+        """Measurement interval [s] of each sensor, by its name."""
         return {name: spec.period_s for name, spec in sensors_of(self).items()}
 
     @property
     def strides(self) -> dict[str, int]:
-        """IMU samples between two readings of each sensor on board."""
+        """Measurement interval of each sensor in IMU samples."""
         return {name: round(time / self.imu.period_s) for name, time in self.periods.items()}
 
     @property
     def tick_s(self) -> float:
-        """The longest time [s] of which all times between readings are multiples."""
+        """Greatest common divisor of all measurement intervals [s]."""
         return math.gcd(*self.strides.values()) * self.imu.period_s
 
     def check_duration(self) -> None:
@@ -335,12 +336,12 @@ class CaseSpec(WithSensors):
             )
 
     def measured_sensors(self) -> list[str]:
-        """Return the names of sensors whose readings were measured."""
+        """Return the names of sensors with measured data."""
         tables = sensors_of(self).items()
         return [name for name, spec in tables if getattr(spec, "readings", "") == "measured"]
 
     def map_errors(self) -> dict[str, MapErrorSpec]:
-        """Return the map errors by the side that states them, "" for both."""
+        """Return the map errors by the side that declares them, "" for both."""
         fields: dict[str, Any] = {
             "": self.field,
             "truth": self.truth.field,
@@ -351,11 +352,11 @@ class CaseSpec(WithSensors):
 
     @property
     def drawn(self) -> bool:
-        """Whether its runs have tracks, survey lines or map errors of their own."""
+        """Whether runs have different tracks, survey lines or map errors."""
         return max(self.draw.tracks, self.draw.maps, len(self.trajectory.drawn_lines)) > 1
 
     def cluster(self, run: int) -> int:
-        """Return the number of the track, line or map error that a run shares with others."""
+        """Return the number of the track, line or map error of a run."""
         shared = max(self.draw.maps, self.draw.tracks, len(self.trajectory.drawn_lines))
         if self.draw.maps > 1:
             shared = self.draw.maps
@@ -392,7 +393,7 @@ class CaseSpec(WithSensors):
 
     @property
     def content_hash(self) -> str:
-        """SHA-256 of everything that defines the case's results (not its name or title)."""
+        """SHA-256 of all inputs of the case's results, without its name and title."""
         # Without defaults, so that a key that is new in a later version changes nothing.
         content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
         # A default that was another in an earlier version is named where it has an effect.

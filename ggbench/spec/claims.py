@@ -30,7 +30,7 @@ UNITS: dict[str, str] = {"position": "m", "velocity": "m/s"} | dict.fromkeys(
 class ClaimSpec(Section):
     """``[[claim]]``: a published error that disappears if the gravity disturbance is known.
 
-    It is the response of the INS to the gravity disturbance alone.
+    The error is the response of the INS to the gravity disturbance only.
     """
 
     title: Title
@@ -46,14 +46,14 @@ class ClaimSpec(Section):
 
     @property
     def unit(self) -> str:
-        """The unit of the published number."""
+        """Unit of the published number."""
         return UNITS[self.quantity.rpartition(" ")[2]]
 
 
 class ComparisonSpec(Section):
     """``[[comparison]]``: a claim of a source about two estimators, without a number.
 
-    It is judged at each value of a parameter that the source leaves open: ``{}`` in the labels.
+    It is tested at each value of a parameter that the source does not state: ``{}`` in the labels.
     """
 
     title: Title

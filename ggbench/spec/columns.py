@@ -26,7 +26,7 @@ def _checked(value: Any) -> Any:
 
 
 def called(columns: Any) -> Any:
-    """Return a key's value as :func:`.column_names.names_of` takes it: a dict, a preset or None."""
+    """Return the value of a key for :func:`.column_names.names_of`: a dict, a preset or None."""
     return columns.content() if isinstance(columns, Table) else columns
 
 

@@ -34,7 +34,7 @@ class DrawSpec(Section):
 
 
 def words_of(name: str) -> tuple[int, ...]:
-    """Return four numbers of 32 bits that a name alone determines; none of an empty name."""
+    """Return four numbers of 32 bits that follow from a name; none for an empty name."""
     if not name:
         return ()
     digest = hashlib.sha256(name.encode()).digest()
@@ -42,7 +42,7 @@ def words_of(name: str) -> tuple[int, ...]:
 
 
 def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpec:
-    """Return the track of a run: segments moved and turned, or one of several survey lines."""
+    """Return the track of a run: a moved and rotated track, or one of several survey lines."""
     if draw.tracks > 1:
         rng = np.random.default_rng([_SEED, run % draw.tracks, *words_of(draw.name)])
         east, north, turn = rng.uniform(-1.0, 1.0, 3).tolist()
@@ -53,13 +53,13 @@ def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpe
 
 
 def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float) -> TrajectorySpec:
-    """Return a flight of segments or of a track with another start, turned about it.
+    """Return a flight of segments or of a track with another start, rotated about it.
 
     Parameters
     ----------
     spec : the flight.
-    east_km, north_km : from its start to the new one [km].
-    turn_deg : by which all headings grow [deg].
+    east_km, north_km : displacement of the start [km].
+    turn_deg : clockwise rotation [deg].
     """
     if spec.file is not None:
         return spec.model_copy(

@@ -1,7 +1,7 @@
-"""The file of a recorded flight: tables of the estimators' side, and files of the records.
+"""File of a recorded flight: tables of the assumed model, and files of the records.
 
-The tables are those of a scenario, with the files of the records. They hold no truth: estimators
-are not given the reference, if there is one.
+The tables are those of a scenario, with the files of the records. They contain no truth. Estimators
+never receive the reference.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ BodyAxes = Literal["right-forward-up", "forward-right-down", "forward-left-up"]
 
 
 class FlightError(GGBenchError):
-    """The file of a recorded flight, or one of its records, cannot be used."""
+    """The file of a recorded flight, or one of its records, is invalid."""
 
 
 class InertialRecording(Recording):
-    """A record that has a row for each sample of the INS."""
+    """A record with a row for each sample of the INS."""
 
     max_gap_s: q.RecordGap | None = None
     """Longest time between two rows. Without it: 1.5 periods."""
@@ -57,9 +57,9 @@ class InsRecord(InertialRecording):
 
 
 class StartSpec(Section):
-    """``[imu_record.start]``: where the mechanization of recorded increments starts.
+    """``[imu_record.start]``: initial state of the mechanization of recorded increments.
 
-    Radians, and C_nb in place of the angles, keep a state to its last bit; degrees do not.
+    Radians and C_nb keep a state to the last bit; degrees do not.
     """
 
     latitude_deg: q.Latitude | None = None
@@ -131,10 +131,10 @@ class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
     """``[gradiometer]`` with its readings."""
 
     readings: Literal["total", "disturbing"] = "total"  # type: ignore[assignment]
-    """Whether readings are whole gradients, or without the normal field of WGS84, as of surveys.
+    """Whether gradients are total, or disturbing ones without the normal field, as in surveys.
 
-    The normal field is added where the INS indicates to be, which errs by 0.0015 E for each metre
-    of its height error.
+    The normal field is added at the INS position. This causes an error of 0.0015 E per metre of the
+    height error.
     """
 
     @model_validator(mode="after")
@@ -145,7 +145,7 @@ class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
 
 
 class RecordedAltimeter(AltimeterSpec):
-    """``[altimeter]``: with its heights if the mechanization runs here; ``[ins]`` has used them."""
+    """``[altimeter]``, with its heights if ggbench mechanises the INS (not for ``[ins]``)."""
 
     file: FileName | None = None
     """Path of the record of heights, relative to the file of the flight; needs `[imu_record]`."""
@@ -236,12 +236,12 @@ class FlightSpec(WithSensors):
 
     @property
     def side(self) -> Side:
-        """Sensors, field and prior that the estimators assume."""
+        """Sensors, field and prior of the assumed model."""
         return Side(**{name: getattr(self, name) for name in Side._fields})
 
     @property
     def inertial(self) -> InsRecord | ImuRecord:
-        """The INS's record."""
+        """Record of the INS."""
         record = self.ins or self.imu_record
         assert record is not None  # checked above
         return record
@@ -258,7 +258,7 @@ def load(path: Path | str) -> FlightSpec:
     Raises
     ------
     FlightError
-        With a sentence that names the file, the key, what was found and what is allowed.
+        With a sentence that states the file, the key, the value and the allowed values.
     """
     path = Path(path)
     try:

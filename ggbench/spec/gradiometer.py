@@ -1,8 +1,8 @@
 """Tables of the gradiometer.
 
-``[gradiometer]`` holds for the simulated truth and for the estimators. ``[truth.gradiometer]``
-changes it for the truth alone, and adds errors that no estimator models; ``[model.gradiometer]``
-changes it for the estimators alone.
+``[gradiometer]`` describes both the simulated truth and the assumed model. ``[truth.gradiometer]``
+changes only the truth, and adds errors that no estimator models. ``[model.gradiometer]`` changes
+only the model.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class GradiometerSpec(PeriodicSpec):
     coloured_noise: Annotated[str, Field(min_length=1)] | None = None
     """Vector autoregression (JSON) in place of the RMS: a shipped name or the path of a file."""
     readings: Literal["simulated", "measured"] = "simulated"
-    """Whether readings are simulated, or those of the survey lines that `[trajectory]` flies."""
+    """Simulated measurements, or those of the survey lines that `[trajectory]` flies."""
     bias_eotvos: q.GradiometerBias = 0.0
     """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
     drift_eotvos_per_sqrt_h: q.GradiometerBias = 0.0
@@ -89,9 +89,9 @@ class GradiometerSpec(PeriodicSpec):
     nothing is whitened.
     """
     latency_s: q.Latency = 0.0
-    """Age of a measurement at its time stamp; the first ones are taken at the start.
+    """Age of a measurement at its time stamp; no measurement is earlier than the start.
 
-    With a filter, only the truth may have one.
+    With a filter, only the truth may have a latency.
     """
 
     _expanded = model_validator(mode="before")(partial(expanded, "gradiometer"))
@@ -157,7 +157,7 @@ class GradiometerSpec(PeriodicSpec):
                 raise ValueError(f"{key} and {other} exclude each other")
 
     def require_tractable(self) -> None:
-        """Raise ValueError if estimators have no model of its readings."""
+        """Raise ValueError if estimators have no model of its measurements."""
         if self.latency_s > 0.0 and self.filter != "none":
             raise ValueError(
                 f"gradiometer.latency_s is {self.latency_s:g} s, but estimators have no model of "
@@ -209,26 +209,26 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     """``[truth.gradiometer]``: the true gradiometer.
 
     Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); a scale factor may
-    walk from there. A tilt of a level mount is a Gauss–Markov process about each horizontal axis.
-    Outliers strike single readings or come in bursts; dropouts and timing jitter are independent.
+    also be a random walk. A tilt of a level mount is a Gauss–Markov process about each horizontal
+    axis. Outliers affect single measurements or bursts. Dropouts and timing jitter are independent.
     """
 
     scale_factor_ppm: q.Ppm = 0.0
     """Standard deviation, drawn once per run and channel."""
     scale_drift_ppm_per_sqrt_h: q.Ppm = 0.0
-    """Random walk of each channel's scale factor, from the value that was drawn."""
+    """Random walk of each channel's scale factor, from its drawn value."""
     misalignment_arcmin: q.Arcmin = 0.0
     """Standard deviation of a rotation of the mount, drawn once per run and axis."""
     mounting_error_arcmin: Three[q.MountingError] = (0.0, 0.0, 0.0)
-    """Right-handed turn of the mount about its axes x, y, z, of which estimators do not know.
+    """Right-handed rotation of the mount about its axes x, y, z, unknown to estimators.
 
     `[0, 0, 60]` turns x towards y by one degree. The axes are east, north, up of a `"local-level"`
     mount, right, forward, up of a `"strapdown"` one, and the inertial ones of a `"platform"`.
     """
     lever_arm_error_m: Three[q.LeverArm] = (0.0, 0.0, 0.0)
-    """Right, forward, up: from where estimators believe the instrument to where it is.
+    """Vector (right, forward, up) from the assumed to the true position of the instrument.
 
-    A lever arm that is known has no effect: the map is read where the instrument is.
+    A known lever arm has no effect, because the map is evaluated at the instrument.
     """
     tilt_arcmin: q.Arcmin = 0.0
     """Standard deviation of the tilt of a `"local-level"` mount about east and about north."""
@@ -237,13 +237,13 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     noise_freedom: q.Freedom | None = None
     """Degrees of freedom of Student's t noise of equal deviation. Without it: normal noise."""
     noise_doubles_at_deg_per_s: q.NoisyRate | None = None
-    """Rate of turning of the body at which the noise is twice that at rest; it grows linearly.
+    """Angular rate of the body at which the noise is twice that at rest.
 
-    σ (1 + rate / this + acceleration / `noise_doubles_at_mps2`), each an RMS over the time of a
-    reading. Estimators assume σ.
+    The noise is σ (1 + rate / this + acceleration / `noise_doubles_at_mps2`), with the RMS of rate
+    and acceleration over each measurement. Estimators assume σ.
     """
     noise_doubles_at_mps2: q.NoisyAcceleration | None = None
-    """Acceleration, gusts and turns included, at which the noise is twice that at rest."""
+    """Acceleration, including gusts and turns, at which the noise is twice that at rest."""
     outlier_eotvos: q.Outlier = 0.0
     """Standard deviation of outliers, drawn for each measurement."""
     outlier_burst_s: q.Burst = 0.0
@@ -270,7 +270,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         return self
 
     def require_possible(self, spec: GradiometerSpec) -> None:
-        """Raise ValueError if an instrument, as it is in truth, cannot have these errors."""
+        """Raise ValueError if the true instrument cannot have these errors."""
         if spec.readings == "measured" and self.model_dump(exclude_defaults=True).keys() - {_ADDED}:
             raise ValueError(
                 "truth.gradiometer: measured readings already contain their errors: remove its "

@@ -55,7 +55,7 @@ class _Generator(GenerateJsonSchema):
 
 
 def models_schema(*models: type[BaseModel]) -> dict[str, Schema]:
-    """Return the JSON Schema of each model and of the models within it, by class name."""
+    """Return the JSON Schema of each model and of its inner models, by class name."""
     _, schemas = models_json_schema(
         [(model, "validation") for model in models], schema_generator=_Generator
     )
@@ -65,7 +65,7 @@ def models_schema(*models: type[BaseModel]) -> dict[str, Schema]:
 def scenario_schema() -> Schema:
     """Return the JSON Schema (draft 7) of scenario files.
 
-    The file and each case may have any part of a case's tables, so no key of these is required.
+    File and case may each contain any part of the tables of a case, so no key of these is required.
     A value is plain or a table of ``value`` and ``provenance``.
     """
     tables = models_schema(CaseSpec, CampaignSpec, SweepSpec, ClaimSpec, ComparisonSpec)

@@ -1,4 +1,4 @@
-"""Changes laid over tables: of a case over its file, of one side over a case."""
+"""Merging of tables: changes of a case and of truth or model."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ S = TypeVar("S", bound=Section)
 
 
 def laid_over(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a case's tables with a change laid over them.
+    """Return the tables of a case with a change merged into them.
 
-    ``[gnss]`` and ``[sensor.gnss]`` are the same table, which keeps the form that it has in
-    ``base``.
+    ``[gnss]`` and ``[sensor.gnss]`` are the same table. It keeps its form in ``base``.
     """
     return merged(base, _written_as_in(base, change))
 
@@ -44,9 +43,9 @@ def _written_as_in(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[s
 
 
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with ``change`` laid over it, table by table.
+    """Return ``base`` with ``change`` merged into it, table by table.
 
-    The ways to state the gradiometer's noise replace each other; a preset replaces its keys.
+    RMS and density of the gradiometer noise replace each other. A preset replaces its keys.
     """
     result = {key: value for key, value in base.items() if key not in replaced(change)}
     for key, value in change.items():
@@ -65,7 +64,7 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
 
 def changed(spec: S, change: Section) -> S:
-    """Return a table with the given keys of ``change`` laid over it.
+    """Return a table with the given keys of ``change`` merged into it.
 
     Raises
     ------

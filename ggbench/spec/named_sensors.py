@@ -1,8 +1,8 @@
 """Tables of the sensors by their names, ``[sensor.<name>]``, and their short forms.
 
-``[gnss]`` is short for ``[sensor.gnss]`` with ``kind = "gnss"``, and so for every kind of
-:data:`.aiding.KINDS`. After validation there are only named sensors. Files, messages and
-:meth:`pydantic.BaseModel.model_dump` write a sensor that is called by its kind in the short form.
+``[gnss]`` is short for ``[sensor.gnss]`` with ``kind = "gnss"``, and likewise for every kind of
+:data:`.aiding.KINDS`. After validation all sensors are named. Files, messages and
+:meth:`pydantic.BaseModel.model_dump` use the short form for a sensor with the name of its kind.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ def _checked_name(name: str) -> str:
 
 
 class NamedSensors(Mapping[str, T]):
-    """Tables of sensors by their names, hashable, in the order of the sensors' channels.
+    """Hashable tables of sensors by their names, in the order of the channels.
 
-    Sensors that are called by their kind come first, in the order of :data:`.aiding.KINDS`, then
-    the others by name. ``NamedSensors[GnssSpec | LogSpec]`` has tables of these classes, chosen
-    by their ``kind``.
+    Sensors with the name of their kind come first, in the order of :data:`.aiding.KINDS`, then the
+    others by name. ``NamedSensors[GnssSpec | LogSpec]`` has tables of these classes, selected by
+    ``kind``.
     """
 
     def __init__(self, tables: Mapping[str, T]) -> None:
@@ -114,7 +114,7 @@ NO_SENSORS: NamedSensors[Any] = NamedSensors({})
 
 
 class WithSensors(Section):
-    """Base of the tables that hold sensors: a field ``sensor`` of :class:`NamedSensors`."""
+    """Base of the tables with a field ``sensor`` of :class:`NamedSensors`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -151,7 +151,7 @@ class WithSensors(Section):
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:
-    """Return the keys that a table has in a file, the short forms of sensors among them."""
+    """Return the keys of a table in a file, including short forms of sensors."""
     keys = list(model.model_fields)
     if issubclass(model, WithSensors):
         place = keys.index("sensor")
@@ -160,22 +160,21 @@ def keys_of(model: type[BaseModel]) -> list[str]:
 
 
 def in_one_mapping(content: Any) -> Any:
-    """Return a file's tables with all sensors in ``sensor``, each with its kind.
+    """Return the tables of a file with all sensors in ``sensor``, each with its kind.
 
-    Changes of one side have the kinds of the sensors that they change. A sensor that is None is
-    left out.
+    Changes of truth or model get the kind of the changed sensor. A sensor that is None is omitted.
 
     Parameters
     ----------
     content : Any
-        Tables of a case, of one side of it, or of a recorded flight. What is no table is left to
-        the check of its key.
+        Tables of a case, of its truth or model, or of a recorded flight. Values that are no tables
+        pass; the check of their key follows.
 
     Raises
     ------
     ValueError
-        If a sensor is written in both forms, or a side changes one that is not on board, or its
-        kind.
+        If a sensor has both forms, or truth or model changes a missing sensor or the kind of a
+        sensor.
     """
     if not isinstance(content, Mapping) or not _is_table(content.get("sensor", {})):
         return content
@@ -218,12 +217,12 @@ def _with_kinds(side: str, changes: Mapping[str, Any], sensors: Mapping[str, Any
 
 
 def sensors_of(tables: Any) -> dict[str, Any]:
-    """Return the tables of all sensors on board but the IMU, by name: the gradiometer's first.
+    """Return the tables of all sensors except the IMU, by name, the gradiometer first.
 
     Parameters
     ----------
     tables : CaseSpec, FlightSpec or Side
-        Has the tables as attributes.
+        Object with the tables as attributes.
     """
     gradiometer = tables.gradiometer
     own = {} if gradiometer is None else {"gradiometer": gradiometer}
@@ -231,17 +230,17 @@ def sensors_of(tables: Any) -> dict[str, Any]:
 
 
 def table_of(sensor: str) -> str:
-    """Return the name of a sensor's table in a file: the short form of one called by its kind."""
+    """Return the name of a sensor's table in a file, in the short form if possible."""
     return sensor if sensor in ("gradiometer", *KINDS) else f"sensor.{sensor}"
 
 
 def short_key(key: str) -> str:
-    """Return a dotted key with a sensor that is called by its kind in the short form."""
+    """Return a dotted key, in the short form if the sensor has the name of its kind."""
     return re.sub(rf"^(truth\.|model\.)?sensor\.({'|'.join(KINDS)})(?=\.|$)", r"\1\2", key)
 
 
 def not_on_board(table: str) -> ValueError:
-    """Return the error of a table that changes a sensor which is not on board."""
+    """Return the error of a table that changes a missing sensor."""
     return ValueError(f"{table} changes a sensor that is not on board")
 
 

@@ -1,7 +1,7 @@
-"""Numbers of inertial sensors by grade, and of gradiometers after published instruments.
+"""Presets of inertial sensors by grade, and of published gradiometers.
 
-A preset fills in the keys that a table does not write. What is left is numbers alone: a case that
-names a preset equals one that writes them.
+A preset supplies the keys that a table omits. The result contains only numbers, so a case with a
+preset equals a case with its numbers.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PublishedGradiometer = Literal["ftg-2008", "falcon-2019", "atom-2002", "supercon
 
 
 class Preset(NamedTuple):
-    """Values of keys, and where they are published."""
+    """Values of keys, and their source."""
 
     values: Mapping[str, Any]
     source: str
@@ -106,9 +106,9 @@ PRESETS: Mapping[str, tuple[str, Mapping[str, Preset]]] = {
 
 
 def expanded(table: str, content: Any) -> Any:
-    """Return a table's content with the numbers of its preset; those that it writes hold.
+    """Return the content of a table with the numbers of its preset; its own keys have priority.
 
-    An unknown preset is left to the check of the key.
+    An unknown preset passes; the check of the key follows.
     """
     key, presets = PRESETS[table]
     if not isinstance(content, Mapping):
@@ -124,7 +124,7 @@ def expanded(table: str, content: Any) -> Any:
 
 
 def replaced(change: Mapping[str, Any]) -> Iterable[str]:
-    """Return the keys of a table whose values a preset in a change of it replaces."""
+    """Return the keys of a table that a preset in a change replaces."""
     for key, presets in PRESETS.values():
         if isinstance(change.get(key), str) and change[key] in presets:
             return {*presets[change[key]].values, *(NOISES if key == "preset" else ())}
@@ -136,5 +136,5 @@ _LARGEST = ((0.002, "strategic"), (0.05, "navigation"), (45.0, "tactical"))
 
 
 def grade_of(gyro_bias: float) -> str:
-    """Return the grade in words of sensors with a gyro bias [°/h]."""
+    """Return the grade of inertial sensors, in words, from the gyro bias [°/h]."""
     return next((name for most, name in _LARGEST if gyro_bias <= most), "consumer")

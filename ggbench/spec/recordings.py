@@ -26,7 +26,7 @@ class Recording(Section):
 
 
 class ReadingsRecording(Recording):
-    """A recorded file of readings."""
+    """A recorded file of measurements."""
 
     outside: Literal["refuse", "drop"] = "refuse"
     """Treatment of measurements before the first sample of the INS or after the last."""

@@ -12,7 +12,7 @@ FILE = "rosters.toml"
 
 @cache
 def rosters() -> Mapping[str, tuple[str, ...]]:
-    """Return the texts of the estimators of each roster by its name."""
+    """Return the estimators of each roster by its name."""
     file = importlib.resources.files("ggbench.scenarios") / FILE
     table = tomllib.loads(file.read_text(encoding="utf-8"))
     return {name: tuple(texts) for name, texts in table.items()}
@@ -21,12 +21,12 @@ def rosters() -> Mapping[str, tuple[str, ...]]:
 def expanded(texts: Iterable[str]) -> tuple[str, ...]:
     """Return a list of estimators with ``@NAME`` replaced by that roster, each estimator once.
 
-    ``-TEXT`` takes an estimator out of those before it.
+    ``-TEXT`` removes an estimator from those before it.
 
     Raises
     ------
     ValueError
-        If there is no such roster, or no such estimator to take out.
+        If the roster, or an estimator to remove, does not exist.
     """
     listed: dict[str, None] = {}
     for text in texts:

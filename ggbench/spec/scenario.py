@@ -1,10 +1,9 @@
 """Scenario files: TOML, validated, with the provenance of every value.
 
-A scenario file describes one flight, its instruments and the navigator's prior, and names *cases*
-(changes that are compared side by side, each with the numbers of a paper if there are any),
-*assumptions* (changes whose influence on the results a report shows), and a *sweep* (a grid of
-changes, laid over every case). A value is written plainly or as
-``{ value = 33.5, provenance = "paper: Table 1" }``.
+A scenario file describes one flight, its instruments and the prior. *Cases* are changes to compare,
+optionally with published numbers. *Assumptions* are changes whose influence on the results a report
+shows. A *sweep* is a grid of changes of every case. A value is a plain one or ``{ value = 33.5,
+provenance = "paper: Table 1" }``.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ _MOST_NAMED = 20
 
 @dataclass(frozen=True)
 class Assumption:
-    """A change of the scenario whose influence is studied, applied to every reference case."""
+    """A change of the scenario, applied to every case with published numbers."""
 
     name: str
     title: str
@@ -62,14 +61,14 @@ class Scenario:
     cases : the cases, in the file's order; with a sweep, the points of its grid.
     assumptions : studies of single assumptions.
     campaign : defaults for running it.
-    provenance : dotted key of the file to where its value comes from.
+    provenance : dotted key of the file to the source of its value.
     content_hash : SHA-256 of the file's content as parsed, without ``[campaign]``.
     source : the text of the file.
     notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
-    sweep : the grid on which the cases lie, if they do.
-    claims : of the source, beyond errors of position and velocity.
-    comparisons : what the source says of two estimators, without a number.
-    argument : the text by which it was loaded, a name or a path; "" if it was not.
+    sweep : grid of the cases, if any.
+    claims : claims of the source, beyond errors of position and velocity.
+    comparisons : claims of the source about two estimators, without a number.
+    argument : name or path from which it was loaded; "" if it was not.
     """
 
     name: str
@@ -101,12 +100,12 @@ class Scenario:
         return {case.name: case for case in self.cases}
 
     def case(self, name: str) -> CaseSpec:
-        """Return the case of that name (of the cases, not the assumptions).
+        """Return the case of a name (of the cases, not of the assumptions).
 
         Raises
         ------
         ScenarioError
-            If there is none; the message says which there are.
+            If it does not exist; the message lists the cases.
         """
         if name not in self._named:
             raise self._no_case(name, list(self._named))
@@ -121,9 +120,9 @@ class Scenario:
                 yield study.name, case
 
     def find(self, name: str) -> tuple[str, CaseSpec]:
-        """Return the study ("" for none) and the case that ``CASE`` or ``STUDY/CASE`` names.
+        """Return the study ("" for none) and the case of a name ``CASE`` or ``STUDY/CASE``.
 
-        Raise ScenarioError if there is none of that name; the message says which there are.
+        Raise ScenarioError if the name does not exist; the message lists the names.
         """
         cases = {
             f"{study}/{case.name}" if study else case.name: (study, case)
@@ -141,12 +140,12 @@ class Scenario:
         )
 
     def select(self, names: Sequence[str]) -> Scenario:
-        """Return the scenario with only the cases of these names, in its own order.
+        """Return the scenario with only the named cases, in its own order.
 
         Raises
         ------
         ScenarioError
-            If it has no case of a name.
+            If a name does not exist.
         """
         whole = replace(self, assumptions=())
         chosen = {whole.find(name)[1].name for name in names}
@@ -154,7 +153,7 @@ class Scenario:
 
 
 def shipped() -> list[str]:
-    """Return the names of the scenarios that come with the package."""
+    """Return the names of the shipped scenarios."""
     folder = importlib.resources.files("ggbench.scenarios")
     files = (f.name for f in folder.iterdir() if f.name.endswith(".toml"))
     return sorted(name.removesuffix(".toml") for name in files if name != rosters.FILE)
@@ -166,7 +165,7 @@ def load(name_or_path: str | Path) -> Scenario:
     Raises
     ------
     ScenarioError
-        With a sentence that names the file, the key, what was found and what is allowed.
+        With a sentence that states the file, the key, the value and the allowed values.
     """
     named = str(name_or_path)
     path = Path(named)
@@ -187,7 +186,7 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def from_text(source: str, name: str, notes: str) -> Scenario:
-    """Return the scenario of a text that was read before, as a results folder keeps it."""
+    """Return the scenario of a validated text, for example from a results folder."""
     origin = f"scenario.toml of {name}"
     document = read_toml(source, origin)
     document.pop("notes", None)
@@ -195,12 +194,13 @@ def from_text(source: str, name: str, notes: str) -> Scenario:
 
 
 def as_written(scenario: Scenario) -> Scenario:
-    """Return the whole scenario of a text, of which some cases were selected.
+    """Return the whole scenario of the text from which some cases were selected.
 
     Raises
     ------
     ScenarioError
-        If it was changed since it was read: what is stored with results would not be what was run.
+        If the scenario was changed after reading: the stored text would differ from the scenario
+        that was run.
     """
     whole = from_text(scenario.source, scenario.name, scenario.notes)
     changed = [case.name for case in scenario.cases if case not in whole.cases]
@@ -217,7 +217,7 @@ def as_written(scenario: Scenario) -> Scenario:
 
 
 def checked(case: CaseSpec) -> CaseSpec:
-    """Return a case, perhaps changed since it was read, held to the rules of a file.
+    """Return a case, perhaps changed after reading, validated as a file.
 
     Raises
     ------

@@ -136,7 +136,7 @@ class SegmentSpec(Section):
         return self
 
     def manoeuvre(self) -> Manoeuvre:
-        """Return it in SI units."""
+        """Return the manoeuvre in SI units."""
         if self.kind == "rates":
             assert self.duration_s is not None
             return Segment(
@@ -193,7 +193,7 @@ class SegmentSpec(Section):
 
 
 def keys_given(section: Section) -> set[str]:
-    """Return the keys that say something, whether read from a file or from a complete dump."""
+    """Return the keys with a value other than the default, from a file or a complete dump."""
     fields = type(section).model_fields
     return {key for key, field in fields.items() if getattr(section, key) != field.default}
 

@@ -1,8 +1,8 @@
 """Tables of inertial sensors, field and prior, and their changes for truth and model.
 
-``[imu]``, ``[field]`` and ``[initial_error]`` hold for the simulated truth and for the estimators.
-``[truth.imu]`` and its like change them for the truth alone, and add errors that no estimator
-models; ``[model.imu]`` and its like change them for the estimators alone.
+``[imu]``, ``[field]`` and ``[initial_error]`` describe both the simulated truth and the assumed
+model. ``[truth.imu]`` etc. change only the truth, and add errors that no estimator models.
+``[model.imu]`` etc. change only the model.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class AltimeterSpec(Section):
     """Time constant of the damping."""
 
     def require_slower_than(self, period: float) -> None:
-        """Raise ValueError if the damping is too quick for samples of a period [s]."""
+        """Raise ValueError if the damping is too fast for a sampling period [s]."""
         shortest = FEWEST_STEPS * period
         if self.time_constant_s < shortest:
             raise ValueError(
@@ -120,11 +120,11 @@ class InitialErrorSpec(Section):
 
 @changes(InitialErrorSpec)
 class InitialErrorChange(Section):
-    """The initial errors of one side: those drawn, or the prior that the estimators assume."""
+    """The initial errors of the truth, or the prior that the estimators assume."""
 
 
 class MapErrorSpec(Section):
-    """``[field.error]``: errors of a map; on one side, they replace the others as a whole."""
+    """``[field.error]``: errors of a map; a table of truth or model replaces it as a whole."""
 
     resolution_km: q.Wavelength | None = None
     """Standard deviation of a horizontal Gaussian that smooths the map."""
@@ -141,7 +141,7 @@ class MapErrorSpec(Section):
 
 
 class FieldSpec(Section):
-    """``[field]``: the gradient map over the normal field, and what the accelerometers feel."""
+    """``[field]``: the gradient map over the normal field; gravity of the accelerometers."""
 
     source: str
     """`"normal"` (no map), a shipped name, or the path of a map (`*.nc`)."""
@@ -180,7 +180,7 @@ class FieldChange(Section):
 
 
 class TrueField(FieldChange):
-    """``[truth.field]``: the true field, and the gravity disturbance that accelerometers feel."""
+    """``[truth.field]``: the true field; gravity disturbance of the accelerometers."""
 
     gravity_disturbance: bool | None = None
     """Whether the true accelerometers measure the gravity disturbance."""
@@ -197,19 +197,19 @@ class ModelField(FieldChange):
     It needs a map and `gravity_disturbance = true`.
     """
     standard_error: bool = False
-    """Whether the standard error stored in the map is added to the noise of the gradiometer.
+    """Whether the standard error of the map is added to the white noise of each channel.
 
-    As white noise of each channel. Maps of survey lines state it; needs `"local-level"`.
+    Maps of survey lines state one. It needs a `"local-level"` gradiometer.
     """
 
 
 class DisturbanceSpec(Section):
-    """``[model.disturbance]``: the gravity that the INS does not know, as three states.
+    """``[model.disturbance]``: the gravity disturbance unknown to the INS, as three states.
 
-    A Gauss–Markov process along the track, ENU, with a deviation and a correlation distance
-    (to 1/e); a constant without a distance. With ``integrate_gradients`` the INS adds the change
-    that the gradiometer measures. The states are the rest: the disturbance at the start, and a
-    random walk from the readings' noise.
+    The states are a Gauss–Markov process along the track, ENU, with a standard deviation and a
+    correlation distance (to 1/e). Without a distance they are constants. With
+    ``integrate_gradients`` the INS adds the change that the gradiometer measures. The states are
+    then the initial disturbance plus the random walk of the integrated noise.
     """
 
     horizontal_mgal: q.DisturbanceSize
@@ -222,7 +222,7 @@ class DisturbanceSpec(Section):
     """Whether the INS integrates measured gradients. Excludes `distance_km` and `compensate`."""
 
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
-        """Raise ValueError if gradients are to be integrated and cannot be."""
+        """Raise ValueError if ``integrate_gradients`` is set but impossible."""
         why = self._why_not(gradiometer, compensate) if self.integrate_gradients else ""
         if why:
             raise ValueError(f"disturbance.integrate_gradients {why}")
@@ -261,7 +261,7 @@ class DisturbanceSpec(Section):
 
 
 class TruthSpec(WithSensors):
-    """``[truth]``: what the simulation does, and no estimator knows."""
+    """``[truth]``: changes of the simulated truth, unknown to estimators."""
 
     imu: TrueImu = TrueImu()
     gradiometer: TrueGradiometer = TrueGradiometer()
@@ -271,7 +271,7 @@ class TruthSpec(WithSensors):
 
 
 class ModelSpec(WithSensors):
-    """``[model]``: what the estimators assume where it is not the truth."""
+    """``[model]``: changes of the model that estimators assume."""
 
     imu: ImuChange = ImuChange()
     gradiometer: GradiometerChange = GradiometerChange()

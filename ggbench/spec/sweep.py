@@ -1,7 +1,7 @@
-"""Sweeps: a grid of cases, and the sensor that a required error needs.
+"""Sweeps: a grid of cases, and the sensor noise required for a target error.
 
-The axes of a ``[sweep]`` span a grid. Each of its points is an ordinary case, so that running,
-resuming and summarizing know nothing of sweeps; a :class:`Sweep` says which case lies where.
+The axes of a ``[sweep]`` span a grid. Each point is an ordinary case, so campaigns and summaries
+need no code for sweeps. A :class:`Sweep` stores the position of each case in the grid.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .axes import AxisSpec, SweepSpec, number
 
 @dataclass(frozen=True)
 class Point:
-    """Where a case lies: the case of the file it varies ("" for none), and its index per axis."""
+    """Position of a case in the grid: the varied case ("" for none), and its index on each axis."""
 
     base: str
     indices: tuple[int, ...]
@@ -31,10 +31,10 @@ class Sweep:
 
     Attributes
     ----------
-    axes : in the file's order; figures show the first across and the second up.
-    targets_m : position errors that a report finds the first axis's values for [m].
-    bases : name to title of the cases over which the grid is laid; {"": ""} if there are none.
-    points : name of every case of the scenario to its place in the grid.
+    axes : in the order of the file; figures show the first horizontally, the second vertically.
+    targets_m : position errors [m] for which a report states the required value of the first axis.
+    bases : name to title of the varied cases; {"": ""} without cases.
+    points : name of every case of the scenario to its position in the grid.
     """
 
     axes: tuple[AxisSpec, ...]
@@ -45,7 +45,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Cell:
-    """A grid point before it is a case: case that it varies, name, title, each axis's change."""
+    """A grid point before it becomes a case: varied case, name, title, change of each axis."""
 
     base: str
     name: str
@@ -57,7 +57,7 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
     """Return the grid of a ``[sweep]`` table and its points, case by case, the last axis fastest.
 
     ``bases`` is name to title of the cases to vary; without any, the base of the file is varied.
-    A point is named after its coordinates, and after its case if there are several.
+    The name of a point contains its coordinates, and its case if there are several.
     """
     bases = bases or {"": ""}
     points, cells = {}, []
@@ -75,20 +75,20 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
 
 
 def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
-    """Return the largest value of an axis up to which an error stays within a target.
+    """Return the largest value of an axis for which an error does not exceed a target.
 
-    Between two grid points the logarithm of the error is linear in the axis's coordinate (a power
-    law on a logarithmic axis).
+    Between two grid points the logarithm of the error is linear in the coordinate of the axis (a
+    power law on a logarithmic axis).
 
     Parameters
     ----------
     axis : the axis.
-    errors : (n,) errors at its values; NaN where there is none, and nothing is known beyond it.
-    target : the error to stay within, in the same unit.
+    errors : (n,) errors at its values; values from the first NaN on do not count.
+    target : target error, in the same unit.
 
     Returns
     -------
-    The value; −∞ if already the first error is larger, ∞ if none is, NaN if the first is NaN.
+    The value; −∞ if the first error exceeds the target, ∞ if none does, NaN if the first is NaN.
     """
     if math.isnan(errors[0]):
         return math.nan

@@ -1,4 +1,4 @@
-"""Building blocks of the models: their base class, lists, free tables, tables of changes."""
+"""Building blocks of the models: base class, lists, free tables, tables of changes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Section(BaseModel):
 
 
 def distinct(item: str) -> AfterValidator:
-    """Return a check that a list, whose members are called ``item``, has none of them twice.
+    """Return a check that a list of ``item`` objects has no duplicates.
 
     The check raises ValueError.
     """
@@ -60,15 +60,15 @@ def distinct(item: str) -> AfterValidator:
 
 
 def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]], type[S]]:
-    """Return a decorator that gives a table the keys of another one, all of them optional.
+    """Return a decorator that gives a table the keys of another table, all optional.
 
-    Types, limits and descriptions are those of the other table; the default of each key is None,
-    but of ``kind``, which cannot be changed.
+    Types, limits and descriptions are those of the other table. The default of each key is None,
+    except that of ``kind``, which cannot be changed.
 
     Parameters
     ----------
     spec : Section class
-        The table that is changed.
+        Other table.
     but : sequence of str
         Keys that cannot be changed.
     """
@@ -94,14 +94,14 @@ def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]],
 
 
 def nested(key: str, value: Any) -> dict[str, Any]:
-    """Return nested tables that hold a value at a dotted key."""
+    """Return nested tables with a value at a dotted key."""
     for part in reversed(key.split(".")):
         value = {part: value}
     return dict(value)
 
 
 class Table(tuple[tuple[str, Any], ...]):
-    """A free table, hashable: its keys with their values, sorted."""
+    """A free, hashable table: its keys with their values, sorted."""
 
     @classmethod
     def of(cls, table: Any) -> Table:
@@ -110,14 +110,14 @@ class Table(tuple[tuple[str, Any], ...]):
         Raises
         ------
         ValueError
-            If it is no dict.
+            If the argument is no dict.
         """
         if not isinstance(table, dict):
             raise ValueError(f"must be a table, found {table!r}")
         return cls((key, _hashable(table[key])) for key in sorted(table))
 
     def content(self) -> dict[str, Any]:
-        """Return the nested dicts and lists that :meth:`of` was given."""
+        """Return the nested dicts and lists from which :meth:`of` made the table."""
         return {key: _content(value) for key, value in self}
 
 

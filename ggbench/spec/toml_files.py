@@ -1,6 +1,6 @@
 """TOML files: their text, their nesting, and the provenance of their values.
 
-A value is written plainly or as ``{ value = 33.5, provenance = "paper: Table 1" }``.
+A value is a plain one or ``{ value = 33.5, provenance = "paper: Table 1" }``.
 """
 
 from __future__ import annotations

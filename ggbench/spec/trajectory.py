@@ -144,12 +144,12 @@ class TrajectorySpec(Section):
 
     @property
     def drawn_lines(self) -> tuple[str, ...]:
-        """The survey lines of which a run flies one; none where it flies all."""
+        """Survey lines of which each run flies one; empty if each run flies all."""
         return () if self.made_up_turns else self.lines
 
     @property
     def duration_s(self) -> float:
-        """Length of the flight [s].
+        """Duration of the flight [s].
 
         Raises
         ------
@@ -163,7 +163,7 @@ class TrajectorySpec(Section):
         return _duration(self, file_versions(self))
 
     def start(self) -> State:
-        """Return the state in which segments begin."""
+        """Return the initial state of the segments."""
         assert self.latitude_deg is not None and self.longitude_deg is not None
         assert self.speed_mps is not None and self.heading_deg is not None
         height = self.height_m
@@ -173,22 +173,22 @@ class TrajectorySpec(Section):
         return State(np.array(place), math.radians(self.heading_deg), self.speed_mps, 0.0)
 
     def manoeuvres(self) -> list[Manoeuvre]:
-        """Return all segments, repetitions included."""
+        """Return all segments, including repetitions."""
         return [segment.manoeuvre() for segment in self.segment] * self.repeat
 
     def track_limits(self) -> TrackLimits:
-        """Return what a track may look like."""
+        """Return the limits of a valid track."""
         from ..trajectory.track import TrackLimits
 
         return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
 
     def track(self) -> Track:
-        """Return the track of the file: of survey lines that of the first.
+        """Return the track of the file; of survey lines the first.
 
         Raises
         ------
         TrajectoryError
-            If the file cannot be used.
+            If the file is invalid.
         """
         from ..trajectory.track import (
             read_track,  # not at the top: it loads slowly, few flights have one
@@ -217,12 +217,12 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"track {self.file}: {error}") from None
 
     def survey_line(self) -> SurveyLine:
-        """Return the survey line that is flown: the first, or all of them as one.
+        """Return the flown survey line: the first, or all lines as one.
 
         Raises
         ------
         TrajectoryError
-            If the file cannot be used, or has no such line.
+            If the file is invalid or lacks the line.
         """
         from ..trajectory.made_up_turns import all_lines
         from ..trajectory.survey_lines import line_named
@@ -236,23 +236,23 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
     def files(self) -> list[Path]:
-        """Return the files on whose content the flight depends."""
+        """Return the input files of the flight."""
         names = sorted({s.terrain for s in self.segment if s.terrain is not None})
         return [terrain_path(name) for name in names] + ([Path(self.file)] if self.file else [])
 
     def file_hashes(self) -> list[str]:
-        """Return the SHA-256 of the content of each of its files.
+        """Return the SHA-256 of each input file.
 
         Raises
         ------
         TrajectoryError
-            If one cannot be read.
+            If a file cannot be read.
         """
         versions = file_versions(self)
         return [_hash(path, v) for path, v in zip(self.files(), versions, strict=True)]
 
     def placeless(self) -> TrajectorySpec:
-        """Return it with the place of its files left out: what counts is their content."""
+        """Return the table without folders of its files, because only their content counts."""
         terrains = sorted({s.terrain for s in self.segment if s.terrain is not None})
         segments = tuple(
             s.model_copy(update={"terrain": f"terrain {terrains.index(s.terrain)}"})
@@ -266,12 +266,12 @@ class TrajectorySpec(Section):
 
 
 def file_versions(spec: TrajectorySpec) -> tuple[tuple[int, int], ...]:
-    """Return time of change and size of each file of the flight.
+    """Return modification time and size of each input file of the flight.
 
     Raises
     ------
     TrajectoryError
-        If there is none.
+        If a file does not exist.
     """
     versions = []
     for path in spec.files():

@@ -1,4 +1,4 @@
-"""Unusual values of a scenario: allowed, and yet far from real instruments and flights."""
+"""Unusual values of a scenario: allowed, but far from real instruments and flights."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def unusual_values(scenario: Scenario) -> list[str]:
 
 
 def limits_of(field: FieldInfo) -> Within | None:
-    """Return the limits of a key of a table, if it is a number that has them."""
+    """Return the limits of a numeric key of a table, or None."""
     kinds = [*field.metadata, *_parts(field.annotation)]
     return next((kind for kind in kinds if isinstance(kind, Within)), None)
 

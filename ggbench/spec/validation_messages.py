@@ -1,4 +1,4 @@
-"""Sentences for the errors that pydantic finds in a table of a file."""
+"""Sentences for validation errors of pydantic."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class ScenarioError(GGBenchError):
 
 
 def validate(model: type[T], content: Any, label: str) -> T:
-    """Return a table of a file.
+    """Validate a table of a file.
 
     Raises
     ------
     ScenarioError
-        With a sentence that begins with the label, names the key, and says what is allowed.
+        With a sentence that begins with the label and states the key and the allowed values.
     """
     try:
         return model.model_validate(content)
@@ -39,9 +39,9 @@ def validate(model: type[T], content: Any, label: str) -> T:
 
 
 def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
-    """Return one of pydantic's findings as a sentence: key, what was found, what is allowed.
+    """Return an error of pydantic as a sentence: key, value, allowed values.
 
-    ``content`` is the table that was validated, as it is written.
+    ``content`` is the validated table as in the file.
     """
     parts = [part for part in problem["loc"] if part not in ("float", "int", "[key]")]
     path = _as_written(parts, content)
@@ -111,6 +111,6 @@ def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
 
 
 def suggest(word: str, allowed: list[str]) -> str:
-    """Return which of the allowed words may be meant, in brackets; nothing if none is like it."""
+    """Return the most similar allowed word, in brackets; "" if none is similar."""
     close = difflib.get_close_matches(word, allowed, n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

@@ -1,4 +1,4 @@
-"""Scenarios made of cases in Python, written as the text of a scenario file."""
+"""Scenarios of cases in Python, written as scenario files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .scenario import Scenario, from_text
 def of_cases(
     cases: Sequence[CaseSpec], title: str = "Cases made in Python", name: str = "python"
 ) -> Scenario:
-    """Return a scenario of some cases, as its file would have them.
+    """Return a scenario of some cases, equal to that of its file.
 
     Parameters
     ----------

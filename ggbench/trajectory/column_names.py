@@ -47,9 +47,9 @@ PRESETS: Mapping[str, Names] = {
 
 
 class Place(NamedTuple):
-    """Where a column is, what the file calls it, and its factor to the unit of its key.
+    """Index of a column, its name in the file, and its factor to the unit of its key.
 
-    ``stated`` says whether the unit is stated, by the user or behind the name.
+    ``stated`` states whether the user or the column name states the unit.
     """
 
     at: int
@@ -59,9 +59,9 @@ class Place(NamedTuple):
 
 
 def names_of(columns: str | Mapping[str, str] | None) -> Names:
-    """Return the names of a preset, or of a table of a file; none without either.
+    """Return the column names of a preset or of a table; empty without either.
 
-    Raises TrajectoryError if there is no such preset.
+    Raises TrajectoryError if the preset does not exist.
     """
     if columns is None:
         return {}
@@ -87,19 +87,19 @@ def plain_names(names: Names) -> set[str]:
 def find(
     key: str, columns: Sequence[str], names: Names, where: str, needed: bool = True
 ) -> Place | None:
-    """Return the column of a key; None if it is not ``needed`` and not there.
+    """Return the column of a key; None if it is missing and not ``needed``.
 
     Parameters
     ----------
-    key : of the column; its end is the unit.
+    key : of the column; its suffix is the unit.
     columns : of the file, in lower case.
-    names : what the file calls them; a key that it lacks has its own name.
+    names : names in the file by key; by default the key itself.
     where : the line of the names, for messages.
 
     Raises
     ------
     TrajectoryError
-        If a column that the user names is not there, or has a unit of another quantity.
+        If a named column is missing, or has a unit of another quantity.
     """
     for name in names.get(key, (key,)):
         if (match := _matching(name.casefold(), columns)) is None:
@@ -135,12 +135,12 @@ def _matching(name: str, columns: Sequence[str]) -> tuple[int, str] | None:
 
 
 def unused(names: Names, keys: Iterable[str]) -> list[str]:
-    """Return the keys of names that are none of some keys."""
+    """Return the keys of ``names`` that are not among some keys."""
     return sorted(set(names) - set(keys))
 
 
 def preset_of(columns: Sequence[str]) -> str:
-    """Return the preset that some columns of a file are of; "" if they are of none."""
+    """Return the preset that matches the columns of a file; "" if none does."""
     plain = {without_unit(column)[0] for column in columns} | set(columns)
     for preset, names in PRESETS.items():
         own = plain_names({key: options for key, options in names.items() if key not in options})

@@ -32,14 +32,14 @@ _FEWEST_KNOWN = 2  # names by which a comment is known to be the line of names
 
 @dataclass(frozen=True)
 class CsvText:
-    """Rows of fields, as many in each as there are columns.
+    """Rows of fields; each row has as many fields as there are columns.
 
     Attributes
     ----------
     names : of the columns, in lower case.
     separator : between fields.
-    rows : the lines below.
-    line : number of the line that names the columns, from 1.
+    rows : lines below the names.
+    line : number of the line with the column names, from 1.
     first : number of the line of the first row.
     """
 
@@ -53,19 +53,19 @@ class CsvText:
     def of(cls, content: bytes, needed: str, known_names: Collection[str]) -> CsvText:
         """Return the rows of a file, separated by commas, semicolons or tabs, quoted or not.
 
-        Lines before the names that begin with # or // are passed over, unless such a line names
-        columns and the one below the comments does not, as numpy.savetxt writes it.
+        Lines before the names that begin with # or // are ignored, unless such a line names the
+        columns and the first line below does not (format of numpy.savetxt).
 
         Parameters
         ----------
         content : of the file.
-        needed : which columns it is to have, as a message says it.
+        needed : required columns, in the words of a message.
         known_names : of columns, in lower case.
 
         Raises
         ------
         TrajectoryError
-            With a sentence that names the line and what was found.
+            With a sentence that states the line and the value.
         """
         try:
             text = content.decode("utf-8-sig")
@@ -103,11 +103,11 @@ class CsvText:
     def numbers(
         self, columns: Mapping[str, int], may_be_empty: frozenset[str] = frozenset()
     ) -> dict[str, Array]:
-        """Return columns (N,) as numbers; ``columns`` has their names and their places.
+        """Return columns (N,) as numbers; ``columns`` has their names and indices.
 
-        A field of those that ``may_be_empty`` may be empty or say nan: NaN.
+        In columns of ``may_be_empty`` a field may be empty or "nan".
 
-        Raises TrajectoryError if a field is no finite number, with a sentence that names its line.
+        Raises TrajectoryError if a field is no finite number, with a sentence that states the line.
         """
         try:
             with warnings.catch_warnings():
@@ -190,9 +190,9 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
 
 
 def iso_seconds(texts: Iterable[str]) -> Array:
-    """Return the seconds (N,) since 1970 of ISO 8601 dates; NaN of other texts.
+    """Return the seconds (N,) since 1970 of ISO 8601 dates; NaN for other texts.
 
-    A date without a zone is taken as UTC.
+    A date without a zone is UTC.
     """
     return np.array([_iso_second(str(text).strip()) for text in texts])
 
@@ -207,9 +207,9 @@ def _iso_second(text: str) -> float:
 
 
 def rollover(before: float, after: float) -> str:
-    """Return a hint if times fall because a clock began at zero; empty if not.
+    """Return a hint if times decrease because a clock restarted at zero, else "".
 
-    ``before`` and ``after`` are the times of two rows that follow one another [s].
+    ``before`` and ``after`` are the times of two consecutive rows [s].
     """
     for period, name in _PERIODS:
         if abs(before - period) < _NEAR and 0.0 <= after < _NEAR:
@@ -218,9 +218,9 @@ def rollover(before: float, after: float) -> str:
 
 
 def status_of(file: str, what: str) -> os.stat_result:
-    """Return size and times of a file; ``what`` it holds is for the message.
+    """Return size and times of a file; ``what`` describes it in the message.
 
-    Raises TrajectoryError if there is none.
+    Raises TrajectoryError if the file does not exist.
     """
     try:
         return Path(file).stat()

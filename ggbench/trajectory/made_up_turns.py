@@ -1,8 +1,8 @@
-"""All lines of a survey as one flight: in the order of their times, with turns made up between.
+"""All lines of a survey as one flight, in order of time, with artificial turns.
 
-A turn goes straight on, turns, goes over and turns to the same side, and comes in straight. It is
-so long that an aircraft fills the time between two lines at the speeds of their ends. Nothing was
-measured on it.
+A turn consists of a straight piece, a turn, a connecting leg, a turn to the same side, and a
+straight piece. Its length fits the time between two lines at the speeds of their ends. It has no
+measurements.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _AXES = ("latitude_deg", "longitude_deg", "height_m")
 
 
 def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
-    """Return lines as one, with samples in the turns whose readings are missing.
+    """Return all lines as one, with missing measurements in the turns.
 
-    Raises TrajectoryError if lines overlap in time, their samples do not fit together, or a turn
-    cannot be flown in its time.
+    Raises TrajectoryError if lines overlap in time, their intervals differ, or a turn cannot be
+    flown in its time.
     """
     ordered = sorted(lines, key=lambda line: float(line.places["time_s"][0]))
     parts = ordered[:1]

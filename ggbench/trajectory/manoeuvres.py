@@ -1,8 +1,7 @@
 """Manoeuvres: changes of heading, speed and climb angle in parts of a flight.
 
-Each is laid out as rates at the middle of the sampling intervals, so that a flight is one sum of
-rates whatever it is made of. Rates rise and fall as raised cosines: acceleration and turn rate are
-continuous.
+A manoeuvre is a series of rates at the middle of the sampling intervals, so a flight is one
+integral of rates. Rates rise and fall as raised cosines: acceleration and turn rate are continuous.
 """
 
 from __future__ import annotations
@@ -30,15 +29,15 @@ _SHORTEST_PULL_UP = 4.0  # [s]
 
 
 class TrajectoryError(GGBenchError, ValueError):
-    """A flight cannot be flown as asked, or a file that it needs cannot be used.
+    """A flight is impossible, or one of its files is invalid.
 
-    A ValueError too, so that a scenario in which it comes up names its place in the file.
+    It is also a ValueError, so that validation of a scenario states its place in the file.
     """
 
 
 @dataclass(frozen=True)
 class State:
-    """Where a manoeuvre begins.
+    """Initial state of a manoeuvre.
 
     Attributes
     ----------
@@ -56,7 +55,7 @@ class Manoeuvre(Protocol):
     """A part of a flight."""
 
     def length(self, start: State) -> float:
-        """Return how long it takes from a state [s]; raises TrajectoryError if it cannot be."""
+        """Return the duration from a state [s]; raises TrajectoryError if it is impossible."""
         ...
 
     def rates(self, start: State, count: int, dt: float) -> Array:
@@ -86,7 +85,7 @@ class Segment:
         return self.duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return the rates (count, 3), whose integrals are the stated rates times the duration."""
+        """Return rates (count, 3) whose integrals are the stated rates times the duration."""
         shape = _shape(count, dt, self.duration)
         if abs(count * dt - self.duration) > 1e-9 * self.duration:
             shape *= self.duration / (count * dt)
@@ -95,7 +94,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Cruise:
-    """Straight on for a distance along the path [m], at the speed and climb angle there are."""
+    """Straight flight over a distance along the path [m], at constant speed and climb angle."""
 
     distance: float
 
@@ -114,10 +113,10 @@ class Turn:
 
     Attributes
     ----------
-    by, to : angle, clockwise positive, or the heading to be reached [rad]; one of them is None.
+    by, to : angle, clockwise positive, or final heading [rad]; one of them is None.
     direction : of a turn ``to`` a heading: 1 right, -1 left, 0 the shorter way.
-    bank, rate, radius : steepness, one of them [rad], [rad/s], [m]; a turn too small to be rolled
-        in and out is gentler.
+    bank, rate, radius : one of them [rad], [rad/s], [m]; a small turn without time to roll in and
+        out is gentler.
     """
 
     by: float | None = None
@@ -130,7 +129,7 @@ class Turn:
     def angle(self, start: State) -> float:
         """Return the angle of the turn, clockwise positive [rad].
 
-        Raise TrajectoryError if the flight has this heading already.
+        Raise TrajectoryError if the flight already has this heading.
         """
         if self.by is not None:
             return self.by
@@ -146,7 +145,7 @@ class Turn:
         return short
 
     def length(self, start: State) -> float:
-        """Return the time of the turn at its steepness plus that of rolling in and out."""
+        """Return the time of the turn, including rolling in and out."""
         if self.rate is not None:
             rate = self.rate
         elif self.radius is not None:
@@ -164,15 +163,15 @@ class Turn:
 
 @dataclass(frozen=True)
 class SpeedChange:
-    """A change to a speed [m/s] at an acceleration [m/s²] that comes and goes in five seconds."""
+    """A change to a speed [m/s] at an acceleration [m/s²] that rises and falls in five seconds."""
 
     to: float
     acceleration: float
 
     def length(self, start: State) -> float:
-        """Return the time at that acceleration plus that of its coming and going.
+        """Return the time of the change, including the rise and fall of the acceleration.
 
-        Raise TrajectoryError if it cannot be flown.
+        Raise TrajectoryError if the change is impossible.
         """
         if abs(self.to - start.speed) < 1e-9:
             raise TrajectoryError(
@@ -192,10 +191,9 @@ class Climb:
 
     Attributes
     ----------
-    by, to : difference of height, or the height to be reached [m]; one of them is None.
-    angle, vertical_speed : steepness, one of them [rad], [m/s], positive; a climb too small to
-        reach it is flatter.
-    vertical_acceleration : its limit in the pull-up and in the push-over [m/s²].
+    by, to : difference of height, or final height [m]; one of them is None.
+    angle, vertical_speed : one of them [rad], [m/s], positive; a small climb is flatter.
+    vertical_acceleration : limit in the pull-up and in the push-over [m/s²].
     """
 
     by: float | None = None
@@ -210,9 +208,9 @@ class Climb:
         return 2.0 * pull_up + steady
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) of the climb angle by which the flight gains the height.
+        """Return rates (count, 3) of the climb angle for the change of height.
 
-        Raise TrajectoryError if it cannot be flown.
+        Raise TrajectoryError if the climb is impossible.
         """
         height = self._height(start)
         pull_up = max(self._times(start)[0], dt)
@@ -286,24 +284,24 @@ class Climb:
 def plan(
     start: State, manoeuvres: Sequence[Manoeuvre], dt: float, size: int | None = None
 ) -> tuple[Array, float]:
-    """Lay out manoeuvres one after the other.
+    """Return the rates of manoeuvres flown one after the other.
 
     Parameters
     ----------
     start : of the flight.
     manoeuvres : in the order of the flight.
     dt : sampling interval [s].
-    size : number of manoeuvres in the file, of which the others are repetitions (for messages).
+    size : number of manoeuvres in the file; later ones are repetitions (for messages).
 
     Returns
     -------
     (N, 3) rates of heading, speed and climb angle in the middle of each interval, and the duration
-    before it is rounded to whole intervals [s].
+    before rounding to whole intervals [s].
 
     Raises
     ------
     TrajectoryError
-        If one of them cannot be flown; the message says which and why.
+        If a manoeuvre is impossible; the message states which one and why.
     """
     parts: list[Array] = []
     total, samples, state = 0.0, 0, start
@@ -328,7 +326,7 @@ def plan(
 def sample(start: State, rates: Array, dt: float) -> tuple[Array, Array, Array]:
     """Return heading, speed and climb angle (N + 1,) at the samples.
 
-    Midpoint values of the rates integrate exactly into values at the samples.
+    They are the integrals of the midpoint rates.
     """
     heading, speed, climb = (
         first + _sums(rates[:, i], dt)
@@ -338,7 +336,7 @@ def sample(start: State, rates: Array, dt: float) -> tuple[Array, Array, Array]:
 
 
 def enu(heading: Array, speed: Array, climb: Array) -> Array:
-    """Return velocities (N, 3) ENU [m/s] of heading, climb angle [rad], speed [m/s], each (N,)."""
+    """Return velocities (N, 3) ENU [m/s] from heading, climb angle [rad], speed [m/s] (N,)."""
     return np.stack(
         [
             speed * np.cos(climb) * np.sin(heading),
@@ -351,7 +349,7 @@ def enu(heading: Array, speed: Array, climb: Array) -> Array:
 
 @compiled
 def follow(position: Array, velocities: Array, dt: float) -> Array:
-    """Return the positions (N, 3) to which velocities (N, 3) lead by the mechanization's rule."""
+    """Return positions (N, 3) that follow from velocities (N, 3) as in the mechanization."""
     positions = np.empty((velocities.shape[0], 3))
     for i in range(3):
         positions[0, i] = position[i]
@@ -361,7 +359,7 @@ def follow(position: Array, velocities: Array, dt: float) -> Array:
 
 
 def end_of(start: State, rates: Array, dt: float) -> State:
-    """Return the state to which rates (N, 3) lead."""
+    """Return the state after rates (N, 3)."""
     heading, speed, climb = sample(start, rates, dt)
     positions = follow(start.position, enu(heading, speed, climb), dt)
     return State(positions[-1], float(heading[-1]), float(speed[-1]), float(climb[-1]))
@@ -387,7 +385,7 @@ def _shape(count: int, dt: float, duration: float) -> Array:
 
 
 def speed_of(start: State) -> float:
-    """Return the speed of a state [m/s]; raises TrajectoryError if there is none."""
+    """Return the speed of a state [m/s]; raises TrajectoryError for a speed of zero."""
     if start.speed < 1e-3:
         raise TrajectoryError(f"needs a speed, but the speed there is {start.speed:g} m/s")
     return start.speed

@@ -1,4 +1,4 @@
-"""Tracks at another place and on another heading."""
+"""Tracks with another start and heading."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _HIGHEST_LATITUDE = math.radians(89.0)
 
 
 def moved_track(track: Track, east: float, north: float, turn: float) -> Track:
-    """Return a track with another start, turned about it; heights and times stay.
+    """Return a track with another start, rotated about it; heights and times stay.
 
-    The latitudes and longitudes turn rigidly on a sphere, so that all angles of the track stay.
-    Lengths change by the flattening of the ellipsoid: 0.7 % at most, between pole and equator.
+    Latitudes and longitudes rotate rigidly on a sphere, so all angles of the track stay. Lengths
+    change by at most 0.7 % (flattening, between pole and equator).
 
     Parameters
     ----------
     track : the track.
-    east, north : from its start to the new one [m].
-    turn : by which all headings grow at the start [rad].
+    east, north : displacement of the start [m].
+    turn : clockwise rotation at the start [rad].
 
     Raises
     ------

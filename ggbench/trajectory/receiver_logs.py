@@ -1,4 +1,4 @@
-"""Tracks in logs of receivers: NMEA 0183, RTKLIB, CSRS-PPP, NovAtel."""
+"""Tracks in receiver logs: NMEA 0183, RTKLIB, CSRS-PPP, NovAtel."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSS
 
 
 class Fix(NamedTuple):
-    """A position: seconds, degrees, metres above the ellipsoid or above sea level, and its line."""
+    """A position with its line number: seconds, degrees, metres above ellipsoid or sea level."""
 
     time: float
     latitude: float

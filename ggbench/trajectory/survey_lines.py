@@ -1,10 +1,10 @@
-"""Survey lines with the gradients or the gravity measured on them, from a CSV file.
+"""Survey lines with measured gradients or gravity, from a CSV file.
 
 The first line of the file names the columns: line, kind, time_s, latitude_deg, longitude_deg,
 height_m (above the ellipsoid), components in axes east, north, up, as xx or xx_eotvos, and the
-gravity disturbance as disturbance or disturbance_mgal; other columns are passed over. A row is a
-sample; the rows of a line follow one another, at one interval. Readings are of the disturbing
-field. An empty one is missing.
+gravity disturbance as disturbance or disturbance_mgal; other columns are ignored. A row is a
+sample. The rows of a line are consecutive, at a constant interval. Measurements are those of the
+disturbing field. An empty cell is a missing measurement.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class SurveyLine:
 
     Attributes
     ----------
-    name, kind : as the file has them.
-    row : number of the file's line with the first sample.
+    name, kind : as in the file.
+    row : line number of the first sample in the file.
     places : name of the column to its numbers (N,): time_s, latitude_deg, longitude_deg, height_m.
     readings : component to gradients of the disturbing field, ENU (N,) [E], and the gravity
         disturbance [mGal]; NaN where missing.
@@ -64,13 +64,13 @@ class SurveyLine:
 
     @property
     def interval(self) -> float:
-        """Usual time between two samples [s]; their mean would follow a clock that drifts."""
+        """Median time between two samples [s]; the mean would depend on clock drift."""
         return float(np.round(np.median(np.diff(self.places["time_s"])), 6))
 
     def at_one_interval(self) -> SurveyLine:
-        """Return the line with times at one interval: what a clock is off is dropped.
+        """Return the line with times at a constant interval; clock deviations are dropped.
 
-        Raises TrajectoryError if the samples do not come at one interval.
+        Raises TrajectoryError if the interval of the samples is not constant.
         """
         times, interval = self.places["time_s"], self.interval
         even = times[0] + interval * np.arange(len(times))
@@ -85,7 +85,7 @@ class SurveyLine:
         return replace(self, places={**self.places, "time_s": even})
 
     def middle(self, duration: float | None) -> slice:
-        """Return the samples in the middle of the line that last so long [s]; all without one.
+        """Return the middle of the line with a given duration [s]; the whole line without one.
 
         Raises TrajectoryError if the line is shorter, or the duration is no multiple of the
         interval.
@@ -107,7 +107,7 @@ class SurveyLine:
         return slice(first, first + steps + 1)
 
     def track(self, limits: TrackLimits, duration: float | None) -> Track:
-        """Return the track of the middle of the line, smoothed as a part of the whole of it."""
+        """Return the track of the middle of the line, smoothed as part of the whole line."""
         whole = track_of(dict(self.places), lambda n: f"line {self.row + n}", limits)
         part, times = self.middle(duration), self.places["time_s"]
         return part_of(whole, times[part.start] - times[0], times[part.stop - 1] - times[0])
@@ -115,12 +115,12 @@ class SurveyLine:
     def measured(
         self, components: Sequence[str], duration: float | None, period: float, sensor: str
     ) -> Array:
-        """Return the readings (G, m) of the middle of the line, at multiples of a period [s].
+        """Return the measurements (G, m) of the middle of the line, at multiples of a period [s].
 
-        The first is a period after the start; NaN where one is missing. ``sensor`` is the table
-        that asks for them.
+        The first is one period after the start; missing ones are NaN. ``sensor`` is the table of
+        the sensor.
 
-        Raises TrajectoryError if the file has no such component, or samples at other times.
+        Raises TrajectoryError if the file lacks a component, or has samples at other times.
         """
         for name in components:
             if name not in self.readings:
@@ -140,10 +140,10 @@ class SurveyLine:
 
 
 def read_lines(file: str) -> Mapping[str, SurveyLine]:
-    """Return the lines of a file (CSV, or CSV packed by gzip) by name.
+    """Return the lines of a file (CSV, also packed by gzip) by name.
 
-    Raises TrajectoryError with a sentence that names the file, the line, what was found and what is
-    allowed.
+    Raises TrajectoryError with a sentence that states the file, the line, the value and the allowed
+    values.
     """
     status = status_of(file, "survey lines")
     try:
@@ -194,10 +194,9 @@ def _unpacked(file: Path) -> bytes:
 
 
 def line_named(file: str, name: str) -> SurveyLine:
-    """Return a line of a file, its samples at one interval.
+    """Return a line of a file, with samples at a constant interval.
 
-    Raises TrajectoryError if the file cannot be used, has no line of that name, or the line has
-    gaps.
+    Raises TrajectoryError if the file is invalid, lacks the line, or the line has gaps.
     """
     lines = read_lines(file)
     if name not in lines:

@@ -1,8 +1,8 @@
-"""Flying over terrain at a clearance: the height profile of an aircraft that sees it ahead.
+"""Terrain following: height profile at a clearance above terrain known ahead.
 
-The lowest profile that stays above a floor f(t) within limits s of the slope and a of the
-acceleration, near enough. First the slope: g(t) = max_τ f(τ) − s |t − τ|. Then the acceleration,
-by the double envelope of Lasry and Lions (1986), which keeps the slope::
+The profile is nearly the lowest one above a floor f(t) within limits s of the slope and a of the
+acceleration. First the slope is limited: g(t) = max_τ f(τ) − s |t − τ|. Then the acceleration is
+limited by the double envelope of Lasry and Lions (1986), which keeps the slope::
 
     d(t) = max_τ g(τ) − a (t − τ)² / 4          curvature above −a / 2
     h(t) = min_τ d(τ) + a (t − τ)² / 2          curvature between −a and a, h ≥ g
@@ -34,17 +34,17 @@ _BLUR = 2.0  # half the width of the moving average, a raised cosine [s]
 
 @dataclass(frozen=True)
 class TerrainFollowing:
-    """Level to level over terrain, straight on, at the speed over ground of the start.
+    """Straight flight over terrain, level at both ends, with the initial speed over ground.
 
     Attributes
     ----------
-    terrain : path of the terrain's file, or the name of one that is shipped.
+    terrain : path of an elevation model, or the name of a shipped one.
     clearance : least height above the terrain [m].
     lowest : least height above the ellipsoid [m].
     zero_level : of the terrain's heights above the ellipsoid [m].
-    duration, distance : length, one of them [s], over ground [m].
+    duration, distance : one of them [s], [m] over ground.
     climb_angle : steepest climb and descent [rad].
-    vertical_acceleration : its limit, upwards and downwards [m/s²].
+    vertical_acceleration : limit upwards and downwards [m/s²].
     """
 
     terrain: str
@@ -72,7 +72,7 @@ class TerrainFollowing:
         return duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) of climb angle and speed; the horizontal speed is kept.
+        """Return rates (count, 3) of climb angle and speed; the horizontal speed is constant.
 
         Raise TrajectoryError if the terrain cannot be followed.
         """
@@ -95,9 +95,9 @@ class TerrainFollowing:
         return np.stack([np.zeros(count), np.diff(speed) / dt, np.diff(climb) / dt], axis=-1)
 
     def start_height(self, start: State) -> float:
-        """Return a height from which terrain can be followed, the least one in whole metres [m].
+        """Return the least height in whole metres from which the terrain can be followed [m].
 
-        ``start`` is the state in which it begins; its height does not matter.
+        ``start`` is the initial state; its height is ignored.
         """
         duration = self.length(start)
         steps = math.ceil(duration / _STEP)
@@ -122,9 +122,10 @@ class TerrainFollowing:
 
 
 def heights(name: str, latitude: Array, longitude: Array) -> Array:
-    """Return terrain heights (N,) [m], bilinear between the points of the file's grid.
+    """Return terrain heights (N,) [m], bilinear between grid points.
 
-    ``name`` is the path of the file, or the name of one that is shipped; positions are (N,) [rad].
+    ``name`` is the path of an elevation model or the name of a shipped one; positions are (N,)
+    [rad].
 
     Raises TrajectoryError if the file cannot be read, or the positions leave it.
     """
@@ -164,7 +165,7 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
 
 
 def terrain_path(name: str) -> Path:
-    """Return where a file lies: among the shipped data, or where its path says."""
+    """Return the path of a file: among the shipped data, or as given."""
     if not Path(name).is_absolute() and ".." not in Path(name).parts:
         shipped = importlib.resources.files("ggbench.scenarios") / "data" / name
         if isinstance(shipped, Path) and shipped.is_file():
@@ -173,7 +174,7 @@ def terrain_path(name: str) -> Path:
 
 
 def version_of(name: str) -> tuple[int, int]:
-    """Return what changes when a file is written again.
+    """Return the version of a file, which changes when it is written.
 
     Raise TrajectoryError if the file cannot be read.
     """
@@ -190,9 +191,9 @@ def terrain_of(
 ) -> tuple[float, float, float, float, Array]:
     """Return south, west, steps in latitude and longitude [deg], and heights (n_lat, n_lon) [m].
 
-    ``area`` is where voids count; None: everywhere.
+    ``area`` is the area in which voids count; None: everywhere.
 
-    Raise TrajectoryError if the file holds no terrain.
+    Raise TrajectoryError if the file contains no terrain.
     """
     from ..gravity.terrain_files import read_terrain
 

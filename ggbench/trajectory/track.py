@@ -1,4 +1,4 @@
-"""Tracks of the user's own: positions over time, checked, and made smooth at the INS rate."""
+"""Users' tracks: positions over time, validated and smoothed at the INS rate."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class TrackLimits:
-    """What a track may look like, and how it is smoothed.
+    """Limits of a valid track, and its smoothing.
 
     Attributes
     ----------
     gap : longest time between two rows [s]; None for five times the median.
-    acceleration : largest one [m/s²].
-    smoothing : period at which a smoothing halves the amplitude [s]; 0 for none.
+    acceleration : largest acceleration [m/s²].
+    smoothing : period at which the smoothing halves the amplitude [s]; 0 for none.
     """
 
     gap: float | None = None
@@ -61,8 +61,8 @@ class Track:
     ----------
     times : (N,) of the rows, from 0 [s].
     position : splines of latitude, longitude [rad, without jumps at 180°] and height [m].
-    angles : heading, pitch and roll [rad], each a function of time, None where it is not given.
-    remark : what was made of its heights, in words; may be empty.
+    angles : heading, pitch and roll [rad], each a function of time, or None.
+    remark : remark on the conversion of heights; may be empty.
     """
 
     times: Array
@@ -75,11 +75,11 @@ def read_track(file: str, limits: TrackLimits, columns: Columns = None) -> Track
     """Read a track from a file: CSV, GPX, KML, NMEA 0183 or RTKLIB's .pos, by its content.
 
     The first line of a CSV file names the columns: time_s, latitude_deg, longitude_deg and
-    height_m, and heading, pitch and roll in degrees if they are known. Others are passed over.
-    ``columns`` names a preset, or is pairs of a key and what the file calls it.
+    height_m, and optionally heading, pitch and roll in degrees. Others are ignored. ``columns`` is
+    a preset, or pairs of a key and its name in the file.
 
-    Raises TrajectoryError with a sentence that names the file, the line, what was found and what is
-    allowed.
+    Raises TrajectoryError with a sentence that states the file, the line, the value and the allowed
+    values.
     """
     status = status_of(file, "track")
     if not stat.S_ISREG(status.st_mode):
@@ -106,7 +106,7 @@ def _read_track(file: str, limits: TrackLimits, columns: Columns, time: int, siz
 
 
 def part_of(track: Track, start: float, end: float) -> Track:
-    """Return the part of a track between two of its times [s], as a track from 0."""
+    """Return the part of a track between two times [s], as a track from 0."""
 
     def moved(spline: CubicSpline) -> CubicSpline:
         return CubicSpline(track.times - start, spline(track.times))
@@ -120,9 +120,9 @@ def part_of(track: Track, start: float, end: float) -> Track:
 
 
 def track_of(columns: dict[str, Array], place: Place, limits: TrackLimits) -> Track:
-    """Return the track of columns (N,), checked and smooth; ``place`` says where a row is.
+    """Return the validated, smooth track of columns (N,); ``place`` names a row.
 
-    Raises TrajectoryError with a sentence that names the line, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that states the line, the value and the allowed values.
     """
     for key, (low, high, unit) in _RANGES.items():
         if key in columns:
@@ -291,18 +291,18 @@ def _radii(latitude: Array) -> Array:
 def resample(
     track: Track, dt: float, pitch: float, roll: float, banks: bool
 ) -> tuple[Array, Array, Array]:
-    """Return what the truth of a track is made of, at the INS rate.
+    """Return the first position, velocities and angles of a track at the INS rate.
 
     Velocities are those of cubic splines with a knot at every sample. Positions follow from them by
-    the mechanization's rule and stay with the track: of a cubic, the midpoint rule misses
-    dt² (a_{n+1} - a_n) / 12 in a step, which cancels from step to step and leaves dt² a / 12.
+    the mechanization's rule and stay near the track: for a cubic, the error of the midpoint rule in
+    a step, dt² (a_{n+1} - a_n) / 12, sums to dt² a / 12.
 
     Parameters
     ----------
     track : as read.
     dt : sampling interval [s].
-    pitch, roll : added to those of coordinated flight where the track gives none [rad].
-    banks : whether the vehicle leans into its turns and pitches with its climb angle.
+    pitch, roll : added to those of coordinated flight if the track has none [rad].
+    banks : whether the vehicle banks in turns and pitches with its climb angle.
 
     Returns
     -------
@@ -312,7 +312,7 @@ def resample(
     Raises
     ------
     TrajectoryError
-        If the velocity gives no heading.
+        If the velocity is too small for a heading.
     """
     times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
     if len(times) < 2:

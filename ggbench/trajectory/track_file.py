@@ -41,12 +41,12 @@ def parse(
 ) -> tuple[dict[str, Array], int]:
     """Return the known columns (N,) of a CSV text, and the line number of their first row.
 
-    Columns may be separated by commas, semicolons or tabs; those whose names are not known, or not
-    among ``keys``, are passed over. A name may have a unit in brackets; times may be dates (ISO
-    8601). At least ``fewest`` rows are needed. ``columns`` is what the file calls some of them, see
+    Columns may be separated by commas, semicolons or tabs; columns with unknown names, or not among
+    ``keys``, are ignored. A name may have a unit in brackets; times may be dates (ISO 8601). At
+    least ``fewest`` rows are needed. ``columns`` are names in the file by key, see
     :func:`.column_names.find`.
 
-    Raises TrajectoryError with a sentence that names the line, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that states the line, the value and the allowed values.
     """
     required = [key for key in _REQUIRED if key in keys]
     named = column_names.names_of(columns)

@@ -1,7 +1,7 @@
-"""Tracks in the formats of receivers and planners: GPX, KML and logs of receivers; or CSV.
+"""Tracks in formats of receivers and planners: GPX, KML, receiver logs, CSV.
 
-The content says which format a file has. KML is read as plain XML, for all that is needed of it is
-``gx:Track`` and points with a time.
+The format is detected from the content. KML is read as plain XML, because only ``gx:Track`` and
+points with a time are needed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _HEAD = 65_536
 
 @dataclass(frozen=True)
 class Rows:
-    """Columns of a track (N,) by name, where its rows are, and what was made of its heights."""
+    """Columns of a track (N,) by name, places of its rows, and a remark on heights."""
 
     columns: dict[str, Array]
     place: Place
@@ -47,9 +47,9 @@ class Rows:
 
 
 def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> Rows:
-    """Return the rows of a track; ``columns`` is what a CSV file calls its columns.
+    """Return the rows of a track; ``columns`` are the column names of a CSV file.
 
-    Raises TrajectoryError with a sentence that names the place, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that states the place, the value and the allowed values.
     """
     readers = {"gpx": _gpx, "kml": _kml, **receiver_logs.READERS}
     name, text = recognised(content)
@@ -64,9 +64,9 @@ def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> R
 
 
 def recognised(content: bytes) -> tuple[str, str]:
-    """Return which format a file has, and its text; "csv" and no text if none of the others.
+    """Return the format of a file and its text; "csv" and no text for all other formats.
 
-    Raises TrajectoryError if it is an archive, or no text although it begins like one.
+    Raises TrajectoryError if the file is an archive, or begins as text but is none.
     """
     head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for name, looks in _FORMATS.items():
@@ -88,7 +88,7 @@ _MOST_NAMESPACES = 100
 
 
 def gpx_document(text: str) -> Any:
-    """Return what a GPX file holds; raises TrajectoryError if it cannot be read."""
+    """Return the content of a GPX file; raises TrajectoryError if it cannot be read."""
     if (declared := text.count("xmlns")) > _MOST_NAMESPACES:
         raise TrajectoryError(
             f"declares {declared} XML namespaces; at most {_MOST_NAMESPACES} are allowed"
@@ -102,7 +102,7 @@ def gpx_document(text: str) -> Any:
 
 
 def kml_root(text: str) -> ElementTree.Element:
-    """Return the elements of a KML file, their names without a namespace.
+    """Return the elements of a KML file, without namespaces.
 
     Raises TrajectoryError if it cannot be read.
     """

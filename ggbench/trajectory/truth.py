@@ -1,7 +1,7 @@
 """True trajectories: segments of cruise, turn and climb, or a track, sampled at the INS rate.
 
-Velocity and attitude are smooth in time; position follows from velocity by the mechanization's own
-rule, so that an error-free INS can return the truth to rounding.
+Velocity and attitude are smooth in time; position follows from velocity by the rule of the
+mechanization, so an error-free INS reproduces the truth to rounding.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Trajectory:
 
     @property
     def mean_heights(self) -> np.ndarray:
-        """Return the means (N,) over the intervals of the heights [m], as of an altimeter."""
+        """Return the mean heights (N,) over the intervals [m], as of an altimeter."""
         return 0.5 * (self.positions[1:, 2] + self.positions[:-1, 2])
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -81,8 +81,8 @@ def fly(
     pitch, roll : attitude in straight and level flight [rad].
     segments : flown one after the other.
     dt : sampling interval [s].
-    banks : whether the vehicle leans into its turns and pitches with its climb angle.
-    size : number of segments, of which those beyond it are repetitions (for messages).
+    banks : whether the vehicle banks in turns and pitches with its climb angle.
+    size : number of segments in the file; later ones are repetitions (for messages).
 
     Returns
     -------
@@ -91,7 +91,7 @@ def fly(
     Raises
     ------
     TrajectoryError
-        If a segment cannot be flown; the message says which and why.
+        If a segment is impossible; the message states which one and why.
     """
     start = State(np.asarray(position, dtype=float), heading, speed, 0.0)
     rates, _ = plan(start, segments, dt, size)
@@ -110,11 +110,11 @@ def fly(
 
 
 def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True) -> Trajectory:
-    """Return the truth of a track of positions, made smooth at the samples ``dt`` [s] apart.
+    """Return the truth along a track of positions, smoothed, at samples ``dt`` [s] apart.
 
-    ``pitch``, ``roll`` and ``banks`` are as in :func:`fly`, where the track has no attitudes.
+    ``pitch``, ``roll`` and ``banks`` are as in :func:`fly`, for a track without attitudes.
 
-    Raises TrajectoryError if it cannot be flown.
+    Raises TrajectoryError if the track is impossible.
     """
     from .track import resample  # not at the top: it loads slowly, few flights have a track
 

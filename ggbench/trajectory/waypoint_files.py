@@ -1,4 +1,4 @@
-"""Places of a planned flight, from files of planners: GPX, KML or CSV. Times are not needed."""
+"""Positions of flight plans: GPX, KML or CSV, without times."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ _MOST = 1000
 
 
 def read_waypoints(path: Path) -> Array:
-    """Return the places (N, 2) of a file, latitude and longitude [deg].
+    """Return the positions (N, 2) of a file, latitude and longitude [deg].
 
-    Longitudes are from −180° to 360°. Of a GPX file these are the points of its routes, or else its
-    waypoints, or else its tracks; of a KML file its points, or else its lines. Heights and times
-    are left out.
+    Longitudes are from −180° to 360°. For GPX these are the points of routes, else waypoints, else
+    tracks; for KML points, else lines. Heights and times are ignored.
 
-    Raises TrajectoryError with a sentence that names the place, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that states the place, the value and the allowed values.
     """
     try:
         content = path.read_bytes()

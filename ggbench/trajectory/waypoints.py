@@ -1,4 +1,4 @@
-"""Flights by way of places: a turn towards each one, and straight on until it is reached."""
+"""Flights through waypoints: a turn towards each one, then a straight leg."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A turn the shorter way and then straight on, level and at a constant speed, to a place.
+    """A turn the shorter way and then a straight, level leg at constant speed to a position.
 
-    The flight ends within a tenth of a second of it.
+    The leg ends within a tenth of a second of the position.
 
     Attributes
     ----------
-    latitude, longitude : of the place [rad].
+    latitude, longitude : of the position [rad].
     bank, rate, radius : steepness of the turn, one of them, see :class:`.Turn`.
     """
 
@@ -76,11 +76,11 @@ class Waypoint:
 
 
 def leg(position: Array, latitude: float, longitude: float) -> tuple[float, float]:
-    """Return heading [rad] and length [m] of the line of constant heading to a place.
+    """Return heading [rad] and length [m] of the rhumb line to a position.
 
-    It goes, level, from a position (3,) of latitude, longitude [rad] and height [m].
-    tan α = Δλ / ∫ (M + h) / ((N + h) cos φ) dφ, and the length is ∫ (M + h) dφ / cos α
-    (Williams 1998, Geometry of Navigation).
+    The line is level and begins at a position (3,) of latitude, longitude [rad] and height [m]. tan
+    α = Δλ / ∫ (M + h) / ((N + h) cos φ) dφ, and the length is ∫ (M + h) dφ / cos α (Williams 1998,
+    Geometry of Navigation).
     """
     north = latitude - position[0]
     east = math.remainder(longitude - position[1], math.tau)

@@ -169,7 +169,7 @@ def test_its_innovations_are_its_own(rough):
     [
         ("closed-loop[interval_s=0]", {}, "parameter 'interval_s' is"),
         ("closed-loop[interval_s=inf]", {}, "parameter 'interval_s' is"),
-        ("closed-loop", {"gradiometer.filter": "butterworth"}, "nothing to feed back to"),
+        ("closed-loop", {"gradiometer.filter": "butterworth"}, "feedback needs inertial"),
     ],
 )
 def test_what_it_cannot_take_it_says(label, changes, reason):
@@ -178,4 +178,4 @@ def test_what_it_cannot_take_it_says(label, changes, reason):
 
 
 def test_a_problem_without_inertial_readings_is_refused():
-    assert "nothing to feed back to" in estimator("closed-loop").skip(linear_problem(0))
+    assert "feedback needs inertial" in estimator("closed-loop").skip(linear_problem(0))

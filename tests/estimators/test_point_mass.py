@@ -151,7 +151,7 @@ def test_the_peak_is_measured_in_cells():
     [
         ("step=0", "parameter 'step' is"),
         ("step=nan", "parameter 'step' is"),
-        ("step=1e-9", "points of this prior"),
+        ("step=1e-9", "this prior needs more than"),
         ("resolution=0.5", "parameter 'resolution' is"),
         ("resolution=nan", "parameter 'resolution' is"),
     ],

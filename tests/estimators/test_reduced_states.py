@@ -175,8 +175,8 @@ def test_weights_are_those_of_the_filter():
         ("filter=unscented-particle,particles=0", "parameter 'particles' is"),
         ("filter=unscented-particle,beta=3", "has no beta"),
         ("filter=strong-tracking,beta=0.5", "parameter 'beta' is"),
-        ("filter=particle,weights=exact", "has one way to weigh"),
-        ("filter=point-mass", "a grid over 4 states"),
+        ("filter=particle,weights=exact", "particle has no weights"),
+        ("filter=point-mass", "and the problem has 4"),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(setting, reason):

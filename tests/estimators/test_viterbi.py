@@ -100,7 +100,7 @@ def test_a_height_that_is_known_is_no_state(vertical):
         ("most=10", "parameter 'most' is"),
         ("drift=0", "parameter 'drift' is"),
         ("drift=inf", "parameter 'drift' is"),
-        ("cell_m=0.001", "too small for steps of the INS's error"),
+        ("cell_m=0.001", "too small for INS errors that change"),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(setting, reason):

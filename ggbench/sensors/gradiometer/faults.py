@@ -1,9 +1,9 @@
 """Unmodelled errors of the true gradiometer.
 
-In this order: tilt of the mount, its misalignment and the scale factors, the errors of its rotating
-disks, what the scale factors have drifted by, bias and drift, white noise, outliers, the low-pass,
-the noise behind it; then readings drop out. When readings are taken at wrong times,
-:mod:`ggbench.simulation.gradients` takes the tensor there.
+The order is: tilt of the mount, misalignment and scale factors, errors of rotating disks, drift of
+the scale factors, bias and drift, white noise, outliers, low-pass, noise behind it, dropouts. For
+errors of the measurement time :mod:`ggbench.simulation.gradients` evaluates the tensor at the wrong
+time.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ _TIMING = 1e-9
 
 @dataclass(frozen=True)
 class Faults:
-    """Errors of a gradiometer beyond white noise and the biases that a model may know.
+    """Errors of a gradiometer other than white noise and modelled biases.
 
     Attributes
     ----------
     scale_factor : σ of each channel's relative error, drawn once per run.
     scale_drift : root PSD of the random walk of each channel's scale factor [1/√s].
     misalignment : σ of the mount's rotation about each of its axes, drawn once per run [rad].
-    mount : its right-handed rotation about each of its axes, the same in all runs [rad].
+    mount : right-handed rotation of the mount about each of its axes, equal in all runs [rad].
     tilt : σ of the rotation of a level mount about each horizontal axis, Gauss–Markov [rad].
     tilt_time : its correlation time [s].
     doubling : rate [rad/s] and acceleration [m/s²] at which the white noise is twice that at rest.
-    freedom : degrees of freedom of Student's law of the white noise; ∞ for a normal one.
+    freedom : degrees of freedom of Student's t distribution of the white noise; ∞ for a normal one.
     outlier_share : probability that a reading of a channel is an outlier.
-    outlier : σ of what is added to an outlier, of all channels or of each [unit of the channel].
-    burst : mean duration of a burst of outliers [s]; 0 if they come one by one.
-    together : whether a reading that is struck is so in all its channels.
+    outlier : σ of outliers, for all channels or for each [unit of the channel].
+    burst : mean duration of a burst of outliers [s]; 0 for single outliers.
+    together : whether an outlier affects all channels of a measurement.
     dropout_share : probability that a reading, with all its channels, is missing.
     dropouts : (start, end) times between which all readings are missing [s].
-    duty : how long readings come and then stay away, in turn from the start on [s]; off 0: always.
-    clock : σ of the error of the time by which inertial axes are known, once per run [s] (eq. 12).
-    jitter : σ of the error of each reading's time [s].
+    duty : durations of periodic on and off times, from the start [s]; off 0: always on.
+    clock : σ of the clock error that rotates inertial axes, drawn once per run [s] (eq. 12).
+    jitter : σ of the error of each measurement time [s].
     """
 
     scale_factor: float = 0.0
@@ -66,11 +66,11 @@ class Faults:
 
     @property
     def distorts(self) -> bool:
-        """Whether there are scale factors, or a mount that is not as assumed."""
+        """Whether scale factors or mount differ from the assumed ones."""
         return self.scale_factor > 0.0 or self.misalignment > 0.0 or any(self.mount)
 
     def mounting(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the angles (3,) by which the mount of a run is turned about its axes [rad]."""
+        """Return the rotation (3,) of the mount of a run about its axes [rad]."""
         return np.asarray(self.misalignment * rng.standard_normal(3) + np.array(self.mount))
 
     def distort(
@@ -80,9 +80,9 @@ class Faults:
         angles: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
-        """Return channels (K, m) of tensors (K, 6) in a mount turned by angles (3,), and scaled.
+        """Return channels (K, m) of tensors (K, 6) in a rotated mount (3,), with scale factors.
 
-        A mount that is turned by R = exp[angles×] against its axes reads Rᵀ Γ R.
+        A mount rotated by R = exp[angles×] measures Rᵀ Γ R.
         """
         turn = np.empty((3, 3))
         rotation_matrix(angles, turn)
@@ -101,44 +101,46 @@ class Faults:
         return rotate_tensors(turns, tensors)
 
     def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
-        """Return by what the scale factors' walks multiply readings (K, width)."""
+        """Return the factors (K, width) of measurements by random walks of the scale factors."""
         return np.asarray(1.0 + random_walk(times, self.scale_drift, width, rng))
 
     def growth(self, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-        """Return the noise (K,) over that at rest, of RMS rates and accelerations (K,)."""
+        """Return the factor (K,) of the noise over that at rest, from RMS motion (K,)."""
         of_rate, of_acceleration = self.doubling
         return np.asarray(1.0 + rates / of_rate + accelerations / of_acceleration)
 
     def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-        """Return what makes normal noise of a shape one of Student's law, with the same variance.
+        """Return factors (...) that turn normal noise into Student's t noise of equal variance.
 
-        √((ν − 2)/χ²_ν): a normal number over √(χ²_ν/ν) is Student's, and its variance ν/(ν − 2).
+        √((ν − 2)/χ²_ν): a normal number over √(χ²_ν/ν) has Student's t distribution, with variance
+        ν/(ν − 2).
         """
         return np.sqrt((self.freedom - 2.0) / rng.chisquare(self.freedom, shape))
 
     @property
     def information(self) -> float:
-        """Fisher information of the noise's law, over that of normal noise of the same variance.
+        """Fisher information of the noise over that of normal noise of equal variance.
 
-        ν (ν + 1)/((ν − 2)(ν + 3)): of Student's law of scale s it is (ν + 1)/((ν + 3) s²).
+        ν (ν + 1)/((ν − 2)(ν + 3)): Student's t distribution of scale s has the information (ν +
+        1)/((ν + 3) s²).
         """
         nu = self.freedom
         return nu * (nu + 1.0) / ((nu - 2.0) * (nu + 3.0)) if math.isfinite(nu) else 1.0
 
     def outliers(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
-        """Return what outliers add to readings (K, width) [unit of the channel]."""
+        """Return the outliers added to measurements (K, width) [unit of the channel]."""
         chains = 1 if self.together else width
         struck = bursts(times, self.outlier_share, self.burst, chains, rng)
         added = np.asarray(self.outlier) * rng.standard_normal((len(times), width))
         return np.where(struck, added, 0.0)
 
     def missing(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return which of the readings (K,) drop out in a run."""
+        """Return the mask (K,) of measurements that drop out in a run."""
         lost = rng.random(len(times)) < self.dropout_share
         return np.asarray(lost | self.in_dropouts(times))
 
     def in_dropouts(self, times: np.ndarray) -> np.ndarray:
-        """Return which times (K,) lie in the intervals without readings."""
+        """Return the mask of times (K,) in intervals without measurements."""
         on, off = self.duty
         lost = np.zeros(len(times), dtype=bool)
         if off > 0.0:
@@ -148,7 +150,7 @@ class Faults:
         return lost
 
     def expected_share(self, times: np.ndarray) -> np.ndarray:
-        """Return the share of all runs (K,) in which each of the readings is there."""
+        """Return the share of runs (K,) in which each measurement is available."""
         return np.where(self.in_dropouts(times), 0.0, 1.0 - self.dropout_share)
 
 

@@ -3,18 +3,19 @@
 A gradiometer reads the gravitational gradient tensor Γ in the axes of its mount s, C_sn Γ^n C_snᵀ:
 
 ``platform``
-    inertially stabilised, C_sn = C_in(L, λ + ω_ie t): a position error shows because the field
-    changes and because the local level turns against inertial space. Inertial axes coincide with
-    ECEF axes at t = 0.
+    inertially stabilised, C_sn = C_in(L, λ + ω_ie t). A position error is observable from changes
+    of the field and from the rotation of the local level in inertial space. Inertial axes coincide
+    with ECEF axes at t = 0.
 ``local-level``
-    held level and to the north without error, C_sn = I: only the field's change shows.
+    levelled and aligned to north without error, C_sn = I. A position error is observable only from
+    changes of the field.
 ``strapdown``
-    fixed to the body, C_sn = C_bn: the reading depends on the attitude, too. Its rotation is taken
-    as compensated: no centrifugal term of ω_ib is left in the reading.
+    fixed to the body, C_sn = C_bn. Measurements also depend on the attitude. They are compensated
+    for the centrifugal term of ω_ib.
 
 Tensors are vectors [xx, xy, xz, yy, yz, zz], in E. A *channel* is a linear combination of the six:
-a component, half the difference of two diagonal ones (``xx-yy`` = (xx − yy)/2), or what a disk of
-rotating accelerometers measures (:mod:`ggbench.sensors.gradiometer.rotating`).
+a component, half the difference of two diagonal ones (``xx-yy`` = (xx − yy)/2), or a channel of
+rotating accelerometers (:mod:`ggbench.sensors.gradiometer.rotating`).
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
 def inertial_matrix(
     sin_l: float, cos_l: float, sin_a: float, cos_a: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return C_in, row by row, of the latitude L and the angle λ + ω_ie t (eq. 10)."""
+    """Return C_in, row by row, for the latitude L and the angle λ + ω_ie t (eq. 10)."""
     return (
         -sin_a, -sin_l * cos_a, cos_l * cos_a,
         cos_a, -sin_l * sin_a, cos_l * sin_a,
@@ -83,7 +84,7 @@ def rotated(
 ) -> tuple[float, float, float, float, float, float]:
     """Return vec6(C M Cᵀ) of the symmetric tensor t = vec6(M) (the paper's D6(C) vec6).
 
-    ``c`` are the nine numbers of C, row by row.
+    ``c`` contains the nine elements of C, row by row.
     """
     x_0 = c[0] * t[0] + c[1] * t[1] + c[2] * t[2]
     x_1 = c[0] * t[1] + c[1] * t[3] + c[2] * t[4]
@@ -158,13 +159,13 @@ def readings_along(
 ) -> np.ndarray:
     """Return the noise-free tensors (..., 6) [E] in the mount along tracks.
 
-    Outside the map, those of its border.
+    Outside the map the field of the border continues.
 
     Parameters
     ----------
     instrument : index of :data:`INSTRUMENTS`.
     positions, times : (..., 3), (...) as in :func:`readings`.
-    attitudes : (..., 3, 3) C_nb, which only a strapdown instrument needs.
+    attitudes : (..., 3, 3) C_nb, needed only for a strapdown instrument.
     field : the gradient field.
     """
     tensors = field.continued_tensor(positions)
@@ -189,7 +190,7 @@ def readings(
     field : the gradient field.
     positions : (K, 3) geodetic latitude, longitude [rad], height [m].
     times : (K,) [s] since the inertial frame coincided with ECEF.
-    attitudes : (K, 3, 3) C_nb, which only a strapdown instrument needs.
+    attitudes : (K, 3, 3) C_nb, needed only for a strapdown instrument.
     instrument : one of :data:`INSTRUMENTS`.
 
     Raises
@@ -204,23 +205,23 @@ def readings(
 
 @dataclass(frozen=True)
 class Gradiometer:
-    """A gradiometer as the estimators know it.
+    """A gradiometer as assumed by estimators.
 
     Attributes
     ----------
     noise_eotvos : RMS of the noise of each channel, before the filter [E].
     lowpass : the instrument's filter, or None.
     components : names of its channels.
-    instrument : how it is mounted, one of :data:`INSTRUMENTS`.
+    instrument : its mount, one of :data:`INSTRUMENTS`.
     bias_eotvos : σ of each channel's bias at the start [E].
     drift : root PSD of the bias's random walk [E/√s].
     noise_behind_filter : RMS of the white noise of each channel's output, behind the filter [E].
-    latency : how long before the time that a reading bears it was taken [s].
+    latency : delay of a measurement behind its time stamp [s].
     period : time between two readings [s].
     treatment : inversion of the filter in the measurement model.
     regularisation : least noise behind the filter, in units of that before it, in the inversion.
-    colour : the noise, if it is coloured; ``noise_eotvos`` is its RMS over the channels then.
-    mounting_sigma : σ of the angle about each axis by which its mount is turned, a constant [rad].
+    colour : model of coloured noise, or None; ``noise_eotvos`` is then its RMS over the channels.
+    mounting_sigma : σ of the constant rotation of the mount about each axis [rad].
     """
 
     noise_eotvos: float
@@ -239,18 +240,18 @@ class Gradiometer:
 
     @property
     def channels(self) -> np.ndarray:
-        """Rows (m, 6) that take the tensor in the mount to the channels."""
+        """Rows (m, 6) that map the tensor in the mount to the channels."""
         return np.array([channel(name) for name in self.components]).reshape(-1, 6)
 
     @property
     def whole(self) -> bool:
-        """Whether the channels tell all of a tensor: five numbers, as its trace is zero."""
+        """Whether the channels determine the whole tensor: five numbers, as its trace is zero."""
         return int(np.linalg.matrix_rank(self.channels @ _TRACELESS)) == 5
 
     def tensors(self, readings: np.ndarray) -> np.ndarray:
-        """Return the tensors (..., 6) in the mount, without trace, nearest to readings (..., m).
+        """Return trace-free tensors (..., 6) in the mount, nearest to measurements (..., m).
 
-        Of an instrument whose channels tell all of it.
+        The channels must determine the whole tensor.
         """
         return np.asarray(readings @ (_TRACELESS @ np.linalg.pinv(self.channels @ _TRACELESS)).T)
 
@@ -277,12 +278,12 @@ class Gradiometer:
 
     @property
     def biased(self) -> bool:
-        """Whether its channels have biases, which are states of the estimation problem then."""
+        """Whether its channels have biases, which are states."""
         return self.bias_eotvos > 0.0 or self.drift > 0.0
 
 
 def channel(name: str) -> np.ndarray:
-    """Return the row (6,) that takes a tensor to a component or to half a difference of two."""
+    """Return the row (6,) that maps a tensor to a component or to half a difference of two."""
     row = np.zeros(6)
     plus, _, minus = name.partition("-")
     row[COMPONENTS.index(plus)] = 0.5 if minus else 1.0

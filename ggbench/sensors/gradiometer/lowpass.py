@@ -1,33 +1,32 @@
 """Butterworth low-pass of the gradiometer, and its compensation.
 
 The instrument filters its readings by a causal difference equation, y = L x (L lower triangular,
-the first ``order`` outputs equal the inputs). A measurement model sees ``filter(reading)`` minus
-the same filter run over the readings predicted along the INS track, and answers its two effects,
-delay and coloured noise, by one of two treatments:
+the first ``order`` outputs equal the inputs). The measurement model uses ``filter(measurement)``
+minus the filtered prediction along the INS track. Two treatments compensate its effects, delay and
+coloured noise:
 
 ``whitened``
-    The filter is causal and invertible, so its output carries all the information of its input. A
-    state augmented by the filter's own would recover it; since the filter is linear and known, the
-    innovation form of that augmented filter can be run once, ahead of all estimators: y is
-    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of a sample or so remains.
-    With ρ the noise behind the filter, in units of that in front of it, A y is white. Noise that
-    a model does not know of is amplified up to 1/ρ near the Nyquist frequency, where the filter
-    passes nothing, so ρ is never below a regularisation: up to so much noise behind the filter A y
-    has no more noise than the unit covariance claimed for it. Without any it has less, in the
-    directions that the filter all but stops, where there is no signal either.
+    The filter is causal and invertible, so its output contains all information of its input. A
+    state augmented by the filter's own would recover it. The filter is linear and known, so the
+    innovation form of that augmented filter is computed once, before all estimators: y is
+    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of about one sample remains.
+    With ρ the noise behind the filter, in units of that in front of it, A y is white. Unmodelled
+    noise is amplified up to 1/ρ near the Nyquist frequency, where the filter passes no signal.
+    Therefore ρ has a lower limit, the regularisation. For noise behind the filter up to this limit,
+    the noise of A y is at most the assumed unit covariance; without such noise it is smaller in
+    directions without signal.
 
 ``delayed``
-    y is taken as it is, as a measurement of the state one group delay ago with the noise of the
-    unfiltered data (the paper's "fixed delay compensation", done consistently). Outputs that the
-    filter's start makes noisier than its inputs are scaled down to their noise.
+    y is a measurement of the state one group delay earlier, with the noise of the unfiltered data
+    (the paper's "fixed delay compensation", done consistently). Outputs that are noisier than the
+    inputs during the start of the filter are scaled down to that noise.
 
 Both are the same formula: with W = A L (A diagonal for ``delayed``) a slowly varying error signal
 d(t) appears as g_k d(t_k − τ_k), with g_k the sum of row k of W and τ_k the centroid of its lags.
 
-After a while the start is forgotten, and every row of A and of W is the one before, moved by an
-output. A long flight takes no more of an output than a short one: what is behind the rows that
-still change is a band of as many lags as are remembered. (The difference equation that does the
-same would lose half the digits where the cut-off is low.)
+After the start, every row of A and W equals the previous one, shifted by one output. Only a band of
+the significant lags is stored then, so the cost per output does not depend on the duration. (An
+equivalent difference equation would lose half the digits for a low cut-off.)
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ class LowPass:
     rate_hz: float
 
     def apply(self, samples: np.ndarray) -> np.ndarray:
-        """Filter ``samples`` (K,) or (..., K, m) along their time; the first ``order`` are kept."""
+        """Filter ``samples`` (K,) or (..., K, m) along time; the first ``order`` are unchanged."""
         from scipy.signal import lfilter  # takes half a second, and not every flight has a filter
 
         samples = np.asarray(samples, dtype=float)
@@ -132,14 +131,13 @@ def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Prefilter:
-    """What turns the instrument's output into the measurements that estimators see.
+    """Linear map from the instrument's output to the measurements of the estimators.
 
     Attributes
     ----------
     matrix : (H, H) lower-triangular A of the first outputs, applied to each component's output
-        sequence; None for the identity. H is K, or enough that the start is forgotten.
-    later : (C, C + B − 1) band of A of any C outputs behind them, which remember B; of no elements
-        if there are none.
+        sequence; None for the identity. H is K, or large enough to cover the start.
+    later : (C, C + B − 1) band of A for any C later outputs, with B lags; empty if there are none.
     gain, delay_samples : (K,) g_k and τ_k (in samples) of the chain filter + A for slow signals.
     """
 
@@ -210,7 +208,7 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     lowpass : the instrument's filter.
     count : number of epochs K.
     treatment : ``whitened`` or ``delayed``, see the module's docstring.
-    rho : of ``whitened``, the noise behind the filter in units of that in front of it.
+    rho : for ``whitened``, the noise behind the filter in units of that in front of it.
 
     Raises
     ------

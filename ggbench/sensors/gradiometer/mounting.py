@@ -1,10 +1,10 @@
-"""Mounting angles of a gradiometer as states: any mount modelled as one that is fixed to a body.
+"""Mounting angles of a gradiometer as states, for any mount.
 
-A mount that is turned right-handed about its believed axes by angles α reads Rᵀ Γ R, R = exp[α×].
-With A from the believed axes to ENU these are the readings of an instrument that is strapped down
-at the attitude A R: at A, with the attitude error A α. What else turns A is added: the attitude
-error of the body (strapdown), or the turn of the local level with the position (platform). Their
-products with α are neglected, 0.01 E for 30′ and 3′ near 3000 E; α alone is exact.
+A mount rotated about its assumed axes by angles α measures Rᵀ Γ R, R = exp[α×]. With A from the
+assumed axes to ENU, it equals a strapdown instrument at the attitude A R, which is A with the
+attitude error A α. Other rotations of A are added: the attitude error of the body (strapdown), or
+the rotation of the local level with the position (platform). Products with α are neglected, 0.01 E
+for 30′ and 3′ near 3000 E. The effect of α alone is exact.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from .instrument import PLATFORM, STRAPDOWN, inertial_from_local
 
 @dataclass(frozen=True)
 class Mount:
-    """How a gradiometer is mounted along INS tracks.
+    """Mount of a gradiometer along INS tracks.
 
     Attributes
     ----------
     instrument : index of :data:`.instrument.INSTRUMENTS`.
-    positions, times : (..., K, 3), (K,) at which readings are taken [rad, rad, m], [s].
-    attitudes : (..., K, 3, 3) C_nb then, of a strapdown instrument.
+    positions, times : (..., K, 3), (K,) of the measurements [rad, rad, m], [s].
+    attitudes : (..., K, 3, 3) C_nb at these times, for a strapdown instrument.
     rows : (..., K, 6, 15 or more) B_k, from the states to the errors of position ENU [m] and
-        attitude [rad] then.
+        attitude [rad] at these times.
     """
 
     instrument: int
@@ -38,13 +38,13 @@ class Mount:
 
 
 def with_mounting_angles(mount: Mount, first: int) -> Mount:
-    """Return a mount as one that is fixed to a body, with mounting angles as states.
+    """Return a mount as a strapdown mount with mounting angles as states.
 
     Its attitudes are A, and B_k has the columns of the three angles [rad].
 
     Parameters
     ----------
-    mount : without them.
+    mount : without mounting angles.
     first : the first of the three states; 15 or more.
     """
     rows, columns = mount.rows, mount.rows.shape[-1]

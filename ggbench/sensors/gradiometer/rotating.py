@@ -15,12 +15,13 @@ inertial tensor L = Γ − [ω×][ω×] = Γ − ωωᵀ + ω²I (its antisymmet
     S = (a₁ + a₂) − (a₃ + a₄) = 2b [ (L_xx − L_yy)/2 · sin 2θ − L_xy · cos 2θ ].
 
 The mean over a reading of T seconds of 2S sin 2Ωt and −2S cos 2Ωt, divided by 2b, gives the two
-channels, (L_xx − L_yy)/2 and L_xy; gyros supply what ω adds to them. As one complex number,
-Z = (L_xx − L_yy)/2 + i L_xy = −(i/b) · mean(S e^{2iΩt}), and an error is whatever else in S beats
-with e^{2iΩt}. With F = f_x + i f_y, the errors put into the channels of a reading of whole turns
+channels, (L_xx − L_yy)/2 and L_xy; gyros supply the contribution of ω. As one complex number, Z =
+(L_xx − L_yy)/2 + i L_xy = −(i/b) · mean(S e^{2iΩt}), and an error is any other part of S at the
+frequency of e^{2iΩt}. With F = f_x + i f_y, the errors cause the following channel errors for whole
+turns:
 
-* Z times the common scale factor and baseline errors; Z turned by the common lean of the sensitive
-  axes towards the radius and by the demodulation's phase error;
+* Z times the common errors of scale factor and baseline; Z rotated by the common tilt of the
+  sensitive axes towards the radius and by the phase error of the demodulation;
 * nothing of a mismatch within a pair × constant F (it is at Ω), but F's retrograde part at Ω and
   prograde part at 3Ω; the lean of a pair acts likewise. An *odd number of half turns* lets the 1Ω
   term through, 10³ E for a mismatch of 1e-6 under 10 m/s²; a rotation rate wrong by ε, about ε
@@ -31,9 +32,10 @@ with e^{2iΩt}. With F = f_x + i f_y, the errors put into the channels of a read
 * of a difference *between* pairs in scale factor or lean towards the radius, only jitter about the
   spin axis at 2Ω: ω̇_z through the scale factor, ω_z through the centripetal acceleration.
 
-Bias, and every other constant, is rejected. The list of errors follows Yu and Cai (2019,
-arXiv:1905.05009); the equations are derived here, and held to a simulation from first principles.
-Tensors are vectors [xx, xy, xz, yy, yz, zz] in E, forces, rates and tensors in disk axes.
+Bias and every other constant is rejected. The list of errors follows Yu and Cai (2019,
+arXiv:1905.05009). The equations are derived here and tested against a simulation from first
+principles. Tensors are vectors [xx, xy, xz, yy, yz, zz] in E, forces, rates and tensors in disk
+axes.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ SPIN_CHANNELS = {
 
 
 class RotatingGradiometerError(GGBenchError):
-    """An instrument that cannot be."""
+    """Invalid parameters of a rotating gradiometer."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,8 @@ class RotatingGradiometer:
     baseline : distance of opposite accelerometers [m].
     rotation_rate_hz : turns of the disk per second, relative to the disk axes [Hz].
     period : time over which one reading is demodulated [s]: a whole number of half turns. Whole
-        turns reject what a mismatch makes of a constant specific force; an odd half turn does not.
+        turns reject the effect of a mismatch under a constant specific force; an odd number of half
+        turns does not.
 
     Raises
     ------
@@ -120,10 +123,9 @@ class RotatingErrors:
         no effect of first order.
     quadratic... : coefficient of the squared specific force in the output [1/(m/s²)].
     demodulation_phase : phase of the reference minus twice the disk's angle [rad].
-    rotation_rate : relative error of the spin (true minus assumed); the angle is right when a
-        reading begins.
-    angular_rate_error : error of the gyros from whose rate ω's share of the channels is computed,
-        in disk axes [rad/s].
+    rotation_rate : relative error of the spin (true minus assumed); the angle is correct at the
+        start of a measurement.
+    angular_rate_error : error of the gyros that supply the contribution of ω, in disk axes [rad/s].
     accelerometer_root_psd : white noise of each accelerometer [m/s²/√Hz], such that its mean over
         T has the standard deviation root_psd/√T (as for the inertial sensors).
     """
@@ -166,9 +168,9 @@ class Vibration:
 
 
 def centrifugal_channels(angular_rate: np.ndarray) -> np.ndarray:
-    """Return what an angular rate (..., 3) [rad/s] takes from the channels: (..., 2) [E], to add.
+    """Return the correction (..., 2) [E] of the channels for an angular rate (..., 3) [rad/s].
 
-    (ω_x² − ω_y²)/2 and ω_x ω_y: channels of L plus these are channels of Γ.
+    It is (ω_x² − ω_y²)/2 and ω_x ω_y: channels of L plus these are channels of Γ.
     """
     rate = np.asarray(angular_rate, dtype=float)
     x, y = rate[..., 0], rate[..., 1]

@@ -1,6 +1,7 @@
-"""The error budget of a rotating-accelerometer gradiometer: each imperfection in its channels.
+"""Error budget of a rotating-accelerometer gradiometer: effect of each imperfection.
 
-A closed form, to first order; notation and conventions are those of :mod:`.gradiometer.rotating`.
+The budget is a closed form, to first order. Notation and conventions are those of
+:mod:`.gradiometer.rotating`.
 """
 
 from __future__ import annotations
@@ -52,22 +53,22 @@ def error_budget(
 ) -> dict[str, np.ndarray]:
     """Return each parameter's error of the two channels, (..., 2) [E], to first order.
 
-    An error is the channel as read, with ω's share added as the gyros have it, minus that of the
-    gravitational tensor. Motion is constant over a reading but for ``vibration``. The products of a
+    An error is the measured channel, corrected with the gyros, minus that of the gravitational
+    tensor. Motion is constant over a measurement except for ``vibration``. The products of a
     parameter with `rotation_rate` and `demodulation_phase` that reach the channels through the
     reference (the 1Ω leak) are in the parameter's row; other products of parameters are neglected.
-    The share of `angular_rate_error` is exact.
+    The effect of `angular_rate_error` is exact.
 
     Parameters
     ----------
     instrument, errors : the disk and its imperfections.
     tensor : (..., 6) gravitational tensor in disk axes [E].
     specific_force, angular_rate : (..., 3) in disk axes [m/s², rad/s]; leading axes broadcast.
-    vibration : in step with the disk, the same for all.
+    vibration : synchronous with the disk, equal for all.
 
     Returns
     -------
-    dict from the names of the attributes of `RotatingErrors`, but for the noise, to errors.
+    Errors by the names of the attributes of `RotatingErrors`, except the noise.
     """
     tensor, force, rate = (
         np.asarray(a, dtype=float) for a in (tensor, specific_force, angular_rate)

@@ -20,7 +20,7 @@ in the order of :data:`ggbench.sensors.gradiometer.rotating.SPIN_CHANNELS`."""
 
 @dataclass(frozen=True)
 class SpinningDisks:
-    """Disks that spin about axes of the mount. σ of what is drawn for each disk once per run.
+    """Disks that spin about axes of the mount; σ of imperfections drawn per disk and run.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class SpinningDisks:
         angular_rates: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
-        """Return what a run's imperfections add to the channels (K, m) [E].
+        """Return the channel errors (K, m) [E] by the imperfections of a run.
 
         Parameters
         ----------
