@@ -137,8 +137,10 @@ def of_the_map(block: ProblemBlock) -> np.ndarray:
 
 def _walking_errors(block: ProblemBlock) -> bool:
     """Return whether the model has errors of the map's channels that change during a flight."""
-    linear = block.model.linear[:, :, of_the_map(block)]
-    states = np.flatnonzero(linear.any(axis=(0, 1, 2)))
+    channels = np.flatnonzero(of_the_map(block))
+    if not (channels >= block.model.first_linear).any():
+        return False
+    states = np.flatnonzero(block.model.linear[:, :, channels].any(axis=(0, 1, 2)))
     return bool(np.diagonal(block.process_cov, axis1=2, axis2=3)[..., states].any())
 
 

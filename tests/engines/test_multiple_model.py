@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import math
 import re
+import weakref
 
 import numpy as np
 import pytest
@@ -14,14 +16,21 @@ from problems import block_of_runs
 
 from ggbench.block import block_of
 from ggbench.campaign.registry import choose
-from ggbench.engines import model_hypotheses
-from ggbench.engines.cell_screening import screened
+from ggbench.engines import hypothesis_bank, model_hypotheses
+from ggbench.engines import multiple_model as engine
+from ggbench.engines.cell_screening import screened, screened_with_loss
 from ggbench.engines.extended_filter import UpdateOptions, extended_with_evidence
 from ggbench.engines.gaussian_sum import CarriedSum, prior_cells, space_for
 from ggbench.engines.hypothesis_families import precisions_of
 from ggbench.engines.hypothesis_motion import motion_of
 from ggbench.engines.model_hypotheses import Hypothesis, heavy_tails, map_error
-from ggbench.engines.multiple_model import SearchOptions, log_weights, mix, multiple_model
+from ggbench.engines.multiple_model import (
+    SearchOptions,
+    log_weights,
+    map_spacing,
+    mix,
+    multiple_model,
+)
 from ggbench.engines.robust_weights import losses
 from ggbench.estimators.multiple_model import MultipleModel
 
@@ -210,6 +219,85 @@ def test_a_wide_prior_is_searched_until_the_position_is_known():
     # Both follow one maximum by then.
     assert np.abs((found.mean[0, -1] - mean[0, -1]) / sigma).max() < 0.1
     assert (found.info["map_evaluations"] < sum(e.evaluations[0] for e in estimates)).all()
+
+
+def test_a_sum_of_cells_screened_with_a_loss_is_the_whole_one():
+    """As without a loss; the evaluations of the first epoch are counted."""
+    block = flight("prior-0.3", runs=1, epochs=6)
+    prior = prior_cells(block, 800.0, 1000)
+    rules = 2, "cauchy", 1.5
+    whole = CarriedSum(block, prior, space_for(prior), *rules)
+    whole.advance(1)
+    first, evaluations = screened_with_loss(block, prior, *rules)
+    assert evaluations == whole.evaluations[0]
+    assert first.evidence == pytest.approx(whole.evidence[0, 0], abs=1e-9)
+    whole.advance(6)
+    assert 1 <= len(first.prior.weights) < len(prior.weights)
+    part = CarriedSum(block, first.prior, space_for(first.prior), *rules)
+    part.advance(6)
+    np.testing.assert_array_equal(part.mean, whole.mean)
+    np.testing.assert_array_equal(part.cov, whole.cov)
+
+
+def test_hypotheses_without_weight_leave_the_search(monkeypatch):
+    """Less is evaluated, and the answer of all of them is kept."""
+    block = flight("prior-0.3", runs=1, epochs=40)
+    bank = [Hypothesis("noise", noise=factor) for factor in (0.2, 1.0, 5.0)]
+    bank.append(heavy_tails("outliers", 1.5))
+    # The position is never known to a spacing as narrow as that, nor is the grid as fine.
+    options = SearchOptions(spacing_m=1.0, most=300, iterations=1)
+    found = multiple_model(block, bank, options)
+    monkeypatch.setattr(engine, "NEGLIGIBLE", -math.inf)
+    every = multiple_model(block, bank, options)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((found.mean - every.mean) / sigma).max() < 1e-9
+    assert np.abs((found.cov - every.cov) / np.outer(sigma, sigma)).max() < 1e-9
+    assert found.info["map_evaluations"] < 0.9 * every.info["map_evaluations"]
+
+
+@pytest.mark.parametrize("case", ["air-narrow", "wrong-noise", "gravity", "biases"])
+@pytest.mark.long
+def test_dropped_hypotheses_would_not_have_mattered(case):
+    """The whole bank gives the answer of NumPy's, which drops none; most are dropped soon."""
+    scenario = "suite" if case != "biases" else "unknown_model"
+    block = block_of_runs(scenario, case, 0, 1).until(48)
+    estimator = MultipleModel(outliers=False)  # rounding decides when the search of a loss ends
+    bank = [h for h in estimator.hypotheses if model_hypotheses.takes(h, block)]
+    found = estimator.estimate_block(block)
+    mean, cov, weights = oracle.mixture(bank, 1, block.problem(0))
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((found.mean[0] - mean) / sigma).max() < 1e-6
+    assert np.abs((found.cov[0] - cov) / np.outer(sigma, sigma)).max() < 1e-6
+    for kind, weight in weights.items():
+        assert found.info[f"weight_{kind}"][0] == pytest.approx(weight, abs=1e-6)
+    filters = sum(1 + (h.estimate is not None) for h in bank)
+    assert found.info["map_evaluations"][0] < 0.6 * filters * block.epochs
+    assert math.exp(hypothesis_bank.NEGLIGIBLE) < 1e-10
+
+
+def test_the_spacing_of_a_map_is_computed_once():
+    """And is forgotten with the map; of maps without a hash it is computed each time."""
+    field = flight("air-narrow", runs=1, epochs=1).map
+
+    class Counted:
+        lower, upper, calls = field.lower, field.upper, 0
+
+        def tensor(self, *position):
+            self.calls += 1
+            return field.tensor(*position)
+
+    class Unhashable(Counted):
+        __hash__ = None
+
+    gravity_map, another = Counted(), Unhashable()
+    spacing = map_spacing(gravity_map)
+    calls = gravity_map.calls
+    assert map_spacing(gravity_map) == spacing == map_spacing(another) == map_spacing(field)
+    assert gravity_map.calls == calls
+    kept = weakref.ref(gravity_map)
+    del gravity_map
+    gc.collect()
+    assert kept() is None
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
