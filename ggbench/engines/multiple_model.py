@@ -34,11 +34,13 @@ _LEAST = 8
 """Epochs before any hypothesis is dropped: one outlier is no verdict."""
 _SAMPLES, _STEP_M, _EARTH_RADIUS = 64, 50.0, 6.371e6
 _STRAIGHT = 0.3
-"""Spacing over the distance in which the gradients' slope changes by itself."""
+"""Spacing over the distance in which the gradients' derivative changes by itself."""
 _CHECKS = 24
 """How often in a flight the search may end."""
-_SPACINGS: WeakKeyDictionary[GravityMap, float] = WeakKeyDictionary()
-"""Spacings of the maps that are in use."""
+_BEND = 0.1
+"""Change of a gradient by its second derivative, one deviation off, over its noise."""
+_ROUGHNESS: WeakKeyDictionary[GravityMap, tuple[float, float]] = WeakKeyDictionary()
+"""Roughness of the maps that are in use."""
 
 
 class SearchOptions(NamedTuple):
@@ -139,24 +141,39 @@ def multiple_model(
     return EstimateBlock(all_of.mean, all_of.cov, "filter", info=info)
 
 
-def map_spacing(gravity_map: GravityMap | None) -> float:
-    """Return the spacing [m] of Gaussians within which a map's gradients are straight enough.
+def cell_spacing(block: ProblemBlock) -> float:
+    """Return the spacing [m] of Gaussians across which the map's gradients are straight enough.
 
-    A part of the ratio of their rms slope to the rms change of it, along meridians across the
-    whole map at half its height. Infinite without a map that has an end.
+    Their derivative changes little by itself, or their second derivative matters little beside the
+    noise: the larger of the two spacings. Infinite without a map that has an end.
     """
+    gravity_map = block.map
     if gravity_map is None or not np.isfinite([*gravity_map.lower, *gravity_map.upper]).all():
         return math.inf
+    slope, bend = _roughness_of(gravity_map)
+    if bend == 0.0:
+        return math.inf
+    gradients = [channel.unit == "E" for channel in block.channels]
+    variances = block.noise_cov.diagonal(axis1=-2, axis2=-1)[..., gradients]
+    noise = math.sqrt(variances.min()) if any(gradients) else 0.0
+    return max(_STRAIGHT * slope / bend, math.sqrt(2.0 * _BEND * noise / bend) / WIDTH)
+
+
+def _roughness_of(gravity_map: GravityMap) -> tuple[float, float]:
+    """Return the rms first [E/m] and second derivative [E/m²] of a map's gradients.
+
+    Along meridians across the whole map at half its height; computed once for each map.
+    """
     try:
-        if gravity_map not in _SPACINGS:
-            _SPACINGS[gravity_map] = _spacing_of(gravity_map)
-        return _SPACINGS[gravity_map]
+        if gravity_map in _ROUGHNESS:
+            return _ROUGHNESS[gravity_map]
     except TypeError:  # of a class whose maps have no hash
-        return _spacing_of(gravity_map)
+        return _roughness(gravity_map)
+    _ROUGHNESS[gravity_map] = roughness = _roughness(gravity_map)
+    return roughness
 
 
-def _spacing_of(gravity_map: GravityMap) -> float:
-    """Return the spacing of a map that has an end."""
+def _roughness(gravity_map: GravityMap) -> tuple[float, float]:
     lower, upper = gravity_map.lower, gravity_map.upper
     margin = 0.01 * (upper - lower)
     latitudes, longitudes = (
@@ -168,9 +185,9 @@ def _spacing_of(gravity_map: GravityMap) -> float:
     south, middle, north = (
         gravity_map.tensor(at[0] + i * step, at[1], height) for i in (-1.0, 0.0, 1.0)
     )
-    slope = np.mean((0.5 * (north - south)) ** 2)
-    bend = np.mean((north - 2.0 * middle + south) ** 2)
-    return float(_STRAIGHT * _STEP_M * np.sqrt(slope / bend)) if bend > 0.0 else math.inf
+    slope = math.sqrt(np.mean((0.5 * (north - south)) ** 2)) / _STEP_M
+    bend = math.sqrt(np.mean((north - 2.0 * middle + south) ** 2)) / _STEP_M**2
+    return slope, bend
 
 
 def _search(
