@@ -14,7 +14,7 @@ from ..figures.line_styles import is_own
 from ..judging.standing import standing
 from ..results import digest
 from ..results.folder import Results, as_argument
-from . import league, published
+from . import league, published, survey_lines
 
 _LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother")
 """Columns of tables that name estimators."""
@@ -80,6 +80,11 @@ class Reported(Results):
         """Return the runs that failed."""
         return self._named(super().failures())
 
+    @cached_property
+    def by_line(self) -> pd.DataFrame:
+        """The table by survey line."""
+        return survey_lines.by_line(self, self.runs())
+
     def further_tables(self) -> dict[str, pd.DataFrame]:
         """Return the tables besides metrics, cases and pairs that are not empty, by name.
 
@@ -92,6 +97,7 @@ class Reported(Results):
             "claims": published.claimed(self),
             "gravity_claims": published.gravity_claims(self),
             "fixes": self._named(self.fix_metrics()),
+            "lines": self.by_line.copy(),
             "remarks": self._remarks(),
             "failures": self.failures(),
             "counters": self._named(self.counters()),

@@ -9,7 +9,7 @@ URL.revokeObjectURL(address);
 const HEADS = {
   errors: "Errors", metrics: "All metrics", pairs: "Pairs of estimators, run by run", cases: "Cases",
   studies: "Changed assumptions", standing: "Standing over the cases", claims: "Claims of the source", gravity_claims: "Claims on gravity",
-  fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
+  fixes: "Fixes of matchers", lines: "Survey lines", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
   standings: "Estimators", questions: "Questions",
 };
 
