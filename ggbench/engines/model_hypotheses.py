@@ -69,12 +69,12 @@ class Hypothesis:
         if self.loss != "none":
             said.append("outliers")
         if self.constant:
-            said.append(f"constant errors of {self.constant:.2g} E")
+            said.append(f"constant errors of {self.constant:.3g} E")
         if self.wander:
-            said.append(f"map errors of {self.wander:.2g} E over {self.length_m / 1e3:.2g} km")
+            said.append(f"map errors of {self.wander:.3g} E over {self.length_m / 1e3:.3g} km")
         if self.gravity_mgal:
             far = f" over {self.gravity_km:.0f} km" if math.isfinite(self.gravity_km) else ""
-            said.append(f"gravity of {self.gravity_mgal:.2g} mGal{far}")
+            said.append(f"gravity of {self.gravity_mgal:.3g} mGal{far}")
         return ", ".join(said) or "as assumed"
 
 

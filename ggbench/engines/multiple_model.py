@@ -144,7 +144,7 @@ def multiple_model(
 def cell_spacing(block: ProblemBlock) -> float:
     """Return the spacing [m] of Gaussians across which the map's gradients are straight enough.
 
-    Their derivative changes little by itself, or their second derivative matters little beside the
+    Their derivative changes little by itself, or their second derivative is small against the
     noise: the larger of the two spacings. Infinite without a map that has an end.
     """
     gravity_map = block.map

@@ -61,7 +61,7 @@ def by_line(results: Results, runs: pd.DataFrame) -> pd.DataFrame:
 
 def _nearest(cases: Mapping[str, CaseSpec]) -> dict[tuple[str, str], tuple[str, float]]:
     """Return the map's next line and its distance of each case and line, in order."""
-    found: dict[tuple[str, str], tuple[str, float]] = {}
+    nearest: dict[tuple[str, str], tuple[str, float]] = {}
     known: dict[object, tuple[str, float]] = {}
     for name, case in cases.items():
         source = case.side("model").field.source
@@ -76,5 +76,5 @@ def _nearest(cases: Mapping[str, CaseSpec]) -> dict[tuple[str, str], tuple[str, 
                     known[key] = next_line(
                         np.column_stack([part(times) for part in track.position]), behind
                     )
-            found[name, line] = known[key]
-    return found
+            nearest[name, line] = known[key]
+    return nearest

@@ -374,6 +374,14 @@ def test_what_has_been_planted_is_found(case, kind, words):
         assert re.search(words, str(found.info["at_120_s"][run]))
 
 
+def test_hypotheses_have_words_without_exponents():
+    """Each of the bank its own."""
+    words = [hypothesis.words for hypothesis in MultipleModel().hypotheses]
+    assert len(set(words)) == len(words)
+    assert not [text for text in words if re.search(r"\de[+-]\d", text)]
+    assert "gravity of 150 mGal" in words and "noise 2.3 times as assumed" in words
+
+
 def test_of_a_problem_without_map_or_track_only_what_it_has_is_doubted():
     """Hypotheses that a block has nothing of are left out."""
     block = dataclasses.replace(flight("air-narrow"), tracks=None)
