@@ -143,5 +143,5 @@ def test_a_report_has_the_table_and_its_page_links_it(tmp_path):
     table = pd.read_csv(output / "vinton2008/data/lines.csv", dtype={"line": str})
     assert len(table) == 10 and table["runs"].tolist() == [2, 2, *[1] * 8]
     page = (output / "vinton2008.md").read_text()
-    assert "[by survey line](vinton2008/data/lines.csv)" in page
+    assert "[lines](vinton2008/data/lines.csv)" in page
     assert '"next_line_m"' in (output / "vinton2008.html").read_text()
