@@ -18,7 +18,7 @@ from pydantic import Field
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines.model_hypotheses import Hypothesis, heavy_tails, map_error
-from ..engines.multiple_model import SearchOptions, map_spacing, multiple_model
+from ..engines.multiple_model import SearchOptions, cell_spacing, multiple_model
 from ..parameters import AtLeastOne, Positive
 
 _MOST = 100_000
@@ -48,7 +48,7 @@ class MultipleModel(BlockEstimator):
     gravity : hypotheses of a gravity disturbance that the INS does not compensate.
     outliers : hypotheses of noise with heavy tails.
     spacing_m, most : distance [m] and largest number of the Gaussians of a wide prior, as in
-        ``gaussian-sum``. Without ``spacing_m`` the distance follows from the map.
+        ``gaussian-sum``. Without ``spacing_m`` the distance follows from the map and the noise.
     iterations : linearisations of h in each update (see ``ekf``).
     """
 
@@ -101,7 +101,7 @@ class MultipleModel(BlockEstimator):
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
         """Filter all runs of a block."""
-        spacing = map_spacing(block.map) if self.spacing_m is None else self.spacing_m
+        spacing = cell_spacing(block) if self.spacing_m is None else self.spacing_m
         options = SearchOptions(spacing, self.most, self.iterations)
         return multiple_model(block, self.hypotheses, options)
 

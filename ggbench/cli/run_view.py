@@ -32,8 +32,8 @@ _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 32
 _TIMES = 8
 _MOST_LISTED = 5
-_LONGEST_VALUE = 60
-"""Characters of a value of ``Estimate.info`` that are shown."""
+_LONGEST_TEXT, _LONGEST_VALUE = 200, 60
+"""Characters of a text, and of another value, of ``Estimate.info`` that are shown."""
 
 
 class RunView(NamedTuple):
@@ -201,7 +201,8 @@ def info_text(info: Mapping[str, Any]) -> str:
     words = []
     for name, value in info.items():
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        cut = text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
+        most = _LONGEST_TEXT if isinstance(value, str) else _LONGEST_VALUE
+        cut = text if len(text) <= most else f"{text[:most]}..."
         words.append(f"{name.replace('_', ' ')} {cut}")
     return "; ".join(words)
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from ..display.responsive_table import ResponsiveTable
 from ..display.timing import COLD
 from ..estimator_spec import shown_names
-from ..figures.numbers import counted, span
+from ..figures.numbers import counted, limited, span
 from ..judging.comparison import UNFINISHED, Comparison
 from ..judging.consistency import MARKS
 from ..judging.summary import SMOOTHERS, ordered
@@ -67,7 +67,7 @@ def print_metrics(
                 ""
                 if math.isnan(row["rms_lo"])
                 else span(_digits(row["rms_lo"]), _digits(row["rms_hi"]), separator="-"),
-                f"{row['efficiency']:.3f}",
+                limited(row["efficiency"], f"{row['efficiency']:.3f}"),
                 f"{100.0 * row['success']:.0f} %",
                 f"{row['nees']:.2f}",
                 "" if math.isnan(row["nis"]) else f"{row['nis']:.2f}",
@@ -96,7 +96,8 @@ def print_metrics(
 
 def _digits(value: float) -> str:
     """Return a number with three decimals, or fewer if it is large."""
-    return f"{value:.3f}" if abs(value) < 100.0 or math.isnan(value) else f"{value:.1f}"
+    short = abs(value) < 100.0 or math.isnan(value)
+    return limited(value, f"{value:.3f}" if short else f"{value:.1f}")
 
 
 def print_comparison(compared: Comparison, console: Console) -> None:
@@ -116,10 +117,12 @@ def print_comparison(compared: Comparison, console: Console) -> None:
             _UNITS[row["quantity"]],
             f"{row['before']:.4g}",
             f"{row['after']:.4g}",
-            "" if math.isnan(row["ratio"]) else f"{row['ratio']:.4f}",
+            "" if math.isnan(row["ratio"]) else limited(row["ratio"], f"{row['ratio']:.4f}"),
             ""
             if math.isnan(row["lo"])
-            else span(f"{row['lo']:.4f}", f"{row['hi']:.4f}", separator="-"),
+            else span(
+                *(limited(row[end], f"{row[end]:.4f}") for end in ("lo", "hi")), separator="-"
+            ),
             f"{row['runs']}",
             f"{row['p_better' if row['verdict'] == 'better' else 'p']:.2g}",
             f"[{colour}]{row['verdict']}[/]" if colour else row["verdict"],

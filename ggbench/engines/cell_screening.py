@@ -1,7 +1,7 @@
 """Weights of a prior's Gaussians after the first epoch, for several noise levels.
 
 Gaussian sums that differ only in the noise share the predictions and linearisations of that epoch.
-Most Gaussians are dropped after it and need no update.
+Most Gaussians are dropped after it and need no update; nor do those of a sum with a loss.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
 from ..numerics.vectors import load, splat, store
-from .gaussian_sum import NEGLIGIBLE, Hypotheses
+from .gaussian_sum import HALVINGS, NEGLIGIBLE, Hypotheses
+from .iterated_update import Rules, minimise, search_of
+from .robust_weights import number_of
 from .whitened_measurements import Batch, batch_of, linearise, readings_of
 
 _MARGIN = 1e-3
@@ -47,15 +49,35 @@ def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> 
     """
     weights = np.empty((len(precisions), len(prior.weights)))
     _screen(batch_of(block), prior, precisions, weights)
-    before = np.logaddexp.reduce(prior.weights)
-    found = []
-    for own in np.where(np.isfinite(weights), weights, -np.inf):
-        kept = own > own.max() + math.log(NEGLIGIBLE) - _MARGIN
-        if not np.isfinite(own.max()):
-            kept[:] = True
-        part = Hypotheses(prior.weights[kept], prior.means[kept], prior.covs)
-        found.append(Screened(part, float(np.logaddexp.reduce(own) - before)))
-    return found
+    return [_kept(prior, own) for own in weights]
+
+
+def screened_with_loss(
+    block: ProblemBlock, prior: Hypotheses, iterations: int, loss: str, threshold: float
+) -> tuple[Screened, int]:
+    """Return the result of the first epoch with a loss, and the number of evaluations of h.
+
+    Parameters
+    ----------
+    block : one run.
+    prior : from :func:`.prior_cells`.
+    iterations, loss, threshold : see :func:`.gaussian_sum`; at least two iterations.
+    """
+    rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
+    weights = np.empty(len(prior.weights))
+    evaluations = _screen_with_loss(batch_of(block), prior, rules, weights)
+    return _kept(prior, weights), evaluations
+
+
+def _kept(prior: Hypotheses, weights: np.ndarray) -> Screened:
+    """Return the result of an epoch after which the Gaussians have weights (J,), logarithms."""
+    weights = np.where(np.isfinite(weights), weights, -np.inf)
+    kept = weights > weights.max() + math.log(NEGLIGIBLE) - _MARGIN
+    if not np.isfinite(weights.max()):
+        kept[:] = True
+    part = Hypotheses(prior.weights[kept], prior.means[kept], prior.covs)
+    evidence = np.logaddexp.reduce(weights) - np.logaddexp.reduce(prior.weights)
+    return Screened(part, float(evidence))
 
 
 @compiled
@@ -107,3 +129,38 @@ def _screen(batch: Batch, prior: Hypotheses, precisions: np.ndarray, weights: np
                 weights[noise, first + r] = (
                     prior.weights[first + r] - 0.5 * squared[0, 0, r] + math.log(inverse)
                 )
+
+
+@compiled
+def _screen_with_loss(batch: Batch, prior: Hypotheses, rules: Rules, weights: np.ndarray) -> int:
+    """Fill the logarithms of the weights (J,); return the number of evaluations of h."""
+    most, n = prior.means.shape
+    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
+    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
+    reading = readings_of(batch, True)
+    search = search_of(batch, rules, reading)
+    group = lanes.group_members(0, 1)
+    moving = lanes.gather(
+        transition=batch.transition,
+        process_cov=batch.process_cov,
+        group=group,
+        k=0,
+        expected=lanes.moving_states(batch.transition, batch.process_cov),
+        phi=phi,
+        q=q,
+    )
+    lanes.broadcast(prior.covs[0], p)
+    lane_algebra.predict(phi, q, moving, x, p, scratch)
+    for first in lanes.group_starts(most):
+        count = lanes.count_from(first, most)
+        for r in lanes.each():
+            for i in range(n):
+                x[0, i, r] = prior.means[first + min(r, count - 1), i]
+        lane_algebra.move(phi, max(moving, 3), x, scratch)
+        linearise(batch, group, count, 0, x, reading)
+        minimise(search, group, count, 0, x, p)
+        for r in range(count):
+            weights[first + r] = prior.weights[first + r] - search.cost[r]
+            for c in range(search.s.shape[0]):
+                weights[first + r] += math.log(search.s[c, c, r])
+    return search.counts[:, 1].sum()

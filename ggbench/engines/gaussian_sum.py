@@ -255,17 +255,22 @@ def _merged(now: Hypotheses, count: int) -> int:
     n = means.shape[1]
     order = np.argsort(-weights[:count], kind="mergesort")
     leader = np.full(count, -1)
-    root, off = np.empty((n, n)), np.empty(n)
-    for first in order:
+    root, off, ordered = np.empty((n, n)), np.empty(n), np.empty(count)
+    for place in range(count):
+        ordered[place] = means[order[place], 0]
+    for place in range(count):
+        first = order[place]
         if leader[first] >= 0:
             continue
         leader[first] = first
         factorised = False
-        for other in order:
-            if leader[other] >= 0:
+        for behind in range(place + 1, count):  # d² ≥ off² / P_ii: most pairs need no more
+            apart = ordered[behind] - ordered[place]
+            if apart * apart > SAME * covs[first, 0, 0] or leader[order[behind]] >= 0:
                 continue
+            other = order[behind]
             near = True
-            for i in range(n):  # d² ≥ off² / P_ii: most pairs need no more than this
+            for i in range(n):
                 off[i] = means[other, i] - means[first, i]
                 if off[i] * off[i] > SAME * covs[first, i, i]:
                     near = False

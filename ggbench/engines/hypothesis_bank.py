@@ -195,11 +195,11 @@ def follow(
                 _begin(bank, f, means[run], covs[run], states[f, run])
     first = begin
     for stop in ends:
-        count = 0
+        count, limit = 0, -math.inf if first == begin else NEGLIGIBLE
         for run in range(runs):
             for j in range(logs.shape[0]):
                 slots[j, run] = -1
-                if chosen[run] and (first == begin or logs[j, run] > NEGLIGIBLE):
+                if chosen[run] and logs[j, run] > limit:
                     slots[j, run] = count
                     count += 1
         stage = Stage(

@@ -70,12 +70,12 @@ class Hypothesis:
         if self.loss != "none":
             said.append("outliers")
         if self.constant:
-            said.append(f"constant errors of {self.constant:.2g} E")
+            said.append(f"constant errors of {self.constant:.3g} E")
         if self.wander:
-            said.append(f"map errors of {self.wander:.2g} E over {self.length_m / 1e3:.2g} km")
+            said.append(f"map errors of {self.wander:.3g} E over {self.length_m / 1e3:.3g} km")
         if self.gravity_mgal:
             far = f" over {self.gravity_km:.0f} km" if math.isfinite(self.gravity_km) else ""
-            said.append(f"gravity of {self.gravity_mgal:.2g} mGal{far}")
+            said.append(f"gravity of {self.gravity_mgal:.3g} mGal{far}")
         return ", ".join(said) or "as assumed"
 
 
@@ -138,8 +138,10 @@ def of_the_map(block: ProblemBlock) -> np.ndarray:
 
 def _walking_errors(block: ProblemBlock) -> bool:
     """Return whether the model has errors of the map's channels that change during a flight."""
-    linear = block.model.linear[:, :, of_the_map(block)]
-    states = np.flatnonzero(linear.any(axis=(0, 1, 2)))
+    channels = np.flatnonzero(of_the_map(block))
+    if not (channels >= block.model.first_linear).any():
+        return False
+    states = np.flatnonzero(block.model.linear[:, :, channels].any(axis=(0, 1, 2)))
     return bool(np.diagonal(block.process_cov, axis1=2, axis2=3)[..., states].any())
 
 

@@ -9,15 +9,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..block import EstimateBlock, ProblemBlock
 from ..problem import GravityMap
 from . import position_grid
-from .cell_screening import Screened, screened
+from .cell_screening import Screened, screened, screened_with_loss
 from .gaussian_sum import WIDTH, CarriedSum, Hypotheses, prior_cells, space_for
-from .hypothesis_bank import Bank, follow
+from .hypothesis_bank import NEGLIGIBLE, Bank, follow
 from .hypothesis_families import bank_of, mixed_noise, precisions_of
 from .hypothesis_motion import motion_of
 from .model_hypotheses import Hypothesis, of_the_map, spread, takes
@@ -27,13 +28,19 @@ _GROUP = 8
 _SUMMARIES = 4
 """Times in a flight at which the weights are put in words."""
 _WORTH_TELLING, _MOST_TOLD = 0.05, 3
-_STAGES = (1, 2, 4, 8, 16)
-"""Ends of the stages, in sixteenths of the epochs."""
+_STAGES = tuple(2.0 ** (-0.5 * number) for number in range(10, -1, -1))
+"""Ends of the stages, in parts of the epochs."""
+_LEAST = 8
+"""Epochs before any hypothesis is dropped: one outlier is no verdict."""
 _SAMPLES, _STEP_M, _EARTH_RADIUS = 64, 50.0, 6.371e6
 _STRAIGHT = 0.3
-"""Spacing over the distance in which the gradients' slope changes by itself."""
+"""Spacing over the distance in which the gradients' derivative changes by itself."""
 _CHECKS = 24
 """How often in a flight the search may end."""
+_BEND = 0.1
+"""Change of a gradient by its second derivative, one deviation off, over its noise."""
+_ROUGHNESS: WeakKeyDictionary[GravityMap, tuple[float, float]] = WeakKeyDictionary()
+"""Roughness of the maps that are in use."""
 
 
 class SearchOptions(NamedTuple):
@@ -48,6 +55,31 @@ class SearchOptions(NamedTuple):
     spacing_m: float
     most: int
     iterations: int
+
+
+class _Candidate(NamedTuple):
+    """Gaussian sums of a hypothesis during the search.
+
+    Attributes
+    ----------
+    place : number of the hypothesis.
+    sums : the one whose evidence counts; then that of the estimates, if it is another one.
+    peak : (1, K) see :func:`_with_noise`.
+    first_evidence : of the first epoch, if the sums have not all Gaussians of the prior.
+    """
+
+    place: int
+    sums: list[CarriedSum]
+    peak: np.ndarray
+    first_evidence: float | None
+
+    def advance(self, first: int, stop: int) -> np.ndarray:
+        """Carry the sums through epochs from ``first`` to before ``stop``; return the evidence."""
+        for one in self.sums:
+            one.advance(stop)
+        if self.first_evidence is not None:
+            self.sums[0].evidence[0, 0] = self.first_evidence
+        return np.asarray((self.sums[0].evidence + self.peak)[:, first:stop])
 
 
 class Mixture(NamedTuple):
@@ -109,14 +141,39 @@ def multiple_model(
     return EstimateBlock(all_of.mean, all_of.cov, "filter", info=info)
 
 
-def map_spacing(gravity_map: GravityMap | None) -> float:
+def cell_spacing(block: ProblemBlock) -> float:
     """Return the spacing [m] of Gaussians for which the gradients of a map are nearly linear.
 
-    It is a fraction of the RMS first derivative over the RMS second derivative, along meridians
-    across the whole map at its middle height. It is infinite without a finite map.
+    Their derivative changes little by itself, or their second derivative is small against the
+    noise: the larger of the two spacings. Infinite without a finite map.
     """
+    gravity_map = block.map
     if gravity_map is None or not np.isfinite([*gravity_map.lower, *gravity_map.upper]).all():
         return math.inf
+    slope, bend = _roughness_of(gravity_map)
+    if bend == 0.0:
+        return math.inf
+    gradients = [channel.unit == "E" for channel in block.channels]
+    variances = block.noise_cov.diagonal(axis1=-2, axis2=-1)[..., gradients]
+    noise = math.sqrt(variances.min()) if any(gradients) else 0.0
+    return max(_STRAIGHT * slope / bend, math.sqrt(2.0 * _BEND * noise / bend) / WIDTH)
+
+
+def _roughness_of(gravity_map: GravityMap) -> tuple[float, float]:
+    """Return the rms first [E/m] and second derivative [E/m²] of a map's gradients.
+
+    Along meridians across the whole map at half its height; computed once for each map.
+    """
+    try:
+        if gravity_map in _ROUGHNESS:
+            return _ROUGHNESS[gravity_map]
+    except TypeError:  # of a class whose maps have no hash
+        return _roughness(gravity_map)
+    _ROUGHNESS[gravity_map] = roughness = _roughness(gravity_map)
+    return roughness
+
+
+def _roughness(gravity_map: GravityMap) -> tuple[float, float]:
     lower, upper = gravity_map.lower, gravity_map.upper
     margin = 0.01 * (upper - lower)
     latitudes, longitudes = (
@@ -128,9 +185,9 @@ def map_spacing(gravity_map: GravityMap | None) -> float:
     south, middle, north = (
         gravity_map.tensor(at[0] + i * step, at[1], height) for i in (-1.0, 0.0, 1.0)
     )
-    slope = np.mean((0.5 * (north - south)) ** 2)
-    bend = np.mean((north - 2.0 * middle + south) ** 2)
-    return float(_STRAIGHT * _STEP_M * np.sqrt(slope / bend)) if bend > 0.0 else math.inf
+    slope = math.sqrt(np.mean((0.5 * (north - south)) ** 2)) / _STEP_M
+    bend = math.sqrt(np.mean((north - 2.0 * middle + south) ** 2)) / _STEP_M**2
+    return slope, bend
 
 
 def _search(
@@ -176,46 +233,19 @@ def _search_run(
     out: Mixture,
 ) -> int:
     """Fill the mixture of one run until its position is known; return the epoch after that."""
-    space, states = space_for(prior), position_grid.states_in_metres(block.problem(0))
-    first_epoch: dict[float, Screened] = {}
-    noises = [one.noise for one in hypotheses if one.loss == "none"]
-    if noises and options.iterations == 1 and not mixed_noise(block):
-        results = screened(block, prior, precisions_of(block, noises))
-        first_epoch = dict(zip(noises, results, strict=True))
-        out.counts[:] += len(prior.weights)
-    sums: list[CarriedSum] = []
-    evident, peaks, estimating, known_first = [], [], [], []
-    for hypothesis in hypotheses:
-        for one in (hypothesis, hypothesis.estimate):
-            if one is not None:
-                problem, peak = _with_noise(block, one)
-                rules = _iterations(one, options), one.loss, one.threshold
-                part = first_epoch.get(one.noise) if one.loss == "none" else None
-                if part is None:
-                    sums.append(CarriedSum(problem, prior, space, *rules))
-                else:
-                    sums.append(CarriedSum(problem, part.prior, space_for(part.prior), *rules))
-                    known_first.append((sums[-1], part.evidence))
-                if one is hypothesis:
-                    evident.append(sums[-1])
-                    peaks.append(peak)
-        estimating.append(sums[-1])
+    states = position_grid.states_in_metres(block.problem(0))
+    candidates = _candidates(block, hypotheses, prior, options, out.counts)
+    sums = [one for candidate in candidates for one in candidate.sums]
     between = max(block.epochs // _CHECKS, 1)
     first, stop = 0, 1
     while True:
-        for one_sum in sums:
-            one_sum.advance(stop)
-        for one_sum, evidence in known_first if first == 0 else ():
-            one_sum.evidence[0, 0] = evidence  # Gaussians that were left out count, too
-        evidences = np.array([one_sum.evidence[:, first:stop] for one_sum in evident])
-        evidences += np.array(peaks)[..., first:stop]
-        weights = log_weights(evidences, logs)
         span = slice(first, stop)
-        out.weights[..., span] = weights
+        weights = log_weights(np.array([one.advance(first, stop) for one in candidates]), logs)
+        out.weights[[one.place for one in candidates], :, span] = weights
         mix(
             weights,
-            np.array([one_sum.mean[:, span] for one_sum in estimating]),
-            np.array([one_sum.cov[:, span] for one_sum in estimating]),
+            np.array([one.sums[-1].mean[:, span] for one in candidates]),
+            np.array([one.sums[-1].cov[:, span] for one in candidates]),
             out.mean[:, span],
             out.cov[:, span],
         )
@@ -223,10 +253,49 @@ def _search_run(
         known = np.sqrt(np.linalg.eigvalsh(positions)[:, -1]) < WIDTH * options.spacing_m
         known &= np.arange(first, stop) % between == 0
         if known.any() or stop == block.epochs:
-            out.counts[:] += sum(one_sum.evaluations for one_sum in sums)
+            out.counts[:] += sum(one.evaluations for one in sums)
             return first + int(known.argmax()) + 1 if known.any() else block.epochs
         logs = np.logaddexp.reduce(logs, axis=0) + weights[..., -1]
-        first, stop = stop, min(max(2 * (stop - 1), between) + 1, block.epochs)
+        left = ~(weights[:, 0, -1] <= NEGLIGIBLE) | (stop < _LEAST)
+        logs = logs[left]
+        candidates = [one for one, stays in zip(candidates, left, strict=True) if stays]
+        checks = (stop - 1) // between
+        later = 2 * stop if 2 * stop <= between else max(2 * checks, 1) * between + 1
+        first, stop = stop, min(later, block.epochs)
+
+
+def _candidates(
+    block: ProblemBlock,
+    hypotheses: Sequence[Hypothesis],
+    prior: Hypotheses,
+    options: SearchOptions,
+    counts: np.ndarray,
+) -> list[_Candidate]:
+    """Return the sums of one run at its start; evaluations of h are added to ``counts`` (1,)."""
+    whole = space_for(prior)
+    first_epoch: dict[float, Screened] = {}
+    noises = [one.noise for one in hypotheses if one.loss == "none"]
+    if noises and options.iterations == 1 and not mixed_noise(block):
+        results = screened(block, prior, precisions_of(block, noises))
+        first_epoch = dict(zip(noises, results, strict=True))
+        counts[:] += len(prior.weights)
+    candidates = []
+    for place, hypothesis in enumerate(hypotheses):
+        problem, peak = _with_noise(block, hypothesis)
+        rules = _iterations(hypothesis, options), hypothesis.loss, hypothesis.threshold
+        part = first_epoch.get(hypothesis.noise)
+        if hypothesis.loss != "none":
+            part, evaluations = screened_with_loss(problem, prior, *rules)
+            counts[:] += evaluations
+        cells, space = (prior, whole) if part is None else (part.prior, space_for(part.prior))
+        sums = [CarriedSum(problem, cells, space, *rules)]
+        if (other := hypothesis.estimate) is not None:
+            # From the Gaussians that the evidence leaves.
+            rules = _iterations(other, options), other.loss, other.threshold
+            problem, _ = _with_noise(block, other)
+            sums.append(CarriedSum(problem, cells, space_for(cells), *rules))
+        candidates.append(_Candidate(place, sums, peak, None if part is None else part.evidence))
+    return candidates
 
 
 def _follow(
@@ -242,7 +311,8 @@ def _follow(
         if begin == 0:
             means = np.tile(block.prior_mean, (runs, 1))
             covs = np.tile(block.prior_cov, (runs, 1, 1))
-        parts = {max((epochs - int(begin)) * part // 16, 1) for part in _STAGES}
+        rest = epochs - int(begin)
+        parts = {min(max(int(rest * part), _LEAST), rest) for part in _STAGES}
         follow(
             bank=bank,
             begin=int(begin),

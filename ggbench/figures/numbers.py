@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+LARGEST = 1e7
+"""Largest error [m] and ratio that is written; the Earth's circumference is 4e7 m."""
+
 
 def counted(count: int, noun: str) -> str:
     """Return a number with its noun: ``1 run``, ``2 runs``."""
@@ -28,3 +31,8 @@ def short(value: float) -> str:
 def span(first: str, last: str, *, separator: str = " to ") -> str:
     """Return the range of two shown numbers; equal ones as one number."""
     return first if first == last else f"{first}{separator}{last}"
+
+
+def limited(value: float, text: str) -> str:
+    """Return the text of an error [m] or ratio; ``>1e7`` if it is beyond :data:`LARGEST`."""
+    return f">1e{math.log10(LARGEST):.0f}" if LARGEST < value < math.inf else text

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..figures.numbers import limited
 from ..judging.consistency import MARKS
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -91,7 +92,7 @@ NONE = "–"
 
 def column(key: str) -> Column:
     """Return the column of a key; an estimator's counter is a number named by its key."""
-    return COLUMNS.get(key) or Column(key.replace("_", " "), form="metres")
+    return COLUMNS.get(key) or Column(key.replace("_", " "), form="number")
 
 
 def significant(value: float, digits: int) -> str:
@@ -111,18 +112,22 @@ def significant(value: float, digits: int) -> str:
 
 
 def metres(value: float) -> str:
-    """Return an error with three significant digits."""
-    return significant(value, 3)
+    """Return an error with three significant digits, ``>1e7`` beyond :data:`.numbers.LARGEST`."""
+    return _limited(value, 3)
 
 
 def ratio(value: float) -> str:
-    """Return a ratio with two significant digits."""
-    return significant(value, 2)
+    """Return a ratio with two significant digits, ``>1e7`` beyond :data:`.numbers.LARGEST`."""
+    return _limited(value, 2)
 
 
 def efficiency(value: float) -> str:
-    """Return a ratio to the oracle with two decimals, two significant digits from 10 on."""
-    return f"{value:.2f}" if abs(value) < 9.995 else significant(value, 2)
+    """Return a ratio to the oracle with two decimals, as :func:`ratio` from 10 on."""
+    return f"{value:.2f}" if abs(value) < 9.995 else ratio(value)
+
+
+def _limited(value: float, digits: int) -> str:
+    return limited(value, significant(value, digits))
 
 
 def share(value: float) -> str:
@@ -142,6 +147,7 @@ def duration(value: float) -> str:
 
 _FORMS = {
     "count": lambda value: f"{value:.0f}",
+    "number": lambda value: significant(value, 3),
     "metres": metres,
     "ratio": ratio,
     "efficiency": efficiency,

@@ -53,6 +53,7 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
         folder=quote(loaded.name),
         table=tables.text(views.answer_table(metrics, results.pairs(), page_cases, results.own)),
         seeking=results.seeking,
+        by_line=not results.by_line.empty,
         failed=int(metrics.groupby(["case", "estimator"])["failed"].first().sum()),
         left_out=views.left_out(metrics, page_cases),
         below_bound=views.below_bound(metrics, page_cases),

@@ -14,7 +14,7 @@ from ..figures.line_styles import is_own
 from ..judging.standing import standing
 from ..results import digest
 from ..results.folder import Results, as_argument
-from . import league, published
+from . import league, models_over_time, published, survey_lines
 
 _LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother")
 """Columns of tables that name estimators."""
@@ -80,6 +80,11 @@ class Reported(Results):
         """Return the runs that failed."""
         return self._named(super().failures())
 
+    @cached_property
+    def by_line(self) -> pd.DataFrame:
+        """The table by survey line."""
+        return survey_lines.by_line(self, self.runs())
+
     def further_tables(self) -> dict[str, pd.DataFrame]:
         """Return all non-empty tables except metrics, cases and pairs, by name.
 
@@ -92,6 +97,8 @@ class Reported(Results):
             "claims": published.claimed(self),
             "gravity_claims": published.gravity_claims(self),
             "fixes": self._named(self.fix_metrics()),
+            "lines": self.by_line.copy(),
+            "models": self._named(self._models()),
             "remarks": self._remarks(),
             "failures": self.failures(),
             "counters": self._named(self.counters()),
@@ -119,6 +126,16 @@ class Reported(Results):
             flags += "".join(f" -c {shlex.quote(name)}" for name in m["cases"])
         flags += " --assumptions" if m["assumptions"] else ""
         return f"ggbench run {as_argument(m['argument'])} -n {m['runs']} --seed {m['seed']}{flags}"
+
+    def _models(self) -> pd.DataFrame:
+        """Return the heaviest models of estimators that weigh models, at some times."""
+        parts = [
+            models_over_time.over_time(infos).assign(case=case, estimator=estimator)
+            for (case, estimator), infos in self.infos.items()
+        ]
+        rows = [part for part in parts if len(part)]
+        keys = ["case", "estimator", "time_s", "models"]
+        return pd.concat(rows, ignore_index=True)[keys] if rows else pd.DataFrame()
 
     def _remarks(self) -> pd.DataFrame:
         """Return the remarks on the runs of the cases, and the number of runs that each is on."""

@@ -178,13 +178,22 @@ class Results:
         column for each counter, NaN for estimators without it.
         """
         rows = []
-        for cell in self.cells:
-            if cell.assumption == "":
-                infos = [r["info"] for r in self._records_of(cell) if r["status"] == "ok"]
-                counts = pd.DataFrame(infos).select_dtypes("number").median()
-                if len(counts):
-                    rows.append({"case": cell.case, "estimator": cell.estimator, **counts})
+        for (case, estimator), infos in self.infos.items():
+            counts = pd.DataFrame(infos).select_dtypes("number").median()
+            if len(counts):
+                rows.append({"case": case, "estimator": estimator, **counts})
         return pd.DataFrame(rows)
+
+    @cached_property
+    def infos(self) -> dict[tuple[str, str], list[dict[str, Any]]]:
+        """``Estimate.info`` of the runs that finished, by case and estimator."""
+        return {
+            (cell.case, cell.estimator): [
+                record["info"] for record in self._records_of(cell) if record["status"] == "ok"
+            ]
+            for cell in self.cells
+            if cell.assumption == ""
+        }
 
     @cached_property
     def fixes(self) -> dict[tuple[str, str], pd.DataFrame]:

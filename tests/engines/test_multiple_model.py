@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import math
 import re
+import weakref
 
 import numpy as np
 import pytest
@@ -14,14 +16,21 @@ from problems import block_of_runs
 
 from ggbench.block import block_of
 from ggbench.campaign.registry import choose
-from ggbench.engines import model_hypotheses
-from ggbench.engines.cell_screening import screened
+from ggbench.engines import hypothesis_bank, model_hypotheses
+from ggbench.engines import multiple_model as engine
+from ggbench.engines.cell_screening import screened, screened_with_loss
 from ggbench.engines.extended_filter import UpdateOptions, extended_with_evidence
 from ggbench.engines.gaussian_sum import CarriedSum, prior_cells, space_for
 from ggbench.engines.hypothesis_families import precisions_of
 from ggbench.engines.hypothesis_motion import motion_of
 from ggbench.engines.model_hypotheses import Hypothesis, heavy_tails, map_error
-from ggbench.engines.multiple_model import SearchOptions, log_weights, mix, multiple_model
+from ggbench.engines.multiple_model import (
+    SearchOptions,
+    cell_spacing,
+    log_weights,
+    mix,
+    multiple_model,
+)
 from ggbench.engines.robust_weights import losses
 from ggbench.estimators.multiple_model import MultipleModel
 
@@ -212,6 +221,103 @@ def test_a_wide_prior_is_searched_until_the_position_is_known():
     assert (found.info["map_evaluations"] < sum(e.evaluations[0] for e in estimates)).all()
 
 
+def test_a_sum_of_cells_screened_with_a_loss_is_the_whole_one():
+    """As without a loss; the evaluations of the first epoch are counted."""
+    block = flight("prior-0.3", runs=1, epochs=6)
+    prior = prior_cells(block, 800.0, 1000)
+    rules = 2, "cauchy", 1.5
+    whole = CarriedSum(block, prior, space_for(prior), *rules)
+    whole.advance(1)
+    first, evaluations = screened_with_loss(block, prior, *rules)
+    assert evaluations == whole.evaluations[0]
+    assert first.evidence == pytest.approx(whole.evidence[0, 0], abs=1e-9)
+    whole.advance(6)
+    assert 1 <= len(first.prior.weights) < len(prior.weights)
+    part = CarriedSum(block, first.prior, space_for(first.prior), *rules)
+    part.advance(6)
+    np.testing.assert_array_equal(part.mean, whole.mean)
+    np.testing.assert_array_equal(part.cov, whole.cov)
+
+
+def test_hypotheses_without_weight_leave_the_search(monkeypatch):
+    """Less is evaluated, and the answer of all of them is kept."""
+    block = flight("prior-0.3", runs=1, epochs=40)
+    bank = [Hypothesis("noise", noise=factor) for factor in (0.2, 1.0, 5.0)]
+    bank.append(heavy_tails("outliers", 1.5))
+    # The position is never known to a spacing as narrow as that, nor is the grid as fine.
+    options = SearchOptions(spacing_m=1.0, most=300, iterations=1)
+    found = multiple_model(block, bank, options)
+    monkeypatch.setattr(engine, "NEGLIGIBLE", -math.inf)
+    every = multiple_model(block, bank, options)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((found.mean - every.mean) / sigma).max() < 1e-9
+    assert np.abs((found.cov - every.cov) / np.outer(sigma, sigma)).max() < 1e-9
+    assert found.info["map_evaluations"] < 0.9 * every.info["map_evaluations"]
+
+
+@pytest.mark.parametrize("case", ["air-narrow", "wrong-noise", "gravity", "biases"])
+@pytest.mark.long
+def test_dropped_hypotheses_would_not_have_mattered(case):
+    """The whole bank gives the answer of NumPy's, which drops none; most are dropped soon."""
+    scenario = "suite" if case != "biases" else "unknown_model"
+    block = block_of_runs(scenario, case, 0, 1).until(48)
+    estimator = MultipleModel(outliers=False)  # rounding decides when the search of a loss ends
+    bank = [h for h in estimator.hypotheses if model_hypotheses.takes(h, block)]
+    found = estimator.estimate_block(block)
+    mean, cov, weights = oracle.mixture(bank, 1, block.problem(0))
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((found.mean[0] - mean) / sigma).max() < 1e-6
+    assert np.abs((found.cov[0] - cov) / np.outer(sigma, sigma)).max() < 1e-6
+    for kind, weight in weights.items():
+        assert found.info[f"weight_{kind}"][0] == pytest.approx(weight, abs=1e-6)
+    filters = sum(1 + (h.estimate is not None) for h in bank)
+    assert found.info["map_evaluations"][0] < 0.6 * filters * block.epochs
+    assert math.exp(hypothesis_bank.NEGLIGIBLE) < 1e-10
+
+
+class CountedWaves:
+    """A map of waves along meridians; counts its evaluations."""
+
+    lower, upper = np.array([0.7, 0.1, 0.0]), np.array([0.71, 0.11, 1000.0])
+    wavelength_m, size, calls = 4000.0, 20.0, 0
+
+    def tensor(self, latitude, longitude, height):
+        self.calls += 1
+        phase = 2.0 * np.pi * latitude * 6.371e6 / self.wavelength_m
+        return self.size * np.sin(phase)[..., np.newaxis] * np.ones(6)
+
+
+@pytest.mark.parametrize("noise", [0.001, 1.0, 30.0])
+def test_the_spacing_follows_from_the_map_and_the_noise(noise):
+    """Of waves: 0.3 of the length in which sine changes, or where the bend is a tenth of R."""
+    block = flight("air-narrow", runs=1, epochs=1)
+    waves, scale = CountedWaves(), 2.0 * np.pi / CountedWaves.wavelength_m
+    block = dataclasses.replace(block, map=waves, noise_cov=noise**2 * np.eye(6))
+    bend = waves.size * math.sqrt(0.5) * scale**2
+    expected = max(0.3 / scale, math.sqrt(0.2 * noise / bend) / 0.6)
+    assert cell_spacing(block) == pytest.approx(expected, rel=0.02)
+    assert (expected > 0.31 / scale) == (noise == 30.0)
+
+
+def test_the_roughness_of_a_map_is_computed_once():
+    """And is forgotten with the map; of maps without a hash it is computed each time."""
+
+    class Unhashable(CountedWaves):
+        __hash__ = None
+
+    block = flight("air-narrow", runs=1, epochs=1)
+    waves = CountedWaves()
+    spacing = cell_spacing(dataclasses.replace(block, map=waves))
+    calls = waves.calls
+    assert cell_spacing(dataclasses.replace(block, map=waves)) == spacing
+    assert waves.calls == calls
+    assert cell_spacing(dataclasses.replace(block, map=Unhashable())) == spacing
+    kept = weakref.ref(waves)
+    del waves
+    gc.collect()
+    assert kept() is None
+
+
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_a_loss_is_a_density(loss):
     """What its tails take is counted: ∫ exp(−ρ) is that of the normal density by this factor."""
@@ -268,6 +374,14 @@ def test_what_has_been_planted_is_found(case, kind, words):
         assert re.search(words, str(found.info["at_120_s"][run]))
 
 
+def test_hypotheses_have_words_without_exponents():
+    """Each of the bank its own."""
+    words = [hypothesis.words for hypothesis in MultipleModel().hypotheses]
+    assert len(set(words)) == len(words)
+    assert not [text for text in words if re.search(r"\de[+-]\d", text)]
+    assert "gravity of 150 mGal" in words and "noise 2.3 times as assumed" in words
+
+
 def test_of_a_problem_without_map_or_track_only_what_it_has_is_doubted():
     """Hypotheses that a block has nothing of are left out."""
     block = dataclasses.replace(flight("air-narrow"), tracks=None)
@@ -282,3 +396,12 @@ def test_less_noise_is_no_answer_to_errors_that_are_modelled_too_rough():
         block = flight(case, runs=1, epochs=3)
         assert model_hypotheses.takes(less, block) is taken
         assert model_hypotheses.takes(more, block)
+
+
+@pytest.mark.long
+def test_the_search_ends_over_a_rough_map_with_coloured_noise():
+    """Along measured lines: the grid is as fine as the noise needs, and all hypotheses begin."""
+    block = block_of_runs("vinton2008_biases", "neglected_bias-3", 0, 1)
+    found = MultipleModel().estimate_block(block)
+    assert found.info["map_evaluations"][0] < 400_000  # 2,142,078 by the straightness alone
+    assert found.info["weight_map_errors"][0] > 0.0  # zero where the search did not end

@@ -3,7 +3,7 @@
 const HINT = "Click a name in the legend to switch it. Drag to move, turn the wheel to zoom, double-click to reset.";
 
 const panel = document.getElementById("panel");
-const RELATED = ["fixes", "remarks", "failures", "claims", "studies", "counters"];
+const RELATED = ["fixes", "lines", "models", "remarks", "failures", "claims", "studies", "counters"];
 
 function showAll() {
   addTable(panel, "errors", null);

@@ -9,7 +9,7 @@ URL.revokeObjectURL(address);
 const HEADS = {
   errors: "Errors", metrics: "All metrics", pairs: "Pairs of estimators, run by run", cases: "Cases",
   studies: "Changed assumptions", standing: "Standing over the cases", claims: "Claims of the source", gravity_claims: "Claims on gravity",
-  fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
+  fixes: "Fixes of matchers", lines: "Survey lines", models: "Models over time", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
   standings: "Estimators", questions: "Questions",
 };
 
@@ -21,11 +21,14 @@ function significant(value, digits) {
   if (exponent < -4 || exponent >= 6) return rounded.toExponential(digits - 1);
   return rounded.toFixed(Math.max(0, digits - 1 - exponent));
 }
+const LARGEST = 1e7;
+const limited = (value, digits) => (value > LARGEST ? ">1e7" : significant(value, digits));
 const FORMS = {
   count: (value) => String(value),
-  metres: (value) => significant(value, 3),
-  ratio: (value) => significant(value, 2),
-  efficiency: (value) => (value < 9.995 ? value.toFixed(2) : significant(value, 2)),
+  number: (value) => significant(value, 3),
+  metres: (value) => limited(value, 3),
+  ratio: (value) => limited(value, 2),
+  efficiency: (value) => (value < 9.995 ? value.toFixed(2) : limited(value, 2)),
   share: (value) => {
     const text = significant(100 * value, 2);
     return text === "100" && value < 1 ? ">99%" : `${text}%`;

@@ -1,0 +1,69 @@
+"""Survey lines behind shipped maps, declared in ``surveyed.toml``, and distances from them."""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.ellipsoid import metres_per_radian
+from .survey_files import read_lines
+from .survey_lines import Quantity, SurveyLines
+
+Array = NDArray[np.float64]
+_SPEC = importlib.resources.files(__package__) / "surveyed.toml"
+
+
+def lines_behind(source: str) -> SurveyLines | None:
+    """Return the survey lines of which a shipped map is made; None if it is not of lines.
+
+    Raises MapError if their file cannot be read.
+    """
+    table = tomllib.loads(_SPEC.read_text("utf-8")).get(source)
+    if table is None:
+        return None
+    lines = _lines_of(table["lines"], table.get("quantity", "gradient"))
+    return lines.without(table["leave_out"])
+
+
+@lru_cache(maxsize=1)
+def _lines_of(file: str, quantity: Quantity) -> SurveyLines:
+    """Return the lines of a data file."""
+    data = importlib.resources.files("ggbench.scenarios") / "data" / file
+    with importlib.resources.as_file(data) as path:
+        return read_lines(path, quantity=quantity)
+
+
+def next_line(positions: Array, lines: SurveyLines) -> tuple[str, float]:
+    """Return the line next to a track, and its distance.
+
+    The distance is the median, over the positions, of the horizontal distance from the line, whose
+    samples are joined by straight segments.
+
+    Parameters
+    ----------
+    positions : (N, 3) latitude, longitude [rad] and height [m].
+    """
+    scale = metres_per_radian(np.median(positions, axis=0))
+    track = positions[:, :2] * scale
+    places = np.radians(np.column_stack([lines.latitude_deg, lines.longitude_deg])) * scale
+    medians = [
+        float(np.median(distances_from(places[lines.samples(index)], track)))
+        for index in range(len(lines.names))
+    ]
+    nearest = int(np.argmin(medians))
+    return lines.names[nearest], medians[nearest]
+
+
+def distances_from(line: Array, points: Array) -> Array:
+    """Return the distances (N,) of points (N, 2) from a line through points (M, 2)."""
+    starts, steps = line[:-1], np.diff(line, axis=0)
+    lengths = np.maximum(np.sum(steps**2, axis=1), np.finfo(float).tiny)
+    off = points[:, np.newaxis] - (starts if len(starts) else line)
+    if len(starts):
+        part = np.clip(np.sum(off * steps, axis=2) / lengths, 0.0, 1.0)
+        off = off - part[..., np.newaxis] * steps
+    return np.asarray(np.sqrt(np.sum(off**2, axis=2)).min(axis=1))
