@@ -110,10 +110,24 @@ def test_times_of_a_first_run_decide_nothing(found):
     usual = advice.usual_seconds()
     assert 0.0 < usual["ins"] <= usual["ekf"] < usual["gaussian-sum"] < 10.0
     rows = [("gaussian-sum", 1.0, True, 1e-3), ("ekf", 1.0, True, 2.3), ("ins", 9.0, False, 1e-3)]
+    assert advice.recommended(flown(found, rows)) == ("ekf", True)
+
+
+def flown(found, rows):
+    """Return an advice with other metrics: estimator, RMS error, whether recommended, time."""
     columns = ["estimator", "rms_m", "recommended", "seconds_per_run"]
     qualified = pd.DataFrame(rows, columns=columns).assign(window="settled")
-    slow = dataclasses.replace(found, results=Mock(metrics=lambda: qualified))
-    assert advice.recommended(slow) == ("ekf", True)
+    batch = qualified["estimator"].str.contains("batch|gauss-newton")
+    qualified["causality"] = batch.map({True: "batch", False: "filter"})
+    return dataclasses.replace(found, results=Mock(metrics=lambda: qualified))
+
+
+def test_no_smoother_is_recommended_in_flight(found):
+    """Although it is recommended, and its usual time is less than the filter's."""
+    usual, smoother = advice.usual_seconds(), "factor-graph[mode=batch]"
+    assert usual[smoother] < usual["gaussian-sum"]
+    rows = [("gaussian-sum", 2.0, True, 0.1), (smoother, 1.0, True, 0.1)]
+    assert advice.recommended(flown(found, rows)) == ("gaussian-sum", True)
 
 
 def test_the_command_says_what_to_use_and_what_limits(tmp_path):
