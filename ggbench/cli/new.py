@@ -163,6 +163,11 @@ def scenario(
         BETTER=f"{0.1 * noise:g}",
     )
     name_shown = path.as_posix()
+    if track is not None and own_map is None:
+        click.echo(
+            "Note: the map of the scenario is a shipped one over the Qinling mountains; build one "
+            "under the track with 'ggbench map build', and state it with --map."
+        )
     if remark:
         click.echo(f"{remark}.")
     click.echo(f"Wrote {name_shown}. Look at its flights: ggbench validate {name_shown}")

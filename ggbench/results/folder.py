@@ -177,10 +177,14 @@ class Results:
         A row for each case and estimator that left numbers in the ``info`` of its estimates: case,
         estimator, then a column for each counter, NaN where an estimator does not have it.
         """
+        return self._counters.copy()
+
+    @cached_property
+    def _counters(self) -> pd.DataFrame:
         rows = []
         for cell in self.cells:
             if cell.assumption == "":
-                infos = [r["info"] for r in self._records_of(cell) if r["status"] == "ok"]
+                infos = self.store.infos(cell.key, self.run_count)
                 counts = pd.DataFrame(infos).select_dtypes("number").median()
                 if len(counts):
                     rows.append({"case": cell.case, "estimator": cell.estimator, **counts})
