@@ -141,7 +141,7 @@ def scenario(
         elif track is None:
             flown_at = clearance or _CLEARANCE_M
             tables["trajectory"] = _flight_over(own_map, terrain, flown_at, pace)
-        if (terrain is not None and track is None) or waypoints is not None:
+        if terrain is not None or waypoints is not None:
             tables["field"] += f"\n{_BAROMETER}"
     if track is not None and terrain is not None:
         remark = clearance_of(track, terrain, _attributes_of(own_map), clearance)

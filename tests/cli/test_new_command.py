@@ -205,6 +205,7 @@ def test_a_track_of_ones_own_has_a_height_above_the_ground(tmp_path):
     assert "least 0 s after the start" in done.stdout
     written = tomllib.loads((tmp_path / "mine.toml").read_text())["trajectory"]
     assert written["file"] == "way.csv"
+    assert "barometer" not in tomllib.loads((tmp_path / "mine.toml").read_text())
     done = invoke([*words[:2], "low", *words[3:], "--clearance", "900"], tmp_path)
     assert done.returncode == 2 and "--clearance is 900 m" in done.stderr
     assert not (tmp_path / "low.toml").exists()
@@ -288,6 +289,14 @@ def test_the_clearance_of_a_flight_chooses_the_draped_layers(tmp_path):
         done = invoke(["validate", f"{vehicle}.toml"], tmp_path)
         assert done.returncode == 0, done.stderr
         assert not re.search("Warning: .* (lowest|highest) height", done.stdout), done.stdout
+    start = tomllib.loads((tmp_path / "drone.toml").read_text())["trajectory"]
+    north, east = start["latitude_deg"], start["longitude_deg"]
+    rows = [f"{t},{north},{east + 2e-4 * t},3000" for t in range(40)]
+    track = "time_s,latitude_deg,longitude_deg,height_m\n" + "\n".join(rows)
+    (tmp_path / "way.csv").write_text(track)
+    done = invoke(["new", "scenario", "tracked", *words, "--track", "way.csv"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "barometer" in tomllib.loads((tmp_path / "tracked.toml").read_text())
     done = invoke(["new", "scenario", "high", *words, "--clearance", "900"], tmp_path)
     assert done.returncode == 2 and "build the map with --clearance-from" in done.stderr
 
