@@ -151,11 +151,22 @@ class GravityMap(Protocol):
 
     @property
     def lower(self) -> np.ndarray:
-        """First latitude, longitude [rad] and height [m] (3,) of the map; −∞ without a map."""
+        """First node (3,) of the map in its coordinates [rad, rad, m]; −∞ without a map.
+
+        The third coordinate is the height; of a draped map it is that above its base surface.
+        """
 
     @property
     def upper(self) -> np.ndarray:
-        """Last latitude, longitude [rad] and height [m] (3,) of the map; ∞ without a map."""
+        """Last node (3,) of the map in its coordinates [rad, rad, m]; ∞ without a map."""
+
+    def coordinates(self, positions: np.ndarray) -> np.ndarray:
+        """Return positions (..., 3) [rad, rad, m] in the map's coordinates."""
+
+    def over_nodes(
+        self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return latitude, longitude [rad] and height [m] (...) of a place in its coordinates."""
 
     def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
         """Return the gradient tensor (..., 6) [E] at positions [rad, rad, m] within the map."""

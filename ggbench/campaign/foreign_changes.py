@@ -1,44 +1,73 @@
 """Functions of other modules that a user's file replaces.
 
 A campaign's own process imports a user's file for its parameters, its causality and its ``skip``,
-and also computes bounds. Therefore replaced functions are restored, and the file is refused. This
-detects accidents. It is no protection against a file that hides its changes.
+and also computes bounds. Therefore functions, classes and methods that a file replaces there are
+restored, and the file is refused. The working directory and NumPy's treatment of floating-point
+errors are restored, too. This detects accidents. It is no protection against a file that hides its
+changes, starts threads, or changes the environment.
 """
 
 from __future__ import annotations
 
+import os
 import sys
+import types
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 OWN_MODULE = "ggbench_user_"
 """How the module names of users' files begin."""
-_GUARDED = {"builtins", "json", "math", "pickle", "random", "struct", "time"}
+_GUARDED = {"builtins", "json", "math", "os", "pickle", "random", "sqlite3", "struct", "time"}
 _GUARDED |= {"ggbench", "numba", "numpy", "pandas", "scipy"}
 """Packages whose functions and classes must stay as they are."""
+_METHODS = {"ggbench", "pandas"}
+"""Packages whose classes must keep their methods; classes of compiled packages cannot change."""
+_KINDS = (types.FunctionType, classmethod, staticmethod, property)
 
 
 @contextmanager
 def put_back(replaced: list[str]) -> Iterator[None]:
-    """Restore the functions and classes that are replaced within the context.
+    """Restore the functions, classes and methods that are replaced within the context.
 
     Parameters
     ----------
     replaced : receives their dotted names.
     """
-    before = {
-        name: {key: value for key, value in vars(module).items() if callable(value)}
-        for name, module in list(sys.modules.items())
-        if name.partition(".")[0] in _GUARDED and module is not None
-    }
+    import numpy as np  # not at the top: lists of estimators need no numbers
+
+    before = _present()
+    folder = Path.cwd()
     try:
-        yield
+        with np.errstate():
+            yield
     finally:
-        for name, functions in before.items():
-            module = sys.modules.get(name)
-            present: dict[str, Any] = {} if module is None else vars(module)
+        os.chdir(folder)
+        for (name, owner), functions in before.items():
+            # A module that was removed or imported anew is another object than the one of before.
+            if isinstance(owner, types.ModuleType) and sys.modules.get(name) is not owner:
+                continue
+            present = vars(owner)
             for key, function in functions.items():
                 if key in present and present[key] is not function:
-                    present[key] = function
+                    setattr(owner, key, function)
                     replaced.append(f"{name}.{key}")
+
+
+def _present() -> dict[tuple[str, Any], dict[str, Any]]:
+    """Return what must stay, by name of module or class and that object."""
+    found: dict[tuple[str, Any], dict[str, Any]] = {}
+    for name, module in list(sys.modules.items()):
+        package = name.partition(".")[0]
+        if package not in _GUARDED or module is None:
+            continue
+        content = {key: value for key, value in vars(module).items() if callable(value)}
+        found[name, module] = content
+        if package not in _METHODS:
+            continue
+        for cls in content.values():
+            if isinstance(cls, type) and cls.__module__ == name:
+                methods = {k: v for k, v in vars(cls).items() if isinstance(v, _KINDS)}
+                found[f"{name}.{cls.__qualname__}", cls] = methods
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from ..maps.netcdf import Nodes
 
 _DURATION_S = 130.0
-_SPEED_MPS = 60.0
+_SPEEDS_MPS = (60.0, 20.0)
+"""Usual speed, and a slow one, which follows the ground more closely."""
+_LEAST_SHARE = 0.4
+"""Lowest layer over the clearance: a lower one needs nodes so dense that the map is large."""
 _SHARE = 0.8
 """Of the map's shorter side, which the flight takes at most."""
 _ROOM_M = 20.0
@@ -61,44 +64,14 @@ def draped_flight(
     TrajectoryError
         If the terrain cannot be read or does not cover the map.
     """
-    # Not at the top: --help loads no numbers.
-    import numpy as np
-    from scipy.interpolate import RegularGridInterpolator
-
-    from ..gravity.ellipsoid import metres_per_radian
-    from ..simulation.true_motion import trajectory_of
-    from ..spec.trajectory import TrajectorySpec
-
-    assert nodes.base_m is not None
-    lat, lon = nodes.latitude_deg, nodes.longitude_deg
-    middle = 0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1])
-    metres = metres_per_radian(np.array([math.radians(middle[0]), 0.0, 0.0]))
-    per_north, per_east = (math.radians(1.0) * length for length in metres)
-    side = min(float(np.ptp(lat)) * per_north, float(np.ptp(lon)) * per_east)
     room = f"the flight of {_DURATION_S:g} s takes {_SHARE:g} of the map's shorter side"
-    speed = at_most(_SHARE * side / _DURATION_S, _SPEED_MPS, room)
-    base = RegularGridInterpolator((lat, lon), nodes.base_m, bounds_error=False, fill_value=None)
+    speed = at_most(_fastest(nodes), _SPEEDS_MPS[0], room)
     lowest, highest = float(nodes.height_m[0]), float(nodes.height_m[-1])
     needed = []
-    for heading in _HEADINGS:
-        back = 0.5 * _DURATION_S * speed
-        south = back * math.cos(math.radians(heading)) / per_north
-        west = back * math.sin(math.radians(heading)) / per_east
-        table = (
-            f"latitude_deg = {middle[0] - south:.5f}\nlongitude_deg = {middle[1] - west:.5f}\n"
-            "# Without height_m the flight starts just high enough above the terrain.\n"
-            f"speed_mps = {speed:.3g}\nheading_deg = {heading:.1f}    # clockwise from north\n\n"
-            '[[trajectory.segment]]\nkind = "terrain-following"\n'
-            f"terrain = {quoted(terrain)}\n"
-            f"clearance_m = {clearance:g}    # above the ground, at least\n"
-            f"{_zero_level(attributes)}duration_s = {_DURATION_S:g}\n"
-        )
-        spec = TrajectorySpec.model_validate(tomllib.loads(f"[trajectory]\n{table}")["trajectory"])
-        flown = trajectory_of(spec, _STEP_S).positions
-        above = flown[:, 2] - base(np.degrees(flown[:, :2]))
-        if lowest + _ROOM_M <= above.min() and above.max() <= highest - _ROOM_M:
+    for table, low, high in _flights(nodes, terrain, clearance, speed, _zero_level(attributes)):
+        if lowest + _ROOM_M <= low and high <= highest - _ROOM_M:
             return table
-        needed.append((float(above.min()), float(above.max())))
+        needed.append((low, high))
     low, high = min(needed, key=lambda each: max(lowest - each[0], each[1] - highest))
     layers = (
         f"--clearance-from {max(math.floor(low - _ROOM_M), 1):g} "
@@ -111,9 +84,105 @@ def draped_flight(
     )
 
 
+def needed_layers(
+    nodes: Nodes, terrain: Path, clearance: float, geoid_height: float
+) -> tuple[float, float]:
+    """Return the lowest and the highest layer that flights over a draped map need [m].
+
+    The flights are straight, follow the ground on eight headings through the middle, quickly and
+    slowly, and are inside by three deviations of a barometer's error.
+
+    Parameters
+    ----------
+    nodes : with a base surface; their layers do not matter.
+    terrain : file.
+    clearance : least height above the terrain [m].
+    geoid_height : of the terrain's zero level above the ellipsoid [m].
+
+    Raises
+    ------
+    TrajectoryError
+        If the terrain cannot be followed.
+    """
+    zero_level = _zero_line(geoid_height)
+    fastest = _fastest(nodes)
+    heights = [
+        height
+        for speed in _SPEEDS_MPS
+        for _, *ends in _flights(nodes, terrain, clearance, min(speed, fastest), zero_level)
+        for height in ends
+    ]
+    lowest = max(math.floor(min(heights) - _ROOM_M), math.ceil(_LEAST_SHARE * clearance))
+    return float(lowest), float(math.ceil(max(heights) + _ROOM_M))
+
+
+def _middle(nodes: Nodes) -> tuple[float, float]:
+    """Return latitude and longitude of the middle of a map [deg]."""
+    lat, lon = nodes.latitude_deg, nodes.longitude_deg
+    return 0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1])
+
+
+def _metres_per_degree(latitude_deg: float) -> tuple[float, float]:
+    """Return metres of a degree to the north and to the east."""
+    import numpy as np  # not at the top: --help loads no numbers
+
+    from ..gravity.ellipsoid import metres_per_radian
+
+    north, east = metres_per_radian(np.array([math.radians(latitude_deg), 0.0, 0.0]))
+    return math.radians(1.0) * north, math.radians(1.0) * east
+
+
+def _fastest(nodes: Nodes) -> float:
+    """Return the speed at which a flight takes its share of a map [m/s]."""
+    per_north, per_east = _metres_per_degree(_middle(nodes)[0])
+    lat, lon = nodes.latitude_deg, nodes.longitude_deg
+    side = min(float(lat[-1] - lat[0]) * per_north, float(lon[-1] - lon[0]) * per_east)
+    return _SHARE * side / _DURATION_S
+
+
+def _flights(
+    nodes: Nodes, terrain: Path, clearance: float, speed: float, zero_level: str
+) -> Iterator[tuple[str, float, float]]:
+    """Yield the table of a flight on each heading, with its least and largest height [m].
+
+    Heights are above the base of the nodes; ``zero_level`` is a line of the table or "".
+    """
+    import numpy as np  # not at the top: --help loads no numbers
+    from scipy.interpolate import RegularGridInterpolator
+
+    from ..simulation.true_motion import trajectory_of
+    from ..spec.trajectory import TrajectorySpec
+
+    assert nodes.base_m is not None
+    middle = _middle(nodes)
+    per_north, per_east = _metres_per_degree(middle[0])
+    axes = nodes.latitude_deg, nodes.longitude_deg
+    base = RegularGridInterpolator(axes, nodes.base_m, bounds_error=False, fill_value=None)
+    back = 0.5 * _DURATION_S * speed
+    for heading in _HEADINGS:
+        south = back * math.cos(math.radians(heading)) / per_north
+        west = back * math.sin(math.radians(heading)) / per_east
+        table = (
+            f"latitude_deg = {middle[0] - south:.5f}\nlongitude_deg = {middle[1] - west:.5f}\n"
+            "# Without height_m the flight starts just high enough above the terrain.\n"
+            f"speed_mps = {speed:.3g}\nheading_deg = {heading:.1f}    # clockwise from north\n\n"
+            '[[trajectory.segment]]\nkind = "terrain-following"\n'
+            f"terrain = {quoted(terrain)}\n"
+            f"clearance_m = {clearance:g}    # above the ground, at least\n"
+            f"{zero_level}duration_s = {_DURATION_S:g}\n"
+        )
+        spec = TrajectorySpec.model_validate(tomllib.loads(f"[trajectory]\n{table}")["trajectory"])
+        flown = trajectory_of(spec, _STEP_S).positions
+        above = flown[:, 2] - base(np.degrees(flown[:, :2]))
+        yield table, float(above.min()), float(above.max())
+
+
 def _zero_level(attributes: Mapping[str, str]) -> str:
     """Return the line of the geoid's height that a map states of its terrain, if any."""
-    height = geoid_height_of(attributes)
+    return _zero_line(geoid_height_of(attributes))
+
+
+def _zero_line(height: float | None) -> str:
     return f"geoid_height_m = {height:g}    # as in the map\n" if height else ""
 
 

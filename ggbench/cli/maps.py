@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,8 @@ map_group.add_command(score)
     metavar="M",
     help=(
         "Planned height above the ground [200]. The lowest layer lies at most this far above the "
-        "highest ground. A note states the share of the area inside the map."
+        "highest ground. A note states the share of the area inside the map. With --drape it "
+        "chooses the layers: they hold straight flights through the middle."
     ),
 )
 @click.option(
@@ -206,7 +208,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
             raise MapError("--clearance and --drape are for terrains, not for --lines.")
         planned = survey_maps.planned(options, request, _command(options))
     else:
-        planned = plan.plan(_inputs(options), request, _command(options))
+        planned = plan.plan(_draped(options, request), request, _command(options))
     _warn_of_densities(options)
     layers_with_rms = plan.LayersWithRms(_told(planned.layers(), planned.nodes.height_m.size))
     netcdf.write_layers(
@@ -242,10 +244,8 @@ def _refuse_drape_options(options: dict[str, Any]) -> None:
     """Refuse heights above the ground for a map of level layers."""
     from ..gravity.gradient_map import MapError
 
-    defaults = {p.name: p.default for p in build.params}
-    for key in ("clearance_from", "clearance_to"):
-        if options[key] != defaults[key]:
-            raise MapError(f"--{key.replace('_', '-')} is for draped maps: give --drape.")
+    for option in _stated_layers(options):
+        raise MapError(f"{option} is for draped maps: give --drape.")
 
 
 def _inputs(options: dict[str, Any]) -> Any:
@@ -278,6 +278,35 @@ def _inputs(options: dict[str, Any]) -> Any:
         tolerance_eotvos=options["tolerance"],
         continued=options["beyond"] == "mirror",
     )
+
+
+def _draped(options: dict[str, Any], request: Any) -> Any:
+    """Return inputs; with --drape and --clearance the layers hold flights of that clearance."""
+    from ..gravity.gradient_map import MapError
+    from ..maps import plan
+    from .draped_flight import needed_layers
+
+    inputs, clearance = _inputs(options), options["clearance"]
+    if inputs.drape is None or inputs.terrain is None or clearance is None:
+        return inputs
+    if _stated_layers(options):
+        raise MapError(
+            "--clearance chooses the layers of --drape: remove it, or --clearance-from and "
+            "--clearance-to."
+        )
+    # The base depends on the spacing of nodes, and that on the lowest layer: twice.
+    layers = 0.5 * clearance, 2.0 * clearance
+    for _ in range(2):
+        nodes, zero_level = plan.draped_base(replace(inputs, drape=layers), request)
+        layers = needed_layers(nodes, inputs.terrain, clearance, zero_level)
+    return replace(inputs, drape=layers)
+
+
+def _stated_layers(options: dict[str, Any]) -> list[str]:
+    """Return the options of draped layers that are stated."""
+    defaults = {p.name: p.default for p in build.params}
+    keys = ("clearance_from", "clearance_to")
+    return [f"--{key.replace('_', '-')}" for key in keys if options[key] != defaults[key]]
 
 
 def _request(options: dict[str, Any]) -> Any:

@@ -141,7 +141,7 @@ def scenario(
         elif track is None:
             flown_at = clearance or _CLEARANCE_M
             tables["trajectory"] = _flight_over(own_map, terrain, flown_at, pace)
-        if (terrain is not None and track is None) or waypoints is not None:
+        if terrain is not None or waypoints is not None:
             tables["field"] += f"\n{_BAROMETER}"
     if track is not None and terrain is not None:
         remark = clearance_of(track, terrain, _attributes_of(own_map), clearance)
@@ -163,6 +163,11 @@ def scenario(
         BETTER=f"{0.1 * noise:g}",
     )
     name_shown = path.as_posix()
+    if track is not None and own_map is None:
+        click.echo(
+            "Note: the map of the scenario is a shipped one over the Qinling mountains; build one "
+            "under the track with 'ggbench map build', and state it with --map."
+        )
     if remark:
         click.echo(f"{remark}.")
     click.echo(f"Wrote {name_shown}. Look at its flights: ggbench validate {name_shown}")

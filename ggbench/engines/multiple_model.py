@@ -175,15 +175,17 @@ def _roughness_of(gravity_map: GravityMap) -> tuple[float, float]:
 
 def _roughness(gravity_map: GravityMap) -> tuple[float, float]:
     lower, upper = gravity_map.lower, gravity_map.upper
+    step = _STEP_M / _EARTH_RADIUS
     margin = 0.01 * (upper - lower)
+    margin[0] = max(margin[0], step)  # of maps of less than 5 km
     latitudes, longitudes = (
         np.linspace(lower[i] + margin[i], upper[i] - margin[i], _SAMPLES) for i in range(2)
     )
     at = np.meshgrid(latitudes, longitudes, indexing="ij")
     height = np.full(at[0].shape, 0.5 * (lower[2] + upper[2]))
-    step = _STEP_M / _EARTH_RADIUS
     south, middle, north = (
-        gravity_map.tensor(at[0] + i * step, at[1], height) for i in (-1.0, 0.0, 1.0)
+        gravity_map.tensor(*gravity_map.over_nodes(at[0] + i * step, at[1], height))
+        for i in (-1.0, 0.0, 1.0)
     )
     slope = math.sqrt(np.mean((0.5 * (north - south)) ** 2)) / _STEP_M
     bend = math.sqrt(np.mean((north - 2.0 * middle + south) ** 2)) / _STEP_M**2

@@ -161,6 +161,7 @@ def epochs_outside(problem: Problem, mean: np.ndarray) -> np.ndarray:
     """
     if problem.track is None or problem.map is None:
         return np.zeros(problem.epochs, dtype=bool)
-    believed = corrected_positions(problem.track.positions, np.asarray(mean)[:, :3])
+    positions = corrected_positions(problem.track.positions, np.asarray(mean)[:, :3])
+    believed = problem.map.coordinates(positions)
     inside = (problem.map.lower <= believed) & (believed <= problem.map.upper)
     return np.asarray(~inside.all(axis=1))

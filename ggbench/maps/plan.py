@@ -135,6 +135,25 @@ def plan(inputs: Inputs, request: GridRequest, command: str) -> Plan:
     return Plan(tuple(sources.parts), nodes, attributes, (*sources.remarks, *remarks))
 
 
+def draped_base(inputs: Inputs, request: GridRequest) -> tuple[Nodes, float]:
+    """Return the nodes of a draped map with their base, and the terrain's zero level [m].
+
+    Raises MapError or TerrainError as :func:`plan`. The zero level is a height above the ellipsoid.
+    """
+    sources = _Sources(inputs, request.area)
+    nodes, _ = nodes_for(sources.extents, request, inputs.drape)
+    (part,) = (part for part in sources.parts if isinstance(part, TerrainPart))
+    return _with_base(part, nodes), part.geoid_height_m
+
+
+def _with_base(part: TerrainPart, nodes: Nodes) -> Nodes:
+    """Return nodes with the base surface of a terrain."""
+    base = drape.base_surface(
+        part.terrain, part.geoid_height_m, nodes.latitude_deg, nodes.longitude_deg
+    )
+    return dataclasses.replace(nodes, base_m=base)
+
+
 class _Sources:
     """The parts of a map with what there is to say about them."""
 
@@ -187,11 +206,8 @@ class _Sources:
             "terrain_from_degree",
             "clearance_m",
         )
-        if inputs.drape is not None and (inputs.terrain is None or inputs.clearance_m is not None):
-            raise MapError(
-                "--drape requires --terrain, and --clearance-from and --clearance-to in place of "
-                "--clearance."
-            )
+        if inputs.drape is not None and inputs.terrain is None:
+            raise MapError("--drape requires --terrain.")
         if inputs.drape is None and not (
             inputs.continued and inputs.tolerance_eotvos == default.tolerance_eotvos
         ):
@@ -342,10 +358,9 @@ class _Sources:
         for index, part in enumerate(self.parts):
             if not isinstance(part, TerrainPart):
                 continue
-            base = drape.base_surface(
-                part.terrain, part.geoid_height_m, nodes.latitude_deg, nodes.longitude_deg
-            )
-            nodes = dataclasses.replace(nodes, base_m=base)
+            nodes = _with_base(part, nodes)
+            base = nodes.base_m
+            assert base is not None
             self._require_above_grids(float(base.min() + nodes.height_m[0]))
             ground, error = drape.DrapedTerrain.of(
                 part, nodes, inputs.tolerance_eotvos, inputs.continued

@@ -179,11 +179,22 @@ class Database:
         for row in self._select(query, (key, first, runs)):
             record = BLANK | {n: v for n, v in zip(NAMES, row, strict=True) if v is not None}
             record |= {name: record[name] == 1 for name in _TRUTHS if record[name] is not None}
-            try:
-                record["info"] = from_json(record["info"])
-            except ValueError as error:
-                raise StoreError(f"the info of a run in {self.path} is damaged: {error}") from None
-            yield record
+            yield record | {"info": self._info(record["info"])}
+
+    def infos(self, key: str, runs: int) -> list[dict[str, Any]]:
+        """Return what an estimator remarked on each finished run below ``runs`` under a key.
+
+        Raise StoreError if one is damaged.
+        """
+        query = "SELECT info FROM records WHERE key = ? AND run < ? AND status = 'ok' ORDER BY run"
+        return [self._info(text) for (text,) in self._select(query, (key, runs))]
+
+    def _info(self, text: str) -> dict[str, Any]:
+        try:
+            info: dict[str, Any] = from_json(text)
+        except ValueError as error:
+            raise StoreError(f"the info of a run in {self.path} is damaged: {error}") from None
+        return info
 
     def runs(self, keys: Set[str], runs: int) -> pd.DataFrame:
         """Return the table of the runs below ``runs`` under some keys, in the order of both.

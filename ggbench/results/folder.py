@@ -177,6 +177,10 @@ class Results:
         There is a row for each case and estimator with numbers in ``info``: case, estimator, and a
         column for each counter, NaN for estimators without it.
         """
+        return self._counters.copy()
+
+    @cached_property
+    def _counters(self) -> pd.DataFrame:
         rows = []
         for (case, estimator), infos in self.infos.items():
             counts = pd.DataFrame(infos).select_dtypes("number").median()
@@ -188,9 +192,7 @@ class Results:
     def infos(self) -> dict[tuple[str, str], list[dict[str, Any]]]:
         """``Estimate.info`` of the runs that finished, by case and estimator."""
         return {
-            (cell.case, cell.estimator): [
-                record["info"] for record in self._records_of(cell) if record["status"] == "ok"
-            ]
+            (cell.case, cell.estimator): self.store.infos(cell.key, self.run_count)
             for cell in self.cells
             if cell.assumption == ""
         }

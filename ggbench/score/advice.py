@@ -12,6 +12,7 @@ import pandas as pd
 
 from ..campaign import campaign, running
 from ..judging.planned import bound_of
+from ..judging.summary import SMOOTHERS
 from ..results.folder import Results
 from ..spec.case import CaseSpec
 from ..spec.named_sensors import table_of
@@ -212,7 +213,8 @@ def recommended(advice: Advice) -> tuple[str, bool]:
     If several are recommended, it is the one with the least usual time.
     """
     seconds, metrics = usual_seconds(), table(advice)
-    named = metrics.loc[metrics["recommended"].astype(bool), "estimator"]
+    causal = ~metrics["causality"].isin(SMOOTHERS)
+    named = metrics.loc[causal & metrics["recommended"].astype(bool), "estimator"]
     if len(named):
         return min(named, key=lambda label: seconds.get(label, math.inf)), True
     return advice.results.cases().iloc[0]["best"], False

@@ -10,6 +10,7 @@ from ..errors import brief
 from ..figures.numbers import counted
 from ..judging.field_scale import on_the_prior
 from ..report import columns
+from ..report.answers import failed_in_all, left_the_map
 from . import advice as advices
 from .advice import Advice
 
@@ -20,6 +21,8 @@ LIMITS = "What limits the accuracy: each cause halved"
 HALVED = "For each cause, truth and model have half the errors."
 _SMALL = 0.005
 """Relative gain of the bound below which a cause does not limit the accuracy."""
+_EFFICIENT = 1.1
+"""Ratio to the oracle above which an EKF is not called efficient."""
 _SHOWN = 10
 
 
@@ -40,7 +43,11 @@ def estimator_rows(advice: Advice) -> list[tuple[str, ...]]:
 
 
 def verdicts(advice: Advice) -> list[str]:
-    """Return the estimators to use in flight and after landing, and the width of the prior."""
+    """Return what the runs say.
+
+    The estimators to use in flight and after landing, those that failed or left the map with the
+    remedy, and the width of the prior with the EKF's measured ratio.
+    """
     rows = advices.table(advice)
     errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
     sentences = []
@@ -51,11 +58,31 @@ def verdicts(advice: Advice) -> list[str]:
     smoother = advices.after_landing(advice)
     if smoother in errors:
         sentences.append(f"After landing: {smoother}, RMS error {_metres(errors[smoother])}.")
+    runs = advice.results.runs()
+    for lost in failed_in_all(runs, {advice.case.name: advice.case.title}):
+        sentences.append(f"{lost['label']} failed in all runs: {lost['reason']}.")
+    outside = left_the_map(runs)
+    if outside:
+        sentences.append(
+            f"Estimates of {', '.join(outside)} left the map, where its border is continued: "
+            "widen the map, or add a sensor that bounds the error, such as a barometer."
+        )
     row = advice.results.cases().iloc[0]
     if math.isfinite(row["width"]):
         prior = on_the_prior(row["position_m"], row["correlation_m"])
-        sentences.append(f"{prior[0].upper()}{prior[1:]}.")
+        sentences.append(f"{prior[0].upper()}{prior[1:]}.{_of_the_ekf(rows)}")
     return sentences
+
+
+def _of_the_ekf(rows: pd.DataFrame) -> str:
+    """Return a sentence on an EKF that is not efficient in these runs, "" if it is."""
+    ratios = rows.loc[rows["estimator"] == "ekf", "efficiency"]
+    if ratios.empty or not ratios.iloc[0] > _EFFICIENT:
+        return ""
+    return (
+        f" In these runs the EKF has {columns.efficiency(ratios.iloc[0])} × oracle: the width of "
+        "the prior alone does not decide."
+    )
 
 
 def limit_rows(advice: Advice) -> list[tuple[str, ...]]:

@@ -274,14 +274,25 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
 def _least_start(over: _Floor, step: float, slope: float, acceleration: float) -> float:
     """Return the lowest height from which the floor can be passed after beginning level.
 
-    Level for as long as the moving average sees, or else the flight would begin with a jerk.
+    Level for as long as the moving average sees, or else the flight would begin with a jerk. The
+    flight ends level, too, for which the floor behind it may ask for more.
     """
-    raised, flat, edge = over.raised, over.flat, over.edge
-    low, high = float(raised[0]), float(raised.max()) + 1.0
+    raised = over.raised
+    end = _least_end(over, raised[::-1], float(raised[0]), step, slope, acceleration)
+    return _least_end(over, raised, end, step, slope, acceleration)
+
+
+def _least_end(
+    over: _Floor, raised: Array, other: float, step: float, slope: float, acceleration: float
+) -> float:
+    """Return the lowest level at which a floor (N,) [m] can begin if it ends at another level."""
+    flat, edge = over.flat, over.edge
+    low, high = float(raised[0]), max(float(raised.max()), other) + 1.0
     for _ in range(40):
         height = 0.5 * (low + high)
-        padded = np.concatenate([np.full(edge, height), raised, np.full(edge, raised[-1])])
+        padded = np.concatenate([np.full(edge, height), raised, np.full(edge, other)])
         padded[edge : edge + flat] = np.maximum(padded[edge : edge + flat], height)
+        padded[-edge - flat : -edge] = np.maximum(padded[-edge - flat : -edge], other)
         if _limited(padded, step, slope, acceleration)[edge + flat - 1] <= height + 1e-6:
             high = height
         else:

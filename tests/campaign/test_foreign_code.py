@@ -86,6 +86,8 @@ NUMBER = np.isfinite
         ("time.perf_counter = lambda: 0.0", "time.perf_counter"),
         ("np.linalg.inv, math.sqrt = refuse, refuse", "(numpy.linalg.inv|math.sqrt)"),
         ("import ggbench.problem as p; p.Estimate = Foreign", "ggbench.problem.Estimate"),
+        ("import pandas; pandas.DataFrame.median = refuse", "pandas.DataFrame.median"),
+        ("import os; os.getpid = refuse", "os.getpid"),
         ("np.isfinite = refuse; raise ValueError('no')", "cannot be imported: ValueError: no"),
         ("", ""),
     ],
@@ -102,6 +104,15 @@ def test_a_file_that_replaces_functions_when_it_is_imported_is_refused(statement
         assert registry.choose(str(file)).estimator.name == "replacing"
     present = np.isfinite, time.perf_counter, np.linalg.inv, math.sqrt, problem.Estimate
     assert all(one is other for one, other in zip(functions, present, strict=True))
+
+
+def test_what_a_file_sets_for_the_process_when_it_is_imported_is_restored(tmp_path):
+    """The working directory and the treatment of floating-point errors."""
+    file = tmp_path / "setting.py"
+    file.write_text(f"{REPLACING}import os\nos.chdir('/')\nnp.seterr(all='raise')\n")
+    before = Path.cwd(), np.geterr()
+    assert registry.choose(str(file)).estimator.name == "replacing"
+    assert (Path.cwd(), np.geterr()) == before
 
 
 def test_a_skip_that_replaces_a_function_is_a_refusal(tmp_path):

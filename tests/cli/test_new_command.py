@@ -84,7 +84,7 @@ def test_a_scenario_begins_with_a_track_and_a_map_of_ones_own(tmp_path):
     for name in (track, own_map):
         (tmp_path / name).touch()
     done = invoke(["new", "scenario", "mine", "--track", track, "--map", own_map], tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, "") and "Note" not in done.stdout
     invoke(["new", "scenario", "plain"], tmp_path)
     mine, plain = (tomllib.loads((tmp_path / f"{n}.toml").read_text()) for n in ("mine", "plain"))
     assert mine["trajectory"] == {"file": track, "smoothing_s": 10.0}
@@ -199,11 +199,13 @@ def test_a_track_of_ones_own_has_a_height_above_the_ground(tmp_path):
     assert abs(geoid) > 10.0
     done = invoke([*words, "--clearance", "100"], tmp_path, columns=300)
     assert (done.returncode, done.stderr) == (0, "")
+    assert "build one under the track with 'ggbench map build'" in done.stdout
     low, high = round(700.0 - geoid), round(799.0 - geoid)
     assert f"The track is {low} to {high} m above the ground of dem.asc" in done.stdout
     assert "least 0 s after the start" in done.stdout
     written = tomllib.loads((tmp_path / "mine.toml").read_text())["trajectory"]
     assert written["file"] == "way.csv"
+    assert "barometer" not in tomllib.loads((tmp_path / "mine.toml").read_text())
     done = invoke([*words[:2], "low", *words[3:], "--clearance", "900"], tmp_path)
     assert done.returncode == 2 and "--clearance is 900 m" in done.stderr
     assert not (tmp_path / "low.toml").exists()
@@ -273,6 +275,30 @@ def test_a_flight_below_the_summits_stays_in_a_draped_map(tmp_path):
     assert 60 <= above <= 200
     lowest = float(re.search(r"m/s, ([0-9.]+) to [0-9.]+ m high", told)[1])
     assert lowest < rough_terrain(72, 900.0).height_m.max() - 17.0
+
+
+@pytest.mark.long
+def test_the_clearance_of_a_flight_chooses_the_draped_layers(tmp_path):
+    """No layer is stated, and flights of each vehicle are inside; control: 600 m higher are not."""
+    draped_map(tmp_path, "--clearance", "300")
+    words = ["--map", "low.nc", "--terrain", "dem.npz"]
+    for vehicle in ("helicopter", "drone"):
+        stated = ["--clearance", "300", "--vehicle", vehicle]
+        done = invoke(["new", "scenario", vehicle, *words, *stated], tmp_path)
+        assert done.returncode == 0, done.stderr
+        done = invoke(["validate", f"{vehicle}.toml"], tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert not re.search("Warning: .* (lowest|highest) height", done.stdout), done.stdout
+    start = tomllib.loads((tmp_path / "drone.toml").read_text())["trajectory"]
+    north, east = start["latitude_deg"], start["longitude_deg"]
+    rows = [f"{t},{north},{east + 2e-4 * t},3000" for t in range(40)]
+    track = "time_s,latitude_deg,longitude_deg,height_m\n" + "\n".join(rows)
+    (tmp_path / "way.csv").write_text(track)
+    done = invoke(["new", "scenario", "tracked", *words, "--track", "way.csv"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "barometer" in tomllib.loads((tmp_path / "tracked.toml").read_text())
+    done = invoke(["new", "scenario", "high", *words, "--clearance", "900"], tmp_path)
+    assert done.returncode == 2 and "build the map with --clearance-from" in done.stderr
 
 
 @pytest.mark.long

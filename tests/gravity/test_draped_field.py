@@ -2,12 +2,15 @@
 
 import dataclasses
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from ggbench.engines.multiple_model import map_spacing
 from ggbench.gravity.field import Field, OutsideMapError
 from ggbench.gravity.gradient_map import GradientMap
+from ggbench.judging.judgement import epochs_outside
 
 NODES = 12, 11, 9
 STEP = np.array([4e-5, 5e-5, 40.0])
@@ -98,6 +101,21 @@ def test_outside_the_border_is_continued(draped, places):
     assert found == pytest.approx(expected, abs=1e-9)
     aside = low - [1.0, 0.0, 0.0]
     assert np.isfinite(draped.continued_tensor(aside)).all()
+
+
+def test_an_estimate_above_the_base_is_inside_the_map(draped, places):
+    """Heights are compared above the base surface; control: 1 km higher is outside."""
+    problem = Mock(track=Mock(positions=places), map=draped, epochs=len(places))
+    mean = np.zeros((len(places), 3))
+    assert not epochs_outside(problem, mean).any()
+    mean[:, 2] = -1000.0  # errors of the INS are taken from its positions
+    assert epochs_outside(problem, mean).all()
+
+
+def test_the_spacing_of_gaussians_is_found_on_draped_layers(draped):
+    """In the middle of the layers, near that of level ones; heights there are above the base."""
+    spacing = map_spacing(draped)
+    assert 0.5 < spacing / map_spacing(draped.flattened()) < 2.0
 
 
 def test_a_base_of_zero_is_a_level_map(draped, places):

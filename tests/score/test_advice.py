@@ -18,6 +18,7 @@ from command import invoke
 from matplotlib.image import imread
 from problems import SMALL
 
+from ggbench.judging.judgement import OUTSIDE
 from ggbench.judging.planned import bound_of
 from ggbench.score import advice, decisions
 from ggbench.spec import scenario
@@ -110,10 +111,60 @@ def test_times_of_a_first_run_decide_nothing(found):
     usual = advice.usual_seconds()
     assert 0.0 < usual["ins"] <= usual["ekf"] < usual["gaussian-sum"] < 10.0
     rows = [("gaussian-sum", 1.0, True, 1e-3), ("ekf", 1.0, True, 2.3), ("ins", 9.0, False, 1e-3)]
+    assert advice.recommended(flown(found, rows)) == ("ekf", True)
+
+
+def flown(found, rows):
+    """Return an advice with other metrics: estimator, RMS error, whether recommended, time."""
     columns = ["estimator", "rms_m", "recommended", "seconds_per_run"]
     qualified = pd.DataFrame(rows, columns=columns).assign(window="settled")
-    slow = dataclasses.replace(found, results=Mock(metrics=lambda: qualified))
-    assert advice.recommended(slow) == ("ekf", True)
+    batch = qualified["estimator"].str.contains("batch|gauss-newton")
+    qualified["causality"] = batch.map({True: "batch", False: "filter"})
+    return dataclasses.replace(found, results=Mock(metrics=lambda: qualified))
+
+
+def test_no_smoother_is_recommended_in_flight(found):
+    """Although it is recommended, and its usual time is less than the filter's."""
+    usual, smoother = advice.usual_seconds(), "factor-graph[mode=batch]"
+    assert usual[smoother] < usual["gaussian-sum"]
+    rows = [("gaussian-sum", 2.0, True, 0.1), (smoother, 1.0, True, 0.1)]
+    assert advice.recommended(flown(found, rows)) == ("gaussian-sum", True)
+
+
+def sentences_of(found, **changes):
+    """Return the verdicts on results of which all of an estimator's runs, or its metrics, change.
+
+    ``runs`` and ``metrics`` map columns to values of the EKF.
+    """
+    tables = {"runs": found.results.runs(), "metrics": found.results.metrics()}
+    for name, values in changes.items():
+        for column, value in values.items():
+            tables[name].loc[tables[name]["estimator"] == "ekf", column] = value
+    results = Mock(
+        runs=lambda: tables["runs"],
+        metrics=lambda: tables["metrics"],
+        cases=found.results.cases,
+    )
+    return " ".join(decisions.verdicts(dataclasses.replace(found, results=results)))
+
+
+def test_an_estimator_that_failed_has_its_reason_in_the_advice(found):
+    failed = {"status": "failed", "reason": "OutsideMapError: too low"}
+    said = "ekf failed in all runs: OutsideMapError: too low."
+    assert said in sentences_of(found, runs=failed)
+    assert "failed" not in sentences_of(found)
+
+
+def test_estimates_that_leave_the_map_are_in_the_advice_with_the_remedy(found):
+    assert "Estimates of ekf left the map" in sentences_of(found, runs={"remark": OUTSIDE})
+    assert "left the map" not in sentences_of(found, runs={"remark": ""})
+
+
+def test_an_ekf_is_not_called_efficient_against_its_own_runs(found):
+    """Whatever the width of the prior says."""
+    said = sentences_of(found, metrics={"efficiency": 1.58})
+    assert "In these runs the EKF has 1.58 × oracle" in said
+    assert "In these runs" not in sentences_of(found, metrics={"efficiency": 1.02})
 
 
 def test_the_command_says_what_to_use_and_what_limits(tmp_path):

@@ -145,6 +145,22 @@ def test_a_flight_without_a_height_begins_level(over_ridges):
         assert abs(flight.velocities[1, 2]) < 1e-3
 
 
+def test_a_flight_that_ends_on_a_slope_starts_as_high_as_its_end_asks_for(over_ridges, monkeypatch):
+    """It ends level above a steep slope; the height for that is stated, and is enough."""
+    monkeypatch.setattr(
+        terrain_following,
+        "heights",
+        lambda name, latitude, longitude: 400.0 * (np.degrees(longitude) - 108.0) * 92.8,
+    )
+    short = over_ridges | {"distance_km": 6.0}
+    flight = trajectory_of(spec(short, height_m=None), 0.1)
+    with pytest.raises(TrajectoryError, match="needs") as caught:
+        trajectory_of(spec(short, height_m=150.0), 0.1)
+    needed = float(str(caught.value).split("needs ")[1].split(" m")[0])
+    assert flight.positions[0, 2] == needed + 1.0
+    assert trajectory_of(spec(short, height_m=needed), 0.1).positions[0, 2] == needed
+
+
 def test_only_a_flight_that_follows_terrain_at_first_may_lack_its_height(over_ridges):
     with pytest.raises(ValueError, match="'height_m' is missing"):
         spec({"kind": "cruise", "duration_s": 10.0}, over_ridges, height_m=None)
