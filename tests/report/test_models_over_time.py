@@ -52,12 +52,16 @@ def test_every_model_of_the_bank_is_read_back():
 
 @pytest.mark.long
 def test_a_report_has_the_models_of_a_campaign(tmp_path: Path):
-    """By the name that the HTML page shows, and as a CSV file."""
-    ran(tmp_path, labels=("ekf", "multiple-model"), runs=2, scenario=small(tmp_path)).store.close()
+    """By the name that the HTML page shows, and as a CSV file; of estimators with such texts."""
+    ran(tmp_path, labels=("ins", "ekf"), runs=2, scenario=small(tmp_path)).store.close()
     reported = Reported(tmp_path / "out")
+    assert "models" not in reported.further_tables()
+    for (_, estimator), infos in reported.infos.items():
+        assert len(infos) == 2
+        if estimator == "ekf":
+            infos[:] = [{"at_60_s": "as assumed 90 %"}, {"at_60_s": "outliers 80 %"}]
     table = reported.further_tables()["models"]
-    assert set(table["estimator"]) == {"multiple-model"}
-    assert table.groupby("case")["time_s"].count().max() <= 4
-    assert table["models"].str.contains("%").any()
+    assert set(table["estimator"]) == {"ekf"} and set(table["time_s"]) == {60}
+    assert set(table["models"]) == {"as assumed 45 %, outliers 40 %"}
     reported.write_data(tmp_path / "data")
-    assert (tmp_path / "data/models.csv").is_file()
+    assert "as assumed 45 %" in (tmp_path / "data/models.csv").read_text()
