@@ -57,17 +57,17 @@ def put_back(replaced: list[str]) -> Iterator[None]:
 
 def _present() -> dict[tuple[str, Any], dict[str, Any]]:
     """Return what must stay, by name of module or class and that object."""
-    found: dict[tuple[str, Any], dict[str, Any]] = {}
+    guarded: dict[tuple[str, Any], dict[str, Any]] = {}
     for name, module in list(sys.modules.items()):
         package = name.partition(".")[0]
         if package not in _GUARDED or module is None:
             continue
         content = {key: value for key, value in vars(module).items() if callable(value)}
-        found[name, module] = content
+        guarded[name, module] = content
         if package not in _METHODS:
             continue
         for cls in content.values():
             if isinstance(cls, type) and cls.__module__ == name:
                 methods = {k: v for k, v in vars(cls).items() if isinstance(v, _KINDS)}
-                found[f"{name}.{cls.__qualname__}", cls] = methods
-    return found
+                guarded[f"{name}.{cls.__qualname__}", cls] = methods
+    return guarded

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import failed, ran, small
+from campaigns import failed, finished, ran, small
 from problems import SMALL
 
 from ggbench.campaign import running
@@ -210,20 +210,24 @@ def test_a_command_repeats_its_own_run(results):
 
 def test_counters_are_medians_over_an_estimators_own_runs(results, monkeypatch):
     """Of numbers alone, of runs that finished and that count; who counts nothing has no row."""
-    told = iter([3, 9, 4, None, 7])
+    fresh = Results(results.folder, results.store)
+    (cell, *_) = (c for c in fresh.cells if (c.assumption, c.estimator) == ("", "ekf"))
 
-    def records(cell):
-        if (cell.assumption, cell.estimator) != ("", "ekf") or cell.case != cases[0]:
-            return iter([{"status": "ok", "info": {"remark": "none"}}])
-        infos = [{"rounds": value, "remark": "text"} if value else {} for value in told]
-        failed = {"status": "failed", "info": {"rounds": 1000}}
-        return iter([failed, *({"status": "ok", "info": info} for info in infos)])
+    def infos(key, runs):
+        if key != cell.key:
+            return [{"remark": "none"}]
+        return [{"rounds": n, "remark": "text"} if n else {} for n in (3, 9, 4, None, 7)]
 
-    cases = [case.name for case in results.scenario.cases]
-    monkeypatch.setattr(results, "_records_of", records)
-    assert results.counters().to_dict("records") == [
-        {"case": cases[0], "estimator": "ekf", "rounds": 5.5}
+    monkeypatch.setattr(results.store, "infos", infos)
+    assert fresh.counters().to_dict("records") == [
+        {"case": cell.case, "estimator": "ekf", "rounds": 5.5}
     ]
+
+
+def test_remarks_are_of_finished_runs(tmp_path):
+    store = Store(tmp_path / "out", create=True)
+    store.add([Result("k", failed(3)), Result("k", finished(4, info={"rounds": 2}))])
+    assert store.infos("k", 5) == [{"rounds": 2}] and store.infos("k", 4) == []
 
 
 @pytest.mark.parametrize("epochs", [1, 2, 399, 400, 401, 5000])

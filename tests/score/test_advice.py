@@ -143,7 +143,7 @@ def sentences_of(found, **changes):
     results = Mock(
         runs=lambda: tables["runs"],
         metrics=lambda: tables["metrics"],
-        cases=found.results.cases,
+        cases=lambda: found.results.cases().assign(width=0.1, correlation_m=1000.0),
     )
     return " ".join(decisions.verdicts(dataclasses.replace(found, results=results)))
 
