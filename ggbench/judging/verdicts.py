@@ -174,8 +174,9 @@ def _near(
 ) -> set[str]:
     """Return which estimators are near the best of one half of the runs, in the other half.
 
-    The RMS error is surely within 10 % of that of the best one. That of the best one itself is
-    within 10 % of the least: a few catastrophes in one half are seen there.
+    The RMS error is surely within 10 % of that of the best one; of the best one itself nothing is
+    to be shown. It is also within 10 % of the least in the half that is compared: where a few runs
+    of the best one end far off there, those that fail in the same runs would else be near it.
     """
     labels = [label for label in choosing if label in among]
     best = _least(choosing, among)
@@ -186,14 +187,13 @@ def _near(
         both = np.isfinite(own.squares) & np.isfinite(reference.squares)
         groups.append((own.squares[both], reference.squares[both], own.draw[both]))
     intervals = root_ratio_intervals(groups, fewest=FEWEST_RUNS // 2)
-    near = {
+    least = min(_mean(comparing[label]) for label in labels)
+    return {
         label
         for label, (_, _, high) in zip(labels, intervals, strict=True)
-        if label != best and high <= RECOMMENDED_RATIO
+        if (label == best or high <= RECOMMENDED_RATIO)
+        and _mean(comparing[label]) <= RECOMMENDED_RATIO**2 * least
     }
-    least = min(_mean(comparing[label]) for label in labels)
-    itself = {best} if _mean(reference) <= RECOMMENDED_RATIO**2 * least else set()
-    return near | itself
 
 
 def _succeeding_less(flown: Mapping[str, PairedRuns]) -> set[str]:

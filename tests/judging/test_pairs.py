@@ -254,6 +254,16 @@ def test_a_few_catastrophes_lose_the_recommendation(cheat, rest, count):
     assert found.best != cheat
 
 
+@pytest.mark.parametrize("count", [1, 6])
+@pytest.mark.parametrize("rest", [0, 1])
+def test_failing_in_the_same_runs_as_the_best_does_not_help(rest, count):
+    """Two filters with the same catastrophes in one half: near each other there, and far off."""
+    errors = honest()
+    for cheat in ("ekf", "ukf"):
+        errors[cheat][rest : rest + 2 * count : 2] *= 1e4
+    assert verdict(flown(errors)).recommended == ("sum",)
+
+
 def test_an_inflated_covariance_loses_the_recommendation():
     """It hides no error: an estimator three times too uncertain is consistent with anything."""
     errors = honest()
