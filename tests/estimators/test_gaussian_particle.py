@@ -112,5 +112,5 @@ def test_without_readings_it_is_the_prediction_exactly():
 def test_numbers_of_particles_that_make_no_covariance_are_refused(particles):
     """Five states need six particles; so many that no memory holds them are none."""
     found = refusal(f"gaussian-particle[particles={particles}]", linear_problem(0))
-    assert "more than the 5 states" in found or "parameter 'particles' is" in found
+    assert "larger than the number of states, 5" in found or "parameter 'particles' is" in found
     assert estimator("gaussian-particle[particles=6]").skip(linear_problem(0)) is None

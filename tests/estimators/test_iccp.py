@@ -172,6 +172,6 @@ def test_problems_without_a_track_or_a_channel_are_refused():
     problem, _ = straight(0, (0.0, 0.0), (0.0, 0.0))
     solver = estimator("iccp")
     assert solver.skip(problem) is None
-    assert "no track" in (solver.skip(linear_problem(0)) or "")
+    assert "no INS track" in (solver.skip(linear_problem(0)) or "")
     assert "no channel gradient zz or" in (solver.skip(changed(problem, channels=())) or "")
     assert "position and velocity" in (solver.skip(changed(problem, layout=())) or "")

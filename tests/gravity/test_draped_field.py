@@ -2,12 +2,13 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from ggbench.engines.multiple_model import map_spacing
+from ggbench.engines.multiple_model import cell_spacing
 from ggbench.gravity.field import Field, OutsideMapError
 from ggbench.gravity.gradient_map import GradientMap
 from ggbench.judging.judgement import epochs_outside
@@ -114,8 +115,11 @@ def test_an_estimate_above_the_base_is_inside_the_map(draped, places):
 
 def test_the_spacing_of_gaussians_is_found_on_draped_layers(draped):
     """In the middle of the layers, near that of level ones; heights there are above the base."""
-    spacing = map_spacing(draped)
-    assert 0.5 < spacing / map_spacing(draped.flattened()) < 2.0
+    spacings = [
+        cell_spacing(SimpleNamespace(map=one, channels=(), noise_cov=np.empty((0, 0))))
+        for one in (draped, draped.flattened())
+    ]
+    assert 0.5 < spacings[0] / spacings[1] < 2.0
 
 
 def test_a_base_of_zero_is_a_level_map(draped, places):
