@@ -163,7 +163,7 @@ def test_the_suite_is_answered_by_its_league(output, monkeypatch):
         and "recommended" in picture.figure.legends[0].get_texts()[-5].get_text()
     )
     text = markdown_page.text(results, picture, output / "league", "")
-    assert "† overconfident, ‡ unsafe; lost" in text
+    assert "Lost: most runs end outside the required error" in text
     results.store.close()
 
 
