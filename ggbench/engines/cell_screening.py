@@ -1,7 +1,7 @@
 """Weights of a prior's Gaussians after the first epoch, for several noise levels.
 
 Gaussian sums that differ only in the noise share the predictions and linearisations of that epoch.
-Most Gaussians are dropped after it and need no update; nor do those of a sum with a loss.
+Most Gaussians are dropped after it and need no update. A sum with a loss is screened apart.
 """
 
 from __future__ import annotations
@@ -81,16 +81,15 @@ def _kept(prior: Hypotheses, weights: np.ndarray) -> Screened:
 
 
 @compiled
-def _screen(batch: Batch, prior: Hypotheses, precisions: np.ndarray, weights: np.ndarray) -> None:
-    """Fill the logarithms of the weights (S, J) after the first epoch."""
-    most, n = prior.means.shape
-    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
-    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(batch)
-    m = reading.rows.shape[0]
-    hp, s, root = lanes.lanes(m, n), lanes.lanes(m, m), lanes.lanes(m, m)
-    innovation, white, squared = lanes.lanes(1, m), lanes.lanes(1, m), lanes.lanes(1, 1)
-    group = lanes.group_members(0, 1)
+def _predict(
+    batch: Batch, prior: Hypotheses, group: np.ndarray, phi: np.ndarray, p: np.ndarray
+) -> int:
+    """Fill Φ and the common covariance (n, n, lanes) of the first epoch; return the moving states.
+
+    ``group`` (lanes,) has the run in every lane.
+    """
+    n = prior.means.shape[1]
+    q, x, scratch = lanes.lanes(n, n), lanes.lanes(1, n), lanes.lanes(n, n)
     moving = lanes.gather(
         transition=batch.transition,
         process_cov=batch.process_cov,
@@ -102,12 +101,41 @@ def _screen(batch: Batch, prior: Hypotheses, precisions: np.ndarray, weights: np
     )
     lanes.broadcast(prior.covs[0], p)
     lane_algebra.predict(phi, q, moving, x, p, scratch)
+    return moving
+
+
+@compiled
+def _move_means(
+    prior: Hypotheses,
+    first: int,
+    count: int,
+    phi: np.ndarray,
+    moving: int,
+    x: np.ndarray,
+    scratch: np.ndarray,
+) -> None:
+    """Fill the predicted means (1, n, lanes) of the ``count`` Gaussians from ``first`` on."""
+    for r in lanes.each():
+        for i in range(prior.means.shape[1]):
+            x[0, i, r] = prior.means[first + min(r, count - 1), i]
+    lane_algebra.move(phi, max(moving, 3), x, scratch)
+
+
+@compiled
+def _screen(batch: Batch, prior: Hypotheses, precisions: np.ndarray, weights: np.ndarray) -> None:
+    """Fill the logarithms of the weights (S, J) after the first epoch."""
+    most, n = prior.means.shape
+    phi, p = lanes.lanes(n, n), lanes.lanes(n, n)
+    x, scratch = lanes.lanes(1, n), lanes.lanes(n, n)
+    reading = readings_of(batch)
+    m = reading.rows.shape[0]
+    hp, s, root = lanes.lanes(m, n), lanes.lanes(m, m), lanes.lanes(m, m)
+    innovation, white, squared = lanes.lanes(1, m), lanes.lanes(1, m), lanes.lanes(1, 1)
+    group = lanes.group_members(0, 1)
+    moving = _predict(batch, prior, group, phi, p)
     for first in lanes.group_starts(most):
         count = lanes.count_from(first, most)
-        for r in lanes.each():
-            for i in range(n):
-                x[0, i, r] = prior.means[first + min(r, count - 1), i]
-        lane_algebra.move(phi, max(moving, 3), x, scratch)
+        _move_means(prior, first, count, phi, moving, x, scratch)
         linearise(batch, group, count, 0, x, reading)
         lane_algebra.project(reading.rows, p, m, hp, s)
         for noise in range(len(precisions)):
@@ -135,28 +163,15 @@ def _screen(batch: Batch, prior: Hypotheses, precisions: np.ndarray, weights: np
 def _screen_with_loss(batch: Batch, prior: Hypotheses, rules: Rules, weights: np.ndarray) -> int:
     """Fill the logarithms of the weights (J,); return the number of evaluations of h."""
     most, n = prior.means.shape
-    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
-    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
+    phi, p = lanes.lanes(n, n), lanes.lanes(n, n)
+    x, scratch = lanes.lanes(1, n), lanes.lanes(n, n)
     reading = readings_of(batch, True)
     search = search_of(batch, rules, reading)
     group = lanes.group_members(0, 1)
-    moving = lanes.gather(
-        transition=batch.transition,
-        process_cov=batch.process_cov,
-        group=group,
-        k=0,
-        expected=lanes.moving_states(batch.transition, batch.process_cov),
-        phi=phi,
-        q=q,
-    )
-    lanes.broadcast(prior.covs[0], p)
-    lane_algebra.predict(phi, q, moving, x, p, scratch)
+    moving = _predict(batch, prior, group, phi, p)
     for first in lanes.group_starts(most):
         count = lanes.count_from(first, most)
-        for r in lanes.each():
-            for i in range(n):
-                x[0, i, r] = prior.means[first + min(r, count - 1), i]
-        lane_algebra.move(phi, max(moving, 3), x, scratch)
+        _move_means(prior, first, count, phi, moving, x, scratch)
         linearise(batch, group, count, 0, x, reading)
         minimise(search, group, count, 0, x, p)
         for r in range(count):
