@@ -22,12 +22,12 @@ from .hypothesis_bank import NEGLIGIBLE, Bank, follow
 from .hypothesis_families import bank_of, mixed_noise, precisions_of
 from .hypothesis_motion import motion_of
 from .model_hypotheses import Hypothesis, of_the_map, spread, takes
+from .model_words import in_words
 
 _GROUP = 8
 """Runs whose filters are in memory at the same time."""
 _SUMMARIES = 4
 """Times in a flight at which the weights are put in words."""
-_WORTH_TELLING, _MOST_TOLD = 0.05, 3
 _STAGES = tuple(2.0 ** (-0.5 * number) for number in range(10, -1, -1))
 """Ends of the stages, in parts of the epochs."""
 _LEAST = 8
@@ -398,12 +398,11 @@ def summaries(
     times : (K,).
     shares : (J, R, K).
     """
-    texts_at = {}
+    texts_at, words = {}, [hypothesis.words for hypothesis in hypotheses]
     for k in np.unique(np.linspace(0, len(times) - 1, _SUMMARIES + 1)[1:].astype(int)):
         texts = []
         for share in shares[:, :, k].T:
-            order = [j for j in np.argsort(-share, kind="stable") if share[j] >= _WORTH_TELLING]
-            parts = [f"{hypotheses[j].words} {100.0 * share[j]:.0f} %" for j in order[:_MOST_TOLD]]
-            texts.append(", ".join(parts) or "nothing in particular")
+            named = in_words(zip(words, share.tolist(), strict=True))
+            texts.append(named or "nothing in particular")
         texts_at[f"at_{times[k]:.0f}_s"] = np.array(texts, dtype=np.str_)
     return texts_at

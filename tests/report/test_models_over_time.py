@@ -8,8 +8,9 @@ import pytest
 from campaigns import ran, small
 
 from ggbench.cli.run_view import info_text
+from ggbench.engines.model_words import weights_of
 from ggbench.estimators.multiple_model import MultipleModel
-from ggbench.report.models_over_time import over_time, weights_of
+from ggbench.report.models_over_time import over_time
 from ggbench.report.reported import Reported
 
 
