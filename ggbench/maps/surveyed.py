@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 import tomllib
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,22 +18,48 @@ Array = NDArray[np.float64]
 _SPEC = importlib.resources.files(__package__) / "surveyed.toml"
 
 
+class Surveyed(NamedTuple):
+    """The survey lines of which a shipped map is made.
+
+    Attributes
+    ----------
+    survey : name of the file of lines.
+    leave_out : names, patterns or kinds of lines that the map does not know.
+    quantity : measured quantity.
+    """
+
+    survey: str
+    leave_out: tuple[str, ...]
+    quantity: Quantity
+
+
+def surveyed() -> dict[str, Surveyed]:
+    """Return the declarations of shipped maps of survey lines, by the name of the map."""
+    tables = tomllib.loads(_SPEC.read_text("utf-8"))
+    return {
+        name: Surveyed(
+            table["survey"], tuple(table["leave_out"]), table.get("quantity", "gradient")
+        )
+        for name, table in tables.items()
+    }
+
+
 def lines_behind(source: str) -> SurveyLines | None:
     """Return the survey lines of which a shipped map is made; None if it is not of lines.
 
     Raises MapError if their file cannot be read.
     """
-    table = tomllib.loads(_SPEC.read_text("utf-8")).get(source)
-    if table is None:
+    survey = surveyed().get(source)
+    if survey is None:
         return None
-    lines = _lines_of(table["lines"], table.get("quantity", "gradient"))
-    return lines.without(table["leave_out"])
+    return _lines_of(survey.survey, survey.quantity).without(survey.leave_out)
 
 
 @lru_cache(maxsize=1)
-def _lines_of(file: str, quantity: Quantity) -> SurveyLines:
+def _lines_of(survey: str, quantity: Quantity) -> SurveyLines:
     """Return the lines of a data file."""
-    data = importlib.resources.files("ggbench.scenarios") / "data" / file
+    data = importlib.resources.files("ggbench.scenarios") / "data" / "measured"
+    data /= f"{survey}.csv.gz"
     with importlib.resources.as_file(data) as path:
         return read_lines(path, quantity=quantity)
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from ggbench.maps.equivalent_sources import Settings
 from ggbench.maps.survey_files import read_lines
 from ggbench.maps.survey_fit import FitOptions
+from ggbench.maps.surveyed import surveyed
 
 from .navigating import print_table
 from .surveys import EAST_VICTORIA, FOSTERVILLE, VINTON, east_victoria, fosterville, vinton
@@ -31,29 +32,22 @@ SURVEYS = {
     "fosterville2019": (FOSTERVILLE, fosterville),
     "east_victoria2023": (EAST_VICTORIA, east_victoria),
 }
-_LATER, _DOME = ("repeat", "140"), FitOptions(320.0, 190.0, 1.0)
-_FOLDS = (
-    ("31", "131", "211", "291", "411", "461", "541", "641", "741", "841"),
-    ("51", "151", "271", "371", "431", "501", "601", "661", "761"),
-)
-"""Primary lines of Vinton Dome that were flown again on 6 July, in turn from west to east."""
-MAPS = {
-    "vinton2008": ("vinton2008", _LATER, _DOME, "gradient"),
-    "vinton2008_fold1": ("vinton2008", (*_LATER, *_FOLDS[0]), _DOME, "gradient"),
-    "vinton2008_fold2": ("vinton2008", (*_LATER, *_FOLDS[1]), _DOME, "gradient"),
-    "fosterville2019": ("fosterville2019", ("even",), FitOptions(640.0, 530.0, 0.3), "gradient"),
-    "east_victoria2023": (
-        "east_victoria2023",
-        ("repeat",),
-        FitOptions(2500.0, 1000.0, 0.3),
-        "disturbance",
-    ),
+_DOME = FitOptions(320.0, 190.0, 1.0)
+SETTINGS = {
+    "vinton2008": _DOME,
+    "vinton2008_fold1": _DOME,
+    "vinton2008_fold2": _DOME,
+    "fosterville2019": FitOptions(640.0, 530.0, 0.3),
+    "east_victoria2023": FitOptions(2500.0, 1000.0, 0.3),
 }
-"""Maps: the survey; the lines that they must not know, those of 6 July and those that are flown;
-settings; and what was measured. Maps of folds do not know the primary lines either that are flown
-over them again. Settings of Vinton Dome navigate best on lines held back: see the README of the
-data. Those of Fosterville are what ``--choose`` finds, in a quarter of an hour. The passes of East
-Victoria cover no area: depths of 1.5, 2.5, 4 and 6 km were tried."""
+"""Settings of the maps. Those of Vinton Dome navigate best on lines held back: see the README of
+the data. Those of Fosterville are what ``--choose`` finds, in a quarter of an hour. The passes of
+East Victoria cover no area: depths of 1.5, 2.5, 4 and 6 km were tried."""
+MAPS = {
+    name: (lines.survey, lines.leave_out, SETTINGS[name], lines.quantity)
+    for name, lines in surveyed().items()
+}
+"""Maps: the survey; the lines that they must not know; settings; and what was measured."""
 
 
 def main() -> None:
@@ -66,7 +60,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.navigate:
         lines = read_lines(options.output / "vinton2008.csv.gz")
-        print_table(lines.without(_LATER), options.navigate)
+        print_table(lines.without(MAPS["vinton2008"][1]), options.navigate)
         return
     if options.archive is not None:
         _write_lines(options.archive, options.output)
