@@ -68,7 +68,8 @@ def draped_flight(
     speed = at_most(_fastest(nodes), _SPEEDS_MPS[0], room)
     lowest, highest = float(nodes.height_m[0]), float(nodes.height_m[-1])
     needed = []
-    for table, low, high in _flights(nodes, terrain, clearance, speed, _zero_level(attributes)):
+    geoid_height = geoid_height_of(attributes)
+    for table, low, high in _flights(nodes, terrain, clearance, speed, geoid_height):
         if lowest + _ROOM_M <= low and high <= highest - _ROOM_M:
             return table
         needed.append((low, high))
@@ -104,12 +105,11 @@ def needed_layers(
     TrajectoryError
         If the terrain cannot be followed.
     """
-    zero_level = _zero_line(geoid_height)
     fastest = _fastest(nodes)
     heights = [
         height
         for speed in _SPEEDS_MPS
-        for _, *ends in _flights(nodes, terrain, clearance, min(speed, fastest), zero_level)
+        for _, *ends in _flights(nodes, terrain, clearance, min(speed, fastest), geoid_height)
         for height in ends
     ]
     lowest = max(math.floor(min(heights) - _ROOM_M), math.ceil(_LEAST_SHARE * clearance))
@@ -141,11 +141,11 @@ def _fastest(nodes: Nodes) -> float:
 
 
 def _flights(
-    nodes: Nodes, terrain: Path, clearance: float, speed: float, zero_level: str
+    nodes: Nodes, terrain: Path, clearance: float, speed: float, geoid_height: float | None
 ) -> Iterator[tuple[str, float, float]]:
     """Yield the table of a flight on each heading, with its least and largest height [m].
 
-    Heights are above the base of the nodes; ``zero_level`` is a line of the table or "".
+    Heights are above the base of the nodes. ``geoid_height`` is that of the terrain [m], if stated.
     """
     import numpy as np  # not at the top: --help loads no numbers
     from scipy.interpolate import RegularGridInterpolator
@@ -159,6 +159,7 @@ def _flights(
     axes = nodes.latitude_deg, nodes.longitude_deg
     base = RegularGridInterpolator(axes, nodes.base_m, bounds_error=False, fill_value=None)
     back = 0.5 * _DURATION_S * speed
+    zero_level = f"geoid_height_m = {geoid_height:g}    # as in the map\n" if geoid_height else ""
     for heading in _HEADINGS:
         south = back * math.cos(math.radians(heading)) / per_north
         west = back * math.sin(math.radians(heading)) / per_east
@@ -175,15 +176,6 @@ def _flights(
         flown = trajectory_of(spec, _STEP_S).positions
         above = flown[:, 2] - base(np.degrees(flown[:, :2]))
         yield table, float(above.min()), float(above.max())
-
-
-def _zero_level(attributes: Mapping[str, str]) -> str:
-    """Return the line of the geoid's height that a map states of its terrain, if any."""
-    return _zero_line(geoid_height_of(attributes))
-
-
-def _zero_line(height: float | None) -> str:
-    return f"geoid_height_m = {height:g}    # as in the map\n" if height else ""
 
 
 def geoid_height_of(attributes: Mapping[str, str]) -> float | None:

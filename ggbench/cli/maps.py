@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +207,8 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
             raise MapError("--clearance and --drape are for terrains, not for --lines.")
         planned = survey_maps.planned(options, request, _command(options))
     else:
-        planned = plan.plan(_draped(options, request), request, _command(options))
+        inputs = _inputs(options)
+        planned = plan.plan(inputs, request, _command(options), _layers_for(options, inputs))
     _warn_of_densities(options)
     layers_with_rms = plan.LayersWithRms(_told(planned.layers(), planned.nodes.height_m.size))
     netcdf.write_layers(
@@ -257,6 +257,9 @@ def _inputs(options: dict[str, Any]) -> Any:
     if len(grids) > 1:
         raise MapError(f"--{' and --'.join(grids)} both give the field: give one of them.")
     kind = grids[0] if grids else "geoid"
+    layers, clearance = (options["clearance_from"], options["clearance_to"]), options["clearance"]
+    if clearance is not None:
+        layers = 0.5 * clearance, 2.0 * clearance  # a first guess, see _layers_for
     return Inputs(
         terrain=options["terrain"],
         coefficients=options["coefficients"],
@@ -274,32 +277,26 @@ def _inputs(options: dict[str, Any]) -> Any:
         geoid_height_m=options["geoid_height"],
         voids=options["void"],
         clearance_m=options["clearance"],
-        drape=(options["clearance_from"], options["clearance_to"]) if options["drape"] else None,
+        drape=layers if options["drape"] else None,
         tolerance_eotvos=options["tolerance"],
         continued=options["beyond"] == "mirror",
     )
 
 
-def _draped(options: dict[str, Any], request: Any) -> Any:
-    """Return inputs; with --drape and --clearance the layers hold flights of that clearance."""
+def _layers_for(options: dict[str, Any], inputs: Any) -> Any:
+    """Return the choice of the layers of --drape that hold flights of --clearance, if any."""
     from ..gravity.gradient_map import MapError
-    from ..maps import plan
     from .draped_flight import needed_layers
 
-    inputs, clearance = _inputs(options), options["clearance"]
-    if inputs.drape is None or inputs.terrain is None or clearance is None:
-        return inputs
+    terrain, clearance = inputs.terrain, inputs.clearance_m
+    if inputs.drape is None or terrain is None or clearance is None:
+        return None
     if _stated_layers(options):
         raise MapError(
             "--clearance chooses the layers of --drape: remove it, or --clearance-from and "
             "--clearance-to."
         )
-    # The base depends on the spacing of nodes, and that on the lowest layer: twice.
-    layers = 0.5 * clearance, 2.0 * clearance
-    for _ in range(2):
-        nodes, zero_level = plan.draped_base(replace(inputs, drape=layers), request)
-        layers = needed_layers(nodes, inputs.terrain, clearance, zero_level)
-    return replace(inputs, drape=layers)
+    return lambda nodes, zero_level: needed_layers(nodes, terrain, clearance, zero_level)
 
 
 def _stated_layers(options: dict[str, Any]) -> list[str]:

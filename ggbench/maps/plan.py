@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,6 +92,9 @@ class Inputs:
     continued: bool = True
 
 
+LayersFor = Callable[[Nodes, float], tuple[float, float]]
+
+
 @dataclasses.dataclass(frozen=True)
 class Plan:
     """A map that can be computed, with its standard errors if they are known."""
@@ -109,15 +112,25 @@ class Plan:
         return summed(self.parts, self.nodes)
 
 
-def plan(inputs: Inputs, request: GridRequest, command: str) -> Plan:
+def plan(
+    inputs: Inputs, request: GridRequest, command: str, layers_for: LayersFor | None = None
+) -> Plan:
     """Return the plan of a map.
 
-    ``command`` is the user's command, for the history of the file.
+    Parameters
+    ----------
+    inputs, request : of the map.
+    command : the user's command, for the history of the file.
+    layers_for : chooses the lowest and the highest layer of a draped map [m above its base], from
+        nodes with their base and the terrain's zero level [m above the ellipsoid]. The layers of
+        the inputs are then a first guess.
 
     Raises MapError or TerrainError if a file is invalid, files contradict each other, or bounds are
     outside the inputs.
     """
     sources = _Sources(inputs, request.area)
+    if layers_for is not None:
+        inputs = sources.layered(inputs, request, layers_for)
     nodes, remarks = nodes_for(sources.extents, request, inputs.drape)
     if inputs.drape is not None:
         nodes = sources.drape(inputs, nodes)
@@ -133,17 +146,6 @@ def plan(inputs: Inputs, request: GridRequest, command: str) -> Plan:
         "parameters": described(sources.parameters),
     }
     return Plan(tuple(sources.parts), nodes, attributes, (*sources.remarks, *remarks))
-
-
-def draped_base(inputs: Inputs, request: GridRequest) -> tuple[Nodes, float]:
-    """Return the nodes of a draped map with their base, and the terrain's zero level [m].
-
-    Raises MapError or TerrainError as :func:`plan`. The zero level is a height above the ellipsoid.
-    """
-    sources = _Sources(inputs, request.area)
-    nodes, _ = nodes_for(sources.extents, request, inputs.drape)
-    (part,) = (part for part in sources.parts if isinstance(part, TerrainPart))
-    return _with_base(part, nodes), part.geoid_height_m
 
 
 def _with_base(part: TerrainPart, nodes: Nodes) -> Nodes:
@@ -352,6 +354,16 @@ class _Sources:
                 "adds them)"
             )
         self._add_terrain_extent(terrain, inputs, zero_level)
+
+    def layered(self, inputs: Inputs, request: GridRequest, layers_for: LayersFor) -> Inputs:
+        """Return inputs with the layers that a function chooses for the base of the ground."""
+        (ground,) = (part for part in self.parts if isinstance(part, TerrainPart))
+        # The base depends on the spacing of nodes, and that on the lowest layer: twice.
+        for _ in range(2):
+            nodes, _ = nodes_for(self.extents, request, inputs.drape)
+            layers = layers_for(_with_base(ground, nodes), ground.geoid_height_m)
+            inputs = dataclasses.replace(inputs, drape=layers)
+        return inputs
 
     def drape(self, inputs: Inputs, nodes: Nodes) -> Nodes:
         """Return nodes with their base; replace the terrain's part by one for draped layers."""
