@@ -12,13 +12,14 @@ from ggbench.figures.numbers import short
 from ggbench.figures.style import Drawing, save, styled, subplots
 from ggbench.report import page_templates
 
-from .packages import OTHERS
+from .packages import FRAMEWORKS, OTHERS
 
 FOLDER, TABLE = "frameworks", "frameworks.csv"
 SAME, ENDED = 1e-6, 1e-4
 """Differences [prior σ] up to which answers of filters are the same, and those of searches, which
 end where a step is worth nothing."""
-SEARCHES = ("gtsam[mode=batch]", "pyceres-batch")
+SEARCHES = tuple(row.label for row in FRAMEWORKS if "mode=batch" in row.reference)
+"""Estimators that search for the most probable trajectory."""
 COLUMNS = (
     "package",
     "estimator",

@@ -56,7 +56,7 @@ def put_back(replaced: list[str]) -> Iterator[None]:
 
 
 def _present() -> dict[tuple[str, Any], dict[str, Any]]:
-    """Return what must stay, by name of module or class and that object."""
+    """Return functions, classes and methods by the name and object of their module or class."""
     guarded: dict[tuple[str, Any], dict[str, Any]] = {}
     for name, module in list(sys.modules.items()):
         package = name.partition(".")[0]

@@ -174,9 +174,9 @@ def _near(
 ) -> set[str]:
     """Return which estimators are near the best of one half of the runs, in the other half.
 
-    The RMS error is surely within 10 % of that of the best one; of the best one itself nothing is
-    to be shown. It is also within 10 % of the least in the half that is compared: where a few runs
-    of the best one end far off there, those that fail in the same runs would else be near it.
+    The RMS error is surely within 10 % of that of the best one, and within 10 % of the least in the
+    compared half. Without the second condition an estimator would be near the best one if both end
+    far off in the same few runs.
     """
     labels = [label for label in choosing if label in among]
     best = _least(choosing, among)

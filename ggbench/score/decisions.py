@@ -43,10 +43,10 @@ def estimator_rows(advice: Advice) -> list[tuple[str, ...]]:
 
 
 def verdicts(advice: Advice) -> list[str]:
-    """Return what the runs say.
+    """Return the conclusions from the runs, a sentence each.
 
-    The estimators to use in flight and after landing, those that failed or left the map with the
-    remedy, and the width of the prior with the EKF's measured ratio.
+    They name the estimators to use in flight and after landing, those that failed or left the map
+    with the remedy, and the width of the prior with the EKF's measured ratio.
     """
     rows = advices.table(advice)
     errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
