@@ -163,7 +163,7 @@ def test_the_page_names_the_index_that_the_table_was_made_with(found):
     assert near.beyond(near.at("entropy")) == "worse"
     assert near.at("entropy") not in near.trusted
     text = page.page(found)
-    assert "**Answer.** Trust the bound of the flight: its" in text
+    assert "**Answer.** Trust the bound of the flight. Its rank correlation" in text
     assert re.search(r"Not trusted: .*difference entropy", text)
     assert "nan" not in text.lower()
 
