@@ -31,7 +31,7 @@ _SUMMARIES = 4
 _STAGES = tuple(2.0 ** (-0.5 * number) for number in range(10, -1, -1))
 """Ends of the stages, in parts of the epochs."""
 _LEAST = 8
-"""Epochs before any hypothesis is dropped: one outlier is no verdict."""
+"""Epochs before a hypothesis is dropped or the search ends: one may be an outlier."""
 _SAMPLES, _STEP_M, _EARTH_RADIUS = 64, 50.0, 6.371e6
 _STRAIGHT = 0.3
 """Spacing over the distance in which the gradients' derivative changes by itself."""
@@ -253,7 +253,8 @@ def _search_run(
         )
         positions = out.cov[0, span][:, states][..., states]
         known = np.sqrt(np.linalg.eigvalsh(positions)[:, -1]) < WIDTH * options.spacing_m
-        known &= np.arange(first, stop) % between == 0
+        at = np.arange(first, stop)
+        known &= (at % between == 0) & (at >= _LEAST)
         if known.any() or stop == block.epochs:
             out.counts[:] += sum(one.evaluations for one in sums)
             return first + int(known.argmax()) + 1 if known.any() else block.epochs

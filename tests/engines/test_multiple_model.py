@@ -14,6 +14,7 @@ from oracles import multiple_model as oracle
 from oracles.augmented_problem import augmented
 from problems import block_of_runs
 
+import ggbench as gg
 from ggbench.block import block_of
 from ggbench.campaign.registry import choose
 from ggbench.engines import hypothesis_bank, model_hypotheses
@@ -219,6 +220,17 @@ def test_a_wide_prior_is_searched_until_the_position_is_known():
     # Both follow one maximum by then.
     assert np.abs((found.mean[0, -1] - mean[0, -1]) / sigma).max() < 0.1
     assert (found.info["map_evaluations"] < sum(e.evaluations[0] for e in estimates)).all()
+
+
+def test_an_outlier_at_the_start_does_not_end_the_search():
+    """The first measurement is an outlier: by itself it fixes the position 7 km off."""
+    case = gg.load("unknown_model").case("outliers-wide")
+    problem, truth = gg.simulate(case, run=176)
+    block = block_of(problem).until(60)
+    estimate = MultipleModel().estimate_block(block)
+    errors = np.linalg.norm((estimate.mean[0] - truth.error_state[:60])[30:, :3], axis=1)
+    assert errors.max() < 300.0
+    assert estimate.info["weight_outliers"][0] > 0.99
 
 
 def test_a_sum_of_cells_screened_with_a_loss_is_the_whole_one():
