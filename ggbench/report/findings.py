@@ -68,7 +68,7 @@ class Metrics:
 
 
 def measured(of: Metrics) -> str:
-    """Measured gradients halve the INS's error on lines that the map does not know, in flight."""
+    """Measured gradients halve the INS's error on lines left out of the map, with a filter."""
     folds, name = ("fold-1", "fold-2"), "gaussian-sum"
     ins, aided = ([of.rms(fold, estimator) for fold in folds] for estimator in ("ins", name))
     right = all(of.consistency(fold, name) in (CONSISTENT, CONSERVATIVE) for fold in folds)
@@ -196,7 +196,7 @@ def map_error(of: Metrics) -> str:
 
 
 def gravity(of: Metrics) -> str:
-    """Gravity that a strategic INS does not know costs the EKF a factor of two or more."""
+    """A neglected gravity disturbance costs a strategic INS's EKF a factor of two or more."""
     plain, known = of.rms("gravity", "ekf"), of.rms("gravity-known", "ekf")
     if not plain >= 2.0 * known:
         return ""
