@@ -163,8 +163,10 @@ def test_the_page_names_the_index_that_the_table_was_made_with(found):
     assert near.beyond(near.at("entropy")) == "worse"
     assert near.at("entropy") not in near.trusted
     text = page.page(found)
-    assert "**Answer.** Trust the bound of the flight. Its rank correlation" in text
-    assert re.search(r"Not trusted: .*difference entropy", text)
+    assert (
+        "**Answer.** The bound of the flight predicts the error best. Its rank correlation" in text
+    )
+    assert re.search(r"Not reliable: .*difference entropy", text)
     assert "nan" not in text.lower()
 
 
@@ -199,7 +201,7 @@ def test_errors_by_chance_make_no_index_trustworthy(seed):
 
 def test_the_page_trusts_nothing_where_nothing_is_to_be_trusted():
     text = page.page(page.Found.of(synthetic(skill=0.0), 100))
-    assert "**Answer.** Trust none of these indices." in text
+    assert "**Answer.** None of these indices predicts the error reliably." in text
 
 
 def test_cells_lie_apart_and_within_their_map():

@@ -15,6 +15,8 @@ from .tables import code
 
 _MOST_VALUES = 3
 """Values of a condition that are listed; of more, the range or the number is given."""
+_ABBREVIATED = {"gnss": "GNSS", "imu": "IMU"}
+"""Keys that are abbreviations."""
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
@@ -23,16 +25,17 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     cases : cases of the scenario.
-    shared : table of cases, for speed, height and duration of the flights.
+    shared : table of cases, for speed, height and duration of the flights, and required errors.
     """
     rows = [
         ("INS", _ins(cases)),
         ("Initial σ", _initial(cases)),
         ("Flight", _flight(shared)),
+        ("Required error", _range(shared["required_m"], "m")),
         ("Gradiometer", _each(cases, gradiometer_conditions)),
         ("Other sensors", other_conditions(cases)),
         ("Map", _each(cases, map_conditions)),
-        ("Not as assumed", _each(cases, _differences)),
+        ("Truth differs in", _each(cases, _differences)),
     ]
     relevant = [row for row in rows if row[1] not in ("", "nothing")]
     return pd.DataFrame(relevant, columns=["condition", "value"])
@@ -113,7 +116,9 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
     ]
     every = [name for name in names_of_cases[0] if all(name in names for names in names_of_cases)]
     some = [name for name in dict.fromkeys(itertools.chain(*names_of_cases)) if name not in every]
-    return ", ".join([*every, *(f"in some cases {name}" for name in some[:_MOST_VALUES])])
+    if some:
+        every.append(f"in some cases {' or '.join(some[:_MOST_VALUES])}")
+    return ", ".join(every)
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
@@ -122,7 +127,7 @@ def map_conditions(case: CaseSpec) -> list[str]:
     if assumed.source == "normal":
         return ["normal field"]
     same = (assumed.source, assumed.error) == (true.source, true.error)
-    felt = "disturbance felt" if true.gravity_disturbance else ""
+    felt = "gravity disturbance simulated" if true.gravity_disturbance else ""
     quality = "exact" if same else "with errors"
     if case.measured_sensors():
         quality = "with its real errors"
@@ -136,7 +141,8 @@ def _differences(case: CaseSpec) -> list[str]:
         for key, value in side.model_dump(exclude_defaults=True).items()
         if value
     }
-    return [" and ".join(sorted(changed)).replace("_", " ") or "nothing"]
+    words = " and ".join(_ABBREVIATED.get(key, key) for key in sorted(changed))
+    return [words.replace("_", " ") or "nothing"]
 
 
 def _range(values: pd.Series, unit: str) -> str:

@@ -68,7 +68,7 @@ class Metrics:
 
 
 def measured(of: Metrics) -> str:
-    """Measured gradients halve the INS's error on lines that the map does not know, in flight."""
+    """Measured gradients halve the INS's error on lines left out of the map, with a filter."""
     folds, name = ("fold-1", "fold-2"), "gaussian-sum"
     ins, aided = ([of.rms(fold, estimator) for fold in folds] for estimator in ("ins", name))
     right = all(of.consistency(fold, name) in (CONSISTENT, CONSERVATIVE) for fold in folds)
@@ -77,9 +77,9 @@ def measured(of: Metrics) -> str:
     errors = [span(*map(metres, both), separator=" and ") for both in (ins, aided)]
     shares = span(*(share(of.value(fold, name, "success")) for fold in folds), separator=" and ")
     return (
-        "Measured gradients over Vinton Dome navigate on lines that the map does not know. The INS "
-        f"errs by {errors[0]} m in two folds, the Gaussian sum in flight by {errors[1]} m. It "
-        f"succeeds in {shares} of the runs, and is consistent."
+        f"On lines of [Vinton Dome]({MEASURED}.md) that are left out of the map, the INS's RMS "
+        f"error is {errors[0]} m (two folds). With measured gradients the Gaussian sum has "
+        f"{errors[1]} m, is consistent and succeeds in {shares} of the runs."
     )
 
 
@@ -91,9 +91,9 @@ def measured_biases(of: Metrics) -> str:
     if not (biased >= 2.0 * small and estimated < biased):
         return ""
     return (
-        f"A constant of 1 E in each of their channels leaves the Gaussian sum {metres(small)} m, "
-        f"of 10 E {metres(biased)} m; if the constants are estimated as states, "
-        f"{metres(estimated)} m."
+        f"With a [bias]({BIASES}.md) of 1 E in each measured channel the Gaussian sum's RMS error "
+        f"is {metres(small)} m, with 10 E {metres(biased)} m. With the 10 E estimated as states it "
+        f"is {metres(estimated)} m."
     )
 
 
@@ -104,7 +104,8 @@ def fosterville(of: Metrics) -> str:
     if not ins >= 2.0 * aided:
         return ""
     return (
-        f"At Fosterville two measured components reduce {metres(ins)} m to {metres(aided)} m; "
+        f"At [Fosterville]({FOSTERVILLE}.md) two measured components reduce the INS's RMS error of "
+        f"{metres(ins)} m to {metres(aided)} m; "
         f"{share(of.value(case, name, 'success'))} of the runs succeed."
     )
 
@@ -117,8 +118,8 @@ def east_victoria(of: Metrics) -> str:
     if not (aided >= 0.6 * ins and wrong):
         return ""
     return (
-        f"In East Victoria a measured gravimeter reduces {metres(ins)} m to {metres(aided)} m, "
-        "and the filter is overconfident."
+        f"In [East Victoria]({EAST_VICTORIA}.md) a measured gravimeter reduces the INS's RMS error "
+        f"of {metres(ins)} m to {metres(aided)} m, and the filter is overconfident."
     )
 
 
@@ -131,8 +132,9 @@ def narrow_prior(of: Metrics) -> str:
     found = span(f"{min(ratios):.3f}", f"{max(ratios):.3f}")
     apart = max(abs(other - 1.0) for other in others)
     return (
-        f"With a narrow prior and the right model use the EKF: its RMS error is {found} "
-        f"× oracle. The UKF and the Gaussian sum agree with it within {apart:.1%}."
+        f"With a narrow prior and the right model use the EKF: its RMS error is {found} times that "
+        f"of an efficient filter ([oracle](definitions.md)). The UKF and the Gaussian sum agree "
+        f"within {apart:.1%}."
     )
 
 
@@ -148,14 +150,14 @@ def wide_prior(of: Metrics) -> str:
     linear = of.value(case, "ekf", "success")
     if not (len(good) > 1 and linear <= 0.5 and of.consistency(case, "ekf") == UNSAFE):
         return ""
-    costs = ", ".join(
-        f"`{name}` {metres(of.rms(case, name))} m in "
-        f"{duration(of.value(case, name, 'seconds_per_run'))} a run"
+    costs = [
+        f"`{name}` ({metres(of.rms(case, name))} m, "
+        f"{duration(of.value(case, name, 'seconds_per_run'))} a run)"
         for name in good
-    )
+    ]
     return (
-        f"With a prior of three correlation lengths use {costs}. The EKF "
-        f"succeeds in {share(linear)}, and its covariance does not show it."
+        f"With a prior of three correlation lengths use {', '.join(costs[:-1])} or {costs[-1]}. "
+        f"The EKF [succeeds](definitions.md) in {share(linear)} and is unsafe (‡)."
     )
 
 
@@ -169,8 +171,8 @@ def outliers(of: Metrics) -> str:
     clean = of.rms("air-narrow", robust) / of.rms("air-narrow", "ekf") - 1.0
     return (
         f"With 20% outliers the EKF's RMS error is {metres(plain)} m, with a Cauchy loss "
-        f"{metres(loss)} m; without these readings it is {metres(known)} m. Where there are no "
-        f"outliers the loss costs {clean:.1%}."
+        f"{metres(loss)} m; with the outliers removed it is {metres(known)} m. Without outliers "
+        f"the loss adds {clean:.1%}."
     )
 
 
@@ -187,21 +189,21 @@ def map_error(of: Metrics) -> str:
         return ""
     lost = of.value(case, "ekf", "lost")
     return (
-        f"A map error of 5 E over 1 km, not modelled, leaves the EKF a median of {metres(plain)} m "
-        f"(INS {metres(ins)} m) and loses {lost:.0f} of 200 runs. Modelled it is {metres(told)} m; "
-        f"`{ONE_FILTER}`, which is told nothing, has {metres(one)} m."
+        f"With an unmodelled map error of 5 E, correlated over 1 km, the EKF's median error is "
+        f"{metres(plain)} m (INS {metres(ins)} m); {lost:.0f} of 200 runs are lost. The EKF with a "
+        f"model of the error has {metres(told)} m, `{ONE_FILTER}` {metres(one)} m."
     )
 
 
 def gravity(of: Metrics) -> str:
-    """Gravity that a strategic INS does not know costs the EKF a factor of two or more."""
+    """A neglected gravity disturbance costs a strategic INS's EKF a factor of two or more."""
     plain, known = of.rms("gravity", "ekf"), of.rms("gravity-known", "ekf")
     if not plain >= 2.0 * known:
         return ""
     return (
-        f"Gravity unknown to a strategic INS leaves the EKF {metres(plain)} m. With measured "
-        f"gradients integrated it has {metres(known)} m, and `{ONE_FILTER}` "
-        f"{metres(of.rms('gravity', ONE_FILTER))} m."
+        f"With a strategic INS that neglects the gravity disturbance the EKF's RMS error is "
+        f"{metres(plain)} m. Integrating measured gradients reduces it to {metres(known)} m; "
+        f"`{ONE_FILTER}` has {metres(of.rms('gravity', ONE_FILTER))} m."
     )
 
 
@@ -218,7 +220,7 @@ def one_filter(of: Metrics) -> str:
     return (
         f"One filter for all cases is `{ONE_FILTER}`: consistent or conservative in {sum(right)} "
         f"of {len(cases)}. Its RMS error is at most {ratios[worst]:.2f} times that of a filter "
-        f"with the right model (`{worst}`)."
+        f"with the right model (case `{worst}`)."
     )
 
 
@@ -228,8 +230,8 @@ def outage(of: Metrics) -> str:
     if not ins >= 2.0 * aided:
         return ""
     return (
-        f"From 1.5 to 3.5 h after GNSS is jammed, a ship's RMS error is {metres(ins)} m. A "
-        f"gradiometer of 1 E reduces it to {metres(aided)} m."
+        f"From 1.5 to 3.5 h after GNSS is jammed, the RMS error of a ship's INS is {metres(ins)} "
+        f"m. A gradiometer of 1 E reduces it to {metres(aided)} m."
     )
 
 
@@ -239,8 +241,8 @@ def weak_field(of: Metrics) -> str:
     if not aided >= 0.8 * ins:
         return ""
     return (
-        f"Over the Great Plains a gradiometer of 1 E gains little: {metres(aided)} m for the "
-        f"INS's {metres(ins)} m."
+        f"Over the Great Plains a gradiometer of 1 E gains little: {metres(aided)} m instead of "
+        f"the INS's {metres(ins)} m."
     )
 
 

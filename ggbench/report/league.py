@@ -15,9 +15,9 @@ from . import columns, tables
 
 CAPTION = "League of the estimators"
 EXPLANATION = (
-    "Cases (bound of a filter) and estimators: RMS error × oracle, × bound where the model is "
-    "wrong. Lost: most runs end outside the required error without reporting it. Below: share of "
-    "cases within a ratio of the best filter."
+    "Cells: RMS error over the oracle's, or over the bound where the model is wrong. In brackets: "
+    "filter bound. Lost: most runs end outside the required error without reporting it. Lower "
+    "panel: share of cases within a ratio of the best filter."
 )
 """Words below the figure."""
 

@@ -66,7 +66,7 @@ def of_answer(results: Reported) -> Picture:
         return Picture(drawn, CAPTION, EXPLANATION)
     titles, errors = cases["title"].tolist(), panel(metrics, names, labels)
     figure = answer.over_cases(titles, errors, results.families)
-    return Picture(figure, "RMS position error by case")
+    return Picture(figure, "RMS error by case")
 
 
 def over_time(

@@ -23,6 +23,8 @@ MOST_DRAWN = 6
 """Estimators of a figure."""
 ALIKE = 1.01
 """Ratio of errors up to which estimators share a row."""
+_OF_SEVERAL = {"recommended": "cheapest recommended"}
+"""Headings of a column that names another estimator in each case."""
 
 
 def require_equal_runs(rows: pd.DataFrame) -> None:
@@ -93,15 +95,17 @@ def answer_table(
 ) -> pd.DataFrame:
     """Return the page's table: bound, INS, EKF, recommended and best smoother of each case.
 
-    Each own estimator has a column. If there are too many, the table has a column for each case and
-    a row for each estimator, the own ones first.
+    Of several recommended estimators the cheapest is named. Each own estimator has a column. If
+    there are too many, the table has a column for each case and a row for each estimator, the own
+    ones first.
     """
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     plain = (cases["recommended"] != "").to_numpy()
     kind = "recommended" if plain.any() else "least bad"
-    named = {kind: causal, "best smoother": cases["best_smoother"].tolist()}
+    named = {kind: causal, "smoother": cases["best_smoother"].tolist()}
+    single = {key: len(set(labels)) == 1 and bool(labels[0]) for key, labels in named.items()}
     heads = {
-        key: f"{key}: {code(labels[0])}" if len(set(labels)) == 1 and labels[0] else key
+        key: f"{key}: {code(labels[0])}" if single[key] else _OF_SEVERAL.get(key, key)
         for key, labels in named.items()
     }
     fixed = {"EKF": "ekf"} | {code(label): label for label in own[: MOST_ROWS - _FIXED_ROWS]}
@@ -114,11 +118,12 @@ def answer_table(
             "INS": cells.of("ins"),
         } | {head: cells.of(label) for head, label in fixed.items()}
         for key, labels in named.items():
-            text = cells.of(labels[number])
-            if labels[number] and cells.alike(labels[number], "ekf"):
-                text = "= EKF"
-            if labels[number] not in ("", "ekf") and heads[key] == key:
-                text = f"{code(labels[number])} {text}"
+            label = labels[number]
+            text = cells.of(label)
+            if alike := bool(label) and cells.alike(label, "ekf"):
+                text = "EKF" if label == "ekf" else "as EKF"
+            if label not in ("", "ekf") and not single[key]:
+                text = f"{code(label)}{',' if alike else ''} {text}"
             causal_one = key == kind and not case["recommended"] and text != columns.NONE
             row[heads[key]] = f"*{text}*" if causal_one else text
         rows.append(row)

@@ -133,7 +133,7 @@ def _index(mean: pd.DataFrame, index: str) -> dict[str, str]:
             row[title] = _interval(found.spearman, found.spearman_lo, found.spearman_hi)
             row[f"{title}: vs roughness"] = found.versus_roughness
     fit = own.index[own["trusted"]]
-    return row | {"trusted for": "both" if len(fit) == 2 else "".join(fit) or "none"}
+    return row | {"reliable for": "both" if len(fit) == 2 else "".join(fit) or "none"}
 
 
 def _untrusted(indices: pd.DataFrame) -> list[str]:

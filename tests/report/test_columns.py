@@ -83,7 +83,7 @@ def test_ends_of_intervals_beyond_the_earth_are_limits_wherever_they_are_printed
 def test_a_heading_has_the_unit_of_numbers_without_one():
     """A time of a run is written as 10 ms."""
     heads = [columns.COLUMNS[key].head for key in ("rms_m", "efficiency", "seconds_per_run")]
-    assert heads == ["RMS error [m]", "× oracle", "time a run"]
+    assert heads == ["RMS error [m]", "× oracle", "median time per run"]
 
 
 @pytest.mark.parametrize("form", ["metres", "ratio", "efficiency", "share"])

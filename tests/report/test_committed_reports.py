@@ -21,7 +21,7 @@ PAGES = [
     path
     for path in sorted(REPORTS.glob("*.md"))
     if path.read_text(encoding="utf-8").startswith(
-        f"<!-- ggbench page {page_templates.PAGE_VERSION} -->"
+        f"<!--ggbench-page-{page_templates.PAGE_VERSION}-->"
     )
 ]
 CURRENT = bool(PAGES) and (REPORTS / "README.md") in PAGES

@@ -100,7 +100,7 @@ def test_a_report_shows_the_estimators_of_ones_own(with_own):
     assert "|`mine-filter`|" in published and "|`broken-filter`|failed|" in published
     errors = pd.read_csv(with_own / "reports" / "small" / "data" / "errors.csv")
     assert errors["mine-filter"].str.startswith(columns.metres(own["base"]))[0]
-    assert "mine.py" not in text.partition("## Again")[0]
+    assert "mine.py" not in text.partition("## Reproduce")[0]
 
 
 def test_a_report_of_an_estimator_that_fails_says_why(with_own):
@@ -216,14 +216,14 @@ def data_of(page: Path) -> dict:
 def test_a_page_has_its_parts_in_order(page):
     """Answer, figure, table, conditions, command; the notes' place is before the command."""
     marks = [
-        "<!-- ggbench page",
+        "<!--ggbench-page-",
         "# A short flight",
         "**Answer.**",
         "](small/answer.png)",
         "|case|bound [m]|",
         "## Published numbers",
         "## Conditions",
-        "## Again",
+        "## Reproduce",
         "`ggbench run small.toml -n 6",
     ]
     places = [page.index(mark) for mark in marks]
