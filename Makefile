@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep suite library reports golden bench bench-check frameworks matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs tutorial tutorial-check wheel-check browser lock clean
+.PHONY: help paper sweep suite library reports golden bench bench-check frameworks matching drive agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs tutorial tutorial-check wheel-check browser lock clean
 
 help:
 	@echo "make paper        fly the paper's three cases, 10 runs each; the report is in results/wang2013/report"
@@ -21,6 +21,7 @@ help:
 	@echo "make frameworks   compare estimation frameworks; writes reports/frameworks.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
 	@echo "make matching     fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
+	@echo "make drive        fly a recorded drive with GNSS outages; writes reports/recorded_drive.md"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
 	@echo "make test         run the tests, on all processors"
 	@echo "make test-all     run these and the long ones: agreement on scenarios of each kind, loops of faults"
@@ -77,6 +78,9 @@ bench-check: $(INSTALLED)
 matching bench bench-check frameworks: export OPENBLAS_NUM_THREADS := 1
 matching: $(INSTALLED)
 	PYTHONPATH=studies $(BIN)/python -m matching_area
+
+drive: $(INSTALLED)
+	PYTHONPATH=studies $(BIN)/python -m recorded_drive
 
 agreement: $(INSTALLED)
 	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest -m "" tests/engines/test_agreement.py

@@ -22,8 +22,9 @@ TEMPLATES = [
 ]
 DATA = sorted((SCENARIOS / "data").rglob("README.md"))
 CHANGELOG = ROOT / "CHANGELOG.md"
-MEASURED = [ROOT / "reports" / f"{name}.md" for name in ("speed", "frameworks", "matching_area")]
-"""Pages of the benchmark and of the study."""
+MEASURES = ("speed", "frameworks", "matching_area", "recorded_drive")
+MEASURED = [ROOT / "reports" / f"{name}.md" for name in MEASURES]
+"""Pages of benchmarks and studies."""
 SCANNED = [
     *documents(ROOT),
     CHANGELOG,

@@ -1,0 +1,29 @@
+"""``python -m recorded_drive``: fly the outages and write the page."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from ggbench.errors import GGBenchError
+from ggbench.results import digest
+
+from . import page
+from .outages import fly
+
+
+def main() -> int:
+    """Fly the outages, and write table and page."""
+    output = Path("reports")
+    try:
+        table = fly()
+        print(page.write(table, output))
+        digest.write_csv(table, output / page.FOLDER / page.OUTAGES)
+    except GGBenchError as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
