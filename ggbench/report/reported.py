@@ -112,7 +112,7 @@ class Reported(Results):
             digest.write_csv(table, folder / f"{name}.csv")
 
     def rerun(self) -> str:
-        """Return the command that repeats the campaign."""
+        """Return the command that repeats the campaign; the scenario's own seed is left out."""
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""
@@ -125,7 +125,8 @@ class Reported(Results):
         if m["cases"] != [case.name for case in self.whole_scenario.cases]:
             flags += "".join(f" -c {shlex.quote(name)}" for name in m["cases"])
         flags += " --assumptions" if m["assumptions"] else ""
-        return f"ggbench run {as_argument(m['argument'])} -n {m['runs']} --seed {m['seed']}{flags}"
+        seed = "" if m["seed"] == self.scenario.campaign.seed else f" --seed {m['seed']}"
+        return f"ggbench run {as_argument(m['argument'])} -n {m['runs']}{seed}{flags}"
 
     def _models(self) -> pd.DataFrame:
         """Return the heaviest models of estimators that weigh models, at some times."""

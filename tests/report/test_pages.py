@@ -100,7 +100,7 @@ def test_a_report_shows_the_estimators_of_ones_own(with_own):
     assert "|`mine-filter`|" in published and "|`broken-filter`|failed|" in published
     errors = pd.read_csv(with_own / "reports" / "small" / "data" / "errors.csv")
     assert errors["mine-filter"].str.startswith(columns.metres(own["base"]))[0]
-    assert "mine.py" not in text.partition("## Reproduce")[0]
+    assert "mine.py" not in text.partition("Reproduce: ")[0]
 
 
 def test_a_report_of_an_estimator_that_fails_says_why(with_own):
@@ -223,8 +223,7 @@ def test_a_page_has_its_parts_in_order(page):
         "|case|bound [m]|",
         "## Published numbers",
         "## Conditions",
-        "## Reproduce",
-        "`ggbench run small.toml -n 6",
+        "Reproduce: `ggbench run small.toml -n 6",
     ]
     places = [page.index(mark) for mark in marks]
     assert places == sorted(places)
