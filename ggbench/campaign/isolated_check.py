@@ -1,6 +1,7 @@
 """Separate process for the checks of ``ggbench check``.
 
-A user's file may print endlessly, end its process or never return. Results go through a pipe.
+A user's file may print endlessly, end the process or never return. Results are therefore sent
+through a pipe to the parent.
 """
 
 from __future__ import annotations
