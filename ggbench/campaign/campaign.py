@@ -55,7 +55,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Convert a user error within the context to a CampaignError that names the case."""
+    """Raise user errors within the context as a CampaignError that names the case."""
     try:
         yield
     except GGBenchError as error:

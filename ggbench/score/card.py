@@ -1,4 +1,4 @@
-"""Cards: results of an estimator in the suite, as a file to check and compare."""
+"""Score cards: results of an estimator in the suite, as a file to check and compare."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class Card(_Part):
         return self
 
     def verdicts(self, role: str) -> dict[str, int]:
-        """Return the number of cases by verdict against the EKF ("ekf") or the others ("")."""
+        """Count the cases by verdict against the EKF (``role`` "ekf") or other opponents ("")."""
         verdicts = [
             other.verdict
             for question in self.questions
@@ -163,7 +163,7 @@ class Card(_Part):
 
 
 def rounded(value: float) -> float | None:
-    """Return a number with six digits, None for NaN or infinity."""
+    """Return a number rounded to six significant digits, or None for NaN or infinity."""
     return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None
 
 
@@ -180,7 +180,7 @@ def write(card: Card, path: Path) -> None:
 
 
 def read(path: Path) -> Card:
-    """Read a card; raise ScoreError if the file is no card, or of another format."""
+    """Read a card; raise ScoreError if the file is no card, or has another format version."""
     content = content_of(path, ScoreError, "the card ", MOST_BYTES)
     try:
         loaded = from_json(content)
