@@ -25,7 +25,8 @@ def sensors_of_side(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, 
 
     Parameters
     ----------
-    side : Side Tables of the truth or of the model.
+    side : Side
+        Tables of the truth or of the model.
     truth : TruthSpec or None
         Dropouts and outliers of the true sensors; None for the assumed sensors.
     """

@@ -53,7 +53,8 @@ def spawn_key(source: str) -> tuple[int, ...]:
 
     Parameters
     ----------
-    source : str Name ``SENSOR/ERROR``; ``SENSOR/`` is the white noise of a sensor.
+    source : str
+        Name ``SENSOR/ERROR``; ``SENSOR/`` is the white noise of a sensor.
     """
     return (FIRST_KEYS[source],) if source in FIRST_KEYS else words_of(source)
 
@@ -68,8 +69,10 @@ class RandomStreams:
     ----------
     seed : int
         Seed of the campaign.
-    run : int Index of the run.
-    draw : str Key ``draw.name`` of the case, which enters the seed unless it is empty.
+    run : int
+        Index of the run.
+    draw : str
+        Key ``draw.name`` of the case, which enters the seed unless it is empty.
     """
 
     def __init__(self, seed: int, run: int, draw: str = "") -> None:

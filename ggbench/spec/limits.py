@@ -1,4 +1,4 @@
-"""Limits for scenario files, command options and stored results."""
+"""Limits of numbers in scenario files, command options and stored results."""
 
 SCENARIO_NAME = r"^[^/\\\x00]*[^/\\\x00.]$"
 """Pattern of a scenario's name, which files and folders of its report take."""
