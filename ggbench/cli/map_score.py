@@ -1,4 +1,4 @@
-"""``ggbench map score``: suitability of a map's areas for matching."""
+"""``ggbench map score``: suitability of map cells for matching."""
 
 from __future__ import annotations
 
