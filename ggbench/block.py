@@ -341,5 +341,5 @@ class BlockEstimator(Estimator):
         return by_block(problem, lambda block: self.estimate_block(block, (rng,)).estimate(0))
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse models without compiled kernels."""
+        """Return the reason why compiled kernels cannot process the problem, or None."""
         return without_kernels(problem)

@@ -12,7 +12,7 @@ _LONGEST_TEXT = 200
 class GGBenchError(Exception):
     """An error that a user can cause.
 
-    Its message is one sentence: the fault, its place, and the allowed values.
+    The message is one sentence with the fault, the place and the allowed values.
     """
 
 

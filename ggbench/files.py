@@ -100,7 +100,7 @@ def out_of_space(failure: OSError) -> bool:
 
 
 def reason_of(failure: OSError) -> str:
-    """Return the reason why a file cannot be read or written, in words."""
+    """Return in words the reason why a file cannot be read or written."""
     return _NO_SPACE.get(failure.errno or 0) or failure.strerror or str(failure)
 
 

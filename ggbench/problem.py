@@ -30,10 +30,16 @@ class MeasurementModel(Protocol):
     """Measurement function h and its Jacobian, as functions of epoch index and state."""
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return h(k, x) of shape (..., m) for states x (..., n), any leading axes."""
+        """Return h(k, x) (..., m) at epoch ``k`` and states x (..., n).
+
+        The states may have any leading axes.
+        """
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ∂h/∂x of shape (..., m, n) at states x (..., n), any leading axes."""
+        """Return the Jacobian ∂h/∂x (..., m, n) at epoch ``k`` and states x (..., n).
+
+        The states may have any leading axes.
+        """
 
 
 @runtime_checkable
@@ -63,11 +69,11 @@ def jacobian_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np
 
 @runtime_checkable
 class CountingModel(MeasurementModel, Protocol):
-    """A measurement model that counts the states at which it was evaluated."""
+    """A measurement model that counts its evaluations."""
 
     @property
     def evaluations(self) -> int:
-        """Number of evaluations of h and of its Jacobian so far."""
+        """Number of states at which h or its Jacobian has been evaluated so far."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +265,7 @@ class Problem:
         return ranked_root(self.process_cov[k])[0]
 
     def log_likelihood(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ln p(z_k | x) (...) of the available measurements at states x (..., n)."""
+        """Return ln p(z_k | x) (...) of the available measurements, for states x (..., n)."""
         there = self.present[k]
         residual = (self.measurements[k] - self.model.predict(k, x))[..., there]
         root = np.linalg.cholesky(self.noise_of(k)[np.ix_(there, there)])
@@ -370,14 +376,15 @@ class Estimator(ABC):
     def exact_if_linear_gaussian(self) -> bool:
         """Whether the estimate of a linear Gaussian problem is exact.
 
-        An exact estimate equals that of the Kalman filter or smoother of the same causality, to
-        rounding. Particles and grids are exact only in the limit.
+        An exact estimate equals that of the Kalman filter or smoother with the same causality,
+        except for rounding. Particles and grids are exact only in the limit of infinitely many
+        points.
         """
         return True
 
     @abstractmethod
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Estimate the state at every epoch; all randomness comes from ``rng``."""
+        """Estimate the state at every epoch; ``rng`` is the only source of random numbers."""
 
     def conflict(self) -> str | None:
         """Return the reason why the parameters contradict each other, or None."""

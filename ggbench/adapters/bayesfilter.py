@@ -1,7 +1,7 @@
 """bayesfilter (NumPy): extended and unscented Kalman filters.
 
-The extra is ``bayesfilter``: ``pip install 'ggbench[bayesfilter]'``. A filter of bayesfilter has
-one motion model, so this module makes a new filter at each epoch.
+Install the extra ``bayesfilter``: ``pip install 'ggbench[bayesfilter]'``. A filter of bayesfilter
+has one motion model, so this module makes a new filter at each epoch.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """cuthbert (JAX): square-root extended Kalman filter and smoother.
 
-The extra is ``cuthbert``: ``pip install 'ggbench[cuthbert]'``. Code compiled by JAX calls the
+Install the extra ``cuthbert``: ``pip install 'ggbench[cuthbert]'``. Code compiled by JAX calls the
 measurement function h in Python (:mod:`.jax_callback`).
 """
 

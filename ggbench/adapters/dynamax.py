@@ -1,6 +1,6 @@
 """dynamax (JAX): extended and unscented Kalman filters, extended Kalman smoother.
 
-A filter of dynamax joins a campaign as a class of a few lines::
+A class of a few lines adds a filter of dynamax to campaigns::
 
     @dataclass(frozen=True)
     class Mine(DynamaxEstimator):
@@ -9,7 +9,7 @@ A filter of dynamax joins a campaign as a class of a few lines::
         def posterior(self, parameters, emissions, inputs):
             return extended_kalman_filter(parameters, emissions, inputs=inputs)
 
-The extra is ``dynamax``: ``pip install 'ggbench[dynamax]'``. Importing this module sets JAX to
+Install the extra ``dynamax``: ``pip install 'ggbench[dynamax]'``. Importing this module sets JAX to
 double precision. Code compiled by JAX calls the problem's h and H in Python. A campaign therefore
 compares the accuracy of the filters, not the speed that they would have with an h written in JAX.
 """

@@ -1,7 +1,7 @@
 """kalbee (NumPy): extended and cubature Kalman filters.
 
-The extra is ``kalbee``: ``pip install 'ggbench[kalbee]'``. Before each step the filter receives Q,
-R and, for the extended filter, the Jacobians of the epoch.
+Install the extra ``kalbee``: ``pip install 'ggbench[kalbee]'``. Before each step the filter
+receives Q, R and, for the extended filter, the Jacobians of the epoch.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """pyceres (Ceres Solver): the most probable trajectory by dense nonlinear least squares.
 
-The extra is ``pyceres``: ``pip install 'ggbench[pyceres]'``. The process noise covariance is
+Install the extra ``pyceres``: ``pip install 'ggbench[pyceres]'``. The process noise covariance is
 singular, and Ceres has no equality constraints. Therefore the unknowns are standard normal vectors:
 u with x_0 = prior_mean + L u, and w_k with x_k = Φ_k x_{k−1} + G_k w_k, where L Lᵀ = prior_cov, G_k
 G_kᵀ = Q_k, and G_k has as many columns as the rank of Q_k. The residuals are these unknowns and the

@@ -1,6 +1,6 @@
 """Stone Soup: extended and unscented Kalman filters, Kalman smoother.
 
-A filter of Stone Soup joins a campaign as a class of a few lines::
+A class of a few lines adds a filter of Stone Soup to campaigns::
 
     @dataclass(frozen=True)
     class Mine(StoneSoupEstimator):
@@ -9,7 +9,7 @@ A filter of Stone Soup joins a campaign as a class of a few lines::
         def filter(self, transition, measurement):
             return KalmanPredictor(transition), ExtendedKalmanUpdater(measurement)
 
-The extra is ``stonesoup``: ``pip install 'ggbench[stonesoup]'``.
+Install the extra ``stonesoup``: ``pip install 'ggbench[stonesoup]'``.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Measurement(NonLinearGaussianMeasurement):
 
     @property
     def ndim_meas(self) -> int:
-        """Number m of channels."""
+        """Number m of measurement channels."""
         return len(self.noise_covar)
 
     def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
@@ -108,7 +108,7 @@ class Measurement(NonLinearGaussianMeasurement):
         return predicted + (self.rvs(points.shape[1]) if noise is True else noise)
 
     def jacobian(self, state: Any, **kwargs: Any) -> np.ndarray:
-        """Return H (m, n) at a state."""
+        """Return the Jacobian H (m, n) at a state."""
         x = np.asarray(state.state_vector, dtype=float)[:, 0]
         return self.problem.model.jacobian(self.epoch, x)
 
@@ -226,7 +226,7 @@ class StoneSoupUkf(StoneSoupEstimator):
 
 @dataclass(frozen=True)
 class StoneSoupSmoother(StoneSoupEkf):
-    """Kalman smoother of Stone Soup after its extended Kalman filter."""
+    """Kalman smoother of Stone Soup, applied to the result of the extended Kalman filter."""
 
     name = "stonesoup-smoother"
     family: ClassVar[Family] = "smoother"

@@ -178,11 +178,11 @@ def _runs_of(stored: Sequence[StoredRuns], case: str) -> int:
 
 
 def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
-    """Raise ExchangeError if estimates change when later measurements are left out.
+    """Raise ExchangeError if estimates change when later measurements are omitted.
 
     Parameters
     ----------
-    stored : estimates of whole problems.
+    stored : estimates of the same filter on the complete problems.
     cut : estimates of the same runs, exported with ``until_s``.
     """
     if any(whole.causality == "batch" for whole in stored):

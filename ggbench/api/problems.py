@@ -1,4 +1,4 @@
-"""Problems in Python: simulate, read, estimate, judge and correct."""
+"""Functions on single problems: simulate, read_flight, estimate, judge and corrected."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Judgement(judgement.Judgement):
     """Errors of an estimate against the truth, with a figure and a table."""
 
     def plot(self) -> Figure:
-        """Draw the ENU errors of position and velocity with their reported ±3σ."""
+        """Draw the ENU errors of position and velocity with the reported ±3σ."""
         from ..figures.errors import with_deviations  # not at the top: few want a figure
 
         return with_deviations(self.times, self.components, self.sigmas)

@@ -62,7 +62,7 @@ class Results(folder.Results):
         return f"<p>{escape(repr(self))}</p>{self.summary().to_html(index=False)}"
 
     def plot_error_over_time(self, case: str | None = None) -> Figure:
-        """Draw the RMS position and velocity errors over the runs against time, and the bounds.
+        """Draw the RMS position and velocity errors of all runs, and the bounds, against time.
 
         Raises
         ------

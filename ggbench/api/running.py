@@ -1,4 +1,4 @@
-"""Campaigns in Python: a scenario, changed cases, or a sweep over values."""
+"""Functions that run campaigns: a scenario, changed cases, or a sweep over values."""
 
 from __future__ import annotations
 

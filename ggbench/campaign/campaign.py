@@ -38,7 +38,7 @@ _NAMED_CASES = 3
 
 
 class CampaignError(GGBenchError):
-    """A campaign cannot be run with these arguments."""
+    """A campaign cannot be run with the given arguments."""
 
 
 def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:

@@ -18,11 +18,11 @@ _LARGEST = 1 << 32
 
 
 class GarbledError(Exception):
-    """The received bytes are no message."""
+    """Received bytes do not form a valid message."""
 
 
 def packed(message: object) -> bytes:
-    """Return the bytes of a message."""
+    """Return a message as bytes with length and checksum."""
     content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
     return _HEADER.pack(_MARK, zlib.crc32(content), len(content)) + content
 

@@ -30,7 +30,7 @@ def adopt_orphans() -> None:
 
 
 def kill_marked(marks: Collection[str]) -> None:
-    """Kill all other processes whose initial environment has one of these marks."""
+    """Kill all other processes whose initial environment contains one of ``marks``."""
     _kill(psutil.process_iter, lambda process: process.environ().get(MARK) in marks)
 
 

@@ -90,7 +90,7 @@ def peak_memory_mb() -> float:
 
 
 def new_record(choice: Choice, run: int, seed: int) -> dict[str, Any]:
-    """Return the record of a run before its result is known."""
+    """Return an incomplete record of a run, without results."""
     return BLANK | {
         "name": choice.estimator.name,
         "parameters": choice.spec.listed,

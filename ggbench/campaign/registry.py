@@ -1,8 +1,9 @@
-"""Registry of estimators: entry points of the group ``ggbench.estimators``, and users' files.
+"""Registry of estimators: installed entry points, and users' files.
 
-A text ``NAME`` or ``NAME[parameter=value,...]`` names an estimator. NAME is a registered name, the
-path of a Python file that defines one :class:`~ggbench.problem.Estimator`, the path of a file of
-estimates, or ``exec:`` and the path of a program.
+A text ``NAME`` or ``NAME[parameter=value,...]`` describes an estimator. NAME is the name of an
+entry point in the group ``ggbench.estimators``, the path of a Python file that defines one
+:class:`~ggbench.problem.Estimator`, the path of a file of estimates, or ``exec:`` and the path of a
+program.
 """
 
 from __future__ import annotations

@@ -203,7 +203,7 @@ def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Run the Kalman filter with Joseph's update.
+    """Run the Kalman filter with the covariance update in Joseph form.
 
     Return filtered and predicted means (K, n), each with its covariances (K, n, n).
     """

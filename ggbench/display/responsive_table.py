@@ -36,7 +36,7 @@ class ResponsiveTable:
         self._section_ends: set[int] = set()
 
     def add_row(self, *cells: str, style: str = "") -> None:
-        """Add a row: names as plain text, other cells with rich's markup."""
+        """Add a row; names are plain text, other cells may contain markup of the package rich."""
         pairs = zip(self._columns, cells, strict=True)
         self._rows.append([escape(cell) if kind == "name" else cell for (_, kind), cell in pairs])
         self._styles.append(style)

@@ -282,7 +282,7 @@ class StoredEstimates(Estimator):
 
     @property
     def causality(self) -> Causality:
-        """Causality that the file declares."""
+        """Causality that the file of estimates declares."""
         return stored_runs(self.path)[0].causality
 
     @property

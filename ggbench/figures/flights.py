@@ -1,4 +1,4 @@
-"""Figures of a recorded flight: track, innovations and standard deviations."""
+"""Figures of a recorded flight: tracks, standard deviations and residuals."""
 
 from __future__ import annotations
 

@@ -94,9 +94,10 @@ def noise_fit(
 ) -> str:
     """Return :data:`UNFIT` if the mean NIS does not fit the assumed noise, else "".
 
-    The mean NIS must exceed the upper end of its 95 % band by a factor of more than 1.1, or lie
-    below the lower end by such a factor. A t-test on the means of runs must agree, because
-    innovations may have heavy tails. At least ten clusters of runs are needed.
+    The noise does not fit if the mean NIS exceeds 1.1 times the upper end of ``band`` or is less
+    than the lower end divided by 1.1, and a t-test on the means of the clusters agrees. The t-test
+    is needed because innovations may have heavy tails. With fewer than ten clusters the result is
+    "".
 
     Parameters
     ----------

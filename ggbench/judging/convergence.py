@@ -16,7 +16,7 @@ from scipy.special import bdtr, ndtri
 from .statistics import ALPHA, binomial_quantile
 
 CLAIM = float(ndtri(0.975))
-"""Standard deviations of a claimed 95 % radius, see :func:`claimed_radius`."""
+"""Factor from √tr P to the reported 95 % radius, see :func:`claimed_radius`."""
 
 
 def claimed_radius(sigmas: np.ndarray) -> np.ndarray:

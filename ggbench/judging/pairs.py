@@ -1,4 +1,4 @@
-"""Paired comparisons of estimators on their common runs."""
+"""Paired comparisons of estimators on common runs."""
 
 from __future__ import annotations
 

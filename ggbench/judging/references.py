@@ -63,7 +63,7 @@ class CaseBound:
 
 
 def metrics(name: str, bound: CaseBound, oracle: np.ndarray) -> np.ndarray:
-    """Return :data:`METRICS` of each run and window (R, W, 4).
+    """Return the mean squares :data:`METRICS` (R, W, 4) of R runs in W windows.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Standing of estimators over the cases of a scenario."""
+"""Ranking of causal estimators over the cases of a scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Corrected track of a recorded flight, with innovations and errors."""
+"""Corrected track of an estimate, with innovations and errors against a reference."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def corrected_samples(
     Raises
     ------
     EstimateError
-    As in :func:`corrected`.
+        As in :func:`corrected`.
     """
     mean, _ = _arrays(problem, estimate)
     inside = (times >= problem.times[0]) & (times <= problem.times[-1])

@@ -1,4 +1,4 @@
-"""INS solution of a recorded flight, as recorded or mechanized from an IMU log."""
+"""INS solution of a recorded flight: recorded, or mechanized from an IMU log."""
 
 from __future__ import annotations
 

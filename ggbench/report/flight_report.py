@@ -51,7 +51,7 @@ def folder_of(label: str) -> str:
 
 
 def of_the_reference(flight: RecordedFlight) -> str:
-    """Return a remark if the reference is also the record of a sensor, else ""."""
+    """Return a remark if the reference is also a sensor's record, which estimators use; else ""."""
     sensor = flight.reference_is_of
     if not sensor:
         return ""
@@ -162,7 +162,7 @@ def _page(text: str, title: str, output: Path) -> str:
 
 
 def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[str]:
-    """Return a sentence on each estimator: uncertainty, residuals, errors against a reference."""
+    """Return a sentence for each estimator: uncertainty, residuals, errors against a reference."""
     sentences = []
     for label, estimate in estimates.items():
         parts = []

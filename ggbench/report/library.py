@@ -67,7 +67,10 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
 
 
 def studies(output: Path, digests: Sequence[Digest]) -> dict[str, str]:
-    """Return the first sentence of the answer on each page without a scenario, by page name."""
+    """Return the first sentence of each further page's answer, by name of the page.
+
+    Further pages report other measurements than runs of a scenario.
+    """
     scenarios = {each.manifest["scenario"] for each in digests}
     pages = {path.stem: path.read_text(encoding="utf-8") for path in sorted(output.glob("*.md"))}
     answers = {name: _STUDY.search(page) for name, page in pages.items() if name not in scenarios}
@@ -83,7 +86,7 @@ def text(
     ----------
     digests : digests of the scenarios.
     has_league : whether the league figure of the suite is in the folder of the page.
-    studies : first sentences of pages without a scenario, by page name.
+    studies : first sentences from :func:`studies`, by name of the page.
     """
     suite = [each for each in digests if each.manifest["scenario"] == SUITE]
     newest = max(each.manifest["results_version"] for each in digests)

@@ -98,9 +98,10 @@ def reached(
     """Return a table of the values of the first axis that reach each target, for each part.
 
     There are columns for the bound, the EKF and the user's first own estimator, with an interval in
-    parentheses. ``3.2 E`` is the interpolated largest value that reaches the target. If the error
-    does not grow along the axis (one error is significantly smaller than the error before), all
-    values that reach the target are listed. The table is empty without a sweep.
+    parentheses. A cell such as ``3.2 E`` is the largest value that reaches the target, interpolated
+    between cases. If the error does not grow along the axis (one error is significantly smaller
+    than the error before), all values that reach the target are listed. The table is empty without
+    a sweep.
     """
     if scenario.sweep is None:
         return pd.DataFrame()

@@ -92,7 +92,10 @@ def error_cell(row: Mapping[str, Any]) -> str:
 
 
 def is_lost(row: Mapping[str, Any]) -> bool:
-    """Return whether more than half of the runs in a row of metrics are lost."""
+    """Return whether more than half of the runs in a row of metrics are lost.
+
+    A lost run ends outside the required error without warning (:func:`.judging.summary.lost`).
+    """
     return bool(row["lost"] > MOST_LOST * row["runs"])
 
 

@@ -74,7 +74,7 @@ class Results:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """Scenario with the cases that were run."""
+        """Scenario with only the cases that were run."""
         return self.whole_scenario.select(self.manifest["cases"])
 
     @cached_property
@@ -110,7 +110,7 @@ class Results:
 
     @property
     def families(self) -> dict[str, str]:
-        """Family of each estimator (:data:`ggbench.problem.Family`)."""
+        """Family (:data:`ggbench.problem.Family`) of each estimator, by label."""
         return dict(self.manifest["families"])
 
     @property

@@ -61,7 +61,7 @@ class Advice:
 
 
 def estimators() -> list[str]:
-    """Return the INS and the estimators that are recommended in at least one case of the suite."""
+    """Return the labels of the INS and of all estimators recommended in any case of the suite."""
     recommended = stored_runs.header()["recommended"].values()
     labels = [kinds[kind]["label"] for kind in ("causal", "smoother") for kinds in recommended]
     return ["ins", *dict.fromkeys(label for label in labels if label)]

@@ -46,7 +46,7 @@ class _Part(BaseModel):
 
 
 class Opponent(_Part):
-    """Comparison with another estimator on equal runs."""
+    """Comparison of the scored estimator with another one on equal runs."""
 
     label: Line = Field(description="The other estimator.")
     role: Role = Field(
@@ -69,7 +69,7 @@ class Opponent(_Part):
 
 
 class Question(_Part):
-    """One case of the suite."""
+    """Results of the scored estimator in one case of the suite."""
 
     case: Line = Field(description="Name of the case.")
     title: Line = Field(description="The question in words.")
@@ -115,7 +115,7 @@ class Question(_Part):
 
 
 class CardEstimator(_Part):
-    """The scored estimator."""
+    """Identity of the scored estimator."""
 
     label: Line = Field(description="Name or file, and parameters that differ from the defaults.")
     name: Line = Field(description="Its name.")
@@ -127,7 +127,7 @@ class CardEstimator(_Part):
 
 
 class Card(_Part):
-    """Result of ``ggbench score``."""
+    """Score card: result of ``ggbench score`` for one estimator."""
 
     format: int = Field(description="Version of this format.")
     ggbench: Line = Field(description="Version of ggbench.")

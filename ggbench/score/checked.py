@@ -1,4 +1,4 @@
-"""Check of the cards in a folder by new runs of the suite."""
+"""Check of score cards: repetition of their runs, and comparison of the results."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class Flight:
 
     @property
     def instrument(self) -> str:
-        """Mount of the gradiometer."""
+        """Mount of the gradiometer: ``platform``, ``local-level`` or ``strapdown``."""
         spec = self.case.gradiometer
         return "local-level" if spec is None else spec.instrument
 
@@ -108,12 +108,12 @@ class Flight:
 
     @cached_property
     def true(self) -> SensorSuite:
-        """True sensors and prior."""
+        """True sensors, with the distribution of the initial errors."""
         return suite_of_case(self.case, "truth")
 
     @cached_property
     def model(self) -> SensorSuite:
-        """Assumed sensors and prior."""
+        """Sensors and prior that estimators assume."""
         return suite_of_case(self.case, "model")
 
     @cached_property
@@ -161,7 +161,7 @@ class Flight:
 
     @cached_property
     def unknown_to_a_map(self) -> np.ndarray:
-        """Gravity disturbance (K, 3), ENU [m/s²], minus the disturbance in the map of the INS."""
+        """True gravity disturbance (K, 3), ENU [m/s²], minus that in the map of the INS."""
         places = self.motion_at_epochs.positions.T
         disturbance = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:

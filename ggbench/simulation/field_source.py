@@ -168,7 +168,7 @@ def _degradation(spec: MapErrorSpec) -> MapDegradation:
 
 
 def map_recipe(spec: FieldSpec) -> MapRecipe:
-    """Return the recipe of the map of a ``[field]`` table with a shipped source."""
+    """Return the recipe for building the map of a ``[field]`` table with a shipped source."""
     return MapRecipe(
         source=spec.source,
         south_deg=spec.south_deg,

@@ -147,7 +147,7 @@ class SensorSuite:
 
     @property
     def ins_state_count(self) -> int:
-        """Number of states of the INS, including the gravity disturbance."""
+        """Number of INS states, including the gravity disturbance if it is a state."""
         return STATES if self.disturbance is None else STATES + 3
 
     @property

@@ -22,7 +22,7 @@ _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
 
 
 class Interruptions(Section):
-    """Missing measurements and outliers of any sensor."""
+    """Base of tables of true sensors: missing measurements and outliers."""
 
     outlier_share: q.Share = 0.0
     """Probability that a measurement of a channel is an outlier; needs the size of outliers."""
@@ -54,7 +54,7 @@ class Interruptions(Section):
 
 
 class PeriodicSpec(Section):
-    """A sensor with periodic measurements."""
+    """Base of tables of sensors with periodic measurements."""
 
     period_s: q.ReadingPeriod
     """Time between measurements; a whole multiple of `imu.period_s`."""

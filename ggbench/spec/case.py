@@ -268,7 +268,7 @@ class CaseSpec(WithSensors):
 
     @property
     def seed(self) -> int:
-        """Seed of the scenario's campaign; 1 without a scenario."""
+        """Seed of the scenario's campaigns; 1 for a case without a scenario."""
         return self._seed
 
     def with_seed(self, seed: int) -> CaseSpec:
@@ -300,12 +300,12 @@ class CaseSpec(WithSensors):
 
     @property
     def strides(self) -> dict[str, int]:
-        """Measurement interval of each sensor in IMU samples."""
+        """Measurement interval of each sensor as a number of IMU samples."""
         return {name: round(time / self.imu.period_s) for name, time in self.periods.items()}
 
     @property
     def tick_s(self) -> float:
-        """Greatest common divisor of all measurement intervals [s]."""
+        """Tick: greatest common divisor of all measurement intervals [s]."""
         return math.gcd(*self.strides.values()) * self.imu.period_s
 
     def check_duration(self) -> None:

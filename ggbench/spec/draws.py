@@ -19,7 +19,7 @@ _SEED = 3737
 
 
 class DrawSpec(Section):
-    """``[draw]``: start, heading and map errors that are drawn instead of shared by all runs."""
+    """``[draw]``: starts, headings and map errors that differ between runs."""
 
     tracks: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of tracks. Run r flies the track with index r modulo this number."""

@@ -158,7 +158,7 @@ class Scenario:
 
 
 def shipped() -> list[str]:
-    """Return the names of the shipped scenarios."""
+    """Return the names of the scenarios shipped with the package."""
     folder = importlib.resources.files("ggbench.scenarios")
     files = (f.name for f in folder.iterdir() if f.name.endswith(".toml"))
     return sorted(name.removesuffix(".toml") for name in files if name != rosters.FILE)

@@ -136,7 +136,7 @@ class SegmentSpec(Section):
         return self
 
     def manoeuvre(self) -> Manoeuvre:
-        """Return the manoeuvre in SI units."""
+        """Return the segment as a manoeuvre in SI units."""
         if self.kind == "rates":
             assert self.duration_s is not None
             return Segment(

@@ -73,7 +73,7 @@ class ImuChange(Section):
 
 
 class TrueImu(ImuChange):
-    """``[truth.imu]``: the true inertial sensors; errors drawn once per run, N(0, σ²)."""
+    """``[truth.imu]``: the true inertial sensors. Errors are drawn once per run from N(0, σ²)."""
 
     gyro_scale_factor_ppm: q.Ppm = 0.0
     """Standard deviation, drawn once per run and axis."""
@@ -226,7 +226,11 @@ class DisturbanceSpec(Section):
     """Whether the INS integrates measured gradients. Excludes `distance_km` and `compensate`."""
 
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
-        """Raise ValueError if ``integrate_gradients`` is set but impossible."""
+        """Raise ValueError if ``integrate_gradients`` is set but not possible.
+
+        It needs a gradiometer that measures the whole tensor, and excludes ``distance_km`` and
+        ``compensate``.
+        """
         why = self._why_not(gradiometer, compensate) if self.integrate_gradients else ""
         if why:
             raise ValueError(f"disturbance.integrate_gradients {why}")

@@ -176,11 +176,11 @@ class TrajectorySpec(Section):
         return State(np.array(place), math.radians(self.heading_deg), self.speed_mps, 0.0)
 
     def manoeuvres(self) -> list[Manoeuvre]:
-        """Return all segments, including repetitions."""
+        """Return the manoeuvres of all segments, including repetitions."""
         return [segment.manoeuvre() for segment in self.segment] * self.repeat
 
     def track_limits(self) -> TrackLimits:
-        """Return the limits of a valid track."""
+        """Return the limits that a track must respect to be valid."""
         from ..trajectory.track import TrackLimits
 
         return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
