@@ -23,10 +23,10 @@ from .errors import GGBenchError, line_of, reported
 from .files import MOST_TEXT
 
 MOST_ARRAYS = 1_000_000_000
-"""Bytes of the arrays of a file that may be read, unpacked."""
+"""Largest unpacked size of the arrays in a file [bytes]."""
 _PIECE = 1 << 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Compression of zip files: the others are unpacked without a limit of memory."""
+"""Allowed compression methods of zip files; all others are unpacked without a memory limit."""
 
 
 def _unpacking(error: type[GGBenchError], what: str) -> AbstractContextManager[None]:

@@ -32,7 +32,7 @@ from .sensors.model import SensorModel
 from .sensors.model_arrays import ModelArrays
 
 FEWEST_STATES = 3
-"""States that kernels take at least: the tiles of :mod:`.numerics.lane_algebra` are 3 × 3."""
+"""Least number of states for kernels: the tiles of :mod:`.numerics.lane_algebra` are 3 × 3."""
 
 
 @runtime_checkable

@@ -24,9 +24,9 @@ _SMALLEST_SHARE = 0.25
 """Of its size without compression, which a file of measured numbers needs at least."""
 _PROBE = bytes(1 << 20)
 MOST_TEXT = 500_000_000
-"""Bytes of a text that may be read, unpacked: its numbers take a few times as much memory."""
+"""Largest unpacked size of a text file [bytes]; its numbers need a few times as much memory."""
 asked_to_end = threading.Event()
-"""Whether this process is asked to end: netCDF4 may swallow the KeyboardInterrupt that says so."""
+"""Set if this process is asked to end, because netCDF4 may swallow the KeyboardInterrupt."""
 _temporary: set[Path] = set()
 """What this process writes at the moment."""
 

@@ -23,7 +23,7 @@ Causality = Literal["none", "filter", "fixed-lag", "batch"]
 Family = Literal[
     "inertial", "kalman", "sigma-point", "mixture", "sampled", "matching", "smoother", "own"
 ]
-"""Kinds of estimators, by how they represent the posterior; figures have a colour for each."""
+"""Families of estimators by representation of the posterior; each has a colour in figures."""
 
 
 class MeasurementModel(Protocol):

@@ -45,7 +45,7 @@ except ImportError as error:
 LIBRARIES = ("stonesoup",)
 """Distributions whose version its results depend on."""
 _START = datetime.datetime(2000, 1, 1)
-"""What stands for the start of a flight, whose date no problem tells."""
+"""Arbitrary date of the start of a flight, which Stone Soup requires."""
 
 
 class Transition(LinearGaussianTimeInvariantTransitionModel):

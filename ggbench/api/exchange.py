@@ -21,9 +21,9 @@ from .results import Results
 from .running import run
 
 _SAME = 1e-6
-"""Difference [standard deviations] of a filter's answers with and without later readings."""
+"""Allowed difference [σ] of a filter's estimates with and without later measurements."""
 _BETTER = 0.2
-"""Share of the error below which another reading of the estimates is worth a sentence."""
+"""Ratio of RMS errors below which another sign, frame or unit of the estimates is reported."""
 
 
 def export(

@@ -34,7 +34,7 @@ _AHEAD = 3
 """Tasks handed over per thread of the cluster, so that none of them waits for the next one."""
 _mine = threading.local()
 Tell = Callable[[int, str], None]
-"""Takes the number of workers, and a remark or ""."""
+"""Function that receives the number of workers, and a remark or ""."""
 
 
 class ClusterError(GGBenchError):

@@ -25,11 +25,11 @@ from ..spec.case import CaseSpec
 from .truth_isolation import HiddenArray
 
 BLOCK_RUNS = 32
-"""Runs that an estimator takes at once: their arrays stay in the processor's cache."""
+"""Most runs of a block, so that the arrays fit into the processor's cache."""
 BLOCK_BYTES = 2**29
-"""Of matrices that a block may have where the flight is so long that its runs would have more."""
+"""Largest size of a block's matrices Φ, Q and P; long flights have blocks of fewer runs."""
 LEAST_RUNS = 8
-"""Runs that a block has in any case: those that go through the kernels together."""
+"""Least runs of a block: the number that kernels process together."""
 
 
 def flight_of(case: CaseSpec) -> Flight:

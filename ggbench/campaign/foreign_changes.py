@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 OWN_MODULE = "ggbench_user_"
-"""How the module names of users' files begin."""
+"""Prefix of the module names of users' files."""
 _GUARDED = {"builtins", "json", "math", "os", "pickle", "random", "sqlite3", "struct", "time"}
 _GUARDED |= {"ggbench", "numba", "numpy", "pandas", "scipy"}
 """Packages whose functions and classes must stay as they are."""

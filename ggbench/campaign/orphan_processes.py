@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable
 import psutil
 
 MARK = "GGBENCH_WORKER"
-"""Variable of the environment by which a worker's descendants are known."""
+"""Environment variable that identifies the descendants of a worker."""
 _ROUNDS = 200
 _ROUND_S = 0.005
 _DEAD = (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)

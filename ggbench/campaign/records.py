@@ -39,7 +39,7 @@ _LONGEST_INFO = 100_000
 _LARGEST_COUNT = 2**63 - 1
 _STATUS, _PEAK = Path("/proc/self/status"), re.compile(r"VmHWM:\s*(\d+) kB")
 BORDER = 0.1
-"""How far outside a map is still its border, in distances of its nodes."""
+"""Width of the border outside a map that counts as inside, in node spacings."""
 
 
 @dataclass(frozen=True)

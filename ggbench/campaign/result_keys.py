@@ -22,7 +22,7 @@ from ..spec.case import CaseSpec
 from ..spec.sensors import FieldSpec
 
 RESULTS_VERSION = 2
-"""Version of the numbers that runs end with.
+"""Version of the numerical results of runs.
 
 Raise it with every change that moves a result beyond rounding: `tests/test_golden.py` finds such a
 change. Stored runs of another version count as missing, and ``make library`` flies them again.

@@ -36,7 +36,7 @@ from .registry import Choice, choose, own_file
 from .texts import exception_text, traceback_text
 
 clock = time.perf_counter
-"""Taken before an estimator can replace it."""
+"""Clock, imported before an estimator can replace it."""
 
 
 class OtherSourceError(GGBenchError):
@@ -110,7 +110,7 @@ def estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
 _warm: set[str] = set()
 """Labels of the estimators that this process has run.
 
-The time of a first run holds compilation and imports: summaries leave it out.
+The time of a first run includes compilation and imports, so summaries omit it.
 """
 
 

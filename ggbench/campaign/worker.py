@@ -36,7 +36,7 @@ _PIECE = 1 << 20
 _OOM_SCORE = 800
 """Of 1000 that a worker adds to its memory in the eyes of the kernel's out-of-memory killer."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment of one BLAS thread: more double the processor time for nothing on small matrices."""
+"""Environment for one BLAS thread: more threads double the processor time of small matrices."""
 living_workers: set[Worker] = set()
 
 

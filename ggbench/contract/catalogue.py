@@ -22,7 +22,7 @@ from .references import (
 )
 
 FLIGHT = ("wang2013", "0.01E-0.2Hz")
-"""Scenario and case of the flight over a shipped map: 40 readings of six channels."""
+"""Scenario and case of the flight over a shipped map: 40 measurements of six channels."""
 _SEED = 2013
 _Ask = Callable[[Estimator, Problem], object]
 _Asked = Iterator[tuple[str, Callable[[], object]]]
@@ -187,4 +187,4 @@ CHECKS = (
         ),
     ),
 )
-"""All checks; the first is asked first, and the others only if it holds."""
+"""All checks. The first is run first, and the others only if it passes."""

@@ -18,13 +18,13 @@ from .references import deviation, exact
 from .within import arrays_within
 
 EXACT = 1e-9
-"""Allowed distance from the exact answer, in deviations of the posterior."""
+"""Allowed difference from the exact estimate, in posterior standard deviations."""
 NEARLY_EXACT = 1e-5
-"""Distance up to which an estimator passes with a remark; dynamax's UKF has 3e-6."""
+"""Difference up to which an estimator passes with a remark; the UKF of dynamax has 3e-6."""
 LOSSY = 1e-4
-"""The same of an estimator that loses digits by rounding."""
+"""Allowed difference of an estimator that amplifies rounding errors."""
 NEAR, SPREAD = 0.3, 0.3
-"""Allowed rms distance of an estimator that is not exact, and error of its deviations."""
+"""Allowed RMS difference of approximate means [σ], and relative error of standard deviations."""
 _SYMMETRIC = 1e-12
 _UNMOVED, _MOVED = 1e-12, 1e-6
 """In deviations of the prior: what does not count as a change, and what does."""

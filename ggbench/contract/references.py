@@ -32,7 +32,7 @@ class LinearModel:
 UNITS = np.array([1e3, 1e-2, 1e-6, 1e-8, 1e2])
 """Sizes of the states of :func:`linear_problem`: 1 km, 1 cm/s, 1 µrad, ..."""
 CONSTANT = slice(3, 5)
-"""Its states that never change."""
+"""States of :func:`linear_problem` that are constant."""
 
 
 def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0) -> Problem:

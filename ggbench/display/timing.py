@@ -10,7 +10,7 @@ from ..figures.numbers import short
 
 _MINUTES_FROM_S = 600.0
 COLD = "* first runs only, including loading and compilation; further runs take less"
-"""What a star at a time means."""
+"""Explanation of the star after a time."""
 
 
 def duration(seconds: float) -> str:

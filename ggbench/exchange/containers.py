@@ -15,10 +15,10 @@ from ..files import written_whole
 from ..netcdf_files import netcdf_file
 
 Content = Mapping[str, np.ndarray | str]
-"""Arrays of floats and texts by their names."""
+"""Arrays of floats, and texts, by name."""
 
 LARGEST_BYTES = 2**31
-"""Of a file, and of all arrays in it: what MATLAB 5 can hold."""
+"""Largest size of a file and of its arrays, which is the limit of MATLAB 5."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 _TEXT_MARK, _ARRAY_MARK = "text", "array"
 
@@ -242,4 +242,4 @@ _FORMATS = {
     ".txt": (_write_text, _read_text),
 }
 SUFFIXES = tuple(_FORMATS)
-"""Ends of the names of files that are written and read."""
+"""Suffixes of files that are written and read."""

@@ -18,9 +18,9 @@ from .containers import ExchangeError
 from .problem_files import fingerprints
 
 JUDGED = 6
-"""Position and velocity error: what estimates must have at least."""
+"""Number of states that estimates must have at least: position and velocity errors."""
 FRAME, UNITS = "ENU", "SI"
-"""What ``frame`` and ``units`` of a file say, if they say anything."""
+"""Required values of ``frame`` and ``units`` of a file, if present."""
 _LONGEST_NAME = 60
 _SAME_TIME_S = 1e-6
 _ROUNDING = 1e-9

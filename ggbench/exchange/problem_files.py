@@ -30,7 +30,7 @@ from . import containers
 
 FORMAT = "ggbench problem 1"
 CHECKS = 100
-"""States of which the file has h and H."""
+"""Number of states at which the file contains h and H."""
 _REACH = 0.5
 """How far they are from the prior's mean, in its deviations."""
 
@@ -55,7 +55,7 @@ VARIABLES = tuple(
         resources.files(__package__).joinpath("problem_format.csv").read_text("utf-8").splitlines()
     )
 )
-"""All that a file holds, in order."""
+"""All variables of a file, in order."""
 
 
 def identity(facts: Mapping[str, object], block: ProblemBlock) -> str:
@@ -161,7 +161,7 @@ def _checks(block: ProblemBlock) -> dict[str, np.ndarray]:
 
 
 NOTES: Mapping[str, str] = {v.name: f"{v.meaning} [{v.unit}]" for v in VARIABLES if v.unit}
-"""Meaning and unit of each array, which netCDF and plain text keep."""
+"""Meaning and unit of each array; netCDF and plain text store them."""
 
 
 def write(path: Path, block: ProblemBlock, problem: str) -> None:

@@ -18,7 +18,7 @@ from .style import INS, Drawing, legend_below, plain_numbers, styled, subplots
 WIDTH = 7.3
 """Width of the figure [in], 800 pixels."""
 WORST = 30.0
-"""Ratio from which on cells have the last colour, and at which the profile ends."""
+"""Ratio at which the colour scale and the profile end."""
 SCALE = LinearSegmentedColormap.from_list(
     "league", ["#4a90c9", "#a9cfe8", "#f4f1e6", "#f2b077", "#d5702a", "#a8460d"]
 )
@@ -33,7 +33,7 @@ KEY = (
     "\N{DAGGER} overconfident, \N{DOUBLE DAGGER} unsafe\n"
     "lost: share of runs that end far off"
 )
-"""What a cell says, in the corner above the names of the cases."""
+"""Explanation of the cells, in the corner above the names of the cases."""
 _TITLE = 34
 """Characters in a line of a case's name."""
 _LABELS, _NARROWEST, _GAP = 2.3, 0.28, 0.35

@@ -14,7 +14,7 @@ import numpy as np
 from .statistics import ALPHA, FEWEST_CLUSTERS, ROUNDING
 
 FEWEST_OF_INTERVAL = 30
-"""Number of runs below which an RMS error has no interval."""
+"""Least number of runs for the interval of an RMS error."""
 _GROUPS, _FAR = 64, 1e6
 """Groups that are resampled at a time; score beyond which an interval is open."""
 _SAMPLES = 2000

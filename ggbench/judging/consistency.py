@@ -25,15 +25,17 @@ MARKS = {OVERCONFIDENT: "†", UNSAFE: "‡"}
 LEAST_COVERAGE, MOST_FALSE = 0.90, 0.05
 """Least coverage of a 95 % region; largest share of false fixes."""
 FARTHEST = 0.001
-"""Probability of χ² beyond which a run is lost if it ends outside the required error."""
+"""Tail probability of χ²: a run with a larger NEES that ends outside the required error is lost."""
 BEYOND = float(chdtri(JUDGED, FARTHEST))
-"""NEES that a consistent estimate exceeds with that probability; a run counts with no more."""
+"""NEES that a consistent estimate exceeds with this probability; larger values are limited to
+it.
+"""
 LARGE_SHARE = 0.20
 _LARGE = float(chdtri(JUDGED, LARGE_SHARE))
 _STRICT = 0.02
 """Twice the level at which a mean is surely too large: with the band, marks stay below 2.5 %."""
 MISFIT = 1.10
-"""Ratio of the mean NIS to the end of its band from which R does not fit."""
+"""Ratio of the mean NIS to the end of its band beyond which R does not fit."""
 UNFIT = "R does not fit"
 
 

@@ -18,7 +18,7 @@ from ..spec.case import WindowsSpec
 from . import run_errors
 
 OUTSIDE = "left the map at some epochs, where the field is extrapolated from the border"
-"""What is remarked of a run whose estimate leaves the map."""
+"""Remark on a run whose estimate leaves the map."""
 
 _WHOLE = "whole"
 

@@ -23,7 +23,7 @@ METRICS = {
 where the model is right.
 """
 DEFAULT_RATIO = 3.0
-"""Required final error where a case states none, in RMS filtering bounds over the last window."""
+"""Default required final error, as a multiple of the RMS bound of a filter in the last window."""
 
 
 class CaseBound:

@@ -27,9 +27,9 @@ METRICS = {
     "nis": False,
     "coverage": False,
 }
-"""Metrics of a run in each window: whether every run has them, which are at least zero then."""
+"""Metrics of a run in each window; true if every run has a value, which is then at least zero."""
 JUDGED = 6
-"""Position and velocity error: the states whose consistency is judged."""
+"""Number of states whose consistency is tested: position and velocity errors."""
 COVERAGE = 0.95
 _INSIDE = float(chdtri(JUDGED, 1.0 - COVERAGE))
 """The NEES below which a consistent estimate is with that probability."""

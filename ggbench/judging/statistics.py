@@ -16,12 +16,14 @@ from scipy.special import bdtr, bdtrc, chdtri, ndtri, stdtr, stdtrit
 ALPHA = 0.05
 """False-alarm rate of every interval, band and verdict."""
 FEWEST_CLUSTERS = 10
-"""Number of clusters of runs below which RMS errors have no interval, and noise no verdict."""
+"""Least number of clusters for intervals of RMS errors and for the verdict on noise."""
 BETTER, WORSE, EQUIVALENT, UNDECIDED = "better", "worse", "equivalent", "undecided"
 EQUIVALENCE_RATIO = 1.05
 """Ratio of errors within which two estimators are equivalent."""
 ROUNDING = 1e-9
-"""Relative difference of errors below which two runs are tied: rounding differs by machine."""
+"""Relative difference of errors below which two runs count as equal, because rounding differs
+between machines.
+"""
 
 
 def cluster_means(values: np.ndarray, cluster: np.ndarray) -> np.ndarray:

@@ -84,9 +84,9 @@ METRICS = (
 )
 """Columns of :func:`metrics`."""
 SMOOTHERS = ("fixed-lag", "batch")
-"""Causalities of estimators that see later measurements."""
+"""Causalities of estimators that use later measurements."""
 OFTEN = 0.30
-"""Success rate of the unaided INS above which success says little of an estimator."""
+"""Success rate of the unaided INS above which success rates are not informative."""
 
 
 def succeeded(runs: pd.DataFrame) -> np.ndarray:

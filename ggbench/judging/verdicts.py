@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 MOST_FAILED = 0.05
 """Share of failed runs above which an estimator is not compared."""
 RECOMMENDED_RATIO = 1.10
-"""Ratio of RMS errors to the best estimator's within which one is recommended."""
+"""Largest ratio of a recommended estimator's RMS error to the least RMS error."""
 FEWEST_RUNS = 40
 """Runs of a case below which no estimator is recommended."""
 LEAST_SUCCESS = 0.5
-"""Share of runs within the required error that a recommended estimator has at least."""
+"""Least success rate of a recommended estimator."""
 LEAST_NEES = 0.5 * JUDGED
-"""Mean NEES of a recommended estimator: its covariance is at most twice too large."""
+"""Least mean NEES of a recommended estimator: the covariance is at most twice too large."""
 ALIKE_TIMES = 2.0
-"""Ratio of times of a run up to which they are alike: they differ between machines and loads."""
+"""Ratio of computing times up to which they count as equal, because they vary with the load."""
 _INS = ""
 """Label of the INS among estimators."""
 

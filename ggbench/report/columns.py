@@ -87,7 +87,7 @@ DEFINED = (
 SYMBOLS = MARKS
 """Symbols of estimators that are not consistent."""
 NONE = "–"
-"""A cell without a value."""
+"""Text of a cell without a value."""
 
 
 def column(key: str) -> Column:

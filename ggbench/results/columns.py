@@ -112,10 +112,12 @@ COLUMNS = (
     Column("output", str, tabled=False),
     Column("info", str, tabled=False),
 )
-"""Of a record. ``fixes`` is the number of fixes that a matcher tried; ``info`` is JSON."""
+"""Columns of a record. ``fixes`` is the number of attempted fixes of a matcher; ``info`` is
+JSON.
+"""
 NAMES = tuple(column.name for column in COLUMNS)
 BLANK: dict[str, Any] = {column.name: column.blank for column in COLUMNS} | {"info": {}}
-"""Record of a run of which nothing is known yet, to be filled."""
+"""Record of a run without any result."""
 TABLED = tuple(column for column in COLUMNS if column.tabled)
 FIX_COLUMNS = (
     Column("run", int, f"BETWEEN 0 AND {MOST_RUNS}"),
@@ -126,7 +128,7 @@ FIX_COLUMNS = (
     Column("statistic", float),
     Column("accepted", bool),
 )
-"""Of the fixes of a run: their number in the run, and :data:`.judging.fix_metrics.ROWS`."""
+"""Columns of the fixes of a run: index in the run, and :data:`.judging.fix_metrics.ROWS`."""
 
 
 def _definitions(columns: Sequence[Column]) -> str:

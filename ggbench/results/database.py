@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 APPLICATION_ID = 0x67676231
-"""Says in the header of a database that it is one of ours."""
+"""Identifier of ggbench in the header of the database."""
 _BUSY_S = 60.0
 _PIECE = 5000
 """Rows that are held at a time on their way into a table."""

@@ -27,13 +27,13 @@ from .database import APPLICATION_ID, Database, StoreError
 from .formats import flaw_of_manifest
 
 DETAILED_RUN = 0
-"""The run whose errors and claimed deviations are kept component by component, for the figures."""
+"""Index of the run whose error components and reported σ are stored for figures."""
 MOST_KEPT = 400
-"""Most epochs of a run whose errors are kept as a time series."""
+"""Most epochs of the stored time series of a run."""
 SERIES_RUNS = 1000
-"""Runs of a case whose time series are kept, the first ones: what figures over time are made of."""
+"""Number of runs of a case, from run 0, whose time series are stored."""
 FORMAT = 6
-"""Version of what a folder holds besides the columns of records; another one is refused."""
+"""Version of the folder's format, except for the columns of records; others are refused."""
 DATABASE_FILES = (
     "records.sqlite-journal",
     "records.sqlite-shm",

@@ -27,7 +27,7 @@ _STEPS = 14
 """Halvings of that range on a logarithmic scale: to 0.2%."""
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 SIDES = ("", "truth", "model")
-"""Tables of a case that may state a number: its own, and those of each side."""
+"""Tables of a case that may state a number: the common table, and those of truth and model."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from ..results.folder import RUN_COLUMNS, Results
 SUITE = "suite"
 FILE = "data/suite_runs.npz"
 REFERENCE = "ekf"
-"""The estimator that every other one is compared with."""
+"""Estimator with which every other estimator is compared."""
 _OF_A_WINDOW = (
     "position_ms",
     "velocity_ms",

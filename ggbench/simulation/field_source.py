@@ -25,7 +25,7 @@ from ..sensors.aiding import MGAL
 from ..spec.sensors import FieldSpec, MapErrorSpec
 
 FILE_SUFFIXES = (".nc", ".npz")
-"""Endings of the path of a map's file; NumPy archives of earlier versions are refused when read."""
+"""Suffixes of map files; NumPy archives of earlier versions are refused by the reader."""
 
 
 def is_file(source: str) -> bool:

@@ -14,7 +14,7 @@ from ..trajectory.truth import Trajectory
 from .sensor_suite import SensorSuite
 
 EARTH_RADIUS_M = 6.371e6
-"""Mean radius, which is enough for a size."""
+"""Mean radius of the Earth [m]."""
 _STEPS = 200
 """Times after the start at which the covariance is given."""
 

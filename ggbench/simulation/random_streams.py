@@ -42,9 +42,9 @@ FIRST_KEYS = {
     "gnss/lever_arm": 32,
     "gradiometer/mounting": 33,
 }
-"""Keys of the sources that were numbered, before all others followed from their names.
+"""Keys of the first sources; keys of all other sources follow from the names.
 
-Stored results have their random numbers. The table is complete: a new source needs no row.
+Stored results depend on these keys. The table is complete: a new source needs no row.
 """
 
 

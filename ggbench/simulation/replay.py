@@ -30,8 +30,8 @@ from .formulation import (
 from .sensor_suite import SensorSuite
 
 FED_BACK = 9
-"""States that the mechanization is set right by: position, velocity, attitude. Biases and gravity
-stay states: they enter linearly, and their own error model goes on.
+"""Number of states that reset the mechanization: position, velocity, attitude. Biases and gravity
+are not fed back: they enter linearly and keep their error model.
 """
 
 

@@ -73,7 +73,7 @@ class ImuChange(Section):
 
 
 class TrueImu(ImuChange):
-    """``[truth.imu]``: the true inertial sensors. Errors are drawn once per run from N(0, σ²)."""
+    """``[truth.imu]``: the true inertial sensors, with errors drawn once per run from N(0, σ²)."""
 
     gyro_scale_factor_ppm: q.Ppm = 0.0
     """Standard deviation, drawn once per run and axis."""
@@ -126,7 +126,7 @@ class InitialErrorChange(Section):
 
 
 class MapErrorSpec(Section):
-    """``[field.error]``: errors of a map. A table of truth or model replaces the whole table."""
+    """``[field.error]``: errors of a map; a table of truth or model replaces the whole table."""
 
     resolution_km: q.Wavelength | None = None
     """Standard deviation of a horizontal Gaussian that smooths the map."""
@@ -228,8 +228,8 @@ class DisturbanceSpec(Section):
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
         """Raise ValueError if ``integrate_gradients`` is set but not possible.
 
-        It needs a gradiometer that measures the whole tensor, and excludes ``distance_km`` and
-        ``compensate``.
+        The gradiometer must measure the whole tensor without delay, coloured noise, biases or
+        mounting angles. ``distance_km`` and ``compensate`` are excluded.
         """
         why = self._why_not(gradiometer, compensate) if self.integrate_gradients else ""
         if why:
