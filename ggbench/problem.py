@@ -103,7 +103,10 @@ _OF_THE_MAP = ("E", "mGal")
 
 
 def matched_with_map(channels: Sequence[Channel], count: int) -> np.ndarray:
-    """Return the mask (m,) of channels that are matched with the map; all if ``()``."""
+    """Return the mask (m,) of channels that are matched with the map.
+
+    These are channels of gravity and gravity gradients; without named channels all ``count``.
+    """
     if not channels:
         return np.ones(count, dtype=bool)
     return np.array([channel.unit in _OF_THE_MAP for channel in channels])

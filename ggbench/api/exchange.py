@@ -230,8 +230,8 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
 
     Returns
     -------
-    A sentence for each file whose RMS error would fall to less than a fifth with opposite sign, as
-    north-east-down, or in kilometres.
+    A sentence for each file whose RMS error would be less than a fifth if the numbers were read
+    with opposite sign, as north-east-down, or in kilometres.
     """
     sentences = []
     for one in estimate_files.stored_runs(Path(estimates)):

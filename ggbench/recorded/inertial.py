@@ -54,7 +54,10 @@ _SPINS = 10.0
 
 
 class Inertial(NamedTuple):
-    """INS record of a flight, stored as one run in the lanes of compiled kernels.
+    """INS record of a flight, as input of compiled kernels.
+
+    In shapes, TRACK = 15 counts position, velocity and C_nb. LANES is the number of runs that a
+    kernel processes together, of which only the first is used.
 
     Attributes
     ----------
@@ -74,7 +77,7 @@ class Inertial(NamedTuple):
     recording: Recording | None = None
 
     def navigated(self, gravity: KnownGravity) -> np.ndarray:
-        """Return the INS solution at the samples (N + 1, TRACK, LANES).
+        """Return the INS solution (N + 1, TRACK, LANES) at the samples.
 
         ``gravity`` is the gravity that the mechanization adds to normal gravity.
 

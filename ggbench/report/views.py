@@ -190,9 +190,9 @@ def drawn_estimators(
 ) -> list[str]:
     """Return the estimators of a figure: EKF, own, those of the table, best.
 
-    Of estimators with equal name and causality, only the one with the least mean logarithm of error
-    / bound is drawn. Own estimators are all drawn, up to ``most``. Only estimators with all runs of
-    all shown cases are drawn.
+    Of several parameter sets of one estimator with the same causality only one is drawn: a set in
+    the table, else the set with the least geometric mean of error / bound. Own estimators are all
+    drawn, up to ``most``. Only estimators with all runs of all shown cases are drawn.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]

@@ -1,6 +1,8 @@
 """Estimation problems from INS solutions and sensor measurements.
 
-Measurements come from a simulation or a recording. This module does not access the truth.
+Measurements come from a simulation or a recording. This module does not access the truth. In
+shapes, TRACK = 15 counts position, velocity and C_nb, and LANES is the number of runs that a kernel
+processes together.
 """
 
 from __future__ import annotations

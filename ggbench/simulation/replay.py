@@ -2,7 +2,8 @@
 
 The error model is linear about the INS solution. If an uncorrected INS has drifted far,
 second-order errors exceed the sensor noise. With a reset every minute they stay small. The
-mechanization uses only measured IMU data, never the truth.
+mechanization uses only measured IMU data, never the truth. In shapes, LANES is the number of runs
+that a kernel processes together.
 """
 
 from __future__ import annotations

@@ -304,7 +304,7 @@ class SensorSuite:
         process_cov: np.ndarray,
         rows: np.ndarray,
     ) -> None:
-        """Fill Φ and Q (R, K, n, n) for the runs in the first R lanes.
+        """Fill Φ and Q (R, K, n, n) for the first R of the runs that a kernel processes together.
 
         ``rows`` is filled with matrices that propagate an error from an epoch back to the time of
         the delayed measurement.

@@ -122,7 +122,7 @@ def _is_rotation(numbers: tuple[float, ...]) -> bool:
 class ImuRecord(InertialRecording):
     """``[imu_record]``: recorded increments or rates of the inertial sensors.
 
-    ggbench mechanises them.
+    ggbench computes the INS solution from them.
     """
 
     axes: BodyAxes
