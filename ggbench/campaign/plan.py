@@ -123,9 +123,9 @@ class Tasks:
 
     A range of runs is executed in all cases before the next range, so that an interrupted campaign
     has runs of all cases. Estimators that do not process blocks have a task for each run. If each
-    run has its own flight, all estimators share the tasks of a range, so that each flight is
-    created once. Users' files have separate tasks after those of the installed estimators, so that
-    a file's changes of the process affect no other estimator.
+    run has a different flight, all estimators share the tasks of a range, so that each flight is
+    created once. Users' files have separate tasks after those of the installed estimators. If a
+    file changes the process, no other estimator is affected.
     """
 
     def __init__(self, cells: Sequence[PendingCell], seed: int) -> None:

@@ -226,7 +226,7 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
 def choose_all(texts: Iterable[str]) -> list[Choice]:
     """Return the estimators of several texts, without duplicates.
 
-    Of equal estimators the first text gives the label. ``@NAME`` stands for all estimators of a
+    Among equal estimators the first text is the label. ``@NAME`` stands for all estimators of a
     roster. Raise EstimatorError as :func:`choose`, or if a roster does not exist.
     """
     chosen: list[Choice] = []

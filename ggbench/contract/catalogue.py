@@ -38,7 +38,8 @@ class Check:
     name : name of the check.
     demand : property that must hold.
     why : reason for the requirement.
-    questions : function of an estimator; it yields each test problem in words, with the test.
+    questions : function that takes an estimator and yields each test problem in words, with the
+        test to run.
     """
 
     name: str

@@ -78,7 +78,7 @@ def fingerprints(measurements: np.ndarray) -> list[float]:
 
 
 def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]:
-    """Return the arrays (R, ...) and texts of a block, by the names of :data:`VARIABLES`.
+    """Return the arrays (R, ...) and texts for a block's file, by names as in :data:`VARIABLES`.
 
     Parameters
     ----------

@@ -75,7 +75,10 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
 
 
 def shown_cases(results: Results) -> pd.DataFrame:
-    """Return the cases on a page: the deciding cases, or for a sweep those of the figure."""
+    """Return the cases on a page (:func:`.views.deciding_cases`).
+
+    For a sweep they are chosen among the cases in the figure.
+    """
     cases, metrics = results.cases(), results.metrics()
     cases = cases[cases["case"].isin(metrics["case"])]
     if results.scenario.sweep is not None:

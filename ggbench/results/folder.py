@@ -60,8 +60,8 @@ RUN_COLUMNS = (
 class Results:
     """Content of a results folder, also of an interrupted campaign.
 
-    Tables are copies, which callers may change. ``store`` is the open folder, if it is already
-    open. Raise StoreError if the folder is no results folder or is damaged.
+    Tables are copies, which callers may change. ``store`` is the opened folder; by default it is
+    opened for reading. Raise StoreError if the folder is no results folder or is damaged.
     """
 
     def __init__(self, folder: Path | str, store: Store | None = None) -> None:

@@ -239,7 +239,7 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
     def files(self) -> list[Path]:
-        """Return the input files of the flight."""
+        """Return the paths of the input files of the flight."""
         names = sorted({s.terrain for s in self.segment if s.terrain is not None})
         return [terrain_path(name) for name in names] + ([Path(self.file)] if self.file else [])
 
