@@ -1,6 +1,6 @@
 """A benchmark for gravity-gradient-aided inertial navigation.
 
-Vocabulary, frames, units and shapes, used by every module:
+Vocabulary, frames, units and shapes of all modules:
 
 =====================  ============================================================================
 navigation frame n     East-North-Up (ENU), local level on the WGS84 ellipsoid
@@ -14,16 +14,16 @@ error                  indicated (or estimated) minus true; sensor: measured = t
 attitude error φ       C̃_nb = (I − [φ×]) C_nb
 error state            δr ENU [m], δv ENU [m/s], φ [rad], gyro bias [rad/s], accelerometer bias
                        [m/s²]: (15,); then, if unknown, gravity, mount, biases, lever arms
-mount                  what holds the gradiometer: a platform, a local level, or the body itself
-channel                a number that is measured: of a gradiometer a component of the tensor in the
-                       axes of its mount, or a linear combination of the six; of a receiver, a
-                       log, a barometer, a gravimeter a component of what it delivers
-truth, model           what is simulated; what the estimators assume: a scenario may give them
-                       something else
+mount                  support of the gradiometer: a platform, a local level, or the body itself
+channel                a measured number: a component of the tensor in the axes of the mount or a
+                       linear combination of the six (gradiometer), or a component of the output
+                       of another sensor (receiver, log, barometer, gravimeter)
+truth, model           truth is the simulated world; the model is the world that estimators assume,
+                       which a scenario may make different
 map                    the disturbing field, gradient [E] and gravity [m/s²], on a grid of nodes
                        regular in latitude, longitude and height; the normal field is no part of it
 converged              within the required position error to the end of the flight; a false fix ends
-                       outside and claims to be inside
+                       outside although its reported covariance places it inside
 root PSD               square root of a white noise's power spectral density
 =====================  ============================================================================
 

@@ -2,7 +2,8 @@
 
 Archives are untrusted. For damaged ones the libraries raise a dozen kinds of exceptions (a zip
 header alone: BadZipFile, NotImplementedError, RuntimeError, OverflowError, struct.error, EOFError,
-zlib.error). This module converts each to the caller's error, with a sentence.
+zlib.error). This module converts each exception to the caller's error class, with a message of one
+sentence.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from .errors import GGBenchError, line_of, reported
 from .files import MOST_TEXT
 
 MOST_ARRAYS = 1_000_000_000
-"""Bytes of the arrays of a file that may be read, unpacked."""
+"""Largest unpacked size of the arrays in a file [bytes]."""
 _PIECE = 1 << 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Compression of zip files: the others are unpacked without a limit of memory."""
+"""Allowed compression methods of zip files; all others are unpacked without a memory limit."""
 
 
 def _unpacking(error: type[GGBenchError], what: str) -> AbstractContextManager[None]:
@@ -38,9 +39,9 @@ def gunzipped(content: bytes, error: type[GGBenchError], what: str) -> bytes:
 
     Parameters
     ----------
-    content : packed.
-    error : raised, with a sentence, if it is damaged or unpacks to more.
-    what : name of the file, the subject of that sentence.
+    content : content of the packed file.
+    error : class of the error that is raised if the file is damaged or unpacks to more.
+    what : name of the file in the error message.
     """
     with _unpacking(error, what), gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
         return _bounded(packed, error, what)
@@ -53,11 +54,11 @@ def from_zip(
 
     Parameters
     ----------
-    content : of the archive.
-    choose : returns the name of the wanted file, given those of all.
-    error : raised, with a sentence, if it is damaged, packed by another method than deflate, or
-        unpacks to more.
-    what : name of the file, the subject of that sentence.
+    content : content of the archive.
+    choose : function that selects one of the file names in the archive.
+    error : class of the error that is raised if the archive is damaged, is compressed by another
+        method than deflate, or unpacks to more.
+    what : name of the file in the error message.
     """
     with _unpacking(error, what), zipfile.ZipFile(io.BytesIO(content)) as archive:
         name = choose([file.filename for file in archive.infolist() if not file.is_dir()])
@@ -87,9 +88,10 @@ def read_arrays(
     Parameters
     ----------
     source : path or content of the archive.
-    error : raised, with a sentence, if it is damaged, unpacks to more, or lacks an array.
-    what : name of the archive, the subject of that sentence.
-    keys : of the arrays; None: all.
+    error : class of the error that is raised if the archive is damaged, unpacks to more, or lacks
+        an array.
+    what : name of the archive in the error message.
+    keys : names of the arrays to read; None: all.
     """
     opened = source if isinstance(source, Path) else io.BytesIO(source)
     with _unpacking(error, what):

@@ -1,7 +1,8 @@
 """Blocks of runs: input and output of compiled estimators.
 
-A block has the arrays of :class:`.problem.Problem` with the run as leading axis. It has a few tens
-of runs, so that its data fit in the processor's cache. A campaign is a stream of blocks.
+A block has the arrays of :class:`.problem.Problem` with the run as leading axis. A block has a few
+tens of runs, so that the arrays fit into the processor's cache. A campaign processes one block
+after another.
 """
 
 from __future__ import annotations
@@ -31,35 +32,35 @@ from .sensors.model import SensorModel
 from .sensors.model_arrays import ModelArrays
 
 FEWEST_STATES = 3
-"""States that kernels take at least: the tiles of :mod:`.numerics.lane_algebra` are 3 × 3."""
+"""Least number of states for kernels: the tiles of :mod:`.numerics.lane_algebra` are 3 × 3."""
 
 
 @runtime_checkable
 class CompiledModel(MeasurementModel, Protocol):
-    """A measurement model with compiled kernels and their arrays."""
+    """A measurement model with compiled kernels and the arrays that they need."""
 
     @property
     def arrays(self) -> ModelArrays:
-        """The arrays of one run."""
+        """Arrays of the model for one run."""
 
 
 @dataclass(frozen=True)
 class ProblemBlock:
     """The estimation problems of R runs of one case.
 
-    The metadata of a field names the axes of its array: R runs, K epochs, n states, m channels. The
-    axis K may be missing if all epochs share a matrix.
+    The metadata of each dataclass field names the axes of the array: R runs, K epochs, n states, m
+    channels. The axis K may be missing if all epochs share a matrix.
 
     Attributes
     ----------
     times, noise_cov, prior_mean, prior_cov, layout, channels, map : as in
         :class:`.problem.Problem`.
-    measurements, present : (R, K, m).
-    transition, process_cov : (R, K, n, n).
-    model : arrays of h and H, the run as leading axis of those that differ from run to run.
-    tracks : (R, K, 15) solution of the INS, as in :class:`.problem.InsSolution`: position,
-        velocity, and C_nb row by row; None if unknown.
-    replays : of each run, as ``replay`` of :class:`.problem.Problem`.
+    measurements, present : (R, K, m) measurements, and mask of the available ones.
+    transition, process_cov : (R, K, n, n) transition matrices and process noise covariances.
+    model : arrays of h and H; arrays that differ between runs have the run as leading axis.
+    tracks : (R, K, 15) INS solution, as in :class:`.problem.InsSolution`: position, velocity, and
+        C_nb row by row; None if unknown.
+    replays : ``replay`` of :class:`.problem.Problem` for each run.
     """
 
     times: np.ndarray = field(metadata={"axes": "K"})
@@ -96,16 +97,16 @@ class ProblemBlock:
         return len(self.prior_mean)
 
     def until(self, stop: int) -> ProblemBlock:
-        """Return the problems of the epochs before ``stop``, without replays."""
+        """Return a block of the epochs before ``stop``, without replays."""
         return self.part(0, stop, self.prior_mean, self.prior_cov)
 
     def part(self, first: int, stop: int, mean: np.ndarray, cov: np.ndarray) -> ProblemBlock:
-        """Return the problems of the epochs from ``first`` to before ``stop``.
+        """Return a block of the epochs ``first`` to ``stop`` − 1, with another prior.
 
         Parameters
         ----------
-        mean, cov : (n,), (n, n) prior at the epoch before ``first``, or at the start of the flight,
-            without the measurements of these epochs. All runs share it.
+        mean, cov : (n,), (n, n) prior that all runs share. It is valid at the epoch before
+            ``first``, or at the start of the flight if ``first`` is 0.
         """
         epochs = slice(first, stop)
         arrays = self._with_axis("K", lambda array, axis: array[(slice(None),) * axis + (epochs,)])
@@ -117,7 +118,7 @@ class ProblemBlock:
         )
 
     def some(self, first: int, stop: int) -> ProblemBlock:
-        """Return the runs from ``first`` to before ``stop``."""
+        """Return a block of the runs ``first`` to ``stop`` − 1."""
         runs = slice(first, stop)
         replays = self.replays
         return replace(
@@ -128,7 +129,7 @@ class ProblemBlock:
         )
 
     def problem(self, run: int) -> Problem:
-        """Return the problem of one run."""
+        """Return the problem of the run with index ``run``."""
         values = vars(self) | self._with_axis("R", lambda array, axis: array[run])
         states, replays = values.pop("tracks"), values.pop("replays")
         track = None
@@ -175,7 +176,7 @@ def _part_of(model: ModelArrays, first: int, stop: int) -> ModelArrays:
 
 
 def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
-    """Return all runs of several blocks as one.
+    """Return one block with all runs of several blocks.
 
     Raises
     ------
@@ -207,7 +208,7 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
 
 
 def block_of(problem: Problem) -> ProblemBlock:
-    """Return a block of one run.
+    """Return a block with a single run.
 
     Raises
     ------
@@ -259,10 +260,10 @@ def _with_idle_states(block: ProblemBlock) -> ProblemBlock:
 
 
 def by_block(problem: Problem, solve: Callable[[ProblemBlock], Estimate]) -> Estimate:
-    """Return the estimate of one run by a function of a block of one run.
+    """Return the estimate of one run from a function that estimates a block.
 
-    Kernels need a minimum number of states, so the block may have additional ones. The estimate has
-    the states of the problem.
+    Kernels need at least :data:`FEWEST_STATES` states, so the block may have additional states. The
+    returned estimate has only the states of the problem.
 
     Raises
     ------
@@ -277,7 +278,7 @@ def by_block(problem: Problem, solve: Callable[[ProblemBlock], Estimate]) -> Est
 
 
 def without_kernels(problem: Problem) -> str | None:
-    """Return the reason that a problem has no compiled measurement model, or None if it has one."""
+    """Return why compiled kernels cannot process a problem, or None if they can."""
     if isinstance(problem.model, CompiledModel):
         return None
     name = type(problem.model).__name__
@@ -290,12 +291,12 @@ class EstimateBlock:
 
     Attributes
     ----------
-    mean : (R, K, n).
-    cov : (R, K, n, n).
+    mean : (R, K, n) estimated states.
+    cov : (R, K, n, n) covariances.
     causality, lag : as in :class:`.problem.Estimate`.
-    nis : (R, K) normalised innovation squared, NaN without a measurement; None unless the estimator
-        is a filter.
-    info : counters and texts, an array (R,) each; ``map_evaluations`` counts the points at which
+    nis : (R, K) normalised innovation squared, NaN without a measurement; None if the estimator is
+        no filter.
+    info : counters and texts, each an array (R,); ``map_evaluations`` counts the points at which
         the map was evaluated.
     """
 
@@ -307,7 +308,7 @@ class EstimateBlock:
     info: Mapping[str, np.ndarray] = field(default_factory=lambda: MappingProxyType({}))
 
     def estimate(self, run: int) -> Estimate:
-        """Return the estimate of one run."""
+        """Return the estimate of the run with index ``run``."""
         info = {name: values[run].item() for name, values in self.info.items()}
         nis = None if self.nis is None else self.nis[run]
         return Estimate(self.mean[run], self.cov[run], self.causality, self.lag, info, nis)
@@ -315,22 +316,22 @@ class EstimateBlock:
 
 @dataclass(frozen=True)
 class BlockEstimator(Estimator):
-    """Base of the estimators that process many runs at once; a single run is a block of one."""
+    """Base of estimators that process many runs at once; a single run is a block with R = 1."""
 
     @abstractmethod
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
-        """Estimate the states of all runs of a block; no run may depend on its neighbours.
+        """Estimate the states of all runs of a block, each run independently of the others.
 
         Parameters
         ----------
-        block : R runs.
+        block : problems of R runs.
         rngs : one generator for each run, the only source of random numbers.
         """
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Estimate the states of a block of one run.
+        """Estimate the states of a single run, as a block with R = 1.
 
         Raises
         ------
@@ -340,5 +341,5 @@ class BlockEstimator(Estimator):
         return by_block(problem, lambda block: self.estimate_block(block, (rng,)).estimate(0))
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse models without compiled kernels."""
+        """Return the reason why compiled kernels cannot process the problem, or None."""
         return without_kernels(problem)

@@ -1,4 +1,4 @@
-"""Base class of user errors, and texts of other errors."""
+"""Base class of user errors, and short messages from exceptions of libraries."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ _LONGEST_TEXT = 200
 class GGBenchError(Exception):
     """An error that a user can cause.
 
-    Its message is one sentence: the fault, its place, and the allowed values.
+    The message is one sentence with the fault, the place and the allowed values.
     """
 
 
 @contextlib.contextmanager
 def reported(error: type[GGBenchError], failure: str) -> Iterator[None]:
-    """Convert any error of a library within the context to a given error with one sentence.
+    """Convert any library exception within the context to a user error.
 
-    Errors of this package pass unchanged.
+    A :class:`GGBenchError` passes unchanged.
 
     Parameters
     ----------
-    error : raised instead.
-    failure : beginning of the sentence; the reason follows.
+    error : class of the error that is raised instead.
+    failure : beginning of the message; the text of the exception follows.
     """
     try:
         yield
@@ -36,17 +36,17 @@ def reported(error: type[GGBenchError], failure: str) -> Iterator[None]:
 
 
 def text_of(error: BaseException) -> str:
-    """Return the text of a library's error for a sentence: one line, printable and short.
+    """Return the message of a library's exception as one short, printable line.
 
-    Libraries quote their input, so a damaged file may cause texts of any length.
+    Libraries quote their input, so the original message may be of any length.
     """
     return line_of(str(error)) or type(error).__name__
 
 
 def brief(text: str) -> str:
-    """Return the reason of a failure as one printable line of at most 300 characters.
+    """Return the text of a failure as one printable line of at most 300 characters.
 
-    The tables of a results folder keep the whole text.
+    The tables of a results folder contain the whole text.
     """
     line = line_of(text, _LONGEST_REASON + 1)
     return line if len(line) <= _LONGEST_REASON else f"{line[: _LONGEST_REASON - 1]}…"

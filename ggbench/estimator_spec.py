@@ -1,7 +1,7 @@
-"""Text of an estimator with its parameters.
+"""Text form of an estimator with parameters.
 
-Users write ``ukf[points=merwe,alpha=0.1]``; it is stored with every run and shown in tables and
-figures. Only this module parses it.
+Users write ``ukf[points=merwe,alpha=0.1]``. This text is stored with every run and shown in tables
+and figures. Only this module parses it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class EstimatorSpec:
     Attributes
     ----------
     name : the registered name, or the path of a Python file.
-    parameters : the text of each parameter by its name, in order.
+    parameters : text of each value by the name of its parameter, in order.
     """
 
     name: str
@@ -31,7 +31,7 @@ class EstimatorSpec:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Return the spec of a text ``NAME`` or ``NAME[parameter=value,...]``.
+        """Parse a text ``NAME`` or ``NAME[parameter=value,...]``.
 
         Raises
         ------
@@ -55,17 +55,17 @@ class EstimatorSpec:
 
     @classmethod
     def changed(cls, name: str, values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
-        """Return the spec of complete parameter values, without those that equal their default."""
+        """Return the spec with those parameter values that differ from their defaults."""
         texts = {key: _text(value) for key, value in values.items() if value != defaults[key]}
         return cls(name, MappingProxyType(texts))
 
     @property
     def listed(self) -> str:
-        """The parameters, ``points=merwe,alpha=0.1``; empty if all are defaults."""
+        """Parameters as text, ``points=merwe,alpha=0.1``; empty if all have their defaults."""
         return ",".join(f"{key}={value}" for key, value in self.parameters.items())
 
     def without(self, *keys: str) -> EstimatorSpec:
-        """Return the spec without some of its parameters."""
+        """Return the spec without the parameters ``keys``."""
         remaining = {key: text for key, text in self.parameters.items() if key not in keys}
         return EstimatorSpec(self.name, MappingProxyType(remaining))
 
@@ -84,11 +84,16 @@ def _text(value: Any) -> str:
 
 
 def shown_names(names: Mapping[str, str]) -> dict[str, str]:
-    """Return how tables name estimators: by their own name, and by the file if two share that.
+    """Return the name shown in tables for each label.
 
     Parameters
     ----------
-    names : the name that each label's class has, ``{"my/file.py[gain=2]": "mine"}``.
+    names : name of the estimator class by label, ``{"my/file.py[gain=2]": "mine"}``.
+
+    Returns
+    -------
+    Shown name by label: the class name with the parameters (``mine[gain=2]``), or the label itself
+    if two labels would have the same shown name.
     """
     own_names = {
         label: str(EstimatorSpec(name, EstimatorSpec.parse(label).parameters))

@@ -24,9 +24,9 @@ _SMALLEST_SHARE = 0.25
 """Of its size without compression, which a file of measured numbers needs at least."""
 _PROBE = bytes(1 << 20)
 MOST_TEXT = 500_000_000
-"""Bytes of a text that may be read, unpacked: its numbers take a few times as much memory."""
+"""Largest unpacked size of a text file [bytes]; its numbers need a few times as much memory."""
 asked_to_end = threading.Event()
-"""Whether this process is asked to end: netCDF4 may swallow the KeyboardInterrupt that says so."""
+"""Set if this process is asked to end, because netCDF4 may swallow the KeyboardInterrupt."""
 _temporary: set[Path] = set()
 """What this process writes at the moment."""
 
@@ -35,17 +35,17 @@ _temporary: set[Path] = set()
 def written_whole(
     path: Path, error: type[GGBenchError], what: str = "", size: int = 0
 ) -> Iterator[Path]:
-    """Yield a temporary path; the file replaces the target atomically, or not at all.
+    """Yield a temporary path; at the end its file replaces the target atomically.
 
-    Temporary files of killed processes are removed.
+    After an error the target is unchanged. Temporary files of killed processes are removed.
 
     Parameters
     ----------
-    path : of the file; a missing folder is created.
-    error : raised, with a sentence, if it cannot be written.
-    what : name of the file in that sentence.
-    size : bytes of the uncompressed file; 0 if unknown. If less than a quarter of it is free on the
-        disk, the error is raised before writing.
+    path : path of the target; a missing folder is created.
+    error : class of the error that is raised if the file cannot be written.
+    what : name of the file in the error message.
+    size : bytes of the uncompressed file; 0 if unknown. If the disk has less than a quarter of this
+        size free, the error is raised before writing.
     """
     free, asked_before = 0, asked_to_end.is_set()
     try:
@@ -69,10 +69,9 @@ def written_whole(
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Yield an empty folder; its files move to another folder when all are written.
+    """Yield an empty temporary folder; at the end its files move to ``folder`` together.
 
-    After an error or interrupt the other folder is unchanged. Raise OSError if it cannot be
-    written.
+    After an error or interrupt ``folder`` is unchanged. Raise OSError if it cannot be written.
     """
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
@@ -101,12 +100,12 @@ def out_of_space(failure: OSError) -> bool:
 
 
 def reason_of(failure: OSError) -> str:
-    """Return the reason why a file cannot be read or written, in words."""
+    """Return in words the reason why a file cannot be read or written."""
     return _NO_SPACE.get(failure.errno or 0) or failure.strerror or str(failure)
 
 
 def end_if_asked() -> None:
-    """Raise KeyboardInterrupt if this process was asked to end but still runs."""
+    """Raise KeyboardInterrupt if this process has received a request to end."""
     if asked_to_end.is_set():
         raise KeyboardInterrupt
 
@@ -164,10 +163,10 @@ def content_of(
 
     Parameters
     ----------
-    path : of the file.
-    error : raised, with a sentence, if it cannot be read or is larger.
-    what : name of the file in that sentence.
-    most : largest number of bytes, which also limits reading from a device.
+    path : path of the file.
+    error : class of the error that is raised if the file cannot be read or is larger than ``most``.
+    what : name of the file in the error message.
+    most : largest number of bytes; it also limits reading from a device.
     """
     try:
         with path.open("rb") as file:
@@ -181,13 +180,13 @@ def content_of(
 
 
 def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:
-    """Return the SHA-256 of a file's content, hexadecimal.
+    """Return the SHA-256 of a file's content as hexadecimal text.
 
     Parameters
     ----------
-    path : of the file.
-    error : raised, with a sentence, if it cannot be read.
-    what : name of the file in that sentence.
+    path : path of the file.
+    error : class of the error that is raised if the file cannot be read.
+    what : name of the file in the error message.
     """
     try:
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Reader of untrusted netCDF files, with one sentence for any failure.
+"""Reader of untrusted netCDF files, with one user error for any failure.
 
 HDF5, the format of netCDF-4, can read values from other files of the computer in three ways:
 external storage, virtual datasets and external links (HDF5 File Format Specification 3.0, IV.A.2.g,
@@ -39,13 +39,13 @@ def netcdf_file(
 
     Parameters
     ----------
-    path : of the file, of version 3 or 4.
-    error : raised, with a sentence, if the file refers to values of another file, or if opening or
-        reading it fails. Libraries raise a dozen kinds of errors for damaged files. An error of
-        this package passes unchanged.
-    what : name of the file, the subject of that sentence.
-    library : that opens it: a ``netCDF4.Dataset``, or an ``xarray.Dataset`` with missing values as
-        NaN and times as numbers.
+    path : path of a netCDF-3 or netCDF-4 file.
+    error : class of the error that is raised if the file refers to values of another file, or if
+        opening or reading it fails. It replaces any exception of the libraries; a
+        :class:`.errors.GGBenchError` passes unchanged.
+    what : name of the file in the error message.
+    library : ``netCDF4`` yields a ``netCDF4.Dataset``; ``xarray`` yields an ``xarray.Dataset`` with
+        missing values as NaN and times as numbers.
     """
     require_own_values(path, error, what)
     try:
@@ -68,13 +68,13 @@ def netcdf_file(
 
 
 def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None:
-    """Raise an error if a netCDF file refers to values of another file.
+    """Raise an error if a netCDF file takes values from another file.
 
     Parameters
     ----------
-    path : of the file; a file other than HDF5 passes.
-    error : raised, with a sentence, also if the file cannot be read.
-    what : name of the file, the subject of that sentence.
+    path : path of the file; files other than HDF5 pass.
+    error : class of the error that is raised, also if the file cannot be read.
+    what : name of the file in the error message.
     """
     try:
         with path.open("rb") as file:

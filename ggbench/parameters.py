@@ -33,7 +33,7 @@ _adapter = cache(TypeAdapter[Any])
 
 
 class Parameter(NamedTuple):
-    """Type and default of a parameter; without a default it is ``MISSING``."""
+    """Type and default of a parameter; the default is ``MISSING`` if there is none."""
 
     annotation: Any
     default: Any
@@ -43,26 +43,26 @@ class Parameter(NamedTuple):
         return _described(self.annotation)
 
     def validate(self, value: object) -> Any:
-        """Return a value, or its text, converted to the type of the parameter.
+        """Return a value, given itself or as text, converted to the parameter's type.
 
         Raises
         ------
         ValueError
-            If the value has another type or is beyond a limit.
+            If the value cannot be converted or is beyond a limit.
         """
         return _adapter(self.annotation).validate_python(value)
 
 
 @cache
 def parameters_of(cls: type) -> Mapping[str, Parameter]:
-    """Return the parameters of an estimator class by name: its own, then the common ones."""
+    """Return an estimator class's parameters by name: its own, then the common ones."""
     hints = typing.get_type_hints(cls, include_extras=True)
     ordered = sorted(fields(cls), key=lambda item: bool(item.kw_only))
     return {item.name: Parameter(hints[item.name], item.default) for item in ordered}
 
 
 def require_valid(estimator: Any) -> None:
-    """Raise ValueError, with a sentence, for a parameter beyond its limits."""
+    """Raise ValueError if a parameter of an estimator is beyond its limits."""
     cls: type = type(estimator)
     for name, parameter in parameters_of(cls).items():
         if parameter.default is MISSING:

@@ -23,22 +23,28 @@ Causality = Literal["none", "filter", "fixed-lag", "batch"]
 Family = Literal[
     "inertial", "kalman", "sigma-point", "mixture", "sampled", "matching", "smoother", "own"
 ]
-"""Kinds of estimators, by how they represent the posterior; figures have a colour for each."""
+"""Families of estimators by representation of the posterior; each has a colour in figures."""
 
 
 class MeasurementModel(Protocol):
-    """h and its Jacobian, as functions of epoch and state."""
+    """Measurement function h and its Jacobian, as functions of epoch index and state."""
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return h(k, x) of shape (..., m) for states x (..., n), any leading axes."""
+        """Return h(k, x) (..., m) at epoch ``k`` and states x (..., n).
+
+        The states may have any leading axes.
+        """
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ∂h/∂x of shape (..., m, n) at states x (..., n), any leading axes."""
+        """Return the Jacobian ∂h/∂x (..., m, n) at epoch ``k`` and states x (..., n).
+
+        The states may have any leading axes.
+        """
 
 
 @runtime_checkable
 class AlongModel(MeasurementModel, Protocol):
-    """A measurement model that evaluates a whole trajectory in one call, which is faster."""
+    """A measurement model that can evaluate all epochs of a trajectory in one call."""
 
     def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return h (N, m) at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
@@ -63,11 +69,11 @@ def jacobian_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np
 
 @runtime_checkable
 class CountingModel(MeasurementModel, Protocol):
-    """A measurement model that counts the states at which it was evaluated."""
+    """A measurement model that counts its evaluations."""
 
     @property
     def evaluations(self) -> int:
-        """Number of evaluations of h and of its Jacobian so far."""
+        """Number of states at which h or its Jacobian has been evaluated so far."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +87,10 @@ class StateBlock:
 
 @dataclass(frozen=True)
 class Channel:
-    """One of the m measured numbers: its name, its unit, and its sensor.
+    """One component of the measurement vector: its name, unit and sensor.
 
-    ``sensor`` is the name of the sensor: ``gnss``, or its own name if there are several of a kind.
+    ``sensor`` is the kind of the sensor, such as ``gnss``, or its own name if there are several of
+    a kind.
     """
 
     name: str
@@ -96,7 +103,10 @@ _OF_THE_MAP = ("E", "mGal")
 
 
 def matched_with_map(channels: Sequence[Channel], count: int) -> np.ndarray:
-    """Return the mask (m,) of the channels that are matched with the map; all if unnamed."""
+    """Return the mask (m,) of channels that are matched with the map.
+
+    These are channels of gravity and gravity gradients; without named channels all ``count``.
+    """
     if not channels:
         return np.ones(count, dtype=bool)
     return np.array([channel.unit in _OF_THE_MAP for channel in channels])
@@ -104,7 +114,7 @@ def matched_with_map(channels: Sequence[Channel], count: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class InsSolution:
-    """Solution of the INS at the epochs; its errors are the states.
+    """INS solution at the measurement epochs; the errors of this solution are the states.
 
     Attributes
     ----------
@@ -122,51 +132,54 @@ class InsSolution:
 
 
 class ClosedLoop(Protocol):
-    """A flight that is mechanised in parts; each part starts from the corrected end of the last."""
+    """INS mechanization with feedback, in consecutive parts.
+
+    Each part starts from the corrected INS state at the end of the part before.
+    """
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the uncorrected epochs up to ``last``.
+        """Return the problem of the next part: epochs after the last correction to ``last``.
 
         Its prior is the estimate at the last correction.
         """
 
     def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-        """Reset the INS by the estimates (K', n), (K', n, n) of the latest part.
+        """Reset the INS by the estimates of the latest part, (K', n) and (K', n, n).
 
         Returns
         -------
-        The same estimates (K', n) as errors of the uncorrected INS, as in the original problem.
+        The estimates (K', n) as errors of the INS without feedback, as in the original problem.
         """
 
 
 class Replay(Protocol):
-    """Inertial measurements of a flight, for a mechanization with feedback."""
+    """Stored inertial measurements of a flight, from which an INS with feedback is computed."""
 
     def start(self, problem: Problem) -> ClosedLoop:
-        """Return a closed loop at the start of the problem."""
+        """Return a closed loop before the first epoch of the problem, without corrections."""
 
 
 class GravityMap(Protocol):
-    """The field that the estimators assume."""
+    """The gravity field that the estimators assume."""
 
     @property
     def lower(self) -> np.ndarray:
-        """First node (3,) of the map in its coordinates [rad, rad, m]; −∞ without a map.
+        """Lower corner (3,) of the map in map coordinates [rad, rad, m]; −∞ without a map.
 
-        The third coordinate is the height; of a draped map it is that above its base surface.
+        The third coordinate is the height. In a draped map it is the height above the base surface.
         """
 
     @property
     def upper(self) -> np.ndarray:
-        """Last node (3,) of the map in its coordinates [rad, rad, m]; ∞ without a map."""
+        """Upper corner (3,) of the map in map coordinates [rad, rad, m]; ∞ without a map."""
 
     def coordinates(self, positions: np.ndarray) -> np.ndarray:
-        """Return positions (..., 3) [rad, rad, m] in the map's coordinates."""
+        """Convert positions (..., 3) [rad, rad, m] to map coordinates."""
 
     def over_nodes(
         self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return latitude, longitude [rad] and height [m] (...) of a place in its coordinates."""
+        """Convert map coordinates to latitude, longitude [rad] and height [m], each (...)."""
 
     def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
         """Return the gradient tensor (..., 6) [E] at positions [rad, rad, m] within the map."""
@@ -181,9 +194,9 @@ class GravityMap(Protocol):
 class Problem:
     """One estimation problem. Every array is an immutable copy of its argument.
 
-    x_0 ~ N(prior_mean, prior_cov) at the start; x_k = transition[k] x_{k−1} + w_k with
-    w_k ~ N(0, process_cov[k]) (which may be singular); measurements[k] = h(k, x_k) + v_k with
-    v_k ~ N(0, R_k), k = 0..K−1. ``transition[0]`` leads from the start to times[0].
+    x_0 ~ N(prior_mean, prior_cov) at the start; x_k = transition[k] x_{k−1} + w_k with w_k ~ N(0,
+    process_cov[k]) (which may be singular); measurements[k] = h(k, x_k) + v_k with v_k ~ N(0, R_k),
+    k = 0..K−1. ``transition[0]`` propagates from the start to times[0].
 
     If a channel has no measurement at an epoch, ``present`` is false, and its measurement, h and H
     are zero. An update with zeros changes nothing, so most estimators can ignore ``present``.
@@ -191,16 +204,16 @@ class Problem:
     Attributes
     ----------
     times : (K,) measurement epochs [s].
-    measurements : (K, m), without NaN.
-    noise_cov : (m, m) R of all epochs, or (K, m, m) of each; see :meth:`noise_of`.
-    transition, process_cov : (K, n, n).
-    prior_mean : (n,).
-    prior_cov : (n, n), positive definite.
-    model : h and H.
+    measurements : (K, m) measurements, without NaN.
+    noise_cov : (m, m) R for all epochs, or (K, m, m) R of each epoch; see :meth:`noise_of`.
+    transition, process_cov : (K, n, n) transition matrices and process noise covariances.
+    prior_mean : (n,) mean at the start.
+    prior_cov : (n, n) covariance at the start, positive definite.
+    model : measurement function h and Jacobian H.
     layout : names, slices and units of the n states.
     present : (K, m) mask of available measurements; by default all.
     channels : names, units and sensors of the m measurements; ``()`` if unknown.
-    track : solution of the INS, if the states are its errors.
+    track : INS solution, if the states are INS errors.
     map : field in which h evaluates the measurements, if any.
     replay : inertial measurements for a mechanization with feedback; None if they are not
         available.
@@ -244,15 +257,18 @@ class Problem:
         return len(self.prior_mean)
 
     def noise_of(self, k: int) -> np.ndarray:
-        """Return R (m, m) of epoch ``k``."""
+        """Return the noise covariance R (m, m) of epoch ``k``."""
         return self.noise_cov if self.noise_cov.ndim == 2 else self.noise_cov[k]
 
     def noise_root(self, k: int) -> np.ndarray:
-        """Return G (n, r), G Gᵀ = Q of epoch ``k``, r its rank: w_k = G u with u ~ N(0, I)."""
+        """Return G (n, r) with G Gᵀ = Q of epoch ``k``, where r is the rank of Q.
+
+        Noise samples are w_k = G u with u ~ N(0, I).
+        """
         return ranked_root(self.process_cov[k])[0]
 
     def log_likelihood(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ln p(z_k | x) (...) of the available measurements at states x (..., n)."""
+        """Return ln p(z_k | x) (...) of the available measurements, for states x (..., n)."""
         there = self.present[k]
         residual = (self.measurements[k] - self.model.predict(k, x))[..., there]
         root = np.linalg.cholesky(self.noise_of(k)[np.ix_(there, there)])
@@ -263,20 +279,21 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fixes:
-    """Accepted and rejected position fixes of a matcher, each from a window of measurements.
+    """Position fixes of a matcher, accepted and rejected, each from a window of measurements.
 
-    There is one row for each attempt, in order of the epochs, and at most one per epoch. F may be
-    zero.
+    Each of the F ≥ 0 rows is one attempt, in order of the epochs, and at most one per epoch.
 
     Attributes
     ----------
-    epoch : (F,) increasing integers: epoch of the fix, and last epoch of its measurements.
+    epoch : (F,) increasing indices of the epochs of the fixes; each is the last epoch of the
+        window.
     mean : (F, 2) or (F, 3) position error east, north[, up] [m] at that epoch, the first states.
-    cov : (F, 2, 2) or (F, 3, 3) its covariance [m²], including the uncertainty of all other states.
+    cov : (F, 2, 2) or (F, 3, 3) covariance of ``mean`` [m²], including the uncertainty of all other
+        states.
     accepted : (F,) whether the estimator accepts the fix.
-    statistic : (F,) statistic of the acceptance test; a larger one is more certain. By default it
-        is the log odds of the position against the next best. −∞: rejected for any threshold. ∞: no
-        other position.
+    statistic : (F,) statistic of the acceptance test; larger values are more certain. By default it
+        is the log odds between the best and the second-best position. −∞: rejected at any
+        threshold. ∞: there is no second position.
     """
 
     epoch: np.ndarray
@@ -293,18 +310,18 @@ class Fixes:
 class Estimate:
     """Result of an estimator.
 
-    A matcher without a fix returns the propagated prior; nothing else marks such epochs.
+    At epochs without a fix, a matcher returns the propagated prior. These epochs are not marked.
 
     Attributes
     ----------
-    mean : (K, n) state at the measurement epochs.
-    cov : (K, n, n) its error covariance, or None if the estimator has none.
-    causality : ``filter`` (uses measurements up to each epoch), ``fixed-lag`` (up to a lag beyond
-        it), ``batch`` (all of them) or ``none`` (no measurement at all).
+    mean : (K, n) estimated state at the measurement epochs.
+    cov : (K, n, n) error covariance of ``mean``, or None if the estimator computes none.
+    causality : measurements used by the estimate at an epoch: those up to it (``filter``), those up
+        to it plus a lag (``fixed-lag``), all (``batch``), or no measurement (``none``).
     lag : the lag of a fixed-lag estimate [s], else None.
     info : counters and remarks of this run (iterations, repairs, ...).
-    nis : (K,) normalised innovation squared, only of filters whose innovations do not follow from
-        mean, cov and problem; NaN without a measurement.
+    nis : (K,) normalised innovation squared, NaN without a measurement. Only filters set it whose
+        innovations cannot be computed from mean, cov and problem.
     fixes : position fixes of a matcher; None for other estimators.
     """
 
@@ -335,12 +352,12 @@ class Estimator(ABC):
     Parameters
     ----------
     noise_scale : factor on the assumed standard deviations of gravity and gradient measurements.
-        The problem that ``estimate`` receives has that R already (:mod:`.estimation`).
+        The R of the problem that ``estimate`` receives is already scaled (:mod:`.estimation`).
 
     Raises
     ------
     ValueError
-        If a parameter is beyond its limits, or contradicts another one (:meth:`conflict`).
+        If a parameter is beyond its limits, or contradicts another parameter (:meth:`conflict`).
     """
 
     noise_scale: Positive = field(default=1.0, kw_only=True)
@@ -356,27 +373,28 @@ class Estimator(ABC):
     @property
     @abstractmethod
     def causality(self) -> Causality:
-        """Measurements on which an estimate at time t may depend."""
+        """Causality: the measurements on which an estimate at an epoch may depend."""
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
         """Whether the estimate of a linear Gaussian problem is exact.
 
-        An exact estimate equals that of the Kalman filter or smoother of the same causality, to
-        rounding. Particles and grids are exact only in the limit.
+        An exact estimate equals that of the Kalman filter or smoother with the same causality,
+        except for rounding. Particles and grids are exact only in the limit of infinitely many
+        points.
         """
         return True
 
     @abstractmethod
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Estimate the state at every epoch; all randomness comes from ``rng``."""
+        """Estimate the state at every epoch; ``rng`` is the only source of random numbers."""
 
     def conflict(self) -> str | None:
-        """Return why the parameters contradict each other, or None if they do not."""
+        """Return the reason why the parameters contradict each other, or None."""
         return None
 
     def skip(self, problem: Problem) -> str | None:
-        """Return why this estimator cannot process the problem, or None if it can.
+        """Return the reason why this estimator cannot process the problem, or None if it can.
 
         A campaign calls it once per case, with the first run. The result must not depend on the
         run.

@@ -1,9 +1,9 @@
-"""Problems reduced to a few states; all other states count as known.
+"""Problems reduced to a few states; all other states are assumed known.
 
 Much of the literature estimates only a few states. A reduced problem has the dynamics of the chosen
-states, with all other states at their prior mean. Declared process noise replaces the effect of the
-other states. :meth:`Reduction.embedded` converts its estimate to one of all states, for comparison
-with other estimators.
+states, with all other states at their propagated prior means. Additional process noise represents
+the effect of the other states. :meth:`Reduction.embedded` extends the estimate to all states, for
+comparison with other estimators.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from .sensors.model import SensorModel
 
 @dataclass(frozen=True)
 class Reduction:
-    """A problem of r of the n states of another problem.
+    """A problem with r of the n states of an original problem.
 
     Attributes
     ----------
-    problem : of the chosen states, as differences from the propagated prior mean.
-    states : (r,) indices of the chosen states.
-    mean, cov : (K, n), (K, n, n) the propagated prior of all states.
+    problem : problem of the chosen states, as differences from the propagated prior mean.
+    states : (r,) indices of the chosen states in the original problem.
+    mean, cov : (K, n), (K, n, n) propagated prior of all n states.
     """
 
     problem: Problem
@@ -34,11 +34,11 @@ class Reduction:
     cov: np.ndarray
 
     def embedded(self, estimate: Estimate) -> Estimate:
-        """Return an estimate of the reduced problem as one of all n states.
+        """Extend an estimate of the reduced problem to all n states.
 
-        The other states have the mean and covariance of the propagated prior, without correlation
-        with the chosen ones. The result has no innovations, because the whole problem predicts
-        different ones. Fixes belong to the first chosen states.
+        The other states have the mean and covariance of the propagated prior, uncorrelated with the
+        chosen states. The result has no innovations, because those of the original problem are
+        different. Fixes belong to the first chosen states.
         """
         chosen = list(self.states)
         mean, cov = self.mean.copy(), None
@@ -92,15 +92,16 @@ class _Embedded:
 
 
 def reduced(problem: Problem, states: Sequence[int], noise: np.ndarray) -> Reduction:
-    """Return a problem of some states of another problem; all other states are known.
+    """Reduce a problem to some of its states; all other states are assumed known.
 
-    x = m_k + E δ, with the propagated prior mean m_k and the chosen states δ. Their blocks of Φ_k
-    and Q_k, and the declared noise, are the dynamics of δ.
+    x_k = m_k + E δ_k, with the propagated prior mean m_k and the chosen states δ_k. The transition
+    matrix of δ is its block of Φ_k; the process noise covariance is its block of Q_k plus
+    ``noise``.
 
     Parameters
     ----------
     states : (r,) indices of the states to keep, each once.
-    noise : (K, r, r) process noise that replaces the omitted states; may be zero.
+    noise : (K, r, r) additional process noise covariance for the omitted states; may be zero.
 
     Raises
     ------
@@ -158,10 +159,10 @@ def _unaided(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
-    """Return the states of the horizontal position error and of the horizontal velocity error.
+    """Return the indices of the horizontal position errors and, if asked, velocity errors.
 
-    They are the first two states of the first block in metres, and of the first block in metres per
-    second; ``()`` if the layout has none.
+    They are the first two states of the first block in metres and, with ``velocity``, of the first
+    block in metres per second. The result is ``()`` if the layout lacks a block.
     """
     states: list[int] = []
     for unit in ("m", "m/s") if velocity else ("m",):
@@ -174,11 +175,11 @@ def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
 
 
 def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
-    """Return the covariance (K, r, r) that the omitted states add to the chosen ones in a step.
+    """Return the covariance (K, r, r) that omitted states add to the chosen ones at each step.
 
-    It is Φ P Φᵀ with the block of Φ_k from the omitted to the chosen states and the propagated
-    prior P: for example, the change of position by velocity errors. As noise it is white, whereas
-    the error itself persists.
+    It is Φ P Φᵀ, with the block of Φ_k from the omitted to the chosen states and the propagated
+    prior covariance P of the omitted states. An example is the position change by velocity errors.
+    Process noise is white, whereas these errors persist.
     """
     chosen = list(states)
     others = [i for i in range(problem.dimension) if i not in chosen]
@@ -189,22 +190,22 @@ def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
 
 
 def walking(times: np.ndarray, density: float) -> np.ndarray:
-    """Return the covariance (K, 2, 2) [m²] that white velocities add to two positions in each step.
+    """Return the covariance (K, 2, 2) [m²] that white velocities add to two positions per step.
 
     Parameters
     ----------
     times : (K,) epochs [s]; the first step begins at zero.
-    density : of the velocity [m²/s].
+    density : power spectral density of the velocity [m²/s].
     """
     return np.diff(times, prepend=0.0)[:, np.newaxis, np.newaxis] * density * np.eye(2)
 
 
 def drifting(times: np.ndarray, density: float) -> np.ndarray:
-    """Return the covariance (K, 4, 4) [m, m/s] of positions and velocities by white acceleration.
+    """Return the covariance (K, 4, 4) that white acceleration adds to two positions and velocities.
 
-    For a density q [m²/s³] and a step T it is q T for velocity, q T²/2 for position with velocity,
-    and q T³/3 for position. An acceleration of variance σ² that is constant over T corresponds to q
-    = σ² T.
+    The states are in m and m/s. For a power spectral density q = ``density`` [m²/s³] and a step T
+    [s], the variance of a velocity is q T, that of a position q T³/3, and their covariance q T²/2.
+    An acceleration of variance σ² that is constant over T corresponds to q = σ² T.
     """
     step = np.diff(times, prepend=0.0)[:, np.newaxis, np.newaxis]
     eye = np.eye(2)

@@ -1,5 +1,5 @@
-"""Estimators of other packages on problems of ggbench: one module for each package.
+"""Adapters that run other packages' estimators on ggbench problems, one module per package.
 
-Each converts a :class:`~ggbench.problem.Problem` to the models of its package, and the posterior to
-an :class:`~ggbench.problem.Estimate`. The package is an optional dependency.
+Each module converts a :class:`~ggbench.problem.Problem` to the package's models, and the posterior
+to an :class:`~ggbench.problem.Estimate`. The packages are optional dependencies.
 """

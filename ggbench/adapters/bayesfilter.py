@@ -1,7 +1,7 @@
 """bayesfilter (NumPy): extended and unscented Kalman filters.
 
-It needs the extra ``bayesfilter``: ``pip install 'ggbench[bayesfilter]'``. Its filters have one
-motion model; this module sets a new one at each epoch.
+Install the extra ``bayesfilter``: ``pip install 'ggbench[bayesfilter]'``. A filter of bayesfilter
+has one motion model, so this module makes a new filter at each epoch.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LIBRARIES = ("bayesfilter",)
 
 @dataclass(frozen=True)
 class BayesfilterEkf(Estimator):
-    """Extended Kalman filter of bayesfilter, with states in units of the prior's σ."""
+    """Extended Kalman filter of bayesfilter, with states scaled by their prior σ."""
 
     linearised: ClassVar[bool] = True
 
@@ -38,11 +38,11 @@ class BayesfilterEkf(Estimator):
 
     @property
     def causality(self) -> Causality:
-        """Measurements up to each epoch."""
+        """Causality ``filter``: an estimate uses the measurements up to its epoch."""
         return "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict and update at every epoch, without random numbers."""
+        """Predict and update at every epoch; no random numbers are used."""
         unit = np.sqrt(np.diag(problem.prior_cov))
         squared = np.outer(unit, unit)
         state = Gaussian(problem.prior_mean / unit, problem.prior_cov / squared)
@@ -70,7 +70,7 @@ class BayesfilterEkf(Estimator):
 
 @dataclass(frozen=True)
 class BayesfilterUkf(BayesfilterEkf):
-    """Unscented Kalman filter of bayesfilter, with its own sigma points."""
+    """Unscented Kalman filter of bayesfilter, with the sigma points of that package."""
 
     linearised: ClassVar[bool] = False
 

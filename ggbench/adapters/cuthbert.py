@@ -1,7 +1,7 @@
-"""cuthbert (JAX): square-root extended Kalman filter and its smoother.
+"""cuthbert (JAX): square-root extended Kalman filter and smoother.
 
-It needs the extra ``cuthbert``: ``pip install 'ggbench[cuthbert]'``. The code compiled by JAX calls
-h back (:mod:`.jax_callback`).
+Install the extra ``cuthbert``: ``pip install 'ggbench[cuthbert]'``. Code compiled by JAX calls the
+measurement function h in Python (:mod:`.jax_callback`).
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ class CuthbertEkf(Estimator):
 
     @property
     def causality(self) -> Causality:
-        """Measurements up to each epoch."""
+        """Causality ``filter``: an estimate uses the measurements up to its epoch."""
         return "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Compute the posterior with cuthbert, without random numbers."""
+        """Compute the posterior with cuthbert; no random numbers are used."""
         mean, cov = _Compiled.of(type(self))(problem)
         return Estimate(mean, cov, self.causality)
 
 
 @dataclass(frozen=True)
 class CuthbertSmoother(CuthbertEkf):
-    """Extended Kalman smoother of cuthbert: linearised once, along the filter's track."""
+    """Extended Kalman smoother of cuthbert, linearised once along the filtered states."""
 
     name = "cuthbert-smoother"
     family: ClassVar[Family] = "smoother"
 
     @property
     def causality(self) -> Causality:
-        """All measurements."""
+        """Causality ``batch``: every estimate uses all measurements."""
         return "batch"
 
 

@@ -1,6 +1,6 @@
-"""dynamax (JAX): problem as its parameters, posterior as an estimate.
+"""dynamax (JAX): extended and unscented Kalman filters, extended Kalman smoother.
 
-A filter of dynamax joins a campaign as a class of a few lines::
+A class of a few lines adds a filter of dynamax to campaigns::
 
     @dataclass(frozen=True)
     class Mine(DynamaxEstimator):
@@ -9,9 +9,9 @@ A filter of dynamax joins a campaign as a class of a few lines::
         def posterior(self, parameters, emissions, inputs):
             return extended_kalman_filter(parameters, emissions, inputs=inputs)
 
-It needs the extra ``dynamax``: ``pip install 'ggbench[dynamax]'``. Importing this module sets JAX
-to double precision. The code compiled by JAX calls h of the problem back, and its derivative is H.
-A campaign therefore compares the accuracy of filters, not their speed with an h written in JAX.
+Install the extra ``dynamax``: ``pip install 'ggbench[dynamax]'``. Importing this module sets JAX to
+double precision. Code compiled by JAX calls the problem's h and H in Python. A campaign therefore
+compares the accuracy of the filters, not the speed that they would have with an h written in JAX.
 """
 
 from __future__ import annotations
@@ -56,37 +56,37 @@ LIBRARIES = ("dynamax", "jax", "jaxlib")
 """Distributions whose version its results depend on."""
 _SMALL = 1e-4
 """Units of states and readings, in deviations of prior and noise. dynamax adds 1e-9 to the diagonal
-of what it inverts, which is to be negligible next to variances of 1e8."""
+of what it inverts, which is to be negligible next to variances of 1e8.
+"""
 
 
 @dataclass(frozen=True)
 class DynamaxEstimator(Estimator):
-    """Base of estimators by dynamax's inference functions for nonlinear Gaussian models.
+    """Base of estimators that call dynamax's inference for nonlinear Gaussian models.
 
-    Derive a class with a name and :meth:`posterior`, for a smoother also with ``causality =
-    "batch"``. JAX compiles the function once per process and shape of problem.
+    A derived class defines ``name`` and :meth:`posterior`; a smoother also sets ``causality =
+    "batch"``. JAX compiles :meth:`posterior` once per process and array shape.
     """
 
     @property
     def causality(self) -> Causality:
-        """Measurements up to each epoch."""
+        """Causality ``filter``: an estimate uses the measurements up to its epoch."""
         return "filter"
 
     @abstractmethod
     def posterior(self, parameters: ParamsNLGSSM, emissions: Any, inputs: Any) -> Any:
-        """Return dynamax's posterior, filtered, or smoothed for a ``batch`` estimator.
+        """Return dynamax's filtered posterior, or its smoothed one for a ``batch`` estimator.
 
         Parameters
         ----------
-        parameters : of the scaled problem, with time-varying Q and R; the initial state is that of
-            the first epoch.
-        emissions : (K, m) readings.
-        inputs : (K,) numbers of the epochs, second argument of the functions of dynamics and
-            emission.
+        parameters : dynamax's parameters of the scaled problem, with time-varying Q and R; the
+            initial state is the prior at the first epoch.
+        emissions : (K, m) scaled measurements.
+        inputs : (K,) epoch indices, second argument of the dynamics and emission functions.
         """
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Compute the posterior with dynamax, without random numbers."""
+        """Compute the posterior with dynamax; no random numbers are used."""
         compiled = _Compiled.of(self)
         mean, cov = compiled(problem)
         return Estimate(mean, 0.5 * (cov + cov.transpose(0, 2, 1)), self.causality)
@@ -165,7 +165,7 @@ class DynamaxEkf(DynamaxEstimator):
 
 @dataclass(frozen=True)
 class DynamaxUkf(DynamaxEstimator):
-    """Unscented Kalman filter of dynamax, with the points of ``ukf``."""
+    """Unscented Kalman filter of dynamax, with the sigma points of the estimator ``ukf``."""
 
     name = "dynamax-ukf"
     family: ClassVar[Family] = "sigma-point"
@@ -178,7 +178,7 @@ class DynamaxUkf(DynamaxEstimator):
 
 @dataclass(frozen=True)
 class DynamaxSmoother(DynamaxEstimator):
-    """Extended Kalman smoother of dynamax: linearised once, along the filter's track."""
+    """Extended Kalman smoother of dynamax, linearised once along the filtered states."""
 
     name = "dynamax-smoother"
     family: ClassVar[Family] = "smoother"

@@ -1,4 +1,4 @@
-"""h of a problem as a JAX function by callback, with H as its derivative."""
+"""Measurement function h as a JAX function by callback, with the Jacobian H as derivative."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ LIBRARIES = ("jax", "jaxlib")
 
 
 def measurement_function(problem: Problem) -> Callable[[Any, Any], Any]:
-    """Return h(x, k) of a problem for tracing, batching and differentiation by JAX.
+    """Return a problem's h(x, k) as a JAX function to trace, batch and differentiate.
 
     ``h = measurement_function(problem)``; ``jax.jacfwd(h)(x, k)`` is H.
 
     Parameters
     ----------
-    problem : with h and H.
+    problem : problem whose model evaluates h and H.
 
     Returns
     -------
-    A function of a state (n,) in SI units and the number k of an epoch, which returns the predicted
-    measurements (m,). Its forward derivative is H of the problem. ``jax.vmap`` over x, k or both is
-    allowed; reverse differentiation (``jax.grad``) is not.
+    A function of a state x (n,) in SI units and an epoch index k. It returns the predicted
+    measurements (m,), and its forward derivative is H. ``jax.vmap`` over x, k or both is allowed;
+    reverse differentiation (``jax.grad``) is not.
     """
     callback = MeasurementCallback(unit=None, problem=problem)
     return callback.function(problem.measurements.shape[1], problem.dimension)
@@ -41,8 +41,9 @@ class MeasurementCallback:
 
     Parameters
     ----------
-    unit : units of states and measurements, standard deviations of prior and noise; None: SI units.
-    problem : current one; None: that of the context (:meth:`of`).
+    unit : scales of the states (prior standard deviations) and of the measurements (noise standard
+        deviations); None: SI units.
+    problem : current problem; None: the problem of the context (:meth:`of`).
     """
 
     def __init__(self, unit: float | None = 1.0, problem: Problem | None = None) -> None:
@@ -51,7 +52,7 @@ class MeasurementCallback:
 
     @contextlib.contextmanager
     def of(self, problem: Problem) -> Iterator[None]:
-        """Use the model of a problem within the context."""
+        """Return a context that evaluates the measurement model of a problem."""
         self._problem = problem
         try:
             yield
@@ -59,7 +60,7 @@ class MeasurementCallback:
             self._problem = None
 
     def units(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-        """Return the units of the states (n,) and of the measurements (m,)."""
+        """Return the scales of the states (n,) and of the measurements (m,)."""
         if self._unit is None:
             return np.ones(problem.dimension), np.ones(problem.measurements.shape[1])
         variances = np.diagonal(problem.noise_cov, axis1=-2, axis2=-1)
@@ -67,7 +68,7 @@ class MeasurementCallback:
         return self._unit * np.sqrt(np.diag(problem.prior_cov)), self._unit * np.sqrt(variances)
 
     def function(self, m: int, n: int) -> Callable[[Any, Any], Any]:
-        """Return h of a state (n,) and the number of an epoch, (m,), for JAX."""
+        """Return h for JAX: a function of a state (n,) and an epoch index, with result (m,)."""
 
         @jax.custom_jvp
         def h(x: Any, k: Any) -> Any:

@@ -1,7 +1,7 @@
 """kalbee (NumPy): extended and cubature Kalman filters.
 
-It needs the extra ``kalbee``: ``pip install 'ggbench[kalbee]'``. The filter receives the matrices
-of an epoch before each step.
+Install the extra ``kalbee``: ``pip install 'ggbench[kalbee]'``. Before each step the filter
+receives Q, R and, for the extended filter, the Jacobians of the epoch.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ LIBRARIES = ("kalbee",)
 
 @dataclass(frozen=True)
 class KalbeeEstimator(Estimator):
-    """Base of filters of kalbee, with states in units of the prior's σ."""
+    """Base of kalbee's filters, with states scaled by their prior σ."""
 
     @property
     def causality(self) -> Causality:
-        """Measurements up to each epoch."""
+        """Causality ``filter``: an estimate uses the measurements up to its epoch."""
         return "filter"
 
     @abstractmethod
     def filter(self, **arguments: Any) -> Any:
-        """Return a filter of kalbee; ``arguments`` are common to its filters."""
+        """Return a kalbee filter made with ``arguments``, which all kalbee filters accept."""
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict and update at every epoch, without random numbers."""
+        """Predict and update at every epoch; no random numbers are used."""
         unit = np.sqrt(np.diag(problem.prior_cov))
         squared, k = np.outer(unit, unit), 0
 
@@ -67,7 +67,7 @@ class KalbeeEstimator(Estimator):
         return Estimate(means, covs, self.causality)
 
     def step(self, kalman: Any, problem: Problem, k: int, unit: np.ndarray) -> None:
-        """Predict and update at an epoch; ``unit`` (n,) is that of the states."""
+        """Predict to epoch ``k`` and update; ``unit`` (n,) has the scales of the states."""
         kalman.predict(1.0)
         kalman.update(problem.measurements[k][:, np.newaxis])
 
@@ -80,11 +80,11 @@ class KalbeeEkf(KalbeeEstimator):
     family: ClassVar[Family] = "kalman"
 
     def filter(self, **arguments: Any) -> Any:
-        """Return the filter."""
+        """Return the kalbee filter."""
         return ExtendedKalmanFilter(**arguments)
 
     def step(self, kalman: Any, problem: Problem, k: int, unit: np.ndarray) -> None:
-        """Predict and update with the Jacobians of the epoch; ``unit`` (n,) scales the states."""
+        """Predict to epoch ``k`` and update with its Jacobians; ``unit`` (n,) scales the states."""
         kalman.predict(1.0, F=problem.transition[k] / unit[:, np.newaxis] * unit)
         rows = problem.model.jacobian(k, kalman.state[:, 0] * unit) * unit
         kalman.update(problem.measurements[k][:, np.newaxis], H=rows)
@@ -98,5 +98,5 @@ class KalbeeCkf(KalbeeEstimator):
     family: ClassVar[Family] = "sigma-point"
 
     def filter(self, **arguments: Any) -> Any:
-        """Return the filter."""
+        """Return the kalbee filter."""
         return CubatureKalmanFilter(**arguments)

@@ -1,9 +1,10 @@
 """pyceres (Ceres Solver): the most probable trajectory by dense nonlinear least squares.
 
-It needs the extra ``pyceres``: ``pip install 'ggbench[pyceres]'``. The process noise is singular,
-and Ceres has no equality constraints. Therefore the unknowns are standard normal numbers: u of the
-start, x_0 = prior_mean + L u, and w_k of each step, x_k = Φ_k x_{k−1} + G_k w_k, where G_k has the
-rank of Q_k. The unknowns are residuals themselves; those of the measurements are whitened.
+Install the extra ``pyceres``: ``pip install 'ggbench[pyceres]'``. The process noise covariance is
+singular, and Ceres has no equality constraints. Therefore the unknowns are standard normal vectors:
+u with x_0 = prior_mean + L u, and w_k with x_k = Φ_k x_{k−1} + G_k w_k, where L Lᵀ = prior_cov, G_k
+G_kᵀ = Q_k, and G_k has as many columns as the rank of Q_k. The residuals are these unknowns and the
+whitened residuals of the measurements.
 """
 
 from __future__ import annotations
@@ -90,11 +91,11 @@ class _Cost(pyceres.CostFunction):
 
 @dataclass(frozen=True)
 class PyceresBatch(Estimator):
-    """Batch smoother of Ceres, with Levenberg–Marquardt steps.
+    """Batch smoother by Levenberg–Marquardt steps of Ceres.
 
     Parameters
     ----------
-    max_iterations : limit of the steps.
+    max_iterations : largest number of steps.
     """
 
     max_iterations: AtLeastOne = 50
@@ -104,11 +105,11 @@ class PyceresBatch(Estimator):
 
     @property
     def causality(self) -> Causality:
-        """All measurements."""
+        """Causality ``batch``: every estimate uses all measurements."""
         return "batch"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Compute the most probable trajectory with Ceres, without random numbers."""
+        """Compute the most probable trajectory with Ceres; no random numbers are used."""
         trajectory = _Trajectory(problem)
         unknowns = np.zeros(trajectory.size)
         graph = pyceres.Problem()

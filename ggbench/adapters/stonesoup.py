@@ -1,6 +1,6 @@
-"""Stone Soup: problem as its models, posterior as an estimate.
+"""Stone Soup: extended and unscented Kalman filters, Kalman smoother.
 
-A filter of Stone Soup joins a campaign as a class of a few lines::
+A class of a few lines adds a filter of Stone Soup to campaigns::
 
     @dataclass(frozen=True)
     class Mine(StoneSoupEstimator):
@@ -9,7 +9,7 @@ A filter of Stone Soup joins a campaign as a class of a few lines::
         def filter(self, transition, measurement):
             return KalmanPredictor(transition), ExtendedKalmanUpdater(measurement)
 
-It needs the extra ``stonesoup``: ``pip install 'ggbench[stonesoup]'``.
+Install the extra ``stonesoup``: ``pip install 'ggbench[stonesoup]'``.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ except ImportError as error:
 LIBRARIES = ("stonesoup",)
 """Distributions whose version its results depend on."""
 _START = datetime.datetime(2000, 1, 1)
-"""What stands for the start of a flight, whose date no problem tells."""
+"""Arbitrary date of the start of a flight, which Stone Soup requires."""
 
 
 class Transition(LinearGaussianTimeInvariantTransitionModel):
-    """x_k = Φ_k x_{k−1} + w_k of one epoch k, w_k ~ N(0, Q_k).
+    """Transition model of one epoch k: x_k = Φ_k x_{k−1} + w_k, w_k ~ N(0, Q_k).
 
     Parameters
     ----------
     transition_matrix, covariance_matrix : (n, n) Φ_k and Q_k.
-    problem, epoch : of the two matrices.
+    problem, epoch : problem and epoch index k of the two matrices.
     generator : random numbers of the noise.
     """
 
@@ -71,14 +71,15 @@ class Transition(LinearGaussianTimeInvariantTransitionModel):
 
 
 class Measurement(NonLinearGaussianMeasurement):
-    """z_k = h(k, x_k) + v_k of one epoch k, v_k ~ N(0, R_k); h is evaluated for all points at once.
+    """Measurement model of one epoch k: z_k = h(k, x_k) + v_k, v_k ~ N(0, R_k).
 
-    For a missing measurement h and H are zero, as in the problem, so it changes nothing.
+    h is evaluated at all points in one call. For a missing measurement z, h and H are zero, so that
+    its update changes nothing.
 
     Parameters
     ----------
     noise_covar : (m, m) R_k.
-    problem, epoch : of h and H.
+    problem, epoch : problem and epoch index k of h and H.
     generator : random numbers of the noise.
     """
 
@@ -88,7 +89,7 @@ class Measurement(NonLinearGaussianMeasurement):
 
     @property
     def ndim_meas(self) -> int:
-        """Number m of channels."""
+        """Number m of measurement channels."""
         return len(self.noise_covar)
 
     def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
@@ -97,7 +98,7 @@ class Measurement(NonLinearGaussianMeasurement):
         return (root @ self.generator.standard_normal((len(root), num_samples))).view(StateVectors)
 
     def function(self, state: Any, noise: Any = False, **kwargs: Any) -> Any:
-        """Return h (m, N) of one state or of N, optionally with noise."""
+        """Return h (m, N) at N states, optionally with noise; N = 1 for a single state."""
         vectors = state.state_vector
         points = np.asarray(vectors, dtype=float)
         kind = StateVectors if isinstance(vectors, StateVectors) else StateVector
@@ -107,35 +108,35 @@ class Measurement(NonLinearGaussianMeasurement):
         return predicted + (self.rvs(points.shape[1]) if noise is True else noise)
 
     def jacobian(self, state: Any, **kwargs: Any) -> np.ndarray:
-        """Return H (m, n) at a state."""
+        """Return the Jacobian H (m, n) at a state."""
         x = np.asarray(state.state_vector, dtype=float)[:, 0]
         return self.problem.model.jacobian(self.epoch, x)
 
 
 @dataclass(frozen=True)
 class StoneSoupEstimator(Estimator):
-    """Base of estimators by Stone Soup's predictors, updaters and smoothers.
+    """Base of estimators that use predictors, updaters and smoothers of Stone Soup.
 
-    Derive a class with a name and :meth:`filter`; for particles also :meth:`start`, for a smoother
-    :meth:`smooth` and ``causality = "batch"``. The generator of the run replaces NumPy's global
-    generator.
+    A derived class defines ``name`` and :meth:`filter`. A particle filter also defines
+    :meth:`start`; a smoother also defines :meth:`smooth` and ``causality = "batch"``. During an
+    estimate the generator of the run replaces NumPy's global generator.
     """
 
     @property
     def causality(self) -> Causality:
-        """Measurements up to each epoch."""
+        """Causality ``filter``: an estimate uses the measurements up to its epoch."""
         return "filter"
 
     @abstractmethod
     def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
-        """Return the predictor and the updater of one epoch from its two models."""
+        """Return the predictor and the updater of one epoch, made from its two models."""
 
     def start(self, prior: GaussianState, rng: np.random.Generator) -> Any:
         """Return the initial state, by default the prior."""
         return prior
 
     def smooth(self, track: Track) -> Track:
-        """Return the smoothed track of all updates, or the unchanged track."""
+        """Return the smoothed track; by default the filtered track, unchanged."""
         return track
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -204,19 +205,19 @@ class StoneSoupEkf(StoneSoupEstimator):
     family: ClassVar[Family] = "kalman"
 
     def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
-        """Return the Kalman predictor and the extended updater."""
+        """Return the Kalman predictor and the extended Kalman updater."""
         return KalmanPredictor(transition), ExtendedKalmanUpdater(measurement)
 
 
 @dataclass(frozen=True)
 class StoneSoupUkf(StoneSoupEstimator):
-    """Unscented Kalman filter of Stone Soup, with the points of ``ukf``."""
+    """Unscented Kalman filter of Stone Soup, with the sigma points of the estimator ``ukf``."""
 
     name = "stonesoup-ukf"
     family: ClassVar[Family] = "sigma-point"
 
     def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
-        """Return the unscented predictor and updater."""
+        """Return the unscented Kalman predictor and updater."""
         return (
             UnscentedKalmanPredictor(transition, alpha=1.0, beta=0.0),
             UnscentedKalmanUpdater(measurement, alpha=1.0, beta=0.0),
@@ -225,7 +226,7 @@ class StoneSoupUkf(StoneSoupEstimator):
 
 @dataclass(frozen=True)
 class StoneSoupSmoother(StoneSoupEkf):
-    """Kalman smoother of Stone Soup after its extended Kalman filter."""
+    """Kalman smoother of Stone Soup, applied to the result of the extended Kalman filter."""
 
     name = "stonesoup-smoother"
     family: ClassVar[Family] = "smoother"

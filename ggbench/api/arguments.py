@@ -20,7 +20,7 @@ def listed(items: Any, kind: Any, name: str) -> list[Any]:
     Raises
     ------
     ArgumentError
-        If the value is neither.
+        If the value is neither an object of this type nor a sequence of them.
     """
     if isinstance(items, kind):
         return [items]
@@ -31,7 +31,7 @@ def listed(items: Any, kind: Any, name: str) -> list[Any]:
 
 
 def whole(name: str, value: Any, least: int, most: int) -> int:
-    """Return a whole number within limits, or raise ArgumentError."""
+    """Return the value as an integer; raise ArgumentError unless ``least`` ≤ value ≤ ``most``."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -42,7 +42,7 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
 
 
 def number(name: str, value: Any) -> float:
-    """Return a number, or raise ArgumentError."""
+    """Return the value as a float, or raise ArgumentError if it is no number."""
     try:
         return float(value)
     except (TypeError, ValueError):
@@ -50,5 +50,5 @@ def number(name: str, value: Any) -> float:
 
 
 def kind(value: Any) -> str:
-    """Return the type of a value, in the words of a message."""
+    """Return the type of a value in words, for a message."""
     return f"an object of type {type(value).__name__}"

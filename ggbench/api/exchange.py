@@ -1,4 +1,4 @@
-"""Problems and estimates as files, for filters in any language: export and judge."""
+"""Export of problems to files, and evaluation of estimates from files."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .results import Results
 from .running import run
 
 _SAME = 1e-6
-"""Difference [standard deviations] of a filter's answers with and without later readings."""
+"""Allowed difference [σ] of a filter's estimates with and without later measurements."""
 _BETTER = 0.2
-"""Share of the error below which another reading of the estimates is worth a sentence."""
+"""Ratio of RMS errors below which another sign, frame or unit of the estimates is reported."""
 
 
 def export(
@@ -38,18 +38,19 @@ def export(
 ) -> list[Path]:
     """Write the problems of a scenario's runs as files, and return their paths.
 
-    There is one file per case, or per map if the runs of a case have several maps. No file contains
-    the truth.
+    One file is written per case, or per map if the runs of a case draw several maps. No file
+    contains the truth.
 
     Parameters
     ----------
     scenario : a scenario, its name or the path of its file.
-    folder : for the files ``CASE.FORMAT``.
-    cases : names; by default all.
+    folder : output folder of the files ``CASE.FORMAT``.
+    cases : names of the cases; by default all.
     runs : number of runs, from run 0 on.
-    seed : by default the scenario's.
+    seed : seed of the random numbers; by default the scenario's.
     file_format : ``mat`` (MATLAB 5), ``nc`` (netCDF-4) or ``txt`` (plain text).
-    until_s : omit all epochs after this time, to test a filter for the use of later measurements.
+    until_s : time [s] after which all epochs are omitted. Estimates from such a file show whether a
+        filter uses later measurements (``cut`` of :func:`judge_estimates`).
 
     Raises
     ------
@@ -114,22 +115,24 @@ def judge_estimates(
     output: Path | str | None = None,
     **options: Any,
 ) -> Results:
-    """Judge a file of estimates, or a folder of them, and return results as of a campaign.
+    """Judge a file or a folder of estimates, and return the results of a campaign.
 
-    The truth is simulated again, from the scenario and the seed that the files name.
+    The truth is simulated again from the scenario and the seed that the files state.
 
     Parameters
     ----------
-    estimates : the file or the folder.
-    scenario : its name or path; by default the scenario that the files name.
-    cut : estimates of the same filter on problems exported with ``until_s``.
+    estimates : path of the file or folder.
+    scenario : a scenario, its name or path; by default the scenario that the files state.
+    cut : path of the same filter's estimates on problems exported with ``until_s``; they test
+        whether the filter uses later measurements.
     output : folder of the results, as in :func:`.running.run`.
     options : further arguments of :func:`.running.run`.
 
     Raises
     ------
     GGBenchError
-        If a file is invalid, its scenario has changed, or a filter uses later measurements.
+        If a file is invalid, its scenario has changed since the export, or ``cut`` shows that a
+        filter uses later measurements.
     """
     stored = estimate_files.stored_runs(Path(estimates))
     first = stored[0].problem
@@ -175,11 +178,11 @@ def _runs_of(stored: Sequence[StoredRuns], case: str) -> int:
 
 
 def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
-    """Raise ExchangeError if estimates change when later measurements are left out.
+    """Raise ExchangeError if estimates change when later measurements are omitted.
 
     Parameters
     ----------
-    stored : estimates of whole problems.
+    stored : estimates of the same filter on the complete problems.
     cut : estimates of the same runs, exported with ``until_s``.
     """
     if any(whole.causality == "batch" for whole in stored):
@@ -218,12 +221,17 @@ def _common_runs(
 
 
 def misreadings(estimates: Path | str, results: Results) -> list[str]:
-    """Return sentences on estimates that fit the truth far better with another sign, frame or unit.
+    """Return remarks on estimates that fit the truth better in another sign, frame or unit.
 
     Parameters
     ----------
-    estimates : the judged file or folder.
-    results : of :func:`judge_estimates`.
+    estimates : path of the judged file or folder.
+    results : results of :func:`judge_estimates` for these estimates.
+
+    Returns
+    -------
+    A sentence for each file whose RMS error would be less than a fifth if the numbers were read
+    with opposite sign, as north-east-down, or in kilometres.
     """
     sentences = []
     for one in estimate_files.stored_runs(Path(estimates)):

@@ -1,4 +1,4 @@
-"""Planning and scoring from Python: bound, tracks, advice, score and check."""
+"""Planning and scoring functions: bound, plan, advise, scorecard and check."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def bound(case: CaseSpec | Scenario | str | Path) -> pd.DataFrame:
 
     Parameters
     ----------
-    case : a case; or the first case of a scenario, given as object, name or path.
+    case : a case; or a scenario, its name or its path, for the first case.
 
     Returns
     -------
-    A row for each epoch, see :func:`ggbench.judging.planned.planned`.
+    A table with a row for each epoch, see :func:`ggbench.judging.planned.planned`.
 
     Raises
     ------
@@ -52,18 +52,19 @@ def plan(
     starts: int = 1,
     step_km: float = 5.0,
 ) -> pd.DataFrame:
-    """Rank other starts and headings of a flight by the bound, as ``ggbench plan`` does.
+    """Rank alternative starts and headings of a flight by their bounds, as ``ggbench plan`` does.
 
     Parameters
     ----------
-    case : as for :func:`bound`; its flight consists of segments or follows a track.
-    headings : number of headings, evenly spread.
-    starts : number of starts along each side of a square about the start.
-    step_km : distance of neighbouring starts [km].
+    case : as for :func:`bound`; the flight must consist of segments or follow a track.
+    headings : number of evenly spaced headings.
+    starts : number of starts along each side of a square centred at the original start.
+    step_km : distance between neighbouring starts [km].
 
     Returns
     -------
-    A row for each track, the smallest bound first, see :func:`ggbench.judging.planned.tracks`.
+    A table with a row for each track, smallest bound first; see
+    :func:`ggbench.judging.planned.tracks`.
 
     Raises
     ------
@@ -89,15 +90,15 @@ def advise(
     output: Path | str | None = None,
     jobs: int | None = None,
 ) -> Advice:
-    """Advise on a case, as ``ggbench advise`` does.
+    """Recommend estimators for a case, as ``ggbench advise`` does.
 
     Parameters
     ----------
     scenario : as for :func:`ggbench.run`.
     case : name of the case; by default the first.
-    target_m : wanted RMS position error [m].
-    runs : of each estimator; fewer than 40 give no recommendation.
-    output : results folder; by default a temporary one, which is kept.
+    target_m : required RMS position error [m].
+    runs : number of runs of each estimator; a recommendation needs at least 40.
+    output : results folder; by default a temporary folder, which is not removed.
     jobs : worker processes; by default one for each processor.
 
     Raises
@@ -128,20 +129,21 @@ def scorecard(
     output: Path | str | None = None,
     jobs: int | None = None,
 ) -> Score:
-    """Score an estimator in the standard suite, as ``ggbench score`` does.
+    """Score an estimator on the standard suite, as ``ggbench score`` does.
 
     Parameters
     ----------
-    estimator : an estimator or its text.
-    runs : of each case; by default all stored ones.
-    seed : of the runs; by default the public one, for which other estimators are stored.
+    estimator : an estimator, or its text ``NAME[parameter=value,...]``.
+    runs : number of runs of each case; by default as many as the suite stores.
+    seed : seed of the runs; by default the public seed, for which runs of other estimators are
+        stored.
     cases : names of the cases to fly; by default all.
-    output : results folder; by default a temporary one, which is kept.
+    output : results folder; by default a temporary folder, which is not removed.
     jobs : worker processes; by default one for each processor.
 
     Returns
     -------
-    ``card``, and ``failures``, a table of runs that failed or diverged.
+    A score with ``card``, and with ``failures``, a table of runs that failed or diverged.
 
     Raises
     ------
@@ -165,12 +167,13 @@ def check(estimator: str | Estimator, time_limit: float = examination.LIMIT_S) -
 
     Parameters
     ----------
-    estimator : an estimator or its text.
-    time_limit : longest time of one check [s].
+    estimator : an estimator, or its text ``NAME[parameter=value,...]``.
+    time_limit : time limit of each check [s].
 
     Returns
     -------
-    A row for each check: ``check``, ``verdict`` (passed, failed, refused), ``demand``, ``text``.
+    A table with a row for each check: ``check``, ``verdict`` (passed, failed, refused), ``demand``,
+    ``text``.
 
     Raises
     ------

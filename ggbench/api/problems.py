@@ -1,4 +1,4 @@
-"""Problems in Python: simulate, read, estimate, judge and correct."""
+"""Functions on single problems: simulate, read_flight, estimate, judge and corrected."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Judgement(judgement.Judgement):
     """Errors of an estimate against the truth, with a figure and a table."""
 
     def plot(self) -> Figure:
-        """Draw the ENU errors of position and velocity with their reported ±3σ."""
+        """Draw the ENU errors of position and velocity with the reported ±3σ."""
         from ..figures.errors import with_deviations  # not at the top: few want a figure
 
         return with_deviations(self.times, self.components, self.sigmas)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row for each epoch: errors ENU [m, m/s] and their σ, NEES and NIS."""
+        """Return a table with a row for each epoch: ENU errors [m, m/s] and their σ, NEES, NIS."""
         import pandas as pd
 
         columns = {"time_s": self.times}
@@ -52,31 +52,32 @@ class Judgement(judgement.Judgement):
 def judge(
     problem: Problem, estimate: Estimate, truth: Truth, windows: WindowsSpec | None = None
 ) -> Judgement:
-    """Judge an estimate of a problem by its truth, see :func:`ggbench.judging.judgement.judge`.
+    """Compare an estimate with the truth, see :func:`ggbench.judging.judgement.judge`.
 
     Parameters
     ----------
-    problem : the estimated problem.
-    estimate : of the problem.
-    truth : of the problem, or the reference of a recorded flight.
+    problem : the problem that was estimated.
+    estimate : estimate of the problem.
+    truth : truth of the problem, or the reference of a recorded flight.
     windows : parts of the flight to judge in addition to the whole, for example ``case.windows``.
 
     Raises
     ------
     JudgingError
-        If the estimate has no covariance or another shape than the problem, or the truth has other
-        epochs.
+        If the estimate has no covariance, or if the shapes or epochs of problem, estimate and truth
+        differ.
     """
     return Judgement(**vars(judgement.judge(problem, estimate, truth, windows)))
 
 
 def load(name_or_path: str | Path) -> Scenario:
-    """Read a scenario, given by the name of a shipped one or the path of a TOML file.
+    """Read a scenario: the name of a shipped scenario, or the path of a TOML file.
 
     Raises
     ------
     ScenarioError
-        With a sentence that states the file, the key, the value and the allowed values.
+        If the scenario is invalid; the message states the file, the key, the value and the allowed
+        values.
     """
     if not isinstance(name_or_path, str | Path):
         raise ArgumentError(f"the scenario must be a name or a path, not {kind(name_or_path)}")
@@ -84,12 +85,12 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def case_of(source: CaseSpec | Scenario | str | Path) -> CaseSpec:
-    """Return a case, given itself, or the first case of a scenario, its name or its path.
+    """Return the case itself, or the first case of a scenario (object, name or path).
 
     Raises
     ------
     ArgumentError, ScenarioError
-        If the argument is none of these, or the scenario cannot be read.
+        If the argument is neither a case nor a scenario, or the scenario cannot be read.
     """
     if isinstance(source, CaseSpec):
         return source
@@ -107,15 +108,15 @@ def simulate(
 
     Parameters
     ----------
-    case : result of ``scenario.case(name)`` or of its ``changed(key, value)``; or a scenario, its
+    case : a case, from ``scenario.case(name)`` or ``case.changed(key, value)``; or a scenario, its
         name or its path, for the first case. The flight is cached, so that further runs are quick.
-    seed : of the random numbers; by default that of the scenario, as in :func:`run`.
-    run : number of the run. A campaign with the same seed has the same problem in this run.
+    seed : seed of the random numbers; by default the scenario's, as in :func:`run`.
+    run : index of the run, from 0. A campaign with the same seed has the same problem in this run.
 
     Raises
     ------
     ArgumentError, ScenarioError
-        If the run does not exist, or the case breaks a rule of scenario files.
+        If ``run`` or ``seed`` is invalid, or the case breaks a rule of scenario files.
     GGBenchError
         If the case cannot be flown.
     """
@@ -126,7 +127,7 @@ def simulate(
 
 
 def estimator(text: str) -> Estimator:
-    """Return the estimator of a text ``NAME`` or ``NAME[parameter=value,...]``.
+    """Return the estimator that a text ``NAME`` or ``NAME[parameter=value,...]`` describes.
 
     NAME is the name of a registered estimator, or the path of a file that defines one.
 
@@ -147,8 +148,8 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
     Parameters
     ----------
     problem : from :func:`simulate` or :func:`read_flight`.
-    estimator : an estimator or its text.
-    seed : of its random numbers; most estimators draw none.
+    estimator : an estimator, or its text ``NAME[parameter=value,...]``.
+    seed : seed of the estimator's random numbers; most estimators draw none.
 
     Raises
     ------
@@ -159,7 +160,7 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
     Warns
     -----
     UserWarning
-        If the estimate lies outside the map, where the values of the border continue.
+        If the estimated position leaves the map; beyond the border the field is extrapolated.
     """
     if not isinstance(problem, Problem):
         raise ArgumentError(f"the problem must be a Problem, not {kind(problem)}")
@@ -185,21 +186,23 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
 
 
 def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
-    """Read a recorded flight: its problem, and its reference if it has one.
+    """Read a recorded flight: the problem, and the reference if there is one.
 
     Parameters
     ----------
-    path : of its TOML file. Times of the problem count from the first sample of the INS [s].
+    path : path of the flight's TOML file.
 
     Returns
     -------
-    Problem and reference, as problem and truth of :func:`simulate`. Errors that the reference does
-    not contain, such as biases, are NaN. :func:`judge` needs positions and velocities.
+    Problem and reference, like the problem and truth of :func:`simulate`. Times [s] count from the
+    first INS sample. Error states that the reference does not contain, such as biases, are NaN.
+    :func:`judge` needs positions and velocities.
 
     Raises
     ------
     FlightError
-        With a sentence that states the file, the place, the value and the allowed values.
+        If the flight is invalid; the message states the file, the place, the value and the allowed
+        values.
     """
     if not isinstance(path, str | Path):
         raise ArgumentError(f"the flight must be the path of a file, not {kind(path)}")
@@ -210,19 +213,20 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
 
 
 def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.DataFrame:
-    """Return the corrected track: the INS solution less its estimated errors.
+    """Return the corrected track: the INS solution minus the estimated INS errors.
 
     Parameters
     ----------
     problem : from :func:`read_flight` or :func:`simulate`.
-    estimate : of the problem.
-    start : offset of the times [s].
+    estimate : estimate of the problem.
+    start : offset added to the times [s].
 
     Returns
     -------
-    A row for each epoch: ``time_s``, ``latitude_deg``, ``longitude_deg``, ``height_m``, velocities
-    ENU [m/s], ``heading_deg``, ``pitch_deg``, ``roll_deg``, and standard deviations of position
-    [m], velocity [m/s] and tilt [rad] about ENU, NaN without a covariance.
+    A table with a row for each epoch: ``time_s``, ``latitude_deg``, ``longitude_deg``,
+    ``height_m``, ENU velocities [m/s], ``heading_deg``, ``pitch_deg``, ``roll_deg``, and standard
+    deviations of position [m], velocity [m/s] and attitude [rad] in ENU, which are NaN without a
+    covariance.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Results of a campaign for a notebook: tables and figures."""
+"""Campaign results as tables and figures."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class Results(folder.Results):
 
     Parameters
     ----------
-    folder : of ``ggbench run``, or the ``output`` of :func:`run`.
+    folder : results folder of ``ggbench run``, or ``output`` of :func:`run`.
 
     Raises
     ------
     StoreError
-        If the folder is no results folder or is damaged.
+        If it is no results folder, or it is damaged.
     """
 
     def __repr__(self) -> str:
@@ -47,9 +47,10 @@ class Results(folder.Results):
         )
 
     def summary(self) -> pd.DataFrame:
-        """Return the settled metrics of :data:`_SUMMARY`, a row for each case and estimator.
+        """Return a short table of settled metrics, with a row for each case and estimator.
 
-        The title of a case states its changes, for example the values of a sweep.
+        The column ``case`` has the titles of the cases, which state their changes, for example the
+        values of a sweep.
         """
         metrics = self.metrics()
         table = metrics.loc[metrics["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)
@@ -61,7 +62,7 @@ class Results(folder.Results):
         return f"<p>{escape(repr(self))}</p>{self.summary().to_html(index=False)}"
 
     def plot_error_over_time(self, case: str | None = None) -> Figure:
-        """Draw the RMS position and velocity errors over the runs against time, and the bounds.
+        """Draw the RMS position and velocity errors of all runs, and the bounds, against time.
 
         Raises
         ------
@@ -80,12 +81,12 @@ class Results(folder.Results):
         estimator: str | None = None,
         quantity: Quantity = "position",
     ) -> Figure:
-        """Draw the ENU errors of run 0 with their reported ±3σ, and the errors of the INS if run.
+        """Draw the ENU errors of run 0 with the reported ±3σ, and those of the INS if available.
 
         Parameters
         ----------
-        case : its name.
-        estimator : its label in the tables; by default the first one other than ``ins``.
+        case : name of the case.
+        estimator : label in the tables; by default the first estimator other than ``ins``.
         quantity : ``position`` or ``velocity``.
 
         Raises
@@ -105,7 +106,7 @@ class Results(folder.Results):
         return stored.component_errors(self, self._case(case), label, quantity)
 
     def plot_field(self, case: str | None = None) -> Figure:
-        """Draw the map that a case flies over, at flight height, with the track.
+        """Draw a case's map at flight height, with the track.
 
         Raises
         ------
@@ -117,7 +118,7 @@ class Results(folder.Results):
         return stored.field_map(self, self._case(case))
 
     def plot_track_gradient(self, case: str | None = None) -> Figure:
-        """Draw the vertical gradient along the track: true, with noise, and filtered.
+        """Draw the vertical gradient along the track: true, measured with noise, and filtered.
 
         Raises
         ------
@@ -129,17 +130,17 @@ class Results(folder.Results):
         return stored.track_gradient(self, self._case(case))
 
     def plot_sweep(self, key: str | None = None) -> Figure:
-        """Draw the RMS error of each estimator against a swept value, with the bounds and the INS.
+        """Draw RMS errors, bounds and the INS error against a swept value.
 
         Parameters
         ----------
         key : dotted key of the abscissa, such as ``gradiometer.noise_eotvos``; by default the first
-            key of the sweep. Other varied numbers form at most three panels.
+            key of the sweep. The values of the other keys are drawn in at most three panels.
 
         Raises
         ------
         ResultsError
-            If this number does not vary.
+            If this key does not vary.
         """
         from ..figures import stored
 

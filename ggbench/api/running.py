@@ -1,4 +1,4 @@
-"""Campaigns in Python: a scenario, changed cases, or a sweep over values."""
+"""Functions that run campaigns: a scenario, changed cases, or a sweep over values."""
 
 from __future__ import annotations
 
@@ -49,30 +49,32 @@ def run(
 
     Parameters
     ----------
-    scenario : a scenario, its name, the path of its file, or cases, also changed ones.
-    estimators : texts, or estimators whose classes are registered or come from a file; by default
-        those of the scenario. An estimator that refuses the scenario is left out with a warning.
-    runs, seed : number of runs per case, and the seed; by default those of the scenario.
+    scenario : a scenario, its name, the path of its file, or one or more cases.
+    estimators : texts ``NAME[parameter=value,...]``, or estimators whose classes are registered or
+        come from a file; by default the scenario's estimators. An estimator that refuses the
+        scenario is left out with a warning.
+    runs, seed : number of runs per case, and the seed; by default the scenario's.
     cases : names of the cases to run; by default all.
-    assumptions : also study the scenario's assumptions.
+    assumptions : whether to run the scenario's assumptions too.
     output : folder for the results. Stored runs are not repeated, and the same call resumes an
         interrupted campaign. By default a temporary folder, which is removed with the results
         object.
     jobs : number of worker processes, by default one for each processor; 0: all runs in this
         process, without time limit.
     cluster : address of a Dask scheduler, for execution on a cluster.
-    time_limit : longest time of one run of one estimator [s]; by default that of the scenario.
-    fresh : discard the stored results of the folder.
-    retry_failed : repeat failed runs, for example after a full disk.
+    time_limit : time limit of one run of one estimator [s]; by default the scenario's.
+    fresh : whether to discard the stored results of the folder.
+    retry_failed : whether to repeat failed runs, for example after a full disk.
     progress : whether to show compilation, map building and progress on standard error; by default
-        in a terminal and in a notebook. Or a function, which is called with the number of results
-        stored by this call, and with their total number.
+        in a terminal and in a notebook. It may be a function instead, which is called with the
+        number of results that this call has stored and the number that it will store.
 
     Raises
     ------
     GGBenchError
-        If a name does not exist, a case cannot be flown, the folder is unusable, or runs have no
-        result at all. A failed run is no error: ``failures()`` of the results lists it.
+        If a name does not exist, a case cannot be flown, the folder is unusable, or runs have
+        neither a result nor a recorded failure. A failed run raises nothing: ``failures()`` of the
+        results lists it.
     KeyboardInterrupt
         If interrupted; ``output`` keeps the finished runs.
     """
@@ -141,8 +143,8 @@ def sweep(
 
     Parameters
     ----------
-    case : to change.
-    values : dotted key to its values (:meth:`.CaseSpec.changed`).
+    case : case to change.
+    values : values of each dotted key (:meth:`.CaseSpec.changed`).
     estimators, runs : as in :func:`run`.
     options : further arguments of :func:`run`.
 
@@ -154,7 +156,7 @@ def sweep(
     Raises
     ------
     GGBenchError
-        As :func:`run`; or if a case with these values breaks a rule.
+        As in :func:`run`; also if a case with these values breaks a rule of scenario files.
     """
     keys = list(values)
     if not keys or not all(values.values()):
@@ -172,9 +174,9 @@ def sweep(
 def scenario_of(
     source: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Return a scenario, and the names of its cases if only some are given.
+    """Return a scenario, and the names of the chosen cases; no names mean all cases.
 
-    Raise ArgumentError without any case, ScenarioError if a file cannot be read.
+    Raise ArgumentError if there is no case, ScenarioError if a file cannot be read.
     """
     if isinstance(source, CaseSpec):
         return written.of_cases([source]), ()
@@ -191,5 +193,5 @@ def scenario_of(
 
 
 def text_of_estimator(item: str | Estimator) -> str:
-    """Return the text that names an estimator."""
+    """Return the text ``NAME[parameter=value,...]`` of an estimator."""
     return str(registry.spec_of(item)) if isinstance(item, Estimator) else item

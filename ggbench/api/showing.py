@@ -16,13 +16,13 @@ from ..spec.scenario import Scenario
 
 @dataclass(frozen=True)
 class Shown:
-    """Display of a campaign: a table, nothing, or a user's function."""
+    """Display of a campaign: a progress table, nothing, or calls of a user's function."""
 
     display: Progress | None = None
     called: Callable[[int, int], object] | None = None
 
     def tell_first_use(self, compiled: Sequence[str], scenario: Scenario) -> None:
-        """Print sentences on code and maps that must be created before the first run."""
+        """Announce the code to compile and the maps to build before the first run."""
         if self.display is None:
             return
         cases = (case for _, case in scenario.every_case())
@@ -30,7 +30,7 @@ class Shown:
             self.display.console.out(sentence)
 
     def tell(self, step: CampaignProgress) -> None:
-        """Display a step; remarks are warnings."""
+        """Display a step of the campaign without its remarks, which become warnings elsewhere."""
         if self.called is not None:
             self.called(step.done, step.total)
         if self.display is not None:
@@ -38,9 +38,9 @@ class Shown:
 
 
 def shown_progress(choice: bool | Callable[[int, int], object] | None, title: str) -> Shown:
-    """Return the display; by default it is visible in terminals and notebooks.
+    """Return the display; by default terminals and notebooks show a progress table.
 
-    In a notebook only ipywidgets can update it; without them lines are printed now and then.
+    A notebook needs ipywidgets to update the table; without them it prints lines at intervals.
     """
     if callable(choice):
         return Shown(called=choice)

@@ -1,7 +1,7 @@
-"""Campaigns: the runs of a scenario, and the stored results that they can reuse.
+"""Campaigns: requested runs of a scenario in a results folder.
 
-Each result is stored at once, under a key of its inputs (:mod:`ggbench.campaign.result_keys`).
-Stored runs are not repeated.
+Each result is stored at once, under a hash of its inputs (:mod:`ggbench.campaign.result_keys`). A
+run with a stored result is not repeated.
 """
 
 from __future__ import annotations
@@ -38,13 +38,14 @@ _NAMED_CASES = 3
 
 
 class CampaignError(GGBenchError):
-    """A campaign cannot be run with these arguments."""
+    """A campaign cannot be run with the given arguments."""
 
 
 def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:
-    """Yield each study ("" for none) and case with the problem of its first run.
+    """Yield (study, case, problem of run 0) for all cases; the study is "" or an assumption.
 
-    Raise CampaignError if a map cannot be made, a flight leaves it, or a filter cannot be computed.
+    Raise CampaignError if a map cannot be made, a flight leaves the map, or an instrument's filter
+    cannot be computed.
     """
     for study, case in scenario.every_case():
         with case_named(scenario, study, case):
@@ -54,7 +55,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Raise a user error as a CampaignError that names the case."""
+    """Raise user errors within the context as a CampaignError that names the case."""
     try:
         yield
     except GGBenchError as error:
@@ -64,18 +65,21 @@ def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]
 
 @dataclass
 class Campaign:
-    """A campaign on a results folder.
+    """A campaign that stores its results in a folder.
 
     Parameters
     ----------
-    argument : text by which the user named the scenario.
-    labels : estimators as chosen, ``ukf[points=merwe]``.
-    runs, seed : number of runs per case, and the seed from which all randomness comes.
-    plan : the runs that follow from the above.
-    cases : names of the cases to run; none: all.
-    limit : longest time of one run of one estimator [s].
-    fresh : discard what the folder holds of an earlier campaign.
-    retry_failed : run failed runs again; a result of the new attempt replaces the failure.
+    scenario : scenario with all of its cases.
+    argument : name or path of the scenario, as the user wrote it.
+    labels : texts of the chosen estimators, ``ukf[points=merwe]``.
+    runs, seed : number of runs per case, and the seed of all random numbers.
+    assumptions : whether to run the scenario's assumptions too.
+    folder : results folder.
+    cases : names of the cases to run; ``()``: all.
+    limit : time limit of one run of one estimator [s].
+    fresh : whether to discard the results of an earlier campaign in the folder.
+    retry_failed : whether to repeat failed runs; the new result replaces the failure.
+    plan : planned runs, computed from the other fields.
     """
 
     scenario: Scenario
@@ -114,7 +118,7 @@ class Campaign:
         )
 
     def open(self) -> tuple[Store, list[str]]:
-        """Return the results folder, new or existing, and remarks for the user.
+        """Open or create the results folder; return it and remarks for the user.
 
         Raise StoreError if the folder contains other files, or results of another scenario. Raise
         CampaignError if a case cannot be flown, or no estimator can process the scenario.
@@ -151,11 +155,11 @@ class Campaign:
         ]
 
     def tasks(self, store: Store) -> Tasks:
-        """Return the tasks whose results are not stored yet."""
+        """Return the tasks of all runs without a stored result."""
         return self._tasks(store.finished(self.limit, self.retry_failed))
 
     def missing(self, store: Store) -> int:
-        """Return the number of requested results that are not stored, not even as failures."""
+        """Return the number of requested runs with neither a result nor a recorded failure."""
         return self._tasks(store.finished(-math.inf)).results
 
     def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
@@ -283,12 +287,12 @@ class Campaign:
 
 
 def left_out_remarks(left_out: Mapping[str, Mapping[str, str]], cases: Sequence[str]) -> list[str]:
-    """Return a remark on each estimator that is left out of cases.
+    """Return a remark for each estimator and reason for which it is left out of cases.
 
     Parameters
     ----------
-    left_out : label to case to reason.
-    cases : all cases of the campaign.
+    left_out : reason by label and case, ``{label: {case: reason}}``.
+    cases : names of all cases of the campaign.
     """
     remarks = []
     for label, reasons in left_out.items():
@@ -312,7 +316,7 @@ def planned(
     fresh: bool = False,
     retry_failed: bool = False,
 ) -> Campaign:
-    """Return the requested campaign; the scenario supplies missing arguments.
+    """Return a campaign; the scenario supplies arguments that are missing.
 
     Raise EstimatorError or ScenarioError if an estimator or a case does not exist.
     """

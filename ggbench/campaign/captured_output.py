@@ -1,4 +1,4 @@
-"""Captured output of a worker process: the last part of each run."""
+"""Captured standard output and error of a worker process, separated by run."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _KEPT = 4 * LONGEST_TEXT
 
 
 class CapturedOutput:
-    """The parent's end of the pipe for a worker's standard output and error.
+    """The parent's end of the pipe that receives a worker's standard output and error.
 
     Parameters
     ----------
-    descriptor : of the pipe; it is closed with this object.
+    descriptor : file descriptor of the pipe; :meth:`close` closes it.
     seam : bytes that the worker writes between two runs, to separate their outputs.
     """
 
@@ -32,7 +32,7 @@ class CapturedOutput:
 
     @property
     def readable(self) -> list[int]:
-        """Descriptor to wait for, until the pipe is at its end."""
+        """Descriptor to wait for, as a list; empty once the pipe is at its end."""
         return [] if self._descriptor is None else [self._descriptor]
 
     def read(self) -> None:
@@ -49,7 +49,7 @@ class CapturedOutput:
             self._add(piece)
 
     def of_run(self) -> str:
-        """Return the output of the last run."""
+        """Return the last part of the output of the latest run."""
         self.read()
         return self._over.popleft() if self._over else self._taken()
 

@@ -1,6 +1,6 @@
 """Execution of tasks on a Dask cluster.
 
-Each thread of a Dask worker has its own worker process (:mod:`.campaign.worker`), which runs the
+Each thread of a Dask worker has a separate worker process (:mod:`.campaign.worker`), which runs the
 tasks. Time limits and dead processes are therefore handled as on a single machine.
 """
 
@@ -34,11 +34,11 @@ _AHEAD = 3
 """Tasks handed over per thread of the cluster, so that none of them waits for the next one."""
 _mine = threading.local()
 Tell = Callable[[int, str], None]
-"""Takes the number of workers, and a remark or ""."""
+"""Function that receives the number of workers, and a remark or ""."""
 
 
 class ClusterError(GGBenchError):
-    """A cluster cannot be used."""
+    """The cluster cannot be used."""
 
 
 def on_cluster(
@@ -46,14 +46,15 @@ def on_cluster(
 ) -> Generator[list[Result]]:
     """Run tasks on the cluster of a running Dask scheduler.
 
-    ``tell`` is called with the number of workers whenever it changes, and with a sentence if there
-    are none for five seconds. Workers may come at any time.
+    ``tell`` is called with the number of workers whenever this number changes, and with a remark if
+    there is no worker for five seconds. Workers may join at any time.
 
-    If a Dask worker dies, Dask gives its task to another worker. If workers die repeatedly
-    (``distributed.scheduler.allowed-failures``), the runs of the task are tried one by one. A run
-    whose workers still die is recorded as failed. Raise ClusterError if Dask is not installed, the
-    scheduler cannot be reached or ends, or a worker has another version or source than this
-    process.
+    If a Dask worker dies, Dask gives its task to another worker. If too many workers die in a task
+    (``distributed.scheduler.allowed-failures``), the runs of this task are repeated one by one. A
+    run in which workers still die is recorded as failed.
+
+    Raise ClusterError if Dask is not installed, the scheduler cannot be reached or ends, or a
+    worker has another version or source than this process.
     """
     try:
         from distributed import Client
@@ -187,9 +188,10 @@ def _without_logs() -> Iterator[None]:
 
 
 def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
-    """Run a task in the process of this thread, on a worker of the cluster.
+    """Run a task on a Dask worker, in the worker process of the calling thread.
 
-    ``stopped`` names the event that is set when the result is no longer needed.
+    ``limit`` is the time limit of a run [s]. ``stopped`` is the name of the Dask event that is set
+    when the result is no longer needed.
 
     Raise ClusterError if no process can be started.
     """

@@ -1,7 +1,7 @@
-"""Processes that compile estimators while the main process examines the flights, at first use.
+"""Parallel compilation of estimators at first use, while the main process checks the flights.
 
-They share their compiled code through the cache. They need no flight: a small linear problem has
-the same types.
+The processes share compiled code through the cache on disk. They compile for a small linear
+problem, whose arrays have the same types as those of any flight.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ _MOST_PROCESSES = 4
 def compiling_ahead(
     first: bool, jobs: int | None = None
 ) -> Iterator[Callable[[Sequence[str]], None]]:
-    """Return a context with a function that makes processes compile registered estimators.
+    """Yield a function that starts the compilation of estimators in other processes.
 
-    One process begins at once, with the measurement model. The function accepts names with
-    parameters and ignores files.
+    One process starts at once and compiles the measurement model. The function takes texts of
+    estimators, ``NAME[parameter=value,...]``, and ignores those with files. The processes end with
+    the context.
 
     Parameters
     ----------
-    first : whether the cache is empty; otherwise there are no processes.
-    jobs : number of processes that the user allows; None: of all processors.
+    first : whether the cache is empty; otherwise no process is started.
+    jobs : largest number of processes; None: the number of processors.
     """
     processes: list[subprocess.Popen[str]] = []
 
@@ -68,7 +69,7 @@ def _started() -> subprocess.Popen[str]:
 
 
 def compile_estimators(names: Iterable[str]) -> None:
-    """Compile the measurement model, estimators and judgement by use on a small linear problem.
+    """Compile measurement model, estimators and evaluation by a run on a small linear problem.
 
     An estimator that refuses this problem is compiled at its first run.
     """

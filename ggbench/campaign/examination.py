@@ -1,4 +1,4 @@
-"""Examination of an estimator by the checks of the contract, in a separate process."""
+"""Checks of an estimator against the contract, in a separate process."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _LOOK_EVERY_S = 0.2
 
 
 class CheckError(GGBenchError):
-    """An estimator cannot be examined."""
+    """An estimator cannot be created, so it cannot be checked."""
 
 
 def examined(
     estimator: str, checks: tuple[Check, ...], limit_s: float
 ) -> Iterator[tuple[Check, str, str]]:
-    """Yield each check with its verdict (passed, failed, refused) and a sentence.
+    """Run the checks; yield each with its verdict (passed, failed, refused) and a sentence.
 
-    The checks run in a separate process. After a check that ends the process or does not return, a
-    new process runs the rest. If the first check fails, the others are not run. Raise CheckError if
-    the estimator cannot be created.
+    The checks run in a separate process. If a check ends this process or exceeds ``limit_s`` [s], a
+    new process runs the remaining checks. If the first check fails, the others are not run. Raise
+    CheckError if the estimator cannot be created.
     """
     waiting = list(checks)
     while waiting:

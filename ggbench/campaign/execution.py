@@ -1,6 +1,6 @@
-"""Execution of tasks on this machine: in this process, or in single-threaded workers.
+"""Execution of tasks on this machine: in this process, or in single-threaded worker processes.
 
-Each engine yields results in the order of completion. The results do not depend on this order.
+Each function yields results in the order of completion. The results do not depend on this order.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _BATCH, _BATCH_S = 500, 0.2
 
 
 class ExecutionError(GGBenchError):
-    """Tasks cannot be run at all."""
+    """Worker processes end before they are ready, so no task can be run."""
 
 
 def in_process(tasks: Iterable[Task]) -> Generator[list[Result]]:
-    """Run tasks in this process, where a debugger reaches them; no time limit applies.
+    """Run tasks in this process, for example for a debugger; no time limit applies.
 
-    If a user's file has run in this process before, it may have caused a later failure of another
-    estimator. Such a failure is not final: the next campaign in the folder repeats the run.
+    A user's file that has run in this process may cause a later failure of another estimator. Such
+    a failure is not final: the next campaign in the same folder repeats the run.
     """
     guests: frozenset[str] = frozenset()
     for task in tasks:
@@ -51,11 +51,12 @@ def _not_final(result: Result) -> Result:
 def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[list[Result]]:
     """Run tasks in up to ``jobs`` worker processes.
 
-    A run whose process dies is repeated once, alone. If that process dies too, the run is recorded
-    as failed. A run of more than ``limit`` seconds is killed and recorded as failed; a block of
-    runs that takes as long is repeated run by run. Raise ExecutionError if processes die before
-    they are ready. Raise GGBenchError if the versions or sources of a worker differ from those of
-    the campaign.
+    A run whose process dies is repeated once, alone. If the second process dies too, the run is
+    recorded as failed. A run that takes more than ``limit`` seconds is killed and recorded as
+    failed; a block of runs that takes longer is killed and repeated run by run.
+
+    Raise ExecutionError if processes die before they are ready. Raise GGBenchError if a worker has
+    other versions or sources than the campaign.
     """
     pool: list[WorkerSlot] = []
     source = iter(tasks)
@@ -73,9 +74,10 @@ def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[li
 def drive(
     tasks: Iterable[Task], pool: Sequence[WorkerSlot], stop: Callable[[], bool] = lambda: False
 ) -> Generator[list[Result]]:
-    """Let a pool run all tasks, or until ``stop`` returns true; then the whole pool is idle.
+    """Run tasks in a pool of workers until all are done or ``stop`` returns true.
 
-    ``stop`` is called about once a second. Tasks are created on demand.
+    The whole pool is idle at the end. ``stop`` is called about once a second. Tasks are taken from
+    the iterable on demand.
     """
     queue = _Queue(tasks)
     results: list[Result] = []
@@ -115,7 +117,7 @@ def drive(
 
 @dataclass(frozen=True)
 class Attempt:
-    """A task, and whether a process has died in it before."""
+    """A task, with a flag for the second attempt after the death of a process."""
 
     task: Task
     second: bool = False
@@ -155,7 +157,7 @@ def _group_by_missing(missing: Mapping[str, set[int]]) -> dict[tuple[str, ...], 
 
 
 class WorkerSlot:
-    """A worker with its current task, and the handling of its death or time limit."""
+    """A worker process with its current task; handles deaths and exceeded time limits."""
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
@@ -182,7 +184,7 @@ class WorkerSlot:
         self.worker.give(attempt.task)
 
     def poll(self) -> tuple[list[Result], list[Attempt]]:
-        """Return the available results, and the attempts to repeat."""
+        """Return the results received so far, and the attempts that must be repeated."""
         results: list[Result] = []
         again: list[Attempt] = []
         try:
@@ -302,6 +304,6 @@ class WorkerSlot:
         return results
 
     def renew(self) -> None:
-        """End the process, and start a new one in its place."""
+        """End the worker process, and start a new one in its place."""
         self.worker.kill()
         self._start()

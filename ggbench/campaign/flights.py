@@ -1,4 +1,4 @@
-"""Cached flights, bounds and blocks of simulated runs of a worker process."""
+"""Flights, bounds and simulated blocks of runs, cached in each process."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from ..spec.case import CaseSpec
 from .truth_isolation import HiddenArray
 
 BLOCK_RUNS = 32
-"""Runs that an estimator takes at once: their arrays stay in the processor's cache."""
+"""Most runs of a block, so that the arrays fit into the processor's cache."""
 BLOCK_BYTES = 2**29
-"""Of matrices that a block may have where the flight is so long that its runs would have more."""
+"""Largest size of a block's matrices Φ, Q and P; long flights have blocks of fewer runs."""
 LEAST_RUNS = 8
-"""Runs that a block has in any case: those that go through the kernels together."""
+"""Least runs of a block: the number that kernels process together."""
 
 
 def flight_of(case: CaseSpec) -> Flight:
-    """Return the flight of a case, cached in each process; with draws that of run 0."""
+    """Return the flight of a case, cached; if runs draw their flights, the flight of run 0."""
     of_run = case.of_run(0)
     return _flight(of_run, input_versions(of_run))
 
@@ -44,7 +44,7 @@ def _flight(case: CaseSpec, versions: Versions) -> Flight:
 
 
 def first_problem(case: CaseSpec, seed: int) -> Problem:
-    """Return the problem of a case's first run, cached."""
+    """Return the problem of run 0 of a case, cached."""
     return _first_problem(case, seed, input_versions(case))
 
 
@@ -57,7 +57,7 @@ _bounds: dict[tuple[CaseSpec, Versions], CaseBound] = {}
 
 
 def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
-    """Return the bounds of cases without draws; each process caches the latest ones."""
+    """Return the bounds of cases whose runs share one flight; the latest bounds are cached."""
     keys = [(case, input_versions(case)) for case in cases]
     unknown = [key for key in dict.fromkeys(keys) if key not in _bounds]
     if unknown:
@@ -74,10 +74,10 @@ _flown: set[CaseSpec] = set()
 
 
 def fly_unseen(case: CaseSpec) -> None:
-    """Create the flight of a case, hidden from the list of a process's objects.
+    """Create and cache the flight of a case, excluded from garbage collection.
 
-    For a worker: objects that exist by then, above all modules, are excluded from garbage
-    collection.
+    The garbage collector can then not list the flight's objects for an estimator. Intended for
+    workers: all other objects that exist by then, mainly modules, are excluded as well.
     """
     if case not in _flown:
         _flown.add(case)
@@ -88,14 +88,14 @@ def fly_unseen(case: CaseSpec) -> None:
 
 
 def forget_flights() -> None:
-    """Drop the cached flights of this process: the flights of a library need much memory."""
+    """Drop the flights and bounds that this process has cached, to free memory."""
     _flight.cache_clear()
     _first_problem.cache_clear()
     _bounds.clear()
 
 
 def runs_at_once(case: CaseSpec) -> int:
-    """Return the number of runs of a case in a block, limited by the memory of Φ, Q and P."""
+    """Return the number of runs per block for a case, limited by the memory of Φ, Q and P."""
     size = BLOCK_RUNS
     with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
         flight = flight_of(case)
@@ -106,7 +106,7 @@ def runs_at_once(case: CaseSpec) -> int:
 
 
 def groups_of_runs(case: CaseSpec, runs: Sequence[int]) -> Iterator[Sequence[int]]:
-    """Yield groups of runs to simulate together: they share a map and fit into a block."""
+    """Yield groups of run indices; the runs of a group share a map and fit into a block."""
     size = runs_at_once(case)
     shared: dict[int, list[int]] = {}
     for run in runs:
@@ -117,14 +117,14 @@ def groups_of_runs(case: CaseSpec, runs: Sequence[int]) -> Iterator[Sequence[int
 
 
 class SimulatedRuns:
-    """Runs that were simulated together; their truth is hidden while an estimator works.
+    """Runs that were simulated together; the truth is hidden while an estimator runs.
 
     Attributes
     ----------
-    case : the case.
-    runs : their numbers.
-    block : their problems.
-    truth : (R, K, n) their true error states.
+    case : case of the runs.
+    runs : indices of the R runs.
+    block : problems of the runs.
+    truth : hidden array (R, K, n) of the true error states.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class SimulatedRuns:
         self._oracle_means: dict[str, np.ndarray] = {}
 
     def flights(self, part: slice) -> Iterator[tuple[slice, Flight, CaseBound]]:
-        """Yield parts of the runs that share a flight, with the flight and its bound."""
+        """Yield each part of the runs that shares a flight, with this flight and its bound."""
         pieces = [slice(r, r + 1) for r in range(part.start, part.stop)]
         for some in pieces if self.case.drawn else [part]:
             case = self.case.of_run(self.runs[some.start])
@@ -142,15 +142,16 @@ class SimulatedRuns:
             yield some, flight_of(case), bound
 
     def oracle_means(self, name: str, error_state: np.ndarray) -> np.ndarray:
-        """Return the oracle's mean squared errors (R, W, 2), NaN if the model is wrong.
+        """Return the oracle's mean squared errors (R, W, 2); NaN if the model is wrong.
 
-        They are equal for all estimators that are compared with one bound, and cached. They do not
-        reveal the truth.
+        W is the number of windows; the last axis is position [m²] and velocity [m²/s²]. All
+        estimators that are compared with the same bound share these numbers, so they are cached.
+        They do not reveal the truth.
 
         Parameters
         ----------
-        name : of the bound.
-        error_state : (R, K, n) the truth.
+        name : name of the bound.
+        error_state : (R, K, n) true error states.
         """
         if name not in self._oracle_means:
             self._oracle_means[name] = self._computed_oracle_means(name, error_state)
@@ -176,7 +177,7 @@ class SimulatedRuns:
 
 
 def simulated(case: CaseSpec, seed: int, runs: Sequence[int]) -> SimulatedRuns:
-    """Simulate runs; their truth is hidden before any estimator receives the problems."""
+    """Simulate runs, and hide the truth before any estimator receives the problems."""
     if not case.drawn:
         block, truth = simulate_block(flight_of(case), seed, runs)
         return SimulatedRuns(case, runs, block, HiddenArray(truth.error_state))

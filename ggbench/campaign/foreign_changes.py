@@ -1,10 +1,10 @@
-"""Functions of other modules that a user's file replaces.
+"""Detection and reversal of changes that a user's file makes to other modules.
 
-A campaign's own process imports a user's file for its parameters, its causality and its ``skip``,
-and also computes bounds. Therefore functions, classes and methods that a file replaces there are
-restored, and the file is refused. The working directory and NumPy's treatment of floating-point
-errors are restored, too. This detects accidents. It is no protection against a file that hides its
-changes, starts threads, or changes the environment.
+The main process of a campaign imports a user's file to read the estimator's parameters and
+causality and to call ``skip``. The same process computes bounds. Therefore functions, classes and
+methods that the file replaces are restored, and the file is refused. The working directory and
+NumPy's handling of floating-point errors are restored too. This detects accidents. It does not
+protect against a file that hides its changes, starts threads, or changes the environment.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 OWN_MODULE = "ggbench_user_"
-"""How the module names of users' files begin."""
+"""Prefix of the module names of users' files."""
 _GUARDED = {"builtins", "json", "math", "os", "pickle", "random", "sqlite3", "struct", "time"}
 _GUARDED |= {"ggbench", "numba", "numpy", "pandas", "scipy"}
 """Packages whose functions and classes must stay as they are."""
@@ -29,11 +29,11 @@ _KINDS = (types.FunctionType, classmethod, staticmethod, property)
 
 @contextmanager
 def put_back(replaced: list[str]) -> Iterator[None]:
-    """Restore the functions, classes and methods that are replaced within the context.
+    """Restore functions, classes and methods that were replaced within the context.
 
     Parameters
     ----------
-    replaced : receives their dotted names.
+    replaced : list to which the dotted names of the replaced objects are appended.
     """
     import numpy as np  # not at the top: lists of estimators need no numbers
 

@@ -1,6 +1,7 @@
 """Separate process for the checks of ``ggbench check``.
 
-A user's file may print endlessly, end its process or never return. Results go through a pipe.
+A user's file may print endlessly, end the process or never return. Results are therefore sent
+through a pipe to the parent.
 """
 
 from __future__ import annotations
@@ -19,7 +20,11 @@ _LONGEST_LINE = 60
 
 
 def main(pipe: str, text: str, names: list[str]) -> None:
-    """Run the named checks on an estimator, and send the results through the pipe."""
+    """Run checks on an estimator, and send the results through a pipe.
+
+    ``pipe`` is the file descriptor of the pipe, ``text`` the text of the estimator, and ``names``
+    are the names of the checks.
+    """
     answers = Connection(int(pipe), readable=False)
     os.set_inheritable(int(pipe), False)
 

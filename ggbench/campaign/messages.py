@@ -1,7 +1,7 @@
-"""Messages between a campaign and its workers, framed against arbitrary output.
+"""Messages between a campaign and its workers, protected against other output on the same pipe.
 
-A message is its length, a checksum and its pickled bytes. Bytes that anything else writes between
-messages are detected and never unpickled.
+A message consists of its length, a checksum and pickled bytes. Bytes that another program writes to
+the pipe are detected and never unpickled.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ _LARGEST = 1 << 32
 
 
 class GarbledError(Exception):
-    """The received bytes are no message."""
+    """Received bytes do not form a valid message."""
 
 
 def packed(message: object) -> bytes:
-    """Return the bytes of a message."""
+    """Return a message as bytes with length and checksum."""
     content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
     return _HEADER.pack(_MARK, zlib.crc32(content), len(content)) + content
 
 
 class Inbox:
-    """Reassembles messages from received pieces."""
+    """Reassembles messages from pieces of received bytes."""
 
     def __init__(self) -> None:
         self._held = bytearray()
 
     def take(self, piece: bytes) -> Iterator[Any]:
-        """Yield the messages that a piece completes.
+        """Add a piece of bytes, and yield the messages that it completes.
 
         Raise GarbledError if the bytes are no message.
         """

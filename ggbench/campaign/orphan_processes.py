@@ -1,7 +1,7 @@
-"""Killing of processes that an estimator starts and leaves running.
+"""Termination of processes that an estimator has started and left running.
 
-Processes that leave their group are identified by a mark in their initial environment, or by their
-parents.
+Processes that have left their process group are identified by a mark in their initial environment,
+or by their parent processes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable
 import psutil
 
 MARK = "GGBENCH_WORKER"
-"""Variable of the environment by which a worker's descendants are known."""
+"""Environment variable that identifies the descendants of a worker."""
 _ROUNDS = 200
 _ROUND_S = 0.005
 _DEAD = (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
@@ -24,20 +24,20 @@ _ADOPT_ORPHANS = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
 
 
 def adopt_orphans() -> None:
-    """Become the parent of a child's children when the child ends; on Linux only."""
+    """Make this process the parent of its children's orphans; on Linux only."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_ADOPT_ORPHANS, 1, 0, 0, 0)
 
 
 def kill_marked(marks: Collection[str]) -> None:
-    """Kill all other processes whose initial environment has one of these marks."""
+    """Kill all other processes whose initial environment contains one of ``marks``."""
     _kill(psutil.process_iter, lambda process: process.environ().get(MARK) in marks)
 
 
 def kill_descendants() -> int:
-    """Kill the running descendants of this process; return their number.
+    """Kill all running descendants of this process, and return the number of killed processes.
 
-    The permanent helper processes of multiprocessing are not killed.
+    The permanent helper processes of ``multiprocessing`` are spared.
     """
     try:  # which takes no time if there is no child, running or not yet waited for
         os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)

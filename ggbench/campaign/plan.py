@@ -1,8 +1,8 @@
-"""Plan of a campaign: its runs, their keys and their tasks.
+"""Plan of a campaign: runs, keys of results, and tasks.
 
-A task consists of runs of one case. They are simulated once and given to every estimator, so that
-differences between estimators are paired. Estimators that process many runs at once have separate
-tasks with equal runs.
+A task consists of runs of one case. Each run is simulated once per task and given to all estimators
+of the task. All estimators receive equal problems, so their differences can be compared run by run.
+Estimators that process many runs at once have separate tasks with the same runs.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ TASK_RUNS = 128
 
 @dataclass(frozen=True)
 class Plan:
-    """The runs of a campaign, and their keys.
+    """The runs of a campaign, and the keys of their results.
 
     Attributes
     ----------
-    scenario : with the selected cases, and with assumptions only if they are studied.
-    estimators : label to content (:attr:`.Choice.content`), for the runs of the cases.
-    studied : the same for the runs of the assumptions.
+    scenario : scenario with the selected cases; its assumptions are removed unless they are run.
+    estimators : content (:attr:`.Choice.content`) of each estimator by label, for the cases.
+    studied : content of each estimator by label, for the assumptions.
     runs, seed : number of runs per case, and the seed.
-    left_out : reasons why an estimator cannot process a case, by label and case.
+    left_out : reason why an estimator cannot process a case, by label and case.
     """
 
     scenario: Scenario
@@ -45,7 +45,10 @@ class Plan:
     left_out: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def cells(self) -> list[tuple[str, CaseSpec, EstimatorKeys]]:
-        """Return every study ("" for none) and case with its estimators and their keys."""
+        """Return (study, case, estimators with keys) for all cases.
+
+        The study is the name of an assumption, or "" for the cases themselves.
+        """
         return [
             (study, case, self._pairs(case, self.studied if study else self._taking(case.name)))
             for study, case in self.scenario.every_case()
@@ -63,13 +66,13 @@ class Plan:
         )
 
     def joined(self, old: Mapping[str, Any], whole: Scenario, finished: Set[str]) -> Plan:
-        """Return this plan, joined with the stored runs of equal content.
+        """Return this plan extended by the usable stored runs of the results folder.
 
         Parameters
         ----------
-        old : the folder's manifest.
-        whole : the scenario with all of its cases.
-        finished : keys with results.
+        old : manifest of the folder.
+        whole : scenario with all of its cases.
+        finished : keys of all stored results.
         """
         now = result_keys.environment() | {"seed": self.seed}
         if any(old[name] != value for name, value in now.items()):
@@ -107,7 +110,7 @@ class Plan:
 
 
 class PendingCell(NamedTuple):
-    """A case with its estimators, and a mask (estimators, runs) of their missing runs."""
+    """A case with its estimators, and a mask (estimators, runs) of the missing runs."""
 
     assumption: str
     case: CaseSpec
@@ -116,13 +119,13 @@ class PendingCell(NamedTuple):
 
 
 class Tasks:
-    """Remaining tasks of a campaign, made on demand.
+    """Remaining tasks of a campaign, created on demand.
 
     A range of runs is executed in all cases before the next range, so that an interrupted campaign
-    has runs of all cases. Estimators without blocks process the range run by run. If each run has
-    its own flight, all estimators process a range together, so that its flights are created once.
-    Users' files have separate tasks, after those of the installed estimators, so that their changes
-    of a process affect no other estimator.
+    has runs of all cases. Estimators that do not process blocks have a task for each run. If each
+    run has a different flight, all estimators share the tasks of a range, so that each flight is
+    created once. Users' files have separate tasks after those of the installed estimators. If a
+    file changes the process, no other estimator is affected.
     """
 
     def __init__(self, cells: Sequence[PendingCell], seed: int) -> None:

@@ -1,4 +1,4 @@
-"""Records of runs, their time series, and arrays common to the runs of a case."""
+"""Records and time series of runs, and arrays that all runs of a case share."""
 
 from __future__ import annotations
 
@@ -39,24 +39,23 @@ _LONGEST_INFO = 100_000
 _LARGEST_COUNT = 2**63 - 1
 _STATUS, _PEAK = Path("/proc/self/status"), re.compile(r"VmHWM:\s*(\d+) kB")
 BORDER = 0.1
-"""How far outside a map is still its border, in distances of its nodes."""
+"""Width of the border outside a map that counts as inside, in node spacings."""
 
 
 @dataclass(frozen=True)
 class TimedEstimates:
-    """Estimates of R runs by one estimator, with their times.
+    """Estimates of R runs by one estimator, with computing times.
 
     Attributes
     ----------
-    mean : (R, K, n).
-    cov : (R, K, n, n) or None.
-    nis : (R, K) or None; then it is computed from mean and covariance.
-    causality, lag : as :class:`ggbench.problem.Estimate` has them.
-    info : each run's remarks.
+    mean : (R, K, n) estimated states.
+    cov : (R, K, n, n) covariances, or None.
+    nis : (R, K) normalised innovation squared; None: to be computed from mean and covariance.
+    causality, lag : as in :class:`ggbench.problem.Estimate`.
+    info : counters and remarks of each run.
     evaluations : number of map evaluations of each run.
-    seconds : time of a run, of several at once their mean.
-    fixes : fixes of a matcher in a single run, as :func:`.judging.fix_metrics.checked` returns
-        them.
+    seconds : computing time per run [s]; for a block, the mean over its runs.
+    fixes : fixes of a matcher, for a single run, from :func:`.judging.fix_metrics.checked`.
     """
 
     mean: np.ndarray
@@ -70,7 +69,7 @@ class TimedEstimates:
     fixes: Fixes | None = None
 
     def of_runs(self, some: slice) -> TimedEstimates:
-        """Return the estimates of some of the runs."""
+        """Return the estimates of a slice of the runs."""
         columns = {
             name: getattr(self, name) for name in ("mean", "cov", "nis", "info", "evaluations")
         }
@@ -91,7 +90,7 @@ def peak_memory_mb() -> float:
 
 
 def new_record(choice: Choice, run: int, seed: int) -> dict[str, Any]:
-    """Return the record of a run before its result is known."""
+    """Return an incomplete record of a run, without results."""
     return BLANK | {
         "name": choice.estimator.name,
         "parameters": choice.spec.listed,
@@ -112,17 +111,19 @@ def evaluate_runs(
     oracle: Callable[[str], np.ndarray],
     problem_of: Callable[[int], Problem],
 ) -> list[Result]:
-    """Return the results of estimated runs; a run with an invalid estimate has failed.
+    """Evaluate the estimates of R runs; a run with an invalid estimate is a failed run.
 
     Parameters
     ----------
     blanks : incomplete record of each run (:func:`new_record`).
-    key : of the results.
-    flight : the case.
-    error_state : (R, K, n) the truth of the runs.
-    bound : of the flight.
-    oracle : returns the mean squared errors (R, W, 2) of the oracle, by the name of the bound.
-    problem_of : returns the problem of the r-th of the runs.
+    key : key of the results.
+    flight : flight of the runs.
+    error_state : (R, K, n) true error states.
+    estimated : estimates of the runs.
+    bound : bound of the flight.
+    oracle : function that returns the oracle's mean squared errors (R, W, 2) for the name of a
+        bound.
+    problem_of : function that returns the problem of a run, given its row 0 to R − 1.
     """
     case, times, filters = flight.case, flight.times, estimated.causality == "filter"
     evaluation, flaws = run_errors.evaluate_block(error_state, estimated.mean, estimated.cov)
@@ -209,7 +210,10 @@ def _detail(
 
 
 def outside_map(flight: Flight, errors: np.ndarray) -> np.ndarray:
-    """Return the mask (R,) of estimates outside the estimators' map, from errors (R, K, 6), ENU."""
+    """Return a mask (R,): true if estimated positions leave the map that estimators use.
+
+    ``errors`` (R, K, 6) are ENU errors of position [m] and velocity [m/s].
+    """
     believed = flight.trajectory.positions[flight.epochs] + errors[:, :, [1, 0, 2]] / flight.metres
     return np.asarray(~flight.model_field.covers(believed, BORDER).all(axis=1))
 
@@ -231,10 +235,10 @@ def _bound_of(case: CaseSpec, causality: Causality, lag: float | None) -> str:
 
 
 def remarks(info: Any) -> dict[str, Any]:
-    """Return an estimate's remarks in a form that a record can store.
+    """Convert an estimate's ``info`` to JSON values for a record.
 
-    Lone surrogates (from file names that are not UTF-8) become ``?``. Raise ValueError if remarks
-    are too long, nested too deeply, or contain numbers of thousands of digits.
+    Lone surrogates (from file names that are not UTF-8) become ``?``. Raise ValueError if ``info``
+    is too long, is nested too deeply, or contains numbers with thousands of digits.
     """
     text = json.dumps(dict(info), default=float, ensure_ascii=False)
     text = text.encode(errors="replace").decode()
@@ -248,16 +252,16 @@ def remarks(info: Any) -> dict[str, Any]:
 
 
 def lag_epochs(case: CaseSpec, lag: float) -> int:
-    """Return the number of later epochs within a fixed lag [s], for each epoch."""
+    """Return a fixed lag as a number of epochs, rounded down; ``lag`` is in seconds."""
     return math.floor(lag / case.tick_s + 1e-9)
 
 
 def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
-    """Return the arrays that all runs of a case share: bounds, measurements, signals of figures.
+    """Return the arrays that all runs of a case share: bounds, availability, signals for figures.
 
-    Arrays over epochs are (K,), or (K, m) with a column for each of m channels.
+    Arrays over epochs are (K,) or have K rows. ``lags`` are the fixed lags in use [epochs].
 
-    ``lags`` are the fixed lags in use [epochs].
+    ``seed`` is the seed of the simulated gradient signals.
     """
     arrays = {
         "times": flight.times,

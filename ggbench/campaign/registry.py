@@ -1,8 +1,9 @@
-"""Registry of estimators: entry points of the group ``ggbench.estimators``, and users' files.
+"""Registry of estimators: installed entry points, and users' files.
 
-A text ``NAME`` or ``NAME[parameter=value,...]`` names an estimator. NAME is a registered name, the
-path of a Python file that defines one :class:`~ggbench.problem.Estimator`, the path of a file of
-estimates, or ``exec:`` and the path of a program.
+A text ``NAME`` or ``NAME[parameter=value,...]`` describes an estimator. NAME is the name of an
+entry point in the group ``ggbench.estimators``, the path of a Python file that defines one
+:class:`~ggbench.problem.Estimator`, the path of a file of estimates, or ``exec:`` and the path of a
+program.
 """
 
 from __future__ import annotations
@@ -43,33 +44,33 @@ _SHIPPED = ("ggbench.estimators.", _ADAPTERS)
 
 
 class EstimatorError(GGBenchError):
-    """An estimator cannot be found or its parameters cannot be accepted."""
+    """An estimator cannot be found, or its parameters are invalid."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A chosen estimator; ``spec`` has its name and parameters other than the defaults."""
+    """A chosen estimator; ``spec`` has its name and the parameters that differ from defaults."""
 
     spec: EstimatorSpec
     estimator: Estimator
 
     @property
     def label(self) -> str:
-        """Text of the estimator in results, ``ukf[points=merwe]``."""
+        """Text that identifies the estimator in results, ``ukf[points=merwe]``."""
         return str(self.spec)
 
     @property
     def family(self) -> Family:
-        """Family of the class; "own" unless the class is shipped."""
+        """Family of the estimator class; "own" unless the class is shipped with this package."""
         cls = type(self.estimator)
         return cls.family if cls.__module__.startswith(_SHIPPED) else "own"
 
     @property
     def content(self) -> dict[str, Any]:
-        """Return all inputs of its results: class, all parameters, and a hash of its source file.
+        """All inputs of the estimator's results: class, all parameters, hash of the source file.
 
-        For an estimator of another package the versions of that package are included. If the file
-        uses names that lead to the truth, these names are included too (:func:`.suspicious_names`).
+        For an estimator of another package the versions of that package are included. Names in the
+        source that give access to the truth are included too (:func:`.suspicious_names`).
         """
         cls = type(self.estimator)
         source, seeks = source_of(cls)
@@ -119,7 +120,7 @@ def _load(point: importlib.metadata.EntryPoint) -> type[Estimator]:
 
 
 def choose(text: str) -> Choice:
-    """Return the estimator of a text.
+    """Return the estimator that a text ``NAME`` or ``NAME[parameter=value,...]`` describes.
 
     Raise EstimatorError if the text, the name, the file or a parameter is invalid; the message
     states the allowed values.
@@ -192,10 +193,10 @@ def _made(cls: type[Estimator], requested: EstimatorSpec) -> tuple[EstimatorSpec
 
 
 def spec_of(estimator: Estimator) -> EstimatorSpec:
-    """Return the spec of an estimator, ``ukf[points=merwe]``.
+    """Return the spec (name and parameters) of an estimator object.
 
-    Raise EstimatorError if its class is neither registered nor from a file that :func:`choose` has
-    read, the file has changed since, or a parameter cannot be written.
+    Raise EstimatorError if the class is neither registered nor from a file that :func:`choose` has
+    read, this file has changed since, or a parameter cannot be written as text.
     """
     cls = type(estimator)
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
@@ -223,10 +224,10 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
 
 
 def choose_all(texts: Iterable[str]) -> list[Choice]:
-    """Return the estimators of several texts; equal ones once, under the first label.
+    """Return the estimators of several texts, without duplicates.
 
-    ``@NAME`` means the estimators of a roster. Raise EstimatorError as :func:`choose`, or if a
-    roster does not exist.
+    Among equal estimators the first text is the label. ``@NAME`` stands for all estimators of a
+    roster. Raise EstimatorError as :func:`choose`, or if a roster does not exist.
     """
     chosen: list[Choice] = []
     for choice in map(choose, listed(texts)):
@@ -236,7 +237,10 @@ def choose_all(texts: Iterable[str]) -> list[Choice]:
 
 
 def listed(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return texts with rosters ``@NAME`` expanded; raise EstimatorError for an unknown roster."""
+    """Return texts with each roster ``@NAME`` replaced by the estimators in it.
+
+    Raise EstimatorError for an unknown roster.
+    """
     try:
         return expanded(texts)
     except ValueError as error:
@@ -254,7 +258,7 @@ def is_own(text: str) -> bool:
 
 @cache  # asked of every label in every case
 def own_file(label: str) -> str:
-    """Return the path of the user's module that a label names, or "" for other labels."""
+    """Return the path of the user's Python file in a label, or "" if there is none."""
     name = _parsed(label).name
     return name if name.endswith(".py") else ""
 
@@ -297,10 +301,10 @@ def _require_interface(cls: type[Estimator], name: str) -> None:
 
 @cache
 def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
-    """Return the hash of the loaded file of a class, and its names that lead to the truth.
+    """Return the source hash of a class, and names in the source that give access to the truth.
 
-    The hash includes the modules of the same package that it imports, for example robust losses,
-    and its adapters. For installed modules only the code counts, not docstrings and comments.
+    The hash covers the file of the class and the modules that it imports from the same package or
+    from the adapters. In installed modules only the code counts, not docstrings and comments.
     """
     module = sys.modules[cls.__module__]
     if "path" in vars(cls):  # of a program, or a file of estimates
@@ -342,9 +346,9 @@ def _libraries_of(cls: type[Estimator]) -> dict[str, str]:
 
 
 def code_of(source: bytes) -> bytes:
-    """Return the syntax tree of a module as text, without docstrings, comments and layout.
+    """Return a module's syntax tree as bytes, without docstrings, comments and layout.
 
-    Return the source itself if it is no Python.
+    If the source is no valid Python, return it unchanged.
     """
     try:
         tree = ast.parse(source)

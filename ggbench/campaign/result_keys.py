@@ -1,8 +1,8 @@
-"""Content-based keys of stored runs, and the files that runs depend on.
+"""Content-based keys of stored runs, and input files of runs.
 
-The key of a run is a hash of all inputs of its result: content of case and map, estimator with
+The key of a run is a hash of all inputs of the result: content of case and map, estimator with
 parameters and source, seed, and versions of results and libraries. Names, paths and order do not
-count. The number of the run completes the key.
+count. Key and run index together identify a run.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..spec.case import CaseSpec
 from ..spec.sensors import FieldSpec
 
 RESULTS_VERSION = 2
-"""Version of the numbers that runs end with.
+"""Version of the numerical results of runs.
 
 Raise it with every change that moves a result beyond rounding: `tests/test_golden.py` finds such a
 change. Stored runs of another version count as missing, and ``make library`` flies them again.
@@ -33,7 +33,7 @@ _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 
 @cache
 def environment() -> dict[str, Any]:
-    """Return the versions that a result depends on: package, results, libraries."""
+    """Return the versions on which a result depends: package, results and libraries."""
     return {
         "ggbench": VERSION,
         "results_version": RESULTS_VERSION,
@@ -45,7 +45,7 @@ def environment() -> dict[str, Any]:
 
 
 def problem_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of the simulated problem, without the versions of the simulation.
+    """Return the key of the simulated problems of a case; versions do not count.
 
     Raise MapError if the case's map file cannot be read.
     """
@@ -75,14 +75,15 @@ def _placeless(gradiometer: Any) -> Any:
 
 
 def case_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of a case, common to all runs, without the estimator."""
+    """Return the key of the arrays that all runs of a case share; no estimator counts."""
     return _hash([environment(), problem_key(case, seed)])
 
 
 def run_key(case: CaseSpec, estimator: Mapping[str, Any], seed: int) -> str:
-    """Return the key of the runs of an estimator on a case; the number of a run completes it.
+    """Return the key of an estimator's runs on a case.
 
-    ``estimator`` is its content (:attr:`ggbench.campaign.registry.Choice.content`).
+    ``estimator`` is the content of the estimator
+    (:attr:`ggbench.campaign.registry.Choice.content`). Key and run index together identify a run.
     """
     return _hash([case_key(case, seed), estimator])
 
@@ -92,10 +93,10 @@ def _hash(content: Any) -> str:
 
 
 def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
-    """Return role, name and SHA-256 of each input file of cases, once.
+    """Return role, name and SHA-256 of each input file of cases, without duplicates.
 
-    Names are without folders, because only the content counts. Raise MapError, TrajectoryError or
-    ColouredNoiseError if one cannot be read.
+    Names have no folders, because only the content counts. Raise MapError, TrajectoryError or
+    ColouredNoiseError if a file cannot be read.
     """
     files: dict[tuple[str, str, str], None] = {}
     for case in cases:

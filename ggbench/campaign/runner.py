@@ -1,7 +1,7 @@
-"""Execution of runs: simulation, estimation by every estimator, evaluation.
+"""Execution of runs: simulation, estimation and evaluation.
 
-A worker process runs this module, which writes no files. Estimators that process many runs at once
-receive blocks that fit into the processor's cache. The others receive single runs.
+Worker processes run this module, which writes no files. Estimators that process many runs at once
+receive blocks that fit into the processor's cache. Other estimators receive single runs.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from .registry import Choice, choose, own_file
 from .texts import exception_text, traceback_text
 
 clock = time.perf_counter
-"""Taken before an estimator can replace it."""
+"""Clock, imported before an estimator can replace it."""
 
 
 class OtherSourceError(GGBenchError):
-    """The worker's versions of results, libraries or estimators differ from the campaign's."""
+    """A worker has other versions of results, libraries or estimators than the campaign."""
 
 
 EstimatorKeys = tuple[tuple[str, str], ...]
@@ -49,13 +49,13 @@ EstimatorKeys = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Runs of one case, and the estimators for which all of them are missing.
+    """Runs of one case, and the estimators that must process all of these runs.
 
     Attributes
     ----------
-    case : the case.
-    assumption : the study it belongs to, "" for the cases themselves.
-    runs, seed : the runs' numbers and the campaign's seed.
+    case : case of the runs.
+    assumption : name of the assumption to which the case belongs, or "".
+    runs, seed : indices of the runs, and the seed of the campaign.
     estimators : (label, key) of each estimator to run.
     """
 
@@ -67,13 +67,13 @@ class Task:
 
     @property
     def guests(self) -> frozenset[str]:
-        """Users' files among the estimators, whose code may change the process."""
+        """Paths of users' files among the estimators; their code may change the process."""
         return frozenset(filter(None, (own_file(label) for label, _ in self.estimators)))
 
 
 @dataclass(frozen=True)
 class Started:
-    """Message: an estimator begins with runs."""
+    """Message: an estimator starts to process runs."""
 
     label: str
     runs: Sequence[int]
@@ -81,21 +81,24 @@ class Started:
 
 @lru_cache(maxsize=1024)
 def chosen(label: str) -> Choice:
-    """Return the estimator of a label, cached in each process."""
+    """Return the estimator with a label, cached in each process."""
     return choose(label)
 
 
 @lru_cache(maxsize=4096)
 def key_of(case: CaseSpec, label: str, seed: int, versions: Versions) -> str:
-    """Return the key of an estimator's results on a case, cached in each process.
+    """Return the result key of an estimator on a case, cached in each process.
 
-    ``versions`` are those of the input files of the case.
+    ``versions`` are the versions of the input files of the case.
     """
     return result_keys.run_key(case, chosen(label).content, seed)
 
 
 def estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
-    """Return the generator of an estimator: reproducible, and independent of the simulation's."""
+    """Return an estimator's random generator for a run.
+
+    The generator is reproducible, and independent of the random numbers of the simulation.
+    """
     content = choice.content
     # The assumed noise does not enter: estimators that differ in it alone draw the same numbers.
     own = {key: value for key, value in content["parameters"].items() if key != "noise_scale"}
@@ -107,16 +110,17 @@ def estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
 _warm: set[str] = set()
 """Labels of the estimators that this process has run.
 
-The time of a first run holds compilation and imports: summaries leave it out.
+The time of a first run includes compilation and imports, so summaries omit it.
 """
 
 
 def run_task(task: Task) -> Iterator[Started | list[Result]]:
-    """Simulate runs and evaluate every estimator on them; a failure is a record.
+    """Simulate runs, run every estimator on them, and yield messages and results.
 
-    Yield for each estimator ``Started``, then the results of these runs; if they cannot be run
-    together, ``Started`` before each run. Raise OtherSourceError if a version, an estimator's
-    source or a map file differs from that of the task's keys.
+    For each estimator and group of runs, :class:`Started` is followed by the results of the group.
+    If the runs cannot be processed together, each run is a group. A failed run has a result too.
+    Raise OtherSourceError if a version, an estimator's source or a map file has changed since the
+    keys of the task were computed.
     """
     versions = input_versions(task.case)
     for label, key in task.estimators:
@@ -130,7 +134,7 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
 
 
 def by_block_size(pairs: EstimatorKeys) -> tuple[EstimatorKeys, EstimatorKeys]:
-    """Return the estimators that process many runs at once, and those that process one."""
+    """Split estimators into those that process many runs at once and those that process one."""
     # Read again, not as this process chose it once: a file may change between campaigns.
     together = tuple(p for p in pairs if isinstance(choose(p[0]).estimator, BlockEstimator))
     return together, tuple(pair for pair in pairs if pair not in together)
@@ -230,7 +234,7 @@ def failure(
     trace: str = "",
     retry_above: float | None = None,
 ) -> Result:
-    """Return the result of a failed run, with the reason."""
+    """Return the result of a failed run, with the reason of the failure."""
     record = new_record(chosen(label), run, task.seed) | {"reason": reason}
     if trace:
         record["traceback"] = trace
@@ -243,10 +247,11 @@ def timed_estimates(
     choice: Choice,
     rngs: Sequence[np.random.Generator],
 ) -> TimedEstimates:
-    """Run an estimator on a block, or on one ``run`` of it, and validate its estimates.
+    """Run an estimator on a block or a single run, measure the time, validate the estimates.
 
-    Raise TypeError or ValueError if the result is no estimate, has another causality than the
-    estimator declares, a wrong shape, complex numbers, or remarks that cannot be stored.
+    An estimator without blocks processes only the run ``run`` of the block. Raise TypeError or
+    ValueError if the result is no estimate, has another causality than the estimator declares, a
+    wrong shape, complex numbers, or an ``info`` that cannot be stored.
     """
     # A new instance each time: what one run leaves in it cannot reach the next.
     estimator = dataclasses.replace(choice.estimator)

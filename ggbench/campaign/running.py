@@ -1,4 +1,4 @@
-"""Execution of the missing runs of a campaign, and the tables of its folder."""
+"""Execution of a campaign's missing runs, and output of the tables of results."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class CampaignProgress:
 
     Attributes
     ----------
-    campaign, store : the campaign and its open folder.
-    remarks : remarks for the user: unusual values, estimators left out, unused results.
-    total, done : number of missing results at the start, and of those stored since.
-    new : results stored since the last step.
-    workers : number of workers of the cluster; None on this machine.
-    waiting : reason for waiting, a sentence or "".
+    campaign, store : the campaign and its open results folder.
+    remarks : remarks for the user on unusual values, estimators left out and unused results.
+    total, done : number of results missing at the start, and number stored since.
+    new : results stored since the step before.
+    workers : number of cluster workers; None if the campaign runs on this machine.
+    waiting : reason for waiting, as a sentence, or "".
     """
 
     campaign: Campaign
@@ -40,7 +40,7 @@ class CampaignProgress:
 
 
 class InterruptedCampaign(KeyboardInterrupt):
-    """Ctrl-C ended a campaign; ``results`` has the runs that finished."""
+    """Ctrl-C ended a campaign; ``results`` contains the finished runs."""
 
     def __init__(self, results: Results) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ class InterruptedCampaign(KeyboardInterrupt):
 
 
 class MissingRunsError(CampaignError):
-    """Some runs have no result; ``results`` has the others."""
+    """Some runs have neither a result nor a recorded failure; ``results`` has all others."""
 
     def __init__(self, missing: int, results: Results) -> None:
         runs = "1 run" if missing == 1 else f"{missing} runs"
@@ -62,28 +62,28 @@ def fly(
     cluster: str | None = None,
     progress: Callable[[CampaignProgress], None] = lambda step: None,
 ) -> Results:
-    """Execute the missing runs of a campaign, write its tables and return its results.
+    """Execute the missing runs of a campaign, write the tables and return the results.
 
-    The folder is closed afterwards, so that another process can continue in it.
+    The results folder is closed at the end, so that another process can use it.
 
     Parameters
     ----------
-    work : the campaign, see :func:`.campaign.planned`.
-    jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
-        in this process, without time limit.
-    cluster : address of the Dask scheduler to run on instead.
-    progress : called at every step, first when the folder is open.
+    work : campaign to execute, from :func:`.campaign.planned`.
+    jobs : number of worker processes, by default one for each processor; 0: all runs are run in
+        this process, without time limit.
+    cluster : address of a Dask scheduler; None: run on this machine.
+    progress : function that is called at every step, first when the folder is open.
 
     Raises
     ------
     StoreError, CampaignError
-        As :meth:`Campaign.open`.
+        As in :meth:`Campaign.open`.
     ExecutionError
         If no run can be executed.
     InterruptedCampaign
-        If Ctrl-C interrupted it.
+        If Ctrl-C interrupts the campaign.
     MissingRunsError
-        If runs have no result, not even a failure.
+        If runs have neither a result nor a recorded failure.
     """
     store, remarks = work.open()
     try:
@@ -154,9 +154,9 @@ def _engine(
 def execute(
     results: Generator[list[Result]], store: Store, progress: Callable[[list[Result]], None]
 ) -> None:
-    """Store the results of an engine as they come, and report them to ``progress``.
+    """Store results as they arrive, and report them to ``progress``.
 
-    The engine is closed in all cases, so no process remains.
+    The generator ``results`` is closed in all cases, so that no worker process remains.
     """
     with contextlib.closing(results):
         for batch in results:

@@ -1,4 +1,4 @@
-"""Printable texts of exceptions and estimators' output, for records and terminals."""
+"""Printable texts from exceptions and from the output of estimators."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONGEST_TEXT = 4000
 
 
 def exception_text(error: BaseException) -> str:
-    """Return the class and text of an exception, printable and shortened."""
+    """Return the class name and message of an exception, printable and shortened."""
     try:
         text = str(error)
     except Exception:
@@ -27,9 +27,10 @@ def exception_text(error: BaseException) -> str:
 
 
 def refusal(estimator: Estimator, problem: Problem) -> str:
-    """Return the reason why an estimator cannot process a problem, as one short line, or "".
+    """Return the reason why an estimator cannot process a problem as a short line, or "".
 
-    An exception in ``skip`` is a reason, and so is a replaced function of another module.
+    The reason is the result of ``skip``, an exception in ``skip``, or the fact that ``skip``
+    replaces functions of other modules.
     """
     replaced: list[str] = []
     own = type(estimator).__module__.startswith(OWN_MODULE)
@@ -44,7 +45,7 @@ def refusal(estimator: Estimator, problem: Problem) -> str:
 
 
 def traceback_text() -> str:
-    """Return the end of the traceback of the exception being handled, printable."""
+    """Return the end of the traceback of the current exception as printable text."""
     try:
         return printable(traceback.format_exc()[-LONGEST_TEXT:])
     except Exception:  # as long as the exception's own text is part of it
@@ -52,7 +53,7 @@ def traceback_text() -> str:
 
 
 def printable(text: str) -> str:
-    """Return a shortened text with control characters and lone surrogates as escapes."""
+    """Return a text shortened, with control characters and lone surrogates as escapes."""
     characters = (
         c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:LONGEST_TEXT]
     )

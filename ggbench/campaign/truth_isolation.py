@@ -1,8 +1,9 @@
-"""Isolation of the truth from estimators, and detection of names that lead to it.
+"""Isolation of the truth from estimators, and detection of names that give access to the truth.
 
-This protects against mistakes: an estimator that finds the truth by accident, or among the objects
-of its process. It is no protection against intent, because code can read all memory of its process.
-Therefore results name estimators whose source uses functions that lead to the truth.
+The isolation protects against accidents, such as an estimator that finds the truth among the
+objects of its process. It does not protect against intent, because code can read all memory of its
+process. Therefore results list the estimators whose source uses functions that give access to the
+truth.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ _NAMES = {
 
 
 class HiddenArray:
-    """An array that is no object of this process until it is accessed.
+    """An array in hidden memory; it becomes a NumPy object only while :meth:`looked_at` is open.
 
-    The original is filled with NaN, because its memory is used again.
+    The original array is overwritten with NaN, because its memory will be used again.
     """
 
     def __init__(self, array: np.ndarray) -> None:
@@ -42,15 +43,16 @@ class HiddenArray:
 
     @contextlib.contextmanager
     def looked_at(self) -> Iterator[np.ndarray]:
-        """Return the array (runs, ...) as long as no estimator runs."""
+        """Yield the array (runs, ...), for use while no estimator runs."""
         count = int(np.prod(self._shape))
         yield np.frombuffer(self._memory, dtype=float, count=count).reshape(self._shape)
 
 
 def suspicious_names(source: bytes) -> list[str]:
-    """Return the names in a file that inspect its process or simulate runs.
+    """Return the names in a source file that inspect the process or simulate runs.
 
-    ``import gc``, ``import inspect``, stack frames, and the simulation of this package; sorted.
+    The names are ``gc`` and ``inspect``, attributes of stack frames, and the modules of this
+    package that simulate runs. They are sorted.
     """
     suspicious: set[str] = set()
     for node in ast.walk(ast.parse(source)):

@@ -1,7 +1,7 @@
 """Worker process that isolates estimators from the campaign.
 
-The parent gives a :class:`Worker` one task at a time and receives messages of started estimators
-and finished runs. The death of a worker affects only its current runs. All processes that an
+The parent gives a :class:`Worker` one task at a time and receives messages about started estimators
+and finished runs. The death of a worker affects only the runs in progress. All processes that an
 estimator has started end with the worker. A worker ends when its parent ends.
 """
 
@@ -36,20 +36,20 @@ _PIECE = 1 << 20
 _OOM_SCORE = 800
 """Of 1000 that a worker adds to its memory in the eyes of the kernel's out-of-memory killer."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment of one BLAS thread: more double the processor time for nothing on small matrices."""
+"""Environment for one BLAS thread: more threads double the processor time of small matrices."""
 living_workers: set[Worker] = set()
 
 
 class Ready:
-    """Message: the worker is ready for a task."""
+    """Message: the worker is ready for the next task."""
 
 
 class WorkerDiedError(Exception):
-    """The process has ended or is unusable; the text states how."""
+    """A worker process has ended or is unusable; the message states the cause."""
 
 
 class Worker:
-    """The parent's side of a worker process; creating it starts the process."""
+    """The parent's handle of a worker process; creation starts the process."""
 
     def __init__(self) -> None:
         self._socket, theirs = socket.socketpair()
@@ -81,19 +81,19 @@ class Worker:
 
     @property
     def readable(self) -> list[int]:
-        """Objects to wait for: messages and printed output."""
+        """Connections to wait for: those of messages and of printed output."""
         return [self._socket.fileno(), *self.output.readable]
 
     def give(self, task: Any) -> None:
-        """Give the worker a task; :meth:`receive` reports a death."""
+        """Send a task to the worker; if it is dead, :meth:`receive` reports this later."""
         with contextlib.suppress(OSError):
             self._socket.sendall(packed(task))
 
     def receive(self) -> Iterator[Any]:
-        """Yield the received messages: the output of ``run_task``, ``Ready``, or an error.
+        """Yield the received messages: output of :func:`.runner.run_task`, ``Ready``, or an error.
 
-        The error is a user error (:class:`GGBenchError`). Raise WorkerDiedError if the process has
-        ended and no message is left, or if it has sent invalid bytes.
+        The error is a :class:`GGBenchError`. Raise WorkerDiedError if the process has ended and no
+        message is left, or if it has sent invalid bytes.
         """
         # Asked first. The pipe alone does not say so: a process that it started may still hold it.
         ended = self._process.poll() is not None
@@ -113,7 +113,7 @@ class Worker:
             raise WorkerDiedError(self._how_it_ended()) from None
 
     def kill(self) -> None:
-        """End the process and all processes that it has started."""
+        """End the worker process and all processes that it has started."""
         kill([self])
 
     def _how_it_ended(self) -> str:
@@ -147,9 +147,9 @@ def _end(workers: Collection[Worker]) -> None:
 
 
 def kill_surely(workers: Collection[Worker]) -> None:
-    """End worker processes even if interrupted.
+    """End worker processes and all processes that they have started, even after Ctrl-C.
 
-    Raise KeyboardInterrupt when all have ended, if there was an interrupt.
+    If Ctrl-C was pressed meanwhile, raise KeyboardInterrupt after all have ended.
     """
     interrupt: KeyboardInterrupt | None = None
     while True:
@@ -163,15 +163,15 @@ def kill_surely(workers: Collection[Worker]) -> None:
 
 
 def kill_all() -> None:
-    """End all worker processes of this process, just before it ends itself."""
+    """End all worker processes of this process, before this process ends."""
     _end(list(living_workers))
 
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Defer Ctrl-C within the context; processes started meanwhile never receive it.
+    """Defer Ctrl-C within the context; processes started in the context never receive it.
 
-    The parent handles an interrupt.
+    Only the parent process handles an interrupt.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -204,7 +204,7 @@ def _die_before_the_parent() -> None:
 
 
 def main(descriptor: int, parent: int) -> None:
-    """Run the received tasks until the parent closes the pipe."""
+    """Run received tasks until the parent closes the pipe with this descriptor."""
     mark = os.environ[orphan_processes.MARK]
     _end_with_parent(parent, mark)
     orphan_processes.adopt_orphans()

@@ -1,1 +1,1 @@
-"""The command ``ggbench``."""
+"""Command-line interface ``ggbench``."""

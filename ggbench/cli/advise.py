@@ -1,4 +1,4 @@
-"""``ggbench advise``: recommended estimator and instrument for a user's case."""
+"""``ggbench advise``: recommended estimators and gradiometer for a case."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def advise(
     """Recommend an estimator and an instrument for a SCENARIO.
 
     SCENARIO is a name or a path. The command flies a few runs of the estimators that the suite
-    recommends. It prints the best one, its error and its time, the causes that limit the accuracy,
-    and the gradiometer that reaches the target.
+    recommends. It prints the best estimator with its error and time, the error sources that limit
+    the accuracy, and the gradiometer noise that reaches the target.
 
     Exit code 1 if no gradiometer reaches the target.
     """

@@ -1,4 +1,4 @@
-"""``ggbench bound``: Cramér–Rao bound of a planned flight."""
+"""``ggbench bound``: Cramér–Rao bound along a planned flight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ggbench cards``: one page of scorecards that were flown again."""
+"""``ggbench cards``: page of the score cards that new runs reproduce."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ _EXIT_NOT_REPRODUCED = 1
 def cards(
     folder: Path, estimators: tuple[str, ...], output: Path, flights: Path, jobs: int | None
 ) -> None:
-    """Repeat the cards in DIR and write a page of the reproduced ones.
+    """Repeat the runs of the cards in DIR and write a page of the reproduced cards.
 
-    The page shows the figures of the new flights. Cards of installed estimators are always flown.
+    The page shows the numbers of the new runs. Cards of installed estimators are always repeated.
     Cards of estimator files need -e FILE: a card alone never runs code.
 
     Exit code 1 if a card is not reproduced.

@@ -17,17 +17,17 @@ EXIT_INTERRUPTED = 130
 
 
 class Commands(click.Group):
-    """A group of commands; a user error ends with a sentence and exit code 2."""
+    """A group of commands in which a user error prints its message and exits with code 2."""
 
     def main(self, *arguments: Any, **options: Any) -> Any:
-        """Run a command; characters that the terminal cannot encode are replaced."""
+        """Run a command; replace characters in the output that the terminal cannot encode."""
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
         return super().main(*arguments, **options)
 
     def invoke(self, context: click.Context) -> Any:
-        """Run a command until it ends or receives a signal to end."""
+        """Run a command until it ends or a signal ends it."""
         with requests_to_end(EXIT_INTERRUPTED):
             return self._told(context)
 

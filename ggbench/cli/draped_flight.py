@@ -1,4 +1,4 @@
-"""Flights for ``ggbench new`` that follow the ground within a draped map."""
+"""Terrain-following flights within a draped map, for ``ggbench new``."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _STEP_S = 0.1
 
 
 class NewFileError(GGBenchError):
-    """A new file cannot be created."""
+    """A file of ``ggbench new`` cannot be created."""
 
 
 def quoted(path: Path) -> str:
-    """Return a path as a string of TOML, which has the syntax of JSON."""
+    """Return a path as a quoted TOML string."""
     return json.dumps(path.as_posix(), ensure_ascii=False)
 
 
@@ -44,18 +44,18 @@ def draped_flight(
     clearance: float,
     at_most: Callable[[float, float, str], float],
 ) -> str:
-    """Return the table of a straight flight that follows the ground in the middle of a draped map.
+    """Return a ``[trajectory]`` table: a straight terrain-following flight in a draped map.
 
-    The heading is the first of eight on which the flight stays inside the map by three standard
-    deviations of a barometer.
+    The flight crosses the middle of the map. The heading is the first of eight on which the flight
+    stays inside the map with a margin of three standard deviations of a barometer.
 
     Parameters
     ----------
-    nodes, attributes : of the map.
-    own_map, terrain : files.
+    nodes, attributes : nodes and attributes of the map.
+    own_map, terrain : paths of the map and of the terrain.
     clearance : least height above the terrain [m].
-    at_most : returns the speed [m/s], given the largest possible speed, the usual speed, and the
-        reason for the limit in words.
+    at_most : function that returns the speed [m/s], given the largest possible speed, the usual
+        speed, and the reason for the limit in words.
 
     Raises
     ------
@@ -88,17 +88,18 @@ def draped_flight(
 def needed_layers(
     nodes: Nodes, terrain: Path, clearance: float, geoid_height: float
 ) -> tuple[float, float]:
-    """Return the lowest and the highest layer that flights over a draped map need [m].
+    """Return the lowest and the highest layer [m] that flights over a draped map need.
 
-    The flights are straight, follow the ground on eight headings through the middle, quickly and
-    slowly, and are inside by three deviations of a barometer's error.
+    The flights follow the terrain on eight straight headings through the middle of the map, each at
+    the usual and at a slow speed. They stay inside the layers with a margin of three standard
+    deviations of a barometer.
 
     Parameters
     ----------
-    nodes : with a base surface; their layers do not matter.
-    terrain : file.
+    nodes : nodes with a base surface; their layers are ignored.
+    terrain : path of the terrain.
     clearance : least height above the terrain [m].
-    geoid_height : of the terrain's zero level above the ellipsoid [m].
+    geoid_height : height of the terrain's zero level above the ellipsoid [m].
 
     Raises
     ------
@@ -179,7 +180,7 @@ def _flights(
 
 
 def geoid_height_of(attributes: Mapping[str, str]) -> float | None:
-    """Return the geoid height stated by a map for its terrain [m], or None."""
+    """Return the geoid height [m] that a map states for its terrain, or None."""
     try:
         height = float(json.loads(attributes.get("parameters", "{}"))["geoid_height_m"])
     except (ValueError, KeyError, TypeError):

@@ -1,7 +1,7 @@
-"""Interrupts during the import of the commands, a few tenths of a second.
+"""Handler of interrupts during the import of the commands.
 
-This module is imported first. Programs that import the command, such as tests, keep their own
-handlers.
+The import takes a few tenths of a second. This module is imported first. Programs that import the
+command, such as tests, keep their own handlers.
 """
 
 from __future__ import annotations

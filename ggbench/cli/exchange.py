@@ -1,4 +1,4 @@
-"""``ggbench export`` and ``ggbench judge``: problems and estimates as files."""
+"""``ggbench export`` and ``ggbench judge``: files of problems and estimates."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Checks of ``ggbench validate`` and ``run``: extremes of a flight, and its margins inside the map.
+"""Checks of flights for ``ggbench validate`` and ``run``: extremes, and margins inside maps.
 
-Nothing is simulated. A map is built only if the scenario adds errors to it, because its recipe
-contains its bounds. A flight that may leave its map is computed as in a run.
+Nothing is simulated. The recipe of a map contains the limits, so a map is built only if the
+scenario adds errors to it. A flight that may leave its map is computed as in a run.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ class FlightExtremes:
     Attributes
     ----------
     vehicle : ``aircraft`` or ``ship``.
-    track : whether it follows a track of positions.
-    duration : [s].
-    length : over ground [m].
+    track : whether the flight follows a track of positions.
+    duration : duration [s].
+    length : distance over ground [m].
     speeds, heights : lowest and highest [m/s, m above the ellipsoid].
-    bank, bank_time : largest bank [rad], without the sign, and its first time [s].
-    pitch : largest pitch [rad], without the sign.
-    across, vertical : largest accelerations [m/s²] to the side and upwards, without the sign.
+    bank, bank_time : largest absolute bank angle [rad], and the first time at which it occurs [s].
+    pitch : largest absolute pitch angle [rad].
+    across, vertical : largest absolute accelerations [m/s²] across the track and upwards.
     remark : remark on the conversion of heights; may be empty.
     """
 
@@ -69,14 +69,16 @@ class FlightExtremes:
 
 @dataclass(frozen=True)
 class Examined:
-    """A case that can be flown: its study ("" for none) and its flight.
+    """Examination of a case that can be flown.
 
     Attributes
     ----------
-    margin : to the nearer border of the true and the assumed map; None without a map.
+    study : name of the assumption to which the case belongs, or "".
+    case, flown : case, and extremes of the flight.
+    margin : smaller one of the margins inside the true and the assumed map; None without a map.
     readings : number of measurements of each sensor, by name.
     ins : error of the INS without aiding.
-    narrow : margins in the assumed map that are too narrow for this error.
+    narrow : margins inside the assumed map that are too narrow for this error.
     """
 
     study: str
@@ -96,21 +98,22 @@ class Examined:
     def correlation_m(self) -> float:
         """Correlation length of the field along the track [m], computed on demand.
 
-        It is NaN without a gradiometer, outside a map, and if the true map is not built yet.
+        It is NaN without a gradiometer, if the flight leaves a map, or if the true map is not built
+        yet.
         """
         return _correlation(self.case) if self.inside else math.nan
 
     @property
     def name(self) -> str:
-        """Name of the case, with its study."""
+        """Name ``CASE``, or ``STUDY/CASE`` for a case of an assumption."""
         return f"{self.study}/{self.case.name}" if self.study else self.case.name
 
 
 def examined(scenario: Scenario) -> Iterator[Examined]:
-    """Yield the examination of every case of a scenario and of its assumptions.
+    """Examine every case of a scenario and of its assumptions.
 
-    Raise CampaignError as :func:`.campaign.check`: if a map cannot be built, a flight leaves it, or
-    a sensor cannot be computed.
+    Raise CampaignError as :func:`.campaign.check`: if a map cannot be built, a flight leaves a map,
+    or a sensor cannot be computed.
     """
     for study, case in scenario.every_case():
         with case_named(scenario, study, case):
@@ -205,7 +208,7 @@ def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ..
 
 
 def ins_error_of(case: CaseSpec) -> InsError:
-    """Return the unaided error of the true INS of a case."""
+    """Return the error of a case's true INS without aiding."""
     alone = inertial_alone(suite_of_case(case, "truth"))
     return _ins_error_once(
         alone, case.trajectory, case.imu.period_s, file_versions(case.trajectory)
@@ -220,7 +223,7 @@ def _ins_error_once(
 
 
 def flown_of(case: CaseSpec) -> FlightExtremes:
-    """Return the extremes of the flight of a case.
+    """Return the extremes of a case's flight.
 
     Raise TrajectoryError if the flight is impossible, or a file is invalid.
     """

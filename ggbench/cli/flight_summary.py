@@ -1,4 +1,4 @@
-"""Summaries of a scenario's flights, one line each, with warnings about unusual motion."""
+"""Summary lines of a scenario's flights, and warnings about unusual motion."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _NAMED = 3
 
 
 def print_flights(examinations: Sequence[Examined]) -> None:
-    """Print the flights of the cases and their measurements; equal ones once."""
+    """Print a line for each different flight and its measurements."""
     cases = [each for each in examinations if not each.study]
     flights: dict[str, list[str]] = {}
     readings: dict[str, list[str]] = {}
@@ -110,7 +110,7 @@ def _prior(each: Examined) -> str:
 
 
 def warn(examinations: Iterable[Examined]) -> None:
-    """Print a line for each warning, and for the conversion of heights."""
+    """Print the warnings, and the remarks on conversions of heights."""
     cases = list(examinations)
     for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
         click.echo(f"Note: of the track, {remark}.")
@@ -121,7 +121,7 @@ def warn(examinations: Iterable[Examined]) -> None:
 
 
 def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
-    """Yield a sentence for each large initial height uncertainty that no key states."""
+    """Yield a remark for each large initial height uncertainty that follows from ``position_m``."""
     cases: dict[float, list[str]] = {}
     for each in examinations:
         initial = each.case.initial_error
@@ -136,7 +136,7 @@ def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
 
 
 def warnings(examinations: Iterable[Examined]) -> Iterator[str]:
-    """Yield a sentence for each implausible motion, with a remedy; each once."""
+    """Yield a sentence with a remedy for each implausible motion, without duplicates."""
     cases_by_warning: dict[str, list[str]] = {}
     narrow = []
     for each in examinations:

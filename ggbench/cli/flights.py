@@ -1,4 +1,4 @@
-"""``ggbench estimate`` for recorded flights; ``ggbench record`` for simulated runs as records."""
+"""``ggbench estimate`` and ``ggbench record``: estimates of recorded flights, simulated records."""
 
 from __future__ import annotations
 

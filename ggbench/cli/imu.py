@@ -1,4 +1,4 @@
-"""``ggbench imu``: the keys of [imu] from a log at rest."""
+"""``ggbench imu``: keys of the table ``[imu]`` from a static log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interrupts: the first one summarises finished runs, the second one ends at once."""
+"""Interrupts: the first summarises finished runs, the second ends the process at once."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _SHOW_CURSOR = b"\x1b[?25h"
 
 @contextlib.contextmanager
 def requests_to_end(exit_code: int) -> Iterator[None]:
-    """Convert Ctrl-C, SIGTERM and SIGHUP to a KeyboardInterrupt, and the next one to an exit.
+    """Convert the first of Ctrl-C, SIGTERM and SIGHUP to a KeyboardInterrupt.
 
-    The second signal kills all worker processes and ends the process with ``exit_code``. Stored
-    results stay complete. An ignored signal stays ignored (``nohup``).
+    A second signal kills all worker processes and ends the process with ``exit_code``. Stored
+    results stay complete. A signal that was ignored before stays ignored (``nohup``).
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -61,7 +61,7 @@ class KeyNameError(GGBenchError):
 
 
 class Key(NamedTuple):
-    """A key of a table, in words; unit and limits of a number may be ""."""
+    """Description of a key; unit and limits of a number may be ""."""
 
     name: str
     meaning: str
@@ -73,7 +73,7 @@ class Key(NamedTuple):
 
 
 class KeyTable(NamedTuple):
-    """A table of a file by its dotted name; ``recorded`` are the keys of recorded flights."""
+    """Description of a table; ``recorded`` has additional keys of recorded flights."""
 
     name: str
     about: str
@@ -89,13 +89,13 @@ class KeyTable(NamedTuple):
         return f"[[{self.name}]]" if self.listed else f"[{self.name}]"
 
     def all_keys(self) -> tuple[Key, ...]:
-        """Return its keys, followed by those of recorded flights."""
+        """Keys of the table, followed by those of recorded flights."""
         return self.keys + self.recorded
 
 
 @cache
 def tables() -> dict[str, KeyTable]:
-    """Return all tables by dotted names: those of scenarios, then of recorded flights."""
+    """Return all tables by dotted name: those of scenarios, then those of recorded flights."""
     from ..spec.axes import SweepSpec
     from ..spec.campaign import CampaignSpec
     from ..spec.case import CaseSpec
@@ -137,7 +137,7 @@ def tables() -> dict[str, KeyTable]:
 
 
 def named(name: str) -> str:
-    """Return a dotted name without brackets, sensor names and numbers."""
+    """Return a dotted name without brackets, names of sensors and indices."""
     from ..spec.named_sensors import short_key
 
     plain = short_key(re.sub(r"\[\d+\]", "", name).strip("[] "))
@@ -145,7 +145,7 @@ def named(name: str) -> str:
 
 
 def find(name: str) -> list[tuple[KeyTable, Key]]:
-    """Return the key of a dotted name, or all keys of a name, each with its table."""
+    """Return the key with a dotted name, or all keys with a plain name, each with its table."""
     from ..spec.aiding import KINDS
 
     table, _, key = named(name).rpartition(".")
@@ -214,7 +214,7 @@ def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit in the suffix of a key's name; "" without one."""
+    """Return the unit in the suffix of a key's name, or ""."""
     ends = [end for end in _UNITS if name.endswith(f"_{end}")]
     return _UNITS[max(ends, key=len)] if ends else ""
 
@@ -289,7 +289,7 @@ def keys(name: str | None, schema: bool) -> None:
 
 
 def presets_of(table: str) -> list[tuple[str, str]]:
-    """Return the presets of a table: key and value, and their numbers with sources."""
+    """Return the presets of a table: (key and value, numbers with their source)."""
     from ..spec.presets import PRESETS
 
     key, presets = PRESETS.get(table, ("", {}))

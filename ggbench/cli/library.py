@@ -1,4 +1,4 @@
-"""``ggbench report``, and runs and reports of the whole library."""
+"""``ggbench report``, and campaigns of all shipped scenarios."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class LibraryError(GGBenchError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of the campaign of a scenario.
+    """Outcome of a scenario's campaign.
 
     Attributes
     ----------
-    results, failed, diverged : numbers of records in its folder.
+    results, failed, diverged : numbers of records in the results folder.
     error : reason for missing results, or "".
     without_success : estimators without a finished run.
     """
@@ -45,9 +45,9 @@ class Outcome:
 
 
 def run_all(names: Sequence[str], run_one: Callable[[str], Outcome]) -> list[Outcome]:
-    """Run scenarios one after the other, also after a failure.
+    """Run scenarios one after the other; a failure does not stop the next scenario.
 
-    Return an outcome for each started scenario; an interrupt ends the last one.
+    Return an outcome for each started scenario. After an interrupt no further scenario is started.
     """
     from ..campaign.flights import forget_flights
     from ..campaign.texts import exception_text

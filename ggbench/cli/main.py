@@ -1,4 +1,4 @@
-"""The ``ggbench`` command: list, validate, run, report, show, compare, map, bound, ...."""
+"""Entry point of the ``ggbench`` command, with list, run, show and compare."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Margins between a flight and the edges of its map, compared with the drift of the INS."""
+"""Margins between a flight and the limits of a map, compared with the INS error."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ class Bounds:
 
     Attributes
     ----------
-    lower, upper : (3,) latitude, longitude [rad] and height [m], of a draped map above its base.
-    step : (3,) distance of its nodes.
-    field : with the base surface; a map that is not built yet is level.
+    lower, upper : (3,) latitude, longitude [rad] and height [m]; in a draped map the height above
+        the base surface.
+    step : (3,) distance between neighbouring nodes [rad, rad, m].
+    field : field with the base surface; a map that is not built yet counts as level.
     """
 
     lower: np.ndarray
@@ -42,7 +43,7 @@ class Bounds:
 
     @property
     def with_border(self) -> Bounds:
-        """Bounds enlarged by the border that counts as inside."""
+        """Limits enlarged by the border that still counts as inside."""
         room = BORDER * self.step
         return dataclasses.replace(self, lower=self.lower - room, upper=self.upper + room)
 
@@ -54,14 +55,14 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Margin:
-    """Distances of a flight from the limits of a map.
+    """Least distances of a flight from the limits of a map.
 
     Attributes
     ----------
     border : least distance to a side of the map [m].
-    side : name of that side.
-    below, above : least distances to its lowest and its highest nodes [m].
-    lowest : lowest node above the base surface [m]; None for a level map.
+    side : name of this side.
+    below, above : least distances to the lowest and to the highest layer of nodes [m].
+    lowest : height of the lowest layer above the base surface [m]; None for a level map.
     """
 
     border: float
@@ -72,18 +73,18 @@ class Margin:
 
     @property
     def least(self) -> float:
-        """Least of the distances [m]; negative outside the map."""
+        """Least of all distances [m]; negative outside the map."""
         return min(self.border, self.below, self.above)
 
 
 @dataclass(frozen=True)
 class Shortfall:
-    """A margin in the map that is too narrow for the error of the INS.
+    """A margin inside a map that is too narrow for the INS error.
 
     Attributes
     ----------
-    side : name of a side, ``below`` or ``above``.
-    margin, needed : distances [m].
+    side : name of a side of the map, ``below`` or ``above``.
+    margin, needed : actual and required margin [m].
     time : time of the largest shortfall [s].
     """
 
@@ -96,7 +97,7 @@ class Shortfall:
 def distances(
     trajectory: Trajectory, bounds: Bounds, samples: np.ndarray | slice = slice(None)
 ) -> dict[str, np.ndarray]:
-    """Return distances (K,) [m] to each side of a map, ``below`` and ``above``, at samples."""
+    """Return the distances (K,) [m] at samples to each side of a map, ``below`` and ``above``."""
     lower, upper, positions = bounds.lower, bounds.upper, trajectory.positions[samples]
     turn = turns(0.5 * (lower[1] + upper[1]), trajectory.positions[0, 1], math.tau)
     metres = metres_along(positions)
@@ -112,7 +113,7 @@ def distances(
 
 
 def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
-    """Return the margins of a flight inside a map."""
+    """Return the least distances of a flight from the limits of a map."""
     least = {
         side: float(distance.min()) for side, distance in distances(trajectory, bounds).items()
     }
@@ -124,9 +125,10 @@ def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
 def shortfalls(
     case: CaseSpec, trajectory: Trajectory, bounds: Bounds, error: InsError
 ) -> tuple[Shortfall, ...]:
-    """Return the margins that are too narrow: the worst side and the worst height, if any.
+    """Return the margins that are too narrow: at most one side and one height limit.
 
-    With a receiver for the position, or a barometer for the height, no margin is too narrow.
+    The largest shortfall of each kind is returned. With GNSS positions no margin is too narrow;
+    with a barometer no height margin is.
     """
     aided: set[str] = set()
     for sensor in case.side("truth").sensor.values():
@@ -159,7 +161,7 @@ def shortfalls(
 
 
 def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterator[str]:
-    """Yield a sentence for each side with narrow margins, for the worst case there."""
+    """Yield a sentence for each limit with margins that are too narrow, for the worst case."""
     of_side: dict[str, list[tuple[str, Shortfall]]] = {}
     for name, short_of in margins:
         for each in short_of:
@@ -180,5 +182,5 @@ def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iter
 
 
 def length(metres: float) -> str:
-    """Return a length with its unit, in kilometres from 10 km."""
+    """Return a length as text with unit, in kilometres from 10 km on."""
     return f"{short(metres / 1e3)} km" if abs(metres) >= 1e4 else f"{metres:.0f} m"

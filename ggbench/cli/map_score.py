@@ -1,4 +1,4 @@
-"""``ggbench map score``: suitability of a map's areas for matching."""
+"""``ggbench map score``: suitability of map cells for matching."""
 
 from __future__ import annotations
 
@@ -92,9 +92,9 @@ def score(
     """Score the cells of a MAP for matching.
 
     MAP is a *.nc file, or the name of a shipped region or terrain. Each cell gets terrain
-    statistics with their principal-component index, which only ranks the cells of this map; the RMS
-    position error that a track through it allows, in metres; and an upper bound of the share of
-    tracks that match a wrong place. No flight is simulated.
+    statistics with a principal-component index, which only ranks the cells of this map; the RMS
+    position error in metres that a track through the cell allows; and an upper bound of the share
+    of tracks that match a wrong place. No flight is simulated.
     """
     from ..gravity.field import Field
     from ..matchability.information import Instrument

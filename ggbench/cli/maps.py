@@ -1,4 +1,4 @@
-"""``ggbench map``: build a gravity-gradient map from user data, or describe a map."""
+"""``ggbench map``: builder and description of gravity-gradient maps."""
 
 from __future__ import annotations
 

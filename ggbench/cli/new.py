@@ -114,7 +114,7 @@ def scenario(
 
     The default is a flight over a shipped map. With --map the flight crosses the middle of the map,
     at a third of its height. With --terrain it follows the ground within the map. With --waypoints
-    its speed is limited by the turns, unless --speed states it.
+    the turns limit the speed, unless --speed states it.
     """
     if waypoints is not None and (own_map is None or track is not None or terrain is not None):
         raise click.UsageError("--waypoints requires --map and excludes --track and --terrain")
@@ -189,24 +189,24 @@ def estimator(name: str, output: Path) -> None:
 
 
 class Pace(NamedTuple):
-    """Requested speed [m/s], and the vehicle, whose speed is the limit."""
+    """Requested speed [m/s], and the vehicle, whose speed is used by default."""
 
     speed: float | None
     vehicle: str | None
 
     def at_most(self, allowed: float, usual: float, why: str) -> float:
-        """Return the speed of a flight [m/s].
+        """Return the speed of a flight [m/s], which is at most ``allowed``.
 
         Parameters
         ----------
         allowed : largest possible speed of the flight [m/s].
         usual : default speed without a vehicle [m/s].
-        why : reason for the limit, for the message.
+        why : reason for the limit in words, for the message.
 
         Raises
         ------
         NewFileError
-            If a larger speed is requested.
+            If the requested speed exceeds ``allowed``.
         """
         if self.speed is not None:
             if self.speed > allowed:

@@ -1,4 +1,4 @@
-"""``ggbench plan``: start and heading of a flight by the Cramér–Rao bound."""
+"""``ggbench plan``: starts and headings of a flight, ranked by the Cramér–Rao bound."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""View of one run in a terminal: metrics, error against time, command that repeats it."""
+"""Terminal view of one run: metrics, errors over time, and the command that repeats it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LONGEST_TEXT, _LONGEST_VALUE = 200, 60
 
 
 class RunView(NamedTuple):
-    """Result of one estimator in a run; ``series`` are its errors over time, (K', 4)."""
+    """Result of one estimator in a run; ``series`` (K', 4) has the errors over time."""
 
     label: str
     record: Mapping[str, Any]
@@ -46,7 +46,7 @@ class RunView(NamedTuple):
 
 
 def overview(results: Results) -> None:
-    """Print the content of a results folder, its failures, and its largest errors."""
+    """Print the content, the failures and the largest errors of a results folder."""
     manifest, table = results.manifest, results.runs()
     console.print(f"[bold]{escape(manifest['title'])}[/]")
     failed, diverged = int((table["status"] != "ok").sum()), int(table["diverged"].sum())
@@ -73,9 +73,9 @@ def _where(row: pd.Series) -> str:
 
 
 def choose_run(results: Results, case: str | None, run: int | None = None) -> tuple[str, int, str]:
-    """Return case and number of the most conspicuous run, and the reason.
+    """Return case and index of the most conspicuous run, and the reason for the choice.
 
-    The choice may be limited to a case or a run number. Raise ResultsError if the folder has no
+    The choice may be limited to a case or to a run index. Raise ResultsError if the folder has no
     such run.
     """
     from ..results.folder import ResultsError  # not at the top: to repeat a run needs no tables
@@ -129,9 +129,10 @@ def show_run(results: Results, case_name: str, run: int) -> None:
 def repeat_run(
     scenario: Scenario, case_names: Sequence[str], labels: Sequence[str], seed: int, run: int
 ) -> bool:
-    """Repeat one run in this process, print it without storing, and return whether it succeeded.
+    """Repeat one run in this process and print it; return whether no estimator failed.
 
-    ``case_names`` are names of cases, or ``STUDY/CASE`` for a case of an assumption.
+    The result is not stored. ``case_names`` are names of cases, or ``STUDY/CASE`` for a case of an
+    assumption.
     """
     good = True
     names = case_names or [case.name for case in scenario.cases]
@@ -197,7 +198,7 @@ def _print(
 
 
 def info_text(info: Mapping[str, Any]) -> str:
-    """Return ``Estimate.info`` as one line, numbers with four digits, long values cut."""
+    """Return ``Estimate.info`` as one line; numbers have four digits, long values are cut."""
     words = []
     for name, value in info.items():
         text = f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""``ggbench score``: an estimator against the stored runs of the standard suite."""
+"""``ggbench score``: score of an estimator in the standard suite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Consoles for the output of all commands."""
+"""Consoles for the output of commands."""
 
 from __future__ import annotations
 

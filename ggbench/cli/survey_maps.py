@@ -1,4 +1,4 @@
-"""Options of ``ggbench map build`` for maps of survey lines."""
+"""Options of ``ggbench map build`` for maps made from survey lines."""
 
 from __future__ import annotations
 
@@ -91,14 +91,17 @@ _WITH_LINES = (
 
 
 def options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the options of survey lines."""
+    """Add the options for survey lines to a command."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
 
 
 def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
-    """Raise MapError for survey lines with other sources, or for their options without lines."""
+    """Raise MapError if options for survey lines are combined with other sources.
+
+    The error is also raised if such options are given without survey lines.
+    """
     from ..gravity.gradient_map import MapError
 
     if options["lines"] is None:
@@ -115,7 +118,7 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
 
 
 def planned(options: dict[str, Any], request: Any, command: str) -> Any:
-    """Return the plan of a map of survey lines; write the noise model on request."""
+    """Return the plan of a map made from survey lines; write the noise model if requested."""
     from ..gravity.gradient_map import MapError
     from ..maps.survey_fit import FitOptions
     from ..maps.survey_plan import SurveyInputs, doubts, fit_survey, plan_survey

@@ -1,4 +1,4 @@
-"""CSV tables written by commands."""
+"""Writer of the CSV tables of commands."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class OutputError(GGBenchError):
 
 
 def require_suffix(path: Path | None, suffix: str) -> None:
-    """Raise OutputError if an output file is not named ``*suffix``."""
+    """Raise OutputError if the name of an output file has another suffix."""
     if path is not None and path.suffix.lower() != suffix:
         raise OutputError(f"{path} must be named *{suffix}")
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write a table atomically and report it.
+    """Write a table as CSV atomically, and print the path.
 
     Raise OutputError if the file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""Tables for a terminal."""
+"""Tables of metrics and comparisons for a terminal."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ _HEADINGS = (
 def print_metrics(
     metrics: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
 ) -> None:
-    """Print the settled window of every case: causal estimators by RMS error, then smoothers."""
+    """Print the metrics of every case in the settled window.
+
+    Causal estimators are sorted by RMS error; smoothers follow.
+    """
     cases = scenario.cases[:_MOST_CASES]
     warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
     starred = False
@@ -101,7 +104,7 @@ def _digits(value: float) -> str:
 
 
 def print_comparison(compared: Comparison, console: Console) -> None:
-    """Print what increased or decreased, and items of only one of the two folders."""
+    """Print significant changes of errors, and items of only one of the two folders."""
     numbers = ("", "before", "after", "ratio", "95 % interval", "runs", "p", "verdict")
     table = ResponsiveTable(
         "", [("case", "name"), ("estimator", "name"), *((n, "number") for n in numbers)]

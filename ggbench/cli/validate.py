@@ -59,7 +59,7 @@ def validate(file: str, with_estimators: bool) -> None:
 
 
 def note_unusual_values(scenario: Scenario) -> None:
-    """Write a remark on each unusual value of a scenario."""
+    """Print a remark on each unusual value of a scenario."""
     from ..spec.unusual_values import unusual_values
 
     for remark in unusual_values(scenario):

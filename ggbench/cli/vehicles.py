@@ -1,4 +1,4 @@
-"""Vehicles of ``ggbench new``: speed and sensors; clearance of a track above the ground."""
+"""Vehicles of ``ggbench new`` with speed and sensors, and clearance of tracks above the ground."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from .draped_flight import NewFileError, geoid_height_of
 
 
 class Vehicle(NamedTuple):
-    """Typical numbers of a vehicle.
+    """Typical speed and sensors of a vehicle.
 
     Attributes
     ----------
-    speed_mps : cruise.
-    grade : of the inertial sensors.
-    noise_eotvos : noise of its gradiometer, at one measurement per second.
+    speed_mps : cruise speed [m/s].
+    grade : grade of the inertial sensors.
+    noise_eotvos : RMS noise of the gradiometer [E], at one measurement per second.
     """
 
     speed_mps: float
@@ -34,7 +34,7 @@ VEHICLES: Mapping[str, Vehicle] = {
 
 
 def imu_table(vehicle: str) -> str:
-    """Return the table of a vehicle's inertial sensors."""
+    """Return the ``[imu]`` table for a vehicle."""
     return f'period_s = 0.05\ngrade = "{VEHICLES[vehicle].grade}"    # usual for a {vehicle}\n'
 
 
@@ -45,15 +45,16 @@ def clearance_of(
 
     Parameters
     ----------
-    track, terrain : files; the heights of the terrain are above sea level.
-    attributes : of the map; its stated geoid height is used, else that of EGM2008 at the start of
-        the track.
+    track, terrain : paths of the track and of the terrain; heights of the terrain are above sea
+        level.
+    attributes : attributes of the map. The geoid height in them is used; without it, that of
+        EGM2008 at the start of the track.
     clearance : requested least height above the ground [m].
 
     Raises
     ------
     NewFileError
-        If the track comes closer to the ground.
+        If the track comes closer to the ground than requested.
     TrajectoryError
         If a file is invalid, or the track leaves the terrain.
     """

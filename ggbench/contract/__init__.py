@@ -1,4 +1,4 @@
-"""Contract of all estimators: demands, and test problems with known answers.
+"""Contract that all estimators must fulfil: requirements, and test problems with known solutions.
 
-``ggbench check`` and the tests of the shipped estimators use the same functions.
+``ggbench check`` and the tests of the shipped estimators use these functions.
 """

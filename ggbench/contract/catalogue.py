@@ -1,4 +1,4 @@
-"""Checks of ``ggbench check``: demand, reason and test problems."""
+"""Checks of ``ggbench check``: requirement, reason and test problems of each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .references import (
 )
 
 FLIGHT = ("wang2013", "0.01E-0.2Hz")
-"""Scenario and case of the flight over a shipped map: 40 readings of six channels."""
+"""Scenario and case of the flight over a shipped map: 40 measurements of six channels."""
 _SEED = 2013
 _Ask = Callable[[Estimator, Problem], object]
 _Asked = Iterator[tuple[str, Callable[[], object]]]
@@ -31,12 +31,15 @@ _Asked = Iterator[tuple[str, Callable[[], object]]]
 
 @dataclass(frozen=True)
 class Check:
-    """A demand on every estimator.
+    """A requirement that every estimator must meet, with test problems.
 
     Attributes
     ----------
-    name : of the check. demand : the property that must hold. why : the reason for it.
-    questions : test problems with their functions.
+    name : name of the check.
+    demand : property that must hold.
+    why : reason for the requirement.
+    questions : function that takes an estimator and yields each test problem in words, with the
+        test to run.
     """
 
     name: str
@@ -45,16 +48,17 @@ class Check:
     questions: Callable[[Estimator], _Asked]
 
     def ask(self, estimator: Estimator) -> str:
-        """Apply the check to all its problems; return the first remark, or "".
+        """Run the check on all test problems; return the first remark, or "".
 
         Raises
         ------
         Broken
-            With a sentence that states the problem and the size of the violation.
+            If the requirement is violated; the message states the problem and the size of the
+            violation.
         Refused
-            If the estimator refuses all problems, with its reason for the first.
+            If the estimator refuses all problems; the message is the reason for the first problem.
         Exception
-            Any error of the estimator.
+            Any exception that the estimator raises.
         """
         refused: list[Refused] = []
         count, remark = 0, ""
@@ -79,7 +83,7 @@ class Check:
 
 @cache
 def flight() -> Problem:
-    """Return the problem of a flight over a shipped map."""
+    """Return the problem of a simulated flight over a shipped map (cached)."""
     name, case = FLIGHT
     return simulate(prepare(scenario.load(name).case(case)), _SEED, 0)[0]
 
@@ -184,4 +188,4 @@ CHECKS = (
         ),
     ),
 )
-"""All checks; the first is asked first, and the others only if it holds."""
+"""All checks. The first is run first, and the others only if it passes."""

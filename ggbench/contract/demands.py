@@ -1,7 +1,7 @@
-"""Demands on an estimator: one function for each, with a sentence for a failure.
+"""Requirements of the contract: one function for each.
 
-Every function receives an estimator and a problem. It raises :class:`Broken` if the demand is not
-met, and :class:`Refused` if the estimator refuses the problem. Errors of the estimator pass
+Every function receives an estimator and a problem. It raises :class:`Broken` if the requirement is
+not met, and :class:`Refused` if the estimator refuses the problem. Exceptions of the estimator pass
 unchanged.
 """
 
@@ -18,13 +18,13 @@ from .references import deviation, exact
 from .within import arrays_within
 
 EXACT = 1e-9
-"""Allowed distance from the exact answer, in deviations of the posterior."""
+"""Allowed difference from the exact estimate, in posterior standard deviations."""
 NEARLY_EXACT = 1e-5
-"""Distance up to which an estimator passes with a remark; dynamax's UKF has 3e-6."""
+"""Difference up to which an estimator passes with a remark; the UKF of dynamax has 3e-6."""
 LOSSY = 1e-4
-"""The same of an estimator that loses digits by rounding."""
+"""Allowed difference of an estimator that amplifies rounding errors."""
 NEAR, SPREAD = 0.3, 0.3
-"""Allowed rms distance of an estimator that is not exact, and error of its deviations."""
+"""Allowed RMS difference of approximate means [σ], and relative error of standard deviations."""
 _SYMMETRIC = 1e-12
 _UNMOVED, _MOVED = 1e-12, 1e-6
 """In deviations of the prior: what does not count as a change, and what does."""
@@ -35,20 +35,20 @@ _ROUNDINGS, _SCATTER = 4, 10.0
 
 
 class Broken(Exception):
-    """A demand is not met; the text states the violation, with numbers."""
+    """A requirement is not met; the message states the violation with numbers."""
 
 
 class Refused(Exception):
-    """The estimator refuses the problem; the text is its reason."""
+    """The estimator refuses the problem; the message is the estimator's reason."""
 
 
 def generator() -> np.random.Generator:
-    """Return the generator for estimators, the same at each call."""
+    """Return the random generator for estimators; every call has the same seed."""
     return np.random.default_rng(7)
 
 
 def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Estimate:
-    """Return the estimate of a new instance, after a check of its form.
+    """Return the estimate of a new instance of the estimator; check shapes and causality.
 
     ``gaussian`` sets the threshold of a robust loss to infinity, so that the loss is least squares.
     """
@@ -65,7 +65,7 @@ def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Es
 
 
 def declared(estimate: Any, estimator: Estimator, problem: Problem) -> None:
-    """Demand correct shapes, finite real numbers, and the declared causality and lag."""
+    """Require correct shapes, finite real numbers, and the declared causality and lag."""
     if not isinstance(estimate, Estimate):
         raise Broken(f"estimate() must return an Estimate, not {_kind(estimate)}")
     if estimate.causality != estimator.causality:
@@ -102,9 +102,10 @@ def _require_numbers(name: str, values: Any, shape: tuple[int, ...]) -> None:
 
 
 def real_covariance(estimate: Estimate) -> None:
-    """Demand that every P is symmetric and positive definite.
+    """Require that every covariance is symmetric and positive definite.
 
-    The correlation matrix is tested, so that no unit hides a negative eigenvalue.
+    The eigenvalues of the correlation matrix are tested, because units of different size could hide
+    a negative eigenvalue of the covariance.
     """
     if estimate.cov is None:
         return
@@ -133,7 +134,7 @@ def real_covariance(estimate: Estimate) -> None:
 
 
 def repeatable(estimator: Estimator, problem: Problem, first: Estimate | None = None) -> None:
-    """Demand equal estimates of two calls, bit for bit, from equal problem and generator."""
+    """Require that two calls with equal arguments return the same estimate, bit for bit."""
     first = first or answer(estimator, problem)
     again = answer(estimator, problem)
     for name in ("mean", "cov"):
@@ -154,7 +155,7 @@ def repeatable(estimator: Estimator, problem: Problem, first: Estimate | None = 
 
 
 def inputs_kept(estimator: Estimator, problem: Problem) -> None:
-    """Demand that no byte of the problem, or of its model, is changed."""
+    """Require that the estimator changes no byte of the problem and its model."""
     before = {id(a): (a, a.tobytes()) for a in arrays_within(problem)}
     named = {
         id(getattr(problem, item.name)): f"problem.{item.name}"
@@ -174,12 +175,13 @@ def inputs_kept(estimator: Estimator, problem: Problem) -> None:
 
 
 def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None:
-    """Demand that no estimate depends on measurements beyond its causality.
+    """Require that no estimate depends on measurements that its causality excludes.
 
-    Measurements after an epoch are changed by ten standard deviations. Estimates that may not use
-    them must be equal to 1e-12 σ (with ``exactly`` covariances bit for bit). The first estimate
-    that may use them must change, or a later one if the estimator makes fixes. Without aiding no
-    estimate may change.
+    Measurements after an epoch are changed by ten standard deviations of the noise. Estimates that
+    must not use them may change by at most 1e-12 σ; with ``exactly`` their covariances must be
+    equal bit for bit. The first estimate that may use them must change; for an estimator that makes
+    fixes a later estimate may be the first to change. With causality ``none`` no estimate may
+    change.
     """
     last_same = problem.epochs // 2
     measurements = problem.measurements.copy()
@@ -261,14 +263,15 @@ def _rows(fixes: Fixes) -> np.ndarray:
 
 
 def as_exact(estimator: Estimator, problem: Problem) -> str:
-    """Demand the exact estimate of a linear Gaussian problem, for the declared causality.
+    """Require the exact estimate of a linear Gaussian problem; return a remark or "".
 
-    A filter must equal the Kalman filter in Joseph form, a smoother the Rauch–Tung–Striebel
-    smoother, a fixed-lag smoother the latter on each window, and no aiding the propagated prior, to
-    1e-9 posterior standard deviations. Differences up to 1e-5 pass with a remark, because other
-    libraries regularise or iterate. An estimator that amplifies rounding may differ as far as
-    rounding explains, up to 1e-4; the remark states the loss of digits. Without a covariance only
-    the mean is tested.
+    The estimate must equal a reference to 1e-9 posterior standard deviations. The reference of a
+    filter is the Kalman filter in Joseph form; of a smoother, the Rauch–Tung–Striebel smoother; of
+    a fixed-lag smoother, this smoother on each window; of an estimator without aiding, the
+    propagated prior. Differences up to 1e-5 pass with a remark, because some libraries regularise
+    or iterate. For an estimator that amplifies rounding errors, differences that rounding explains
+    pass up to 1e-4; the remark states the loss of digits. Without a covariance only the mean is
+    tested.
     """
     estimate = answer(estimator, problem, gaussian=True)
     right = exact(problem, estimate)
@@ -301,9 +304,9 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
 
 
 def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) -> float:
-    """Return the change of an estimate by the last digit of the prior, in posterior σ.
+    """Return the change of an estimate [posterior σ] if the last digit of the prior changes.
 
-    ``posterior_cov`` is (K, n, n).
+    ``posterior_cov`` (K, n, n) is the exact posterior covariance.
     """
     answers = []
     for ulps in range(_ROUNDINGS):
@@ -320,10 +323,11 @@ def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) 
 
 
 def near_exact(estimator: Estimator, problem: Problem) -> None:
-    """Demand that an approximate estimator is near the exact estimate of a noisy linear problem.
+    """Require that an approximate estimate of a noisy linear problem is near the exact one.
 
-    The RMS difference of the mean is at most 0.3 posterior standard deviations, and that of the
-    standard deviations 30 %.
+    The RMS difference of the means may be at most 0.3 posterior standard deviations. For each
+    state, the RMS over the epochs of the ratio of standard deviations (estimated to exact) must lie
+    between 0.7 and 1.3.
     """
     estimate = answer(estimator, problem)
     if estimate.fixes is not None:

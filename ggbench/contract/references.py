@@ -1,4 +1,4 @@
-"""Linear problems with known solutions, and the textbook recursions that solve them."""
+"""Linear test problems with known solutions, and textbook recursions that compute the solutions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..sensors.model_arrays import ModelArrays
 
 @dataclass(frozen=True)
 class LinearModel:
-    """h(k, x) = H_k x."""
+    """Linear measurement model, h(k, x) = H_k x."""
 
     rows: np.ndarray
 
@@ -32,13 +32,15 @@ class LinearModel:
 UNITS = np.array([1e3, 1e-2, 1e-6, 1e-8, 1e2])
 """Sizes of the states of :func:`linear_problem`: 1 km, 1 cm/s, 1 µrad, ..."""
 CONSTANT = slice(3, 5)
-"""Its states that never change."""
+"""States of :func:`linear_problem` that are constant."""
 
 
 def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0) -> Problem:
-    """Return a random linear-Gaussian problem and its truth; five states in mixed units.
+    """Return a random linear-Gaussian problem with five states in units of different size.
 
-    Three states change, driven by noise of rank two (exactly singular) and by two constant states.
+    Three states change. They are driven by process noise of rank two (an exactly singular Q) and by
+    the other two states, which are constant. ``epochs`` is the number K of epochs, ``m`` the number
+    of channels, and ``period`` the time between epochs [s].
     """
     rng = np.random.default_rng(seed)
     n = len(UNITS)
@@ -75,10 +77,10 @@ def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0)
 
 
 def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Problem:
-    """Return a random linear-Gaussian problem with process noise of full rank, for samplers.
+    """Return a random linear-Gaussian problem with full-rank process noise, for samplers.
 
-    States decorrelate within a few epochs, and measurement and prediction are about equally
-    precise.
+    The states decorrelate within a few epochs. A measurement and a prediction are about equally
+    precise. ``epochs``, ``n`` and ``m`` are the numbers of epochs, states and channels.
     """
     rng = np.random.default_rng(seed)
     transition, process_cov = np.empty((epochs, n, n)), np.empty((epochs, n, n))
@@ -106,16 +108,16 @@ def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Proble
 
 
 def graded(problem: Problem) -> Problem:
-    """Return the problem with a noise for each epoch, up to three times as large or small."""
+    """Return the problem with another R at each epoch, scaled by factors from 1/9 to 9."""
     factors = 9.0 ** np.sin(np.arange(1.0, problem.epochs + 1.0))
     return replace(problem, noise_cov=problem.noise_cov * factors[:, None, None])
 
 
 def gappy(problem: Problem) -> Problem:
-    """Return the problem with missing measurements.
+    """Return a problem with some measurements removed.
 
-    Every third measurement of the last channel and the fifth to tenth of all channels are missing.
-    Noises must not correlate between channels.
+    Every third measurement of the last channel is missing, and the fifth to tenth measurements of
+    all channels. The correlation of the noise between channels is removed.
     """
     present = np.ones(problem.measurements.shape, dtype=bool)
     present[::3, -1] = False
@@ -138,11 +140,11 @@ _REACH = 2e3
 
 
 def with_sensor_model(problem: Problem) -> Problem:
-    """Return a linear problem with the sensor model of the package instead of :class:`LinearModel`.
+    """Replace the :class:`LinearModel` of a problem by the package's sensor model.
 
-    The channels are Γ_EN and Γ_EU, which are zero in the normal field, on a map with constant
-    derivatives: h(x) = −S B_k x is exactly linear, and B_k is chosen such that it equals H_k x.
-    This needs a problem of one or two channels.
+    The channels are Γ_EN and Γ_EU, which are zero in the normal field. The derivatives S of the map
+    are constant, so h(x) = −S B_k x is exactly linear in x. B_k is chosen such that h(x) = H_k x.
+    The problem must have one or two channels.
     """
     model = problem.model
     assert isinstance(model, LinearModel)
@@ -183,12 +185,12 @@ def with_sensor_model(problem: Problem) -> Problem:
 
 
 def linear_sensor_problem(seed: int, epochs: int = 40, m: int = 2) -> Problem:
-    """Return :func:`linear_problem` with the package's sensor model, for compiled estimators."""
+    """Return :func:`linear_problem` with the sensor model that compiled estimators need."""
     return with_sensor_model(linear_problem(seed, epochs, m))
 
 
 def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (K, n) and covariance (K, n, n) without measurements."""
+    """Return mean (K, n) and covariance (K, n, n) of the prior, propagated without measurements."""
     means, covs = [], []
     phi = np.eye(problem.dimension)
     noise = np.zeros_like(problem.prior_cov)
@@ -201,7 +203,7 @@ def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Run the Kalman filter with Joseph's update.
+    """Run the Kalman filter with the covariance update in Joseph form.
 
     Return filtered and predicted means (K, n), each with its covariances (K, n, n).
     """
@@ -226,9 +228,9 @@ def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 
 
 def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (K, n) and covariance (K, n, n) given measurements up to ``ahead`` epochs later.
+    """Return smoothed means (K, n) and covariances (K, n, n) by the Rauch–Tung–Striebel smoother.
 
-    The smoother is that of Rauch, Tung & Striebel.
+    The estimate at an epoch uses the measurements up to ``ahead`` epochs later.
     """
     x_f, p_f, x_p, p_p = kalman(problem)
     # The inverse in units of the prior: kilometres and microradians together would spoil it.
@@ -250,7 +252,7 @@ def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """Return exact mean (K, n) and covariance (K, n, n) of a linear problem by causality."""
+    """Return the exact mean (K, n) and covariance (K, n, n) for the causality of an estimate."""
     if estimate.causality == "none":
         return propagated(problem)
     if estimate.causality == "fixed-lag":
@@ -262,7 +264,11 @@ def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]
 def deviation(
     mean: np.ndarray, cov: np.ndarray, true_mean: np.ndarray, true_cov: np.ndarray
 ) -> tuple[float, float]:
-    """Return the largest differences of means (K, n) and covariances (K, n, n), in posterior σ."""
+    """Return the largest differences of means (K, n) and of covariances (K, n, n).
+
+    Differences of means are divided by the true standard deviation, those of covariances by the
+    product of two true standard deviations.
+    """
     sigma = np.sqrt(np.diagonal(true_cov, axis1=1, axis2=2))
     return (
         float(np.max(np.abs(mean - true_mean) / sigma)),

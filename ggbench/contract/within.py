@@ -1,4 +1,4 @@
-"""Traversal of all objects within an object, to detect changes of a problem."""
+"""Search for all arrays within an object, to detect changes of a problem."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 def arrays_within(*roots: object) -> list[np.ndarray]:
-    """Return all arrays (...) that are reachable from objects."""
+    """Return all arrays (...) that are reachable from the given objects."""
     items: dict[int, object] = {}
     waiting = list(roots)
     while waiting:

@@ -1,1 +1,1 @@
-"""Progress, tables and times for the terminal and for Python."""
+"""Display of progress, tables and times in terminals and notebooks."""

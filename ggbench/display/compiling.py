@@ -1,4 +1,4 @@
-"""Messages about compilation and map building on a first use."""
+"""Messages about compilation and map building at first use."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ _LATELY_S = 30.0
 
 
 def tell_first_use(module: str, scope: str) -> bool:
-    """Report that code will be compiled, if a module is not in the cache; return whether.
+    """Print a message if code must be compiled; return whether one was printed.
 
-    ``module`` is compiled early by the command; ``scope`` states the expected time.
+    ``module`` is the path of a module that the command compiles early: if it is not in the cache,
+    nothing is. ``scope`` states the expected time in words.
     """
     sentences = first_use(module, scope)
     _echo(sentences)
@@ -34,7 +35,7 @@ def tell_first_use(module: str, scope: str) -> bool:
 
 
 def first_use(module: str, scope: str) -> list[str]:
-    """Return a sentence if code will be compiled, see :func:`tell_first_use`."""
+    """Return a list with a message if code must be compiled, see :func:`tell_first_use`."""
     if code_folder(PACKAGE / module).exists():
         return []
     return [
@@ -44,13 +45,13 @@ def first_use(module: str, scope: str) -> list[str]:
 
 
 def fields_of(cases: Iterable[CaseSpec]) -> Iterator[FieldSpec]:
-    """Yield the fields of truth and model of each case."""
+    """Yield the field specs of truth and model for each case."""
     for case in cases:
         yield from (case.side("truth").field, case.side("model").field)
 
 
 def tell_maps(fields: Iterable[FieldSpec]) -> None:
-    """Report the maps of some fields that are not in the cache and will be built."""
+    """Print a message for each map that must be built because it is not in the cache."""
     _echo(maps_to_build(fields))
 
 
@@ -60,7 +61,7 @@ def _echo(sentences: Iterable[str]) -> None:
 
 
 def maps_to_build(fields: Iterable[FieldSpec]) -> Iterator[str]:
-    """Yield a sentence for each map of some fields that is not in the cache."""
+    """Yield a message for each map that must be built because it is not in the cache."""
     from ..maps import recipe
     from ..simulation.field_source import is_file, map_recipe
 
@@ -83,7 +84,7 @@ def maps_to_build(fields: Iterable[FieldSpec]) -> Iterator[str]:
 
 
 class Compiled:
-    """Functions compiled by this process and its workers, as they appear in the cache."""
+    """Counter of the functions that this process and its workers have compiled."""
 
     def __init__(self) -> None:
         self._base = code_folder(PACKAGE / "numerics" / "lanes.py").parent
@@ -94,7 +95,7 @@ class Compiled:
         self._count = 0
 
     def text(self) -> str:
-        """Return a text on the functions compiled so far; "" a while after the last one."""
+        """Return the number of compiled functions as text; "" if none was compiled for 30 s."""
         now = time.monotonic()
         if now - self._looked > _LOOK_EVERY_S:
             before = self._count

@@ -1,4 +1,4 @@
-"""Display of a running campaign: rate, time left, and the estimators' errors so far."""
+"""Display of a running campaign: rate, remaining time, and errors of the estimators."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _LINE_EVERY_S = 10.0
 
 
 class Progress(progress.Progress):
-    """Progress of a campaign: a live table in a terminal, otherwise a plain line now and then.
+    """Progress of a campaign: a live table in a terminal, otherwise plain lines at intervals.
 
-    Compilation before the campaign is shown, too. Stored results count in the errors. ``title`` is
-    the name of the campaign until it begins. ``live`` states whether the display can be redrawn, by
-    default only in a terminal. A pipe is no terminal, even if ``FORCE_COLOR`` is set, as in shell
-    cells of notebooks.
+    Compilation before the campaign is shown too. The errors include results stored earlier.
+    ``title`` is shown until the campaign begins. ``live`` states whether the display can be
+    redrawn; by default only in a terminal. A pipe counts as no terminal, even if ``FORCE_COLOR`` is
+    set, as in shell cells of notebooks.
     """
 
     def __init__(self, console: Console, title: str, live: bool | None = None) -> None:
@@ -57,13 +57,13 @@ class Progress(progress.Progress):
         )
 
     def start(self) -> None:
-        """Begin the display."""
+        """Start the display."""
         super().start()
         if self.disable:
             threading.Thread(target=self._print_compiled, daemon=True).start()
 
     def stop(self) -> None:
-        """End the display; print the counts unless the last line shows them."""
+        """Stop the display; print the counts of runs unless the last line shows them."""
         self._ended.set()
         super().stop()
         if self.tasks and not (self.disable and self.finished):
@@ -79,7 +79,7 @@ class Progress(progress.Progress):
                 printed = text
 
     def tell(self, step: CampaignProgress) -> None:
-        """Update the display with the progress of the campaign."""
+        """Update the display after a step of the campaign."""
         if not step.done and step.workers is None:
             self._begin(step)
         self._workers = step.workers
@@ -151,7 +151,7 @@ class Progress(progress.Progress):
         return f"RMS error of {case} in m: {errors}"
 
     def get_renderables(self) -> Iterator[RenderableType]:
-        """Yield the bar, the functions being compiled, and the errors so far."""
+        """Yield the progress bar, the count of compiled functions, and the table of errors."""
         compiled = self._compiled.text()
         if not self.tasks:
             yield Text(f"{self._title}: {compiled or 'preparing'}")

@@ -1,6 +1,6 @@
-"""Tables that fit a terminal of any width: names fold, numbers stay whole.
+"""Tables for terminals of any width: long names wrap, numbers never do.
 
-Columns that do not fit form a further table below, with the names repeated.
+Columns that do not fit are printed in a further table below, with the names repeated.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _EDGES = 2
 class ResponsiveTable:
     """A table of names, numbers and sentences for a terminal of any width.
 
-    ``columns`` are heading and kind of each column, names first.
+    ``columns`` has the heading and kind of each column; columns of names come first.
     """
 
     def __init__(self, title: str, columns: Sequence[tuple[str, Kind]]) -> None:
@@ -36,7 +36,7 @@ class ResponsiveTable:
         self._section_ends: set[int] = set()
 
     def add_row(self, *cells: str, style: str = "") -> None:
-        """Add a row: names as plain text, other cells with rich's markup."""
+        """Add a row; names are plain text, other cells may contain markup of the package rich."""
         pairs = zip(self._columns, cells, strict=True)
         self._rows.append([escape(cell) if kind == "name" else cell for (_, kind), cell in pairs])
         self._styles.append(style)
@@ -51,7 +51,7 @@ class ResponsiveTable:
             console.print(table)
 
     def tables(self, width: int) -> list[Table]:
-        """Return rich tables, each with the names and the columns that fit a width."""
+        """Return rich tables of at most this width; each repeats the columns of names."""
         gap = 2
         blocks = self._blocks(width, gap)
         if len(blocks) > len(self._blocks(width, 1)):

@@ -1,4 +1,4 @@
-"""Wall-clock and processor times, as sentences."""
+"""Wall-clock and processor times as text."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ..figures.numbers import short
 
 _MINUTES_FROM_S = 600.0
 COLD = "* first runs only, including loading and compilation; further runs take less"
-"""What a star at a time means."""
+"""Explanation of the star after a time."""
 
 
 def duration(seconds: float) -> str:
-    """Return a duration [s] as text; a negative one, after a change of the clock, is 0 s."""
+    """Return a duration [s] as text; negative durations, after a clock change, are 0 s."""
     seconds = max(seconds, 0.0)
     if seconds < _MINUTES_FROM_S:
         return f"{seconds:.0f} s"
@@ -24,7 +24,7 @@ def duration(seconds: float) -> str:
 
 
 class Moment(NamedTuple):
-    """A moment [s]: wall clock, and processor time of this process and its ended children."""
+    """Wall-clock time, and processor time of this process and its ended children [s]."""
 
     wall: float
     processor: float
@@ -36,7 +36,7 @@ class Moment(NamedTuple):
         return cls(time.monotonic(), sum(each.ru_utime + each.ru_stime for each in usage))
 
     def since(self) -> str:
-        """Return the elapsed wall-clock and processor times."""
+        """Return the wall-clock and processor times elapsed since this moment, as text."""
         now = self.now()
         wall, processor = _text(now.wall - self.wall), _text(now.processor - self.processor)
         return f"{wall}, and {processor} of processor time"

@@ -1,4 +1,4 @@
-"""Problems and estimates as files, for filters in any language."""
+"""Files of problems and estimates, for filters in any language."""
 
 PROGRAM = "exec:"
-"""How the texts begin that name a program as an estimator."""
+"""Prefix of texts that name a program as an estimator."""

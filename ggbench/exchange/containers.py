@@ -1,4 +1,4 @@
-"""Named arrays and texts in a file: netCDF-4, MATLAB 5 or plain text."""
+"""Files of named arrays and texts: netCDF-4, MATLAB 5 or plain text."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ..files import written_whole
 from ..netcdf_files import netcdf_file
 
 Content = Mapping[str, np.ndarray | str]
-"""Arrays of floats and texts by their names."""
+"""Arrays of floats, and texts, by name."""
 
 LARGEST_BYTES = 2**31
-"""Of a file, and of all arrays in it: what MATLAB 5 can hold."""
+"""Largest size of a file and of its arrays, which is the limit of MATLAB 5."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 _TEXT_MARK, _ARRAY_MARK = "text", "array"
 
@@ -28,18 +28,18 @@ class ExchangeError(GGBenchError):
 
 
 def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
-    """Write arrays and texts in the format of a file's suffix.
+    """Write arrays and texts to a file; the suffix of the file chooses the format.
 
     Parameters
     ----------
-    path : ends with .nc (netCDF-4), .mat (MATLAB 5) or .txt (plain text).
+    path : path with the suffix .nc (netCDF-4), .mat (MATLAB 5) or .txt (plain text).
     content : arrays (any shape) and texts by name.
-    notes : description of each array, in a sentence; netCDF and plain text keep it.
+    notes : description of each array; only netCDF and plain text store it.
 
     Raises
     ------
     ExchangeError
-        If the suffix is another one, the content is too large, or the file cannot be written.
+        If the suffix is unknown, the content is too large, or the file cannot be written.
     """
     size = sum(v.nbytes for v in content.values() if isinstance(v, np.ndarray))
     if size > LARGEST_BYTES:
@@ -53,7 +53,7 @@ def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
 
 
 def read(path: Path) -> dict[str, np.ndarray | str]:
-    """Return the arrays (...) of floats and the texts of a file.
+    """Return the arrays (...) of floats and the texts of a file, by name.
 
     Arrays of MATLAB files have at least two axes and lose trailing axes of length one, see
     :func:`shaped`.
@@ -61,7 +61,7 @@ def read(path: Path) -> dict[str, np.ndarray | str]:
     Raises
     ------
     ExchangeError
-        If the file cannot be read, is damaged or too large, or contains other things than arrays of
+        If the file cannot be read, is damaged or too large, or contains anything except arrays of
         real numbers and texts.
     """
     reader = _format_of(path)[1]
@@ -86,7 +86,10 @@ def _require_small(path: Path, size: int) -> None:
 
 
 def shaped(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return an array (...) in a shape that differs only by axes of length one, or None."""
+    """Reshape an array (...) to a shape that differs only in axes of length one.
+
+    Return None if the shapes differ otherwise.
+    """
     if [n for n in array.shape if n != 1] != [n for n in shape if n != 1]:
         return None
     return array.reshape(shape)
@@ -239,4 +242,4 @@ _FORMATS = {
     ".txt": (_write_text, _read_text),
 }
 SUFFIXES = tuple(_FORMATS)
-"""Ends of the names of files that are written and read."""
+"""Suffixes of files that are written and read."""

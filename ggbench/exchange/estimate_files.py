@@ -1,4 +1,4 @@
-"""Files of estimates, and an estimator that replays such a file."""
+"""Files of estimates, and an estimator that returns the estimates of such a file."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .containers import ExchangeError
 from .problem_files import fingerprints
 
 JUDGED = 6
-"""Position and velocity error: what estimates must have at least."""
+"""Number of states that estimates must have at least: position and velocity errors."""
 FRAME, UNITS = "ENU", "SI"
-"""What ``frame`` and ``units`` of a file say, if they say anything."""
+"""Required values of ``frame`` and ``units`` of a file, if present."""
 _LONGEST_NAME = 60
 _SAME_TIME_S = 1e-6
 _ROUNDING = 1e-9
@@ -46,13 +46,13 @@ class StoredRuns:
 
     Attributes
     ----------
-    mean : (R, K, n) or (R, K, 6): all states, or only position and velocity.
-    cov : (R, K, n, n) or (R, K, 6, 6).
-    times : (K,) [s].
-    problem : identity of the problem's file: scenario, case, seed, runs, fingerprints.
-    causality, lag : as :class:`.problem.Estimate` has them.
-    estimator : its name.
-    seconds : (R,) time of each run [s], or None.
+    mean : (R, K, n) all states, or (R, K, 6) only position and velocity.
+    cov : (R, K, n, n) or (R, K, 6, 6) covariances.
+    times : (K,) epochs [s].
+    problem : identity of the problem file: scenario, case, seed, runs, fingerprints.
+    causality, lag : as in :class:`.problem.Estimate`.
+    estimator : name of the estimator.
+    seconds : (R,) computing time of each run [s], or None.
     """
 
     mean: np.ndarray
@@ -65,7 +65,7 @@ class StoredRuns:
     seconds: np.ndarray | None
 
     def run_of(self, problem: Problem) -> int | None:
-        """Return the run with the measurements of a problem; None if there is none."""
+        """Return the row of the run that has the measurements of a problem, or None."""
         if problem.epochs != len(self.times):
             return None
         (fingerprint,) = fingerprints(problem.measurements[np.newaxis])
@@ -85,10 +85,9 @@ def read(path: Path) -> StoredRuns:
     Raises
     ------
     ExchangeError
-        With a sentence that states the file, the array, the value and the allowed values: missing
-        or unknown names; a wrong shape, frame or unit; numbers that are not finite; epochs that
-        differ from those of the problem; a covariance that is not symmetric or not positive
-        definite.
+        If names are missing or unknown; a shape, frame or unit is wrong; numbers are not finite;
+        epochs differ from those of the problem; or a covariance is not symmetric or not positive
+        definite. The message states the file, the array, the value and the allowed values.
     """
     content = containers.read(path)
     if unknown := sorted(set(content) - KNOWN):
@@ -250,12 +249,12 @@ def _read_once(path: Path, changed: int) -> StoredRuns:
 
 
 def stored_runs(path: Path) -> tuple[StoredRuns, ...]:
-    """Return the estimates of a file, or of all files of a folder; a changed file is read again.
+    """Return the estimates of a file, or of all files of a folder; unchanged files are cached.
 
     Raises
     ------
     ExchangeError
-        As :func:`read`; or if a folder holds none, or files of several estimators.
+        As in :func:`read`; also if a folder contains no such file, or files of several estimators.
     """
     try:
         files = [path]
@@ -277,33 +276,33 @@ def stored_runs(path: Path) -> tuple[StoredRuns, ...]:
 
 
 class StoredEstimates(Estimator):
-    """An estimator whose estimates are in a file; :func:`estimator_of` creates its class."""
+    """An estimator that returns stored estimates; :func:`estimator_of` derives a class per file."""
 
     path: Path
 
     @property
     def causality(self) -> Causality:
-        """Causality that the file declares."""
+        """Causality that the file of estimates declares."""
         return stored_runs(self.path)[0].causality
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """False: files do not declare it."""
+        """False, because files of estimates do not declare exactness."""
         return False
 
     def conflict(self) -> str | None:
-        """Refuse a noise scale, because the estimates are given."""
+        """Refuse a noise scale, because the estimates are already computed."""
         return None if self.noise_scale == 1.0 else "noise_scale changes no stored estimates"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Return the estimates of the run with the measurements of a problem.
+        """Return the stored estimate of the run that has the measurements of a problem.
 
-        States that the file lacks have the propagated prior. There are no innovations.
+        States that the file lacks have the propagated prior. The estimate has no innovations.
 
         Raises
         ------
         ExchangeError
-            If the file has no such run.
+            If no stored run has these measurements.
         """
         places = ((stored, stored.run_of(problem)) for stored in stored_runs(self.path))
         stored, run = next(((h, r) for h, r in places if r is not None), (None, None))
@@ -322,9 +321,10 @@ class StoredEstimates(Estimator):
 def with_prior(
     problem: Problem, mean: np.ndarray, cov: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (K, n) and cov (K, n, n) with the given position and velocity, else the prior's.
+    """Extend estimates of position and velocity to all states by the propagated prior.
 
-    Estimated and other states are uncorrelated.
+    ``mean`` and ``cov`` are (K, 6) and (K, 6, 6); the results are (K, n) and (K, n, n). The added
+    states are uncorrelated with position and velocity.
     """
     epochs, n, states = problem.epochs, problem.dimension, mean.shape[1]
     means, covs = np.empty((epochs, n)), np.zeros((epochs, n, n))
@@ -338,12 +338,12 @@ def with_prior(
 
 
 def estimator_of(path: Path) -> type[StoredEstimates]:
-    """Return the class of the estimator that replays a file.
+    """Return the class of the estimator that returns the estimates of a file.
 
     Raises
     ------
     ExchangeError
-        As :func:`read`.
+        As in :func:`read`.
     """
     stored = stored_runs(path)[0]
     name = path.name if path.is_dir() else stored.estimator

@@ -1,7 +1,8 @@
-"""Estimation problems of many runs as one file that states its equation of measurement.
+"""Files of estimation problems, with the measurement equation in full.
 
-The format has a version, :data:`FORMAT`. ``problem_format.csv`` declares all variables of a file.
-The table of the documentation is generated from it.
+A file contains the problems of many runs. :data:`FORMAT` is the version of the format.
+``problem_format.csv`` declares all variables of a file; a table of the documentation is generated
+from it.
 """
 
 from __future__ import annotations
@@ -29,17 +30,17 @@ from . import containers
 
 FORMAT = "ggbench problem 1"
 CHECKS = 100
-"""States of which the file has h and H."""
+"""Number of states at which the file contains h and H."""
 _REACH = 0.5
 """How far they are from the prior's mean, in its deviations."""
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An array or a text of the file: its axes, its unit and its meaning.
+    """A variable of the file (array or text): axes, unit and meaning.
 
-    Axes: R runs, K epochs, n states, m channels, g channels of the gradiometer, T readings that
-    whitening combines, b columns of B, C check states, and numbers.
+    Axes are numbers or symbols: R runs, K epochs, n states, m channels, g gradiometer channels, T
+    measurements combined by whitening, b columns of the matrix B, C states with check values.
     """
 
     name: str
@@ -54,7 +55,7 @@ VARIABLES = tuple(
         resources.files(__package__).joinpath("problem_format.csv").read_text("utf-8").splitlines()
     )
 )
-"""All that a file holds, in order."""
+"""All variables of a file, in order."""
 
 
 def identity(facts: Mapping[str, object], block: ProblemBlock) -> str:
@@ -62,14 +63,14 @@ def identity(facts: Mapping[str, object], block: ProblemBlock) -> str:
 
     Parameters
     ----------
-    facts : origin of the problem, as plain values.
-    block : the runs; :func:`fingerprints` identifies each.
+    facts : scenario, case, seed and runs of the problem, as JSON values.
+    block : problems of the runs; :func:`fingerprints` identifies each run.
     """
     return json.dumps({**facts, "fingerprints": fingerprints(block.measurements)})
 
 
 def fingerprints(measurements: np.ndarray) -> list[float]:
-    """Return a number for each run (R,) that identifies its measurements (R, K, m)."""
+    """Return a number for each run that identifies the measurements (R, K, m) of this run."""
     weights = 1.0 + np.cos(np.arange(1.0, 1.0 + measurements[0].size)).reshape(
         measurements[0].shape
     )
@@ -77,12 +78,12 @@ def fingerprints(measurements: np.ndarray) -> list[float]:
 
 
 def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]:
-    """Return the arrays (R, ...) and texts of a block's file, by the names of :data:`VARIABLES`.
+    """Return the arrays (R, ...) and texts for a block's file, by names as in :data:`VARIABLES`.
 
     Parameters
     ----------
-    block : R runs.
-    problem : from :func:`identity`.
+    block : problems of R runs.
+    problem : identity of the problem, from :func:`identity`.
     """
     model, runs, epochs = block.model, block.runs, block.epochs
     channels = block.measurements.shape[2]
@@ -160,15 +161,15 @@ def _checks(block: ProblemBlock) -> dict[str, np.ndarray]:
 
 
 NOTES: Mapping[str, str] = {v.name: f"{v.meaning} [{v.unit}]" for v in VARIABLES if v.unit}
-"""Meaning and unit of each array, which netCDF and plain text keep."""
+"""Meaning and unit of each array; netCDF and plain text store them."""
 
 
 def write(path: Path, block: ProblemBlock, problem: str) -> None:
-    """Write the file of a block; the suffix of ``path`` chooses the format.
+    """Write the problems of a block to a file; the suffix of ``path`` chooses the format.
 
     Raises
     ------
     ExchangeError
-        As :func:`.containers.write`.
+        As in :func:`.containers.write`.
     """
     containers.write(path, content_of(block, problem), NOTES)

@@ -1,6 +1,7 @@
-"""Programs in any language as estimators: they read a problem's file and write estimates.
+"""External programs as estimators: the program reads a problem file and writes estimates.
 
-``exec:PROGRAM`` is started once for a block of runs as ``PROGRAM PROBLEM ESTIMATES``.
+The estimator ``exec:PROGRAM`` runs ``PROGRAM PROBLEM ESTIMATES`` once for each block of runs, where
+``PROBLEM`` and ``ESTIMATES`` are paths of files.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ _LAST_WORDS_S = 1.0
 
 @dataclass(frozen=True)
 class ExternalProgram(BlockEstimator):
-    """An external program; :func:`estimator_of` creates its class.
+    """An external program as an estimator; :func:`estimator_of` derives a class per program.
 
     Parameters
     ----------
-    format : of the two files: ``mat`` (MATLAB 5), ``nc`` (netCDF-4) or ``txt`` (plain text).
-    causes : causality that the program's estimates declare.
+    format : format of both files: ``mat`` (MATLAB 5), ``nc`` (netCDF-4) or ``txt`` (plain text).
+    causes : causality that the program declares in the file of estimates.
     """
 
     format: Literal["mat", "nc", "txt"] = field(default="mat", kw_only=True)
@@ -44,24 +45,24 @@ class ExternalProgram(BlockEstimator):
 
     @property
     def causality(self) -> Causality:
-        """Value of ``causes``."""
+        """Causality of the estimates: the parameter ``causes``."""
         return self.causes
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """False: programs do not declare it."""
+        """False, because programs do not declare exactness."""
         return False
 
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
-        """Start the program on a file of the block and read its estimates.
+        """Write a problem file, run the program, and read the file of estimates.
 
         Raises
         ------
         ExchangeError
-            If the program cannot be started, ends with another exit code than 0, or writes no file
-            of estimates of this problem.
+            If the program cannot be started, its exit code is not 0, or it writes no estimates of
+            this problem.
         """
         facts = {
             "scenario": "-",
@@ -144,7 +145,7 @@ class _LastOutput(threading.Thread):
 
 
 def estimator_of(text: str) -> type[ExternalProgram]:
-    """Return the class of the estimator that starts a program.
+    """Return the class of the estimator for a text ``exec:PROGRAM``.
 
     Raises
     ------

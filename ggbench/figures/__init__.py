@@ -1,1 +1,1 @@
-"""Figures of arrays and of results folders; each function returns a figure."""
+"""Figures of arrays and of results folders."""

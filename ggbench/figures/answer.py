@@ -1,4 +1,4 @@
-"""Figures that answer a scenario's question: errors by case, or against the axis of a sweep."""
+"""Main figure of a scenario: errors by case, or against the swept value."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOST_BEYOND = 10.0
 
 
 class Curve(NamedTuple):
-    """RMS errors of an estimator [m] with the ends of their intervals, and success rates, (n,)."""
+    """RMS errors [m], ends of confidence intervals [m] and success rates of an estimator, (n,)."""
 
     rms: np.ndarray
     low: np.ndarray
@@ -37,15 +37,15 @@ class Curve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """Curves of a figure.
+    """Curves of one panel of a figure.
 
     Attributes
     ----------
-    title : of the panel.
+    title : title of the panel.
     places : (n,) abscissae.
-    curves : by label.
-    bound, smoothing_bound, ins : (n,) [m]; or NaN. The bound of smoothers is only for panels with a
-        smoother.
+    curves : curve of each estimator, by label.
+    bound, smoothing_bound, ins : (n,) bounds of filters and of smoothers, and INS errors [m]; NaN
+        if missing. Only panels with a smoother have a bound of smoothers.
     """
 
     title: str
@@ -57,7 +57,7 @@ class Panel(NamedTuple):
 
     @property
     def references(self) -> list[tuple[str, np.ndarray, str, str]]:
-        """Name, values (cases,), colour and line of the bounds and the INS, if they have values."""
+        """Name, values (n,), colour and line of each available reference (bounds and INS)."""
         all_of_them = [
             ("bound of filters", self.bound, BOUND, "-"),
             ("bound of smoothers", self.smoothing_bound, BOUND, ":"),
@@ -73,13 +73,13 @@ def panel(
     title: str = "",
     places: np.ndarray | None = None,
 ) -> Panel:
-    """Return the errors of estimators in the named cases.
+    """Return the panel with the errors of estimators in the named cases.
 
     Parameters
     ----------
     rows : metrics of one window, a row for each case and estimator.
-    names, labels : of n cases, and of estimators.
-    title, places : of the panel; the places (n,) are 0 to n − 1 by default.
+    names, labels : names of n cases, and labels of the estimators.
+    title, places : title and abscissae (n,) of the panel; the abscissae are 0 to n − 1 by default.
     """
     table = rows.set_index(["estimator", "case"])
 
@@ -104,7 +104,7 @@ def panel(
 
 @styled()
 def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) -> Drawing:
-    """Draw RMS errors by case, a row for each, with the bounds and the INS as lines.
+    """Draw RMS errors with a row for each case; bounds and the INS are lines.
 
     A second column shows success rates if any is below 100 %.
 
@@ -112,7 +112,7 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
     ----------
     names : titles of the n cases, from the top.
     panel : errors; its abscissae are not used.
-    families : family of each estimator.
+    families : family of each estimator by label, which sets the colour.
     """
     curves, count = panel.curves, len(names)
     columns = _columns(panel)
@@ -165,15 +165,15 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
 def over_axis(
     panels: Sequence[Panel], label: str, log: bool, families: Mapping[str, str]
 ) -> Drawing:
-    """Draw RMS errors against the axis of a sweep, with the bounds and the INS as lines.
+    """Draw RMS errors against a swept value; bounds and the INS are lines.
 
     A second row shows success rates if any is below 100 %.
 
     Parameters
     ----------
-    panels : parts of the sweep, from left to right.
-    label, log : name of the abscissae, and whether their axis is logarithmic.
-    families : family of each estimator.
+    panels : panels of the figure, from left to right.
+    label, log : label of the abscissa, and whether the axis is logarithmic.
+    families : family of each estimator by label, which sets the colour.
     """
     rows = max(map(_columns, panels))
     figure, grid = subplots(

@@ -1,4 +1,4 @@
-"""Figure of a scorecard: errors of the scored estimator and of the EKF in each question."""
+"""Figure of a scorecard: errors of the scored estimator and of the EKF by case."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _WIDTH, _ROW, _REST = 8.0, 0.32, 1.3
 
 @styled()
 def scorecard(rows: Sequence[Mapping[str, float | str]], label: str) -> Drawing:
-    """Draw RMS errors and Cramér–Rao bounds by question, on a logarithmic axis.
+    """Draw RMS errors and Cramér–Rao bounds with a row for each case, on a logarithmic axis.
 
     Parameters
     ----------
-    rows : for each question ``title`` and ``scored``, ``ekf``, ``bound`` [m], or NaN.
-    label : the scored estimator.
+    rows : for each case its ``title``, and the values ``scored``, ``ekf``, ``bound`` [m] or NaN.
+    label : label of the scored estimator.
     """
     figure, axis = subplots(figsize=(_WIDTH, _REST + _ROW * len(rows)))
     places = range(len(rows))

@@ -18,14 +18,14 @@ _TITLE = 70
 
 
 class Flight(NamedTuple):
-    """Errors of a case over time.
+    """Errors of one case over time.
 
     Attributes
     ----------
-    title : of the case.
-    times : (K,) [s].
-    errors : RMS errors of position [m] and velocity [m/s] by estimator, each (K, 2).
-    bounds : the same of each bound by its name.
+    title : title of the case.
+    times : (K,) epochs [s].
+    errors : RMS errors (K, 2) of position [m] and velocity [m/s], by estimator.
+    bounds : bounds (K, 2) on the same errors, by name of the bound.
     """
 
     title: str
@@ -36,9 +36,9 @@ class Flight(NamedTuple):
 
 @styled()
 def error_over_time(flights: Sequence[Flight], families: Mapping[str, str]) -> Drawing:
-    """Draw RMS position and velocity errors over runs against time, and the bounds.
+    """Draw the RMS position and velocity errors of many runs, and the bounds, against time.
 
-    ``flights`` are at most three, a column for each; ``families`` the family of each estimator.
+    Each of at most three ``flights`` is a column. ``families`` has the family of each estimator.
     """
     count = len(flights)
     figure, grid = subplots(2, count, figsize=(7.3, 5.2), sharex="col", squeeze=False)
@@ -92,8 +92,9 @@ def component_errors(
 ) -> Drawing:
     """Draw ENU errors of one run: INS on the left, aided with ±3σ on the right.
 
-    ``aided`` and ``ins`` are (K, 18): six errors and their six standard deviations (or NaN), and
-    others; ``first`` is the first of the three columns shown (0: position, 3: velocity);
+    ``times`` (K,) are in seconds. ``aided`` and ``ins`` (K, 18) begin with six errors and their six
+    standard deviations (or NaN). ``first`` is the first of the three error columns to draw (0:
+    position, 3: velocity). ``unit`` is the unit of the errors, ``label`` that of the estimator, and
     ``families`` has the family of each estimator.
     """
     claims = bool(np.isfinite(aided[:, 6:12]).any())
@@ -123,9 +124,10 @@ def component_errors(
 
 @styled()
 def with_deviations(times: np.ndarray, components: np.ndarray, sigmas: np.ndarray) -> Drawing:
-    """Draw errors of position and velocity over time with their reported ±3σ.
+    """Draw position and velocity errors over time with the reported ±3σ.
 
-    Errors and ``sigmas`` are (K, 6), ENU [m, m/s]; without covariances σ is NaN.
+    ``times`` (K,) are in seconds. ``components`` and ``sigmas`` (K, 6) are errors and their
+    standard deviations, ENU [m, m/s]; without covariances ``sigmas`` is NaN.
     """
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for column in range(6):

@@ -11,7 +11,7 @@ from .style import Drawing, styled, subplots
 
 @styled()
 def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
-    """Draw the disturbing vertical gradient (lat, lon) at flight height with the track (K, 3)."""
+    """Draw the disturbing vertical gradient (lat, lon) at flight height, and the track (K, 3)."""
     figure, axis = subplots(figsize=(7.0, 4.4))
     longitude, latitude = np.degrees(arrays["map_longitude"]), np.degrees(arrays["map_latitude"])
     values = arrays["map_vertical"]
@@ -37,7 +37,7 @@ def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
 
 @styled()
 def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str) -> Drawing:
-    """Draw the vertical gradient (K,) along the track, and the effects of noise and filter."""
+    """Draw the vertical gradient (K,) along the track: true, with noise, and low-pass filtered."""
     times, true = arrays["gradient_times"], arrays["vertical"]
     filtered = arrays.get("filtered")
     ratios = (3, 2) if filtered is None else (3, 2, 2)

@@ -1,4 +1,4 @@
-"""Figures of a recorded flight: track, innovations and standard deviations."""
+"""Figures of a recorded flight: tracks, standard deviations and residuals."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def ground_track(
     reference: np.ndarray | None,
     families: Mapping[str, str],
 ) -> Drawing:
-    """Draw horizontal tracks and heights, relative to the start of the INS.
+    """Draw horizontal tracks and heights, relative to the start of the INS track.
 
     Parameters
     ----------
-    times : (K,) [s].
+    times : (K,) epochs [s].
     ins : (K, 3) INS track, ENU [km, km, m].
     tracks : corrected tracks (K, 3) by estimator.
-    reference : reference track (K, 3), or NaN.
+    reference : reference track (K, 3), NaN where unknown; None without a reference.
     families : family of each estimator.
     """
     figure, (plan, height) = subplots(1, 2, figsize=(9.0, 4.4), width_ratios=(3, 2))
@@ -58,12 +58,12 @@ def ground_track(
 def deviations(
     times: np.ndarray, claimed: Mapping[str, np.ndarray], families: Mapping[str, str]
 ) -> Drawing:
-    """Draw the reported spherical standard deviations of position and velocity.
+    """Draw the reported 3-D standard deviations of position and velocity over time.
 
     Parameters
     ----------
-    times : (K,) [s].
-    claimed : of each estimator (K, 6) σ of position [m] and velocity [m/s], ENU.
+    times : (K,) epochs [s].
+    claimed : (K, 6) reported ENU σ of position [m] and velocity [m/s], by estimator.
     families : family of each estimator.
     """
     figure, axes = subplots(2, 1, figsize=(7.0, 5.0), sharex=True)
@@ -87,9 +87,10 @@ def deviations(
 def whitened(
     times: np.ndarray, sensors: Sequence[tuple[str, Sequence[str], np.ndarray]], label: str
 ) -> Drawing:
-    """Draw the whitened residuals of an estimate, a panel for each sensor.
+    """Draw the whitened residuals of an estimate over time, with a panel for each sensor.
 
-    ``sensors`` : for each sensor its name, names of channels and whitened residuals (K, m), or NaN.
+    ``sensors`` has the name, the channel names and the whitened residuals (K, m) of each sensor; a
+    missing residual is NaN.
     """
     count = len(sensors)
     figure, axes = subplots(count, 1, figsize=(7.0, 1.2 + 1.8 * count), sharex=True, squeeze=False)

@@ -1,7 +1,7 @@
 """Interactive SVG figures for a browser.
 
-The script ``figure.js`` of the HTML page shows the values under the pointer, switches series in the
-legend, and zooms. The picture equals that of :func:`.style.save`.
+The script ``figure.js`` of the HTML page shows the values under the pointer, hides and shows series
+by clicks in the legend, and zooms. The image equals that of :func:`.style.save`.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ _DECIMALS = re.compile(r"(\.\d\d)\d+")
 
 
 def picture(figure: Drawing, hidden: Set[str] = frozenset()) -> dict[str, Any]:
-    """Return a figure as SVG, with data for a script.
+    """Return a figure as SVG, with the data that ``figure.js`` needs.
 
-    Groups are named: ``series-2-0`` and ``range-2-1`` are points and an interval of the third
-    series, ``legend-2-0`` is its name in the legend, and ``panel-0`` the first axes.
+    The SVG groups have ids: ``series-2-0`` are the points of the third series, ``range-2-1`` is an
+    interval of it, ``legend-2-0`` is its name in the legend, and ``panel-0`` are the first axes.
 
     Parameters
     ----------
-    figure : with its series (:meth:`.style.Drawing.attribute`).
-    hidden : series that are not visible at first.
+    figure : figure whose series have been assigned by :meth:`.style.Drawing.attribute`.
+    hidden : names of the series that are hidden at first.
 
     Returns
     -------
     dict
-        ``svg``; ``names`` of the series; ``hidden``, numbers of those that are not visible at
-        first; ``panels``, of each axes its ``x`` and ``y`` scale.
+        ``svg``; ``names``, the names of the series; ``hidden``, indices of the series that are
+        hidden at first; ``panels``, the ``x`` and ``y`` scales of each axes.
     """
     for number, (name, artists) in enumerate(figure.series.items()):
         for place, artist in enumerate(artists):

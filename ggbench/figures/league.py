@@ -1,4 +1,4 @@
-"""League of estimators: a grid of cases and estimators, and a performance profile below it."""
+"""League figure: a table of cases and estimators, and a performance profile below it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .style import INS, Drawing, legend_below, plain_numbers, styled, subplots
 WIDTH = 7.3
 """Width of the figure [in], 800 pixels."""
 WORST = 30.0
-"""Ratio from which on cells have the last colour, and at which the profile ends."""
+"""Ratio at which the colour scale and the profile end."""
 SCALE = LinearSegmentedColormap.from_list(
     "league", ["#4a90c9", "#a9cfe8", "#f4f1e6", "#f2b077", "#d5702a", "#a8460d"]
 )
@@ -33,26 +33,28 @@ KEY = (
     "\N{DAGGER} overconfident, \N{DOUBLE DAGGER} unsafe\n"
     "lost: share of runs that end far off"
 )
-"""What a cell says, in the corner above the names of the cases."""
+"""Explanation of the cells, in the corner above the names of the cases."""
 _TITLE = 34
 """Characters in a line of a case's name."""
 _LABELS, _NARROWEST, _GAP = 2.3, 0.28, 0.35
 """Widths of the names of cases and of the narrowest cell [in]; of the gap before smoothers, in
-cells."""
+cells.
+"""
 
 
 class League(NamedTuple):
-    """Numbers of the figure: n cases, m estimators.
+    """Content of the league figure for n cases and m estimators.
 
     Attributes
     ----------
     cases : names of the n cases, from the top.
-    estimators : labels of the m estimators, causal ones first.
-    smoothers : number of smoothers among them, the last ones.
-    ratios : (n, m) that colour the cells; NaN without.
-    texts : (n, m) in the cells.
-    framed : (n, m) whether a cell has a frame: the estimator is recommended.
-    to_best : RMS error over that of the best one of a case (n,) by causal estimator, NaN without.
+    estimators : labels of the m estimators; smoothers come last.
+    smoothers : number of smoothers.
+    ratios : (n, m) ratios that set the colours of the cells; NaN if missing.
+    texts : (n, m) texts in the cells.
+    framed : (n, m) mask of recommended estimators, whose cells have a frame.
+    to_best : (n,) ratio of the RMS error to that of the best causal estimator, by label of a causal
+        estimator; NaN if missing.
     """
 
     cases: Sequence[str]
@@ -70,8 +72,8 @@ def league(of: League, families: Mapping[str, str]) -> Drawing:
 
     Parameters
     ----------
-    of : its numbers.
-    families : family of each estimator; names of own estimators have its colour.
+    of : content of the figure.
+    families : family of each estimator by label; labels of the family ``own`` have its colour.
     """
     rows, width = _ROW * len(of.cases), _LABELS + _NARROWEST * (_places(of)[-1] + 1.0)
     figure, (grid, profile) = subplots(

@@ -1,7 +1,7 @@
 """Colour, line and marker of each estimator in a figure.
 
-The colour is that of the estimator's family. The estimators of a family differ by line and marker,
-in their order. Users' own estimators have a separate colour.
+Each family of estimators has a colour. The estimators of a family differ by line and marker. Users'
+own estimators are a family too.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _OWN = 4.2, 0.75
 
 
 class LineStyle(NamedTuple):
-    """Matplotlib's names of a colour, a line and a marker."""
+    """Colour, line style and marker, as named by Matplotlib."""
 
     color: str
     ls: str
@@ -47,12 +47,12 @@ class LineStyle(NamedTuple):
 
 
 def line_styles(families: Mapping[str, str]) -> dict[str, LineStyle]:
-    """Return the style of each estimator; no two share one.
+    """Return the line style of each estimator; all styles are different.
 
     Parameters
     ----------
-    families : family of each estimator by its label, in order (:data:`ggbench.problem.Family`).
-        A family of a later version counts as ``own``.
+    families : family (:data:`ggbench.problem.Family`) of each estimator by label, in order. An
+        unknown family, from a later version, counts as ``own``.
     """
     styles: dict[str, LineStyle] = {}
     members: Counter[str] = Counter()
@@ -70,7 +70,7 @@ def line_styles(families: Mapping[str, str]) -> dict[str, LineStyle]:
 
 
 class Layer(NamedTuple):
-    """A line of a figure: label, width [pt], opacity."""
+    """A line of a figure: label, width [pt] and opacity."""
 
     label: str
     width: float
@@ -78,15 +78,16 @@ class Layer(NamedTuple):
 
 
 def is_own(label: str, families: Mapping[str, str]) -> bool:
-    """Return whether an estimator is not shipped."""
+    """Return whether an estimator is a user's own, not shipped with this package."""
     return families.get(label, "own") not in set(COLOURS) - {"own"}
 
 
 def stacked(labels: Iterable[str], families: Mapping[str, str]) -> list[Layer]:
-    """Return the lines of a figure in the order of drawing.
+    """Return the lines of a figure in drawing order.
 
-    The INS comes first. Lines become thinner, so that equal curves stay visible at the sides. Own
-    estimators come last: on top, thickest, translucent.
+    The INS comes first. Each line is thinner than the line before, so that equal curves stay
+    visible. Users' own estimators come last, on top of all others, with the thickest and
+    translucent lines.
     """
     order = sorted(labels, key=lambda label: _LAYERS.get(families[label], 1))
     shipped = [label for label in order if not is_own(label, families)]

@@ -1,4 +1,4 @@
-"""The figure of a map: the six components of the gradient at one height."""
+"""Figure of a map: the six components of the gradient tensor at one height."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_PIXELS = 600  # per axis: more cannot be seen
 
 @styled()
 def map_components(nodes: Nodes, tensor: Any, height: str, source: str) -> Drawing:
-    """Draw the tensor (n_lat, n_lon, 6) [E] of a map; height and ``source`` are texts."""
+    """Draw the gradient tensor (n_lat, n_lon, 6) [E]; ``height`` and ``source`` are texts."""
     lat, lon = nodes.latitude_deg, nodes.longitude_deg
     stride = max(1, math.ceil(max(lat.size, lon.size) / _MOST_PIXELS))
     half = 0.5 * (lat[1] - lat[0]), 0.5 * (lon[1] - lon[0])

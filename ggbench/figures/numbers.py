@@ -1,4 +1,4 @@
-"""Numbers for figures, tables and sentences."""
+"""Text form of numbers for figures, tables and sentences."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ LARGEST = 1e7
 
 
 def counted(count: int, noun: str) -> str:
-    """Return a number with its noun: ``1 run``, ``2 runs``."""
+    """Return a count with its noun: ``1 run``, ``2 runs``."""
     return f"{count} {noun if count == 1 else f'{noun}s'}"
 
 
 def some(texts: Sequence[str], most: int = 6) -> str:
-    """Return texts of the first few items, the best, and the number of the others."""
+    """Join the first ``most`` texts, and append the number of the remaining texts."""
     more = len(texts) - most
     return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def short(value: float) -> str:
-    """Return a number with at most three digits, for cells and sentences."""
+    """Return a number as text with three significant digits."""
     if value == 0.0 or not 1e-3 <= abs(value) < 1e5:
         return f"{value:.1e}" if value else "0"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -29,10 +29,10 @@ def short(value: float) -> str:
 
 
 def span(first: str, last: str, *, separator: str = " to ") -> str:
-    """Return the range of two shown numbers; equal ones as one number."""
+    """Return the range from one number to another as text; equal numbers are written once."""
     return first if first == last else f"{first}{separator}{last}"
 
 
 def limited(value: float, text: str) -> str:
-    """Return the text of an error [m] or ratio; ``>1e7`` if it is beyond :data:`LARGEST`."""
+    """Return ``text``, or ``>1e7`` if the error [m] or ratio exceeds :data:`LARGEST`."""
     return f">1e{math.log10(LARGEST):.0f}" if LARGEST < value < math.inf else text

@@ -1,4 +1,4 @@
-"""The figure of a planned flight: the bound on its position along the track, and over time."""
+"""Figures of planned flights: the bound on the position error along the track and over time."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ _COLOURS = {"east": "tab:blue", "north": "tab:orange", "up": "tab:green"}
 
 @styled()
 def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
-    """Draw the bound of :func:`ggbench.judging.planned.planned` along a track and over time.
+    """Draw the bound on the position error along a track and over time.
 
-    The disturbing Γ_UU of the field is drawn at the mean height of the track.
+    ``bounds`` comes from :func:`ggbench.judging.planned.planned`. The disturbing Γ_UU of the field
+    is drawn at the mean height of the track.
     """
     figure = Drawing(figsize=(11.0, 5.2), layout="constrained")
     parts: Any = figure.subfigures(1, 2, width_ratios=(4, 5))
@@ -144,16 +145,16 @@ def _draw_field(
 
 @styled()
 def planned_tracks(tracks: pd.DataFrame, field: Field, flown: np.ndarray, title: str) -> Drawing:
-    """Draw tracks as an arrow at each start for each heading, coloured by the bound.
+    """Draw an arrow for each start and heading, coloured by the bound of that track.
 
-    The disturbing Γ_UU of the field is drawn below, the present flight in black.
+    The disturbing Γ_UU of the field is the background. The original flight is black.
 
     Parameters
     ----------
-    tracks : of :func:`ggbench.judging.planned.tracks`.
-    field : the true one.
-    flown : (K, 3) latitude, longitude [rad], height [m] of the present flight.
-    title : of the case.
+    tracks : tracks with bounds, from :func:`ggbench.judging.planned.tracks`.
+    field : true field.
+    flown : (K, 3) latitude, longitude [rad], height [m] of the original flight.
+    title : title of the case.
     """
     able = tracks[tracks["reason"] == ""]
     # The reverse: the smallest bound is drawn last, above the others.

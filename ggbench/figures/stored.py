@@ -27,19 +27,18 @@ _BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag
 def error_over_time(
     results: Results, labels_of: Mapping[str, Sequence[str]], most: int | None = None
 ) -> Drawing:
-    """Draw RMS errors over all runs against time, with bounds: a column for each case.
+    """Draw RMS errors over all runs, and bounds, against time, with a column for each case.
 
-    ``labels_of`` names the estimators of each case; ``most`` limits the epochs.
+    ``labels_of`` has the estimators of each case. ``most`` is the largest number of epochs.
     """
     flights = [flight(results, case, labels, most) for case, labels in labels_of.items()]
     return errors.error_over_time(flights, results.families)
 
 
 def flight(results: Results, case: str, labels: Iterable[str], most: int | None) -> errors.Flight:
-    """Return RMS errors and bounds of a case over the stored runs.
+    """Return the RMS errors over the stored runs of a case, and the bounds, against time.
 
-    At most ``most`` epochs are used, evenly spread. An estimator without a finished run has no
-    errors.
+    At most ``most`` evenly spread epochs are used. An estimator without a finished run is left out.
     """
     arrays = results.arrays(case)
     count = len(arrays["kept"])
@@ -60,15 +59,16 @@ def flight(results: Results, case: str, labels: Iterable[str], most: int | None)
 
 
 def drawn_bounds(arrays: Iterable[str]) -> dict[str, str]:
-    """Return the bounds of a figure over time: key among the arrays of a case to its name."""
+    """Return the names of the bounds in a figure over time, by key of the case's arrays."""
     keys = [key for key in arrays if key.startswith("bound-") and key != "bound-unfiltered"]
     return {key: f"bound, {_BOUNDS[key.rstrip('-0123456789')]}" for key in keys}
 
 
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:
-    """Draw the ENU errors of the detailed run with reported ±3σ, and those of the INS.
+    """Draw ENU errors of run 0 with the reported ±3σ, and those of the INS.
 
-    Raise ResultsError if this run failed or does not exist, or for another quantity.
+    Raise ResultsError if this run failed or does not exist, or the quantity is neither ``position``
+    nor ``velocity``.
     """
     if quantity not in _COLUMNS:
         raise ResultsError(f"the quantity is {quantity!r} and must be one of {', '.join(_COLUMNS)}")
@@ -93,7 +93,7 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
 
 
 def field_map(results: Results, case: str) -> Drawing:
-    """Draw the map that a case flies over, at flight height, with the track.
+    """Draw a case's map at flight height, with the track.
 
     Raise ResultsError if the case has no map.
     """
@@ -106,7 +106,7 @@ def field_map(results: Results, case: str) -> Drawing:
 def track_gradient(results: Results, case: str) -> Drawing:
     """Draw the vertical gradient along the track of a case: true, noisy and filtered.
 
-    Raise ResultsError if there is no gradiometer on board.
+    Raise ResultsError if the case has no gradiometer.
     """
     arrays = results.arrays(case)
     if "gradient_times" not in arrays:
@@ -115,19 +115,19 @@ def track_gradient(results: Results, case: str) -> Drawing:
 
 
 def swept(results: Results, key: str | None = None) -> Drawing:
-    """Draw RMS errors against a varied number, with the bounds and the INS.
+    """Draw RMS errors, bounds and the INS error against a swept value.
 
-    Cases that also differ in another key form further panels, at most :data:`MOST_PANELS`.
+    The values of other swept keys are drawn in at most :data:`MOST_PANELS` panels.
 
     Parameters
     ----------
-    results : of a sweep.
-    key : dotted key of the number; None: the one that varies least often.
+    results : results of a sweep.
+    key : dotted key of the abscissa; None: the key that varies least often.
 
     Raises
     ------
     ResultsError
-        If this number does not vary.
+        If this key does not vary.
     """
     metrics = results.metrics()
     rows = metrics[metrics["window"] == "settled"]

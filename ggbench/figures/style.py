@@ -1,7 +1,7 @@
 """Settings and colours of figures, applied only while a figure is drawn.
 
 Matplotlib's global settings and backend stay unchanged. Figures are not registered in pyplot, so
-they are freed without references.
+they are freed as soon as no reference exists.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ class FigureError(GGBenchError):
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Apply the style of the package within the context, whatever the user's settings.
+    """Apply the style of the package within the context, regardless of the user's settings.
 
-    It is also a decorator.
+    The function is also used as a decorator.
     """
     with matplotlib.style.context(["default", _SETTINGS]):
         yield
 
 
 class Drawing(Figure):
-    """A Matplotlib figure that is always drawn in the package's style.
+    """A Matplotlib figure that is always drawn in the style of this package.
 
     Ticks and numbers are created only when the figure is drawn.
 
@@ -77,16 +77,19 @@ class Drawing(Figure):
         return {name: artists[0] for name, artists in self.series.items()}
 
     def attribute(self, name: str, *artists: Artist) -> None:
-        """Assign artists to the series of a name."""
+        """Add artists to the series with this name."""
         self.series.setdefault(name, []).extend(artists)
 
     def draw(self, renderer: Any) -> None:
-        """Draw the figure."""
+        """Draw the figure in the style of the package."""
         with styled():
             super().draw(renderer)
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
-        """Write the figure, see :meth:`matplotlib.figure.Figure.savefig`."""
+        """Write the figure in the style of the package.
+
+        Arguments are those of :meth:`matplotlib.figure.Figure.savefig`.
+        """
         with styled():
             super().savefig(*args, **kwargs)
 
@@ -100,16 +103,16 @@ class Drawing(Figure):
 def subplots(
     rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], **options: Any
 ) -> tuple[Drawing, Any]:
-    """Return a figure with panels, and its axes, as :func:`matplotlib.pyplot.subplots`.
+    """Return a figure and its axes, like :func:`matplotlib.pyplot.subplots`.
 
-    ``figsize`` is in inches; the layout is automatic.
+    ``figsize`` is in inches. The layout is constrained automatically.
     """
     figure = Drawing(figsize=figsize, layout="constrained")
     return figure, figure.subplots(rows, columns, **options)
 
 
 def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
-    """Label a logarithmic axis with plain numbers, also between decades if there are few."""
+    """Label a logarithmic axis with plain numbers; few decades have labels in between, too."""
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -121,9 +124,9 @@ def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
 
 
 def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:
-    """Put a legend below the panels, which keep their size: the figure grows.
+    """Put a legend of up to four columns below the panels, and enlarge the figure for it.
 
-    It has up to four columns.
+    The panels keep their size.
     """
     width, height = figure.get_size_inches()
     longest = max(map(len, handles), default=1)
@@ -133,9 +136,9 @@ def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure reproducibly, byte by byte; a missing folder is created.
+    """Write a figure to a file; equal figures give equal bytes.
 
-    Raise FigureError if the file cannot be written.
+    A missing folder is created. Raise FigureError if the file cannot be written.
     """
     with written_whole(path, FigureError, "the figure ") as temporary:
         kind = path.suffix[1:] or None

@@ -1,1 +1,1 @@
-"""Judgement of estimates: errors of runs, statistics, comparisons."""
+"""Evaluation of estimates: errors of runs, statistics, comparisons."""

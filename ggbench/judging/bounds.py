@@ -1,4 +1,4 @@
-"""Cramér–Rao bound of an estimate's causality."""
+"""Cramér–Rao bounds for filters and smoothers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from ..simulation.bound import Bound
 
 
 def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarray:
-    """Return the bound (K, n, n) for estimates of a causality, linearised at the truth.
+    """Return the Cramér–Rao bound (K, n, n) for the causality of an estimate.
 
-    It is the covariance of a filter or smoother that is linearised at the truth. By Jensen's
-    inequality its mean over flights is above the posterior bound, so it is no proven limit of
-    nonlinear problems.
+    The bound is the covariance of a filter or smoother that is linearised at the truth. By Jensen's
+    inequality the mean of this covariance over flights lies above the posterior Cramér–Rao bound.
+    It is therefore no proven limit for nonlinear problems.
 
-    An estimate without aiding is compared with the filtering bound.
+    An estimate without aiding is compared with the bound of a filter.
     """
     if causality == "batch":
         return bound.smoothing
@@ -24,7 +24,7 @@ def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarra
 
 
 def squared_bounds(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bounds (K,) on the squared spherical position and velocity error."""
+    """Return the bounds (K,) on the squared 3-D position error [m²] and velocity error [m²/s²]."""
     return (
         np.trace(cov[:, :3, :3], axis1=1, axis2=2),
         np.trace(cov[:, 3:6, 3:6], axis1=1, axis2=2),

@@ -1,4 +1,4 @@
-"""Cases of a campaign: their set-up, bounds and verdicts, a row each."""
+"""Table of the cases of a campaign: set-up, bounds and verdicts."""
 
 from __future__ import annotations
 
@@ -52,7 +52,10 @@ KINDS = ("causal", "smoother")
 
 
 def verdicts(runs: pd.DataFrame, metrics: pd.DataFrame) -> dict[str, dict[str, Verdict]]:
-    """Return the verdicts on the estimators of each kind, by case, from runs and their metrics."""
+    """Return the verdicts by kind of estimators (causal, smoother) and by case.
+
+    ``runs`` is the table of runs, and ``metrics`` the table of metrics.
+    """
     by_case = list(runs.groupby("case", sort=False))
     return {
         kind: {
@@ -68,15 +71,15 @@ def cases(
     metrics: pd.DataFrame,
     verdicts: Mapping[str, Mapping[str, Verdict]],
 ) -> pd.DataFrame:
-    """Return a row for each case, with :data:`CASES`.
+    """Return a table with a row for each case and the columns :data:`CASES`.
 
     Parameters
     ----------
-    specs : the cases.
-    arrays : common arrays of the runs of a case, by case, of shapes (K,) or (K, m). With draws they
-        are those of run 0.
-    metrics : the metrics of the campaign.
-    verdicts : by kind of estimators and case.
+    specs : cases of the scenario.
+    arrays : arrays (K,) or (K, m) that the runs of a case share, by case. If each run draws its
+        flight, they belong to run 0.
+    metrics : table of metrics of the campaign.
+    verdicts : verdict by kind of estimators and by case.
     """
     import pandas as pd
 
@@ -146,7 +149,7 @@ def _judged(verdicts: Mapping[str, Mapping[str, Verdict]], case: str) -> dict[st
 
 
 def field_correlation_m(arrays: Mapping[str, np.ndarray]) -> float:
-    """Return the field's correlation length along the track (K, 3) of a case [m], or NaN."""
+    """Return the correlation length [m] of the field along a case's track (K, 3), or NaN."""
     if "vertical" not in arrays:
         return math.nan
     read = np.searchsorted(arrays["times"], arrays["gradient_times"] - 1e-6)

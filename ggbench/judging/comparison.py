@@ -1,7 +1,7 @@
-"""Comparison of two campaigns: worse, better and undecided estimators.
+"""Comparison of two campaigns, with verdicts worse, better, same or undecided.
 
-All verdicts of a comparison form one family of tests: more cases and estimators require stronger
-evidence for each.
+All verdicts of a comparison form one family of tests, so more cases and estimators require stronger
+evidence for each verdict.
 """
 
 from __future__ import annotations
@@ -53,15 +53,16 @@ class Comparison:
 
     Attributes
     ----------
-    rows : three rows per common assumption, case and estimator, with :data:`ROW_COLUMNS`. Quantity
-        "position" [m] and "velocity" [m/s]: ``before`` and ``after`` are MRSE, ``ratio`` their
-        quotient with its 95 % interval ``lo``, ``hi`` (:func:`ratio_interval`). Quantity "failed or
-        diverged": the number of such runs, without a ratio. ``runs_before``, ``runs``: number of
-        runs before and after. ``paired``: whether the simulated problems are equal. ``p``,
-        ``p_better``: adjusted p-values of "not worse" and "not better". ``verdict``: "worse",
-        "better", "same" (the same data, bit by bit) or "undecided".
+    rows : table with the columns :data:`ROW_COLUMNS`, and three rows for each common assumption,
+        case and estimator. For the quantities "position" [m] and "velocity" [m/s], ``before`` and
+        ``after`` are RMS errors, and ``ratio`` is after / before, with 95 % interval ``lo``, ``hi``
+        (:func:`ratio_interval`). For the quantity "failed or diverged" they are numbers of such
+        runs, without a ratio. ``runs_before`` and ``runs`` are the numbers of runs before and
+        after. ``paired`` states whether the simulated problems are equal. ``p`` and ``p_better``
+        are adjusted p-values of the hypotheses "not worse" and "not better". ``verdict`` is
+        "worse", "better", "same" (equal data, bit for bit) or "undecided".
     only_before, only_after : items of only one campaign, "case a" or "estimator ekf in case a".
-    tests : number of rows that could differ; p-values are adjusted for it.
+    tests : number of rows that can differ, for which the p-values are adjusted.
     """
 
     rows: pd.DataFrame
@@ -71,7 +72,7 @@ class Comparison:
 
     @property
     def worse(self) -> bool:
-        """Whether any row is worse."""
+        """Whether the verdict of any row is "worse"."""
         return bool((self.rows["verdict"] == WORSE).any())
 
 
@@ -81,33 +82,34 @@ def compare(
     """Compare two tables of runs.
 
     Runs of the same simulated problem (equal case hash and seed) are paired: errors are compared on
-    the runs that finished in both. Different problems are independent samples, compared on equally
-    many runs (the first ones of the larger campaign). With unequal samples the skewed squared
-    errors cause false alarms (30 against 300 runs: in a third of the comparisons of ten rows).
-    Failed and diverged runs have a separate row, over all runs.
+    the runs that finished in both campaigns. Runs of different problems are independent samples of
+    equal size (the larger campaign contributes its first runs). With samples of unequal size the
+    skewed squared errors would cause false alarms (30 against 300 runs: in a third of the
+    comparisons of ten rows). Failed and diverged runs have a separate row, over all runs.
 
-    If each campaign has one set of parameters of an estimator that the other lacks, these two are
-    compared under both labels.
+    If an estimator has one set of parameters only in ``before`` and one only in ``after``, these
+    two are compared, in a row with both labels.
 
-    Errors are worse if MRSE grew by more than ``threshold`` (:func:`excess_p_value`); failures if
-    there are more (one-sided exact tests, McNemar's of pairs and Fisher's of independent samples,
-    whatever the threshold): with a p-value below 0.05 after Holm's procedure over all rows that
-    differ. The false-alarm rate of :attr:`Comparison.worse` is thus 5 % for the whole comparison,
-    and likewise that of "better". Measured with ten rows, χ² or log-normal errors, paired or not:
-    at most 6 % with 5 to 300 runs. If only the distribution changes, the t-tests need more runs:
-    independent samples of equal means, but χ² with 1 and with 3 degrees of freedom, differ in 18 %
-    of comparisons with 30 runs, and in 9 % with 300.
+    Errors are worse if the RMS error grew by more than ``threshold`` (:func:`excess_p_value`).
+    Failures are worse if there are more of them (one-sided exact tests: McNemar's for pairs,
+    Fisher's for independent samples), for any threshold. Each verdict needs a p-value below 0.05
+    after Holm's procedure over all rows that differ. The false-alarm rate of
+    :attr:`Comparison.worse` is thus 5 % for the whole comparison, and so is that of "better".
+    Measured with ten rows, χ² or log-normal errors, paired or not: at most 6 % with 5 to 300 runs.
+    If only the shape of the distribution changes, the t-tests need more runs. Independent samples
+    with equal means, χ² with 1 and with 3 degrees of freedom, differ in 18 % of the comparisons
+    with 30 runs, and in 9 % with 300.
 
     Parameters
     ----------
-    before, after : tables of runs, one row per run and estimator.
-    threshold : tolerated relative excess of MRSE, ≥ 0.
-    window : one of :data:`ggbench.judging.run_errors.WINDOWS`.
+    before, after : tables of runs with a row for each run and estimator.
+    threshold : tolerated relative increase of the RMS error, ≥ 0.
+    window : window of the flight, one of :data:`ggbench.judging.run_errors.WINDOWS`.
 
     Raises
     ------
     ComparisonError
-        If the tables have nothing in common, or threshold or window is invalid.
+        If the tables have no case and estimator in common, or threshold or window is invalid.
     """
     if window not in WINDOWS:
         raise ComparisonError(f"there is no window {window!r}; choose one of {', '.join(WINDOWS)}")
@@ -211,7 +213,7 @@ def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
 
 
 def unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
-    """Return the row of failed and diverged runs."""
+    """Return the row that compares the numbers of failed and diverged runs."""
     is_lost = [(runs["status"] != "ok") | runs["diverged"].astype(bool) for runs in (before, after)]
     old, new = (int(runs.sum()) for runs in is_lost)
     if paired:

@@ -1,7 +1,7 @@
-"""Consistency of reported covariances, tested over many runs.
+"""Tests of reported covariances for consistency over many runs.
 
-Every mark needs evidence: at most 2.5 % of consistent estimators get a mark, for any number of
-runs, also with heavy-tailed errors. A single run gives no mark.
+The marks are † (overconfident) and ‡ (unsafe). At most 2.5 % of consistent estimators receive a
+mark, for any number of runs, also with heavy-tailed errors. A single run gives no mark.
 """
 
 from __future__ import annotations
@@ -25,23 +25,25 @@ MARKS = {OVERCONFIDENT: "†", UNSAFE: "‡"}
 LEAST_COVERAGE, MOST_FALSE = 0.90, 0.05
 """Least coverage of a 95 % region; largest share of false fixes."""
 FARTHEST = 0.001
-"""Probability of χ² beyond which a run is lost if it ends outside the required error."""
+"""Tail probability of χ²: a run with a larger NEES that ends outside the required error is lost."""
 BEYOND = float(chdtri(JUDGED, FARTHEST))
-"""NEES that a consistent estimate exceeds with that probability; a run counts with no more."""
+"""NEES that a consistent estimate exceeds with this probability; larger values are limited to
+it.
+"""
 LARGE_SHARE = 0.20
 _LARGE = float(chdtri(JUDGED, LARGE_SHARE))
 _STRICT = 0.02
 """Twice the level at which a mean is surely too large: with the band, marks stay below 2.5 %."""
 MISFIT = 1.10
-"""Ratio of the mean NIS to the end of its band from which R does not fit."""
+"""Ratio of the mean NIS to the end of its band beyond which R does not fit."""
 UNFIT = "R does not fit"
 
 
 def trimmed(values: np.ndarray, dimension: float = JUDGED) -> np.ndarray:
-    """Return the NEES or NIS of runs (R,), limited to the 99.9 % quantile of χ².
+    """Limit the NEES or NIS of runs (R,) to the 99.9 % quantile of χ².
 
-    Trimming lowers the mean of a consistent estimator, so it does not increase the false-alarm rate
-    of a test for large means.
+    ``dimension`` is the number of degrees of freedom of χ². The limit lowers the mean of a
+    consistent estimator, so it does not increase the false-alarm rate of a test for large means.
     """
     return np.asarray(np.minimum(values, chdtri(dimension, FARTHEST)))
 
@@ -51,22 +53,22 @@ def consistency(
 ) -> str:
     """Return the consistency of an estimator's covariances.
 
-    - "unsafe": surely more than 5 % of the runs end in a false fix;
-    - "overconfident": the trimmed mean NEES lies above its 95 % band and surely above 6, or the
-      coverage of the 95 % region is surely below 90 %;
-    - "conservative": the mean NEES lies below its band and surely below 6, and surely less than 20
-      % of the runs exceed the 80 % quantile of χ²;
+    - "unsafe": significantly more than 5 % of the runs end in a false fix;
+    - "overconfident": the trimmed mean NEES lies above its 95 % band and significantly above 6, or
+      the coverage of the 95 % region is significantly below 90 %;
+    - "conservative": the mean NEES lies below its band and significantly below 6, and significantly
+      less than 20 % of the runs exceed the 80 % quantile of χ²;
     - "consistent" otherwise; "" without covariances.
 
-    "Surely" means significant at 2.5 %, by the exact binomial test for shares and by Student's t
-    over clusters for means (above 6: at 1 %).
+    The significance level is 2.5 %, for "above 6" 1 %. Shares are tested by the exact binomial
+    test, means by Student's t-test over clusters.
 
     Parameters
     ----------
     nees : (R,) mean NEES of each finished run in a window.
-    coverage : (R,) share of its epochs with the truth inside the 95 % region.
-    cluster : (R,) number of the track or map error that runs share.
-    false_share_p : p-value of "at most 5 % of the runs end in a false fix".
+    coverage : (R,) share of the epochs of each run with the truth inside the 95 % region.
+    cluster : (R,) index of the track or map error that runs share.
+    false_share_p : p-value of the hypothesis "at most 5 % of the runs end in a false fix".
     """
     if len(nees) == 0 or math.isnan(nees.mean()):
         return ""
@@ -81,24 +83,30 @@ def consistency(
 
 
 def false_share_p(false_fix: np.ndarray, cluster: np.ndarray) -> float:
-    """Return the p-value of "at most 5 % of the runs end in a false fix" (binomial, exact)."""
+    """Return the p-value of the hypothesis "at most 5 % of the runs end in a false fix".
+
+    The test is exact (binomial). ``false_fix`` (R,) is a mask; ``cluster`` (R,) is the index of the
+    track or map error that runs share.
+    """
     return share_above(false_fix, cluster, MOST_FALSE)
 
 
 def noise_fit(
     nis: np.ndarray, channels: float, band: tuple[float, float], cluster: np.ndarray
 ) -> str:
-    """Return :data:`UNFIT` if the mean NIS is out of its band by more than 10 %, else "".
+    """Return :data:`UNFIT` if the mean NIS does not fit the assumed noise, else "".
 
-    A t-test on the means of runs must agree, because innovations may have heavy tails. At least ten
-    runs are needed.
+    The noise does not fit if the mean NIS exceeds 1.1 times the upper end of ``band`` or is less
+    than the lower end divided by 1.1, and a t-test on the means of the clusters agrees. The t-test
+    is needed because innovations may have heavy tails. With fewer than ten clusters the result is
+    "".
 
     Parameters
     ----------
-    nis : (R,) mean NIS of each run, if available.
+    nis : (R,) mean NIS of each run; NaN if not available.
     channels : mean number of channels of a measurement.
     band : 95 % band of the mean NIS.
-    cluster : (R,) number of the track or map error that runs share.
+    cluster : (R,) index of the track or map error that runs share.
     """
     if len(np.unique(cluster)) < FEWEST_CLUSTERS or channels == 0.0:
         return ""

@@ -1,7 +1,7 @@
 """Convergence of the position: time, share of runs, false fixes.
 
-With a wide prior an estimator converges to the true position or to a wrong one, and a mean error
-over both is not informative. :func:`judge` compares every run with the required error
+With a wide prior an estimator converges to the true position or to a wrong position. A mean error
+over both outcomes is not informative. :func:`judge` compares every run with the required error
 (``windows.required_m``).
 """
 
@@ -16,15 +16,16 @@ from scipy.special import bdtr, ndtri
 from .statistics import ALPHA, binomial_quantile
 
 CLAIM = float(ndtri(0.975))
-"""Standard deviations of a claimed 95 % radius, see :func:`claimed_radius`."""
+"""Factor from √tr P to the reported 95 % radius, see :func:`claimed_radius`."""
 
 
 def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
-    """Return the radius [m] (K,) of the reported region of 95 % or more.
+    """Return the radius (K,) [m] of a sphere with at least 95 % reported probability.
 
-    It is 1.96 √tr P, with the reported covariance P of the position. For any P it contains at least
-    95 % of N(0, P): of all Gaussian vectors of one trace, the one-dimensional one has the largest
-    probability outside (Székely & Bakirov 2003). For a sphere the 95 % radius is 1.61 √tr P.
+    The radius is 1.96 √tr P, with the reported covariance P of the position. For any P the sphere
+    contains at least 95 % of N(0, P): of all Gaussian vectors with equal trace of the covariance, a
+    one-dimensional vector has the largest probability outside (Székely & Bakirov 2003). For an
+    isotropic P the 95 % radius would be 1.61 √tr P.
 
     Parameters
     ----------
@@ -36,11 +37,11 @@ def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
 def judge(
     position_error: np.ndarray, sigmas: np.ndarray, times: np.ndarray, required_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the convergence time of each run, and whether it ends in a false fix.
+    """Return the convergence times of runs, and a mask of the runs that end in a false fix.
 
     Parameters
     ----------
-    position_error : (R, K) spherical position errors [m].
+    position_error : (R, K) 3-D position errors [m].
     sigmas : (R, 3) reported standard deviations of the position at the last epoch [m]; NaN without
         a covariance.
     times : (K,) epochs [s].
@@ -48,9 +49,9 @@ def judge(
 
     Returns
     -------
-    Convergence times [s] (R,): the first epoch from which the error stays within ``required_m`` to
-    the end of the flight, NaN if there is none. False fixes (R,): at the last epoch the error
-    exceeds ``required_m``, but the reported radius (:func:`claimed_radius`) does not.
+    Convergence times (R,) [s]: the first epoch from which the error stays within ``required_m`` to
+    the end of the flight; NaN if there is none. False fixes (R,): runs in which the error at the
+    last epoch exceeds ``required_m``, but the reported radius (:func:`claimed_radius`) does not.
     """
     within = position_error <= required_m
     lasting = np.logical_and.accumulate(within[:, ::-1], axis=1).sum(axis=1)
@@ -62,10 +63,10 @@ def judge(
 
 
 def median_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
-    """Return the median of values (N,) and its 95 % interval between two order statistics.
+    """Return the median of values (N,), with a 95 % interval between two order statistics.
 
-    The interval assumes no distribution and contains the median with 95 % or more (binomial). With
-    fewer than six values its ends are NaN.
+    The interval assumes no distribution and contains the median with a probability of at least 95 %
+    (binomial). With fewer than six values the ends are NaN.
     """
     ordered = np.sort(np.asarray(values, dtype=float))
     count = len(ordered)

@@ -1,4 +1,4 @@
-"""Correlation length of the field along a track."""
+"""Correlation length of the gravity gradient along a track."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ LINEAR, AMBIGUOUS = 0.2, 0.8
 
 
 def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
-    """Return the correlation length ℓ [m] of the field along a track.
+    """Return the correlation length ℓ [m] of the vertical gradient along a track.
 
-    It is the lag at which the autocorrelation of the vertical gradient, less its mean, first falls
-    to 1/e (:func:`correlation_length`). It is NaN for fewer than three samples, a constant field,
-    or a track without motion.
+    ℓ is the lag at which the autocorrelation of the vertical gradient, after subtraction of the
+    mean, first falls to 1/e (:func:`correlation_length`). ℓ is NaN for fewer than three samples, a
+    constant field, or a track without motion.
 
     Parameters
     ----------
     positions : (K, 3) latitude, longitude [rad], height [m] of the samples.
-    vertical : (K,) Γ_UU there [E].
+    vertical : (K,) Γ_UU at the samples [E].
     """
     if len(vertical) < 3 or np.ptp(vertical) == 0.0:  # less its mean it may be rounding
         return math.nan
@@ -33,12 +33,12 @@ def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
 
 
 def on_the_prior(position_m: float, correlation_m: float) -> str:
-    """Return the prior's width in correlation lengths of the field, and the consequence.
+    """Return a sentence on the width of the prior in correlation lengths of the field.
 
     Parameters
     ----------
     position_m : standard deviation of the initial position per axis [m].
-    correlation_m : the field's correlation length along the track [m].
+    correlation_m : correlation length of the field along the track [m].
     """
     width = position_m / correlation_m
     if width < LINEAR:
@@ -56,16 +56,16 @@ def on_the_prior(position_m: float, correlation_m: float) -> str:
 
 
 def correlation_length(g: np.ndarray, step_m: float) -> float:
-    """Return the lag along rows [m] at which the autocorrelation first falls to 1/e.
+    """Return the lag [m] along rows at which the autocorrelation first falls to 1/e.
 
-    No mean is removed. The estimate is unbiased (a mean over the products of a lag) and linear
-    between lags. It is the length of the rows if the autocorrelation stays above 1/e, and NaN if
-    all values are zero.
+    No mean is subtracted. The autocorrelation at a lag is the mean over all products at this lag
+    (unbiased), interpolated linearly between lags. The result is the length of a row if the
+    autocorrelation stays above 1/e, and NaN if all values are zero.
 
     Parameters
     ----------
-    g : (m, n) a scalar at the nodes of a grid, or (1, n) along a track.
-    step_m : distance of neighbours in a row [m].
+    g : scalar values, (m, n) at the nodes of a grid or (1, n) along a track.
+    step_m : distance between neighbours in a row [m].
     """
     n = g.shape[1]
     zero = float(np.mean(g**2))

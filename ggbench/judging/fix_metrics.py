@@ -1,8 +1,8 @@
-"""Metrics of matchers' fixes: right, false or rejected, their errors and consistency.
+"""Metrics of matchers' position fixes: right, false and rejected fixes, errors, consistency.
 
-A fix is *right* if its horizontal error at its own epoch is below the case's required error, and
-*false* if it is accepted and not right. Fixes of one flight may share measurements and errors, so
-shares count runs, by their first accepted fix.
+A fix is *right* if the horizontal error at the epoch of the fix is below the case's required error.
+A fix is *false* if it is accepted and not right. Fixes of one flight may share measurements and
+errors; therefore shares are shares of runs, each counted by the first accepted fix.
 """
 
 from __future__ import annotations
@@ -50,12 +50,13 @@ COLUMNS = (
 
 
 def checked(fixes: Fixes, epochs: int) -> Fixes:
-    """Return fixes of a flight of ``epochs`` epochs as plain arrays.
+    """Validate the fixes of a flight with ``epochs`` epochs, and return them as plain arrays.
 
     Raises
     ------
     ValueError
-        If they violate :class:`.Fixes`, are not finite, or a covariance is not positive definite.
+        If the fixes violate :class:`.Fixes`, are not finite, or a covariance is not positive
+        definite.
     """
     if not isinstance(fixes, Fixes):
         raise ValueError(f"the estimate's fixes must be Fixes, not {type(fixes).__name__}")
@@ -83,15 +84,15 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
     """Return the :data:`ROWS` of the fixes of a run, for storage.
 
-    They are times [s], horizontal errors [m], NEES of these two errors (infinite if a covariance is
-    too small to invert), statistics (the largest float for infinite ones) and whether they were
-    accepted.
+    The rows have the time [s], the horizontal error [m], the NEES of the two horizontal errors
+    (infinite if the covariance is too small to invert), the statistic (the largest float in place
+    of infinity) and whether the fix was accepted.
 
     Parameters
     ----------
-    fixes : from :func:`checked`.
-    error_state : (K, n), the true INS error.
-    times : (K,) [s].
+    fixes : fixes from :func:`checked`.
+    error_state : (K, n) true INS error.
+    times : (K,) epochs [s].
     """
     off = error_state[fixes.epoch, :HORIZONTAL] - fixes.mean[:, :HORIZONTAL]
     cov = fixes.cov[:, :HORIZONTAL, :HORIZONTAL]
@@ -111,15 +112,17 @@ def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict
 def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
     """Return the metrics of :data:`COLUMNS` over the fixes of an estimator on a case.
 
-    They are the number of tried, accepted and false fixes; the shares of *runs* whose first
-    accepted fix is right, whose first accepted fix is false, and without an accepted fix, with
-    Wilson's 95 % intervals; the median time [s] of the first right fix, over the runs with one,
-    with its interval; radii [m] that contain 50 and 95 % of the accepted fixes; their mean NEES, 2
-    if consistent, with a 95 % band that counts each run with an accepted fix as one sample.
+    - The numbers of attempted, accepted and false fixes;
+    - the shares of *runs* whose first accepted fix is right, whose first accepted fix is false, and
+      that have no accepted fix, with Wilson's 95 % intervals;
+    - the median time [s] of the first right fix, over the runs with a right fix, with an interval;
+    - the radii [m] that contain 50 and 95 % of the errors of accepted fixes;
+    - the mean NEES of the accepted fixes, 2 if consistent, with a 95 % band that counts each run
+      with an accepted fix as one sample.
 
     Parameters
     ----------
-    fixes : rows of ``run`` and :data:`ROWS`.
+    fixes : table with the columns ``run`` and :data:`ROWS`.
     runs : number of all runs, including failed ones and those without attempts.
     right_m : horizontal error [m] below which a fix is right.
     """

@@ -1,4 +1,4 @@
-"""Judgement of one estimate: errors over time and in windows of the flight."""
+"""Evaluation of one estimate: errors over time and in windows of the flight."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ..spec.case import WindowsSpec
 from . import run_errors
 
 OUTSIDE = "left the map at some epochs, where the field is extrapolated from the border"
-"""What is remarked of a run whose estimate leaves the map."""
+"""Remark on a run whose estimate leaves the map."""
 
 _WHOLE = "whole"
 
 
 class JudgingError(GGBenchError):
-    """An estimate cannot be judged."""
+    """An estimate cannot be compared with the truth."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -33,16 +33,16 @@ class Judgement(run_errors.Evaluation):
 
     Attributes
     ----------
-    times : (K,) [s].
-    position_error, velocity_error : (K,) spherical errors [m], [m/s].
+    times : (K,) epochs [s].
+    position_error, velocity_error : (K,) 3-D errors [m], [m/s].
     nees : (K,) normalised estimation error squared of position and velocity, 6 if consistent; NaN
         without covariances.
     nis : (K,) normalised innovation squared; NaN without a measurement and for smoothers.
-    components : (K, 6) errors of position and velocity, ENU.
-    sigmas : (K, 6) reported standard deviations; NaN without covariances.
-    windows : name of each window (``whole``, optionally ``settled`` and ``last20``) to
-        ``position_mrse_m``, ``velocity_mrse_mps``, ``nees_mean``, ``nis_mean`` and ``coverage``,
-        the share of epochs with the truth inside the reported 95 % region.
+    components : (K, 6) errors of position [m] and velocity [m/s], ENU.
+    sigmas : (K, 6) reported standard deviations of ``components``; NaN without covariances.
+    windows : metrics by name of the window (``whole``, optionally ``settled`` and ``last20``). The
+        metrics are ``position_mrse_m``, ``velocity_mrse_mps``, ``nees_mean``, ``nis_mean`` and
+        ``coverage``, the share of epochs with the truth inside the reported 95 % region.
     """
 
     times: np.ndarray
@@ -86,21 +86,21 @@ class Judgement(run_errors.Evaluation):
 def judge(
     problem: Problem, estimate: Estimate, truth: Truth, windows: WindowsSpec | None = None
 ) -> Judgement:
-    """Judge an estimate of a problem by its truth.
+    """Compare an estimate of a problem with the truth.
 
     Parameters
     ----------
-    problem : the estimated problem.
-    estimate : of the problem.
-    truth : of the problem, or the reference of a recorded flight.
+    problem : the problem that was estimated.
+    estimate : estimate of the problem.
+    truth : truth of the problem, or the reference of a recorded flight.
     windows : parts of the flight to judge in addition to the whole, for example ``case.windows``.
 
     Raises
     ------
     JudgingError
-        If the estimate has another shape than the problem, is not finite, or has an invalid
-        covariance; if the truth has other epochs or states. The truth of another run of the same
-        case has the same epochs and states and is not detected.
+        If the shapes of estimate and problem differ, the estimate is not finite or has an invalid
+        covariance, or the truth has other epochs or states than the problem. The truth of another
+        run of the same case is not detected, because its epochs and states are equal.
     """
     _require(problem, estimate, truth, windows)
     try:
@@ -155,9 +155,9 @@ def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
 
 
 def epochs_outside(problem: Problem, mean: np.ndarray) -> np.ndarray:
-    """Return the epochs (K,), as a mask, at which an estimate (K, n) lies outside the map.
+    """Return a mask (K,) of the epochs at which an estimated position lies outside the map.
 
-    There are none without a map or a track.
+    ``mean`` (K, n) is the estimate. Without a map or a track the mask is false.
     """
     if problem.track is None or problem.map is None:
         return np.zeros(problem.epochs, dtype=bool)

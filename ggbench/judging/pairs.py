@@ -1,4 +1,4 @@
-"""Paired comparisons of estimators on their common runs."""
+"""Paired comparisons of estimators on common runs."""
 
 from __future__ import annotations
 
@@ -50,30 +50,31 @@ ERRORS = "settled_position_ms"
 
 
 def kind(causality: str) -> str:
-    """Return the kind of an estimator for comparisons: smoothers, or causal estimators."""
+    """Return the kind of an estimator for comparisons: "smoother" or "causal"."""
     return "smoother" if causality in SMOOTHERS else "causal"
 
 
 def pairs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return every two estimators of a kind in each case, with :data:`PAIRS`.
+    """Compare every two estimators of the same kind in each case.
 
     Parameters
     ----------
-    runs : table of runs with a column ``draw``, the number of the cluster.
+    runs : table of runs with a column ``draw``, the index of the cluster.
 
     Returns
     -------
-    ``runs`` that both finished; the geometric mean of the ratio of their errors in the settled
-    window, with its 95 % interval; ``first_only``, ``second_only``: runs in which one alone ends
-    within the required error. p-values are adjusted by Holm's procedure over all tests of a case.
-    The verdict on the first:
+    A table with the columns :data:`PAIRS`. ``runs`` is the number of runs that both estimators
+    finished. ``error_ratio`` is the geometric mean of first / second error in the settled window,
+    with 95 % interval ``lo``, ``hi``. ``first_only`` and ``second_only`` are the numbers of runs in
+    which only one of the two ends within the required error. p-values are adjusted by Holm's
+    procedure over all tests of a case. The verdict on the first estimator is
 
-    - "better" or "worse", if it succeeds surely more or less often;
-    - "equivalent", if two one-sided tests at 5 % find the ratio within 5 %;
-    - "better" or "worse", if the ratio is surely below or above 1;
+    - "better" or "worse", if it succeeds significantly more or less often (5 %);
+    - "equivalent", if two one-sided tests at 5 % place the ratio within 5 % of 1;
+    - "better" or "worse", if the ratio is significantly below or above 1 (5 %);
     - "undecided" otherwise.
 
-    Of estimators that do not differ at most 5 % of the cases have any "better" or "worse".
+    If no estimators differ, at most 5 % of the cases have any verdict "better" or "worse".
     """
     import pandas as pd
 
@@ -93,16 +94,17 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
-    """Return chosen pairs, a separate family of tests, with :data:`FAMILY`.
+    """Compare requested pairs of estimators, as one family of tests.
 
-    As :func:`pairs`, but p-values are adjusted over these pairs only, for example the claims of a
-    paper. ``needed_runs`` of an undecided pair: the number of runs that would decide it
+    The result has the columns :data:`FAMILY`. It is that of :func:`pairs`, but p-values are
+    adjusted over these pairs only, for example the claims of a paper. For an undecided pair
+    ``needed_runs`` is the number of runs that would give a verdict
     (:func:`.statistics.runs_to_decide`).
 
     Parameters
     ----------
-    runs : table of runs with a column ``draw``, the number of the cluster.
-    requested : case, first and second estimator of each pair; all must have flown.
+    runs : table of runs with a column ``draw``, the index of the cluster.
+    requested : case, first and second estimator of each pair; all must have runs.
     """
     import pandas as pd
 
@@ -126,14 +128,14 @@ def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.
 
 
 class PairedRuns(NamedTuple):
-    """Data of the runs of one estimator on one case for comparisons.
+    """Errors of one estimator in the runs of one case, for comparisons.
 
     Attributes
     ----------
-    run : (R,) their numbers, increasing.
-    draw : (R,) the number of the cluster.
-    squares : (R,) mean squared position error in the settled window [m²], NaN if failed.
-    succeeded : (R,) whether they end within the required error.
+    run : (R,) increasing indices of the runs.
+    draw : (R,) index of the cluster of each run.
+    squares : (R,) mean squared position error in the settled window [m²]; NaN for failed runs.
+    succeeded : (R,) mask of the runs that end within the required error.
     """
 
     run: np.ndarray
@@ -143,19 +145,19 @@ class PairedRuns(NamedTuple):
 
     @classmethod
     def of(cls, runs: pd.DataFrame) -> PairedRuns:
-        """Return the data from a table of runs of one estimator on one case."""
+        """Take the data from a table of runs of one estimator on one case."""
         ordered = runs.sort_values("run")
         run, draw, squares = (ordered[name].to_numpy() for name in ("run", "draw", ERRORS))
         return cls(run, draw, squares, succeeded(ordered))
 
     def among(self, runs: np.ndarray) -> PairedRuns:
-        """Return the data of some runs, by their numbers (N,)."""
+        """Return the data of the runs whose indices are in ``runs`` (N,)."""
         chosen = np.isin(self.run, runs)
         return PairedRuns(*(values[chosen] for values in self))
 
 
 def compared(first: PairedRuns, second: PairedRuns) -> dict[str, Any]:
-    """Return the metrics of a pair on common runs, with p-values that are not adjusted."""
+    """Compare two estimators on common runs; p-values are not adjusted."""
     one, two = first.among(second.run), second.among(first.run)
     only, other = one.succeeded & ~two.succeeded, two.succeeded & ~one.succeeded
     lead = cluster_means(only.astype(float) - other, one.draw)
@@ -177,7 +179,7 @@ def compared(first: PairedRuns, second: PairedRuns) -> dict[str, Any]:
 
 
 def judged(pairs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return pairs of one case with p-values adjusted over all of them, and their verdicts."""
+    """Return comparisons with verdicts, and with p-values adjusted over all of them."""
     adjusted = holm([pair[key] for pair in pairs for key in ("success_p", "p")])
     rows = []
     for pair, (success_p, p) in zip(pairs, adjusted.reshape(-1, 2).tolist(), strict=True):
@@ -196,7 +198,10 @@ def judged(pairs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def pair_of(table: pd.DataFrame, case: str, first: str, second: str) -> dict[str, Any] | None:
-    """Return the comparison of two estimators from the view of the first; None if there is none."""
+    """Return the row of a table of pairs that compares ``first`` with ``second``, or None.
+
+    If the table has the pair in opposite order, the row is inverted.
+    """
     chosen = table[table["case"] == case]
     for one, other in ((first, second), (second, first)):
         matching = chosen[(chosen["first"] == one) & (chosen["second"] == other)]

@@ -25,14 +25,13 @@ AXES = ("east", "north", "up")
 
 
 def planned(flight: Flight) -> pd.DataFrame:
-    """Return the Cramér–Rao bound along the track of a flight, a row for each epoch.
+    """Return a table of the Cramér–Rao bound along a track, with a row for each epoch.
 
-    Columns: ``time_s``; ``latitude_deg``, ``longitude_deg``, ``height_m`` of the truth; bounds on
-    the standard deviation of the errors, given the measurements up to the epoch, ``east_m``,
-    ``north_m``, ``up_m``, ``position_m`` (spherical), ``east_mps``, ``north_mps``, ``up_mps``,
-    ``velocity_mps`` (spherical); and the spherical bounds given all measurements,
-    ``position_smoothed_m``, ``velocity_smoothed_mps``. For the errors that the bound omits, see
-    :func:`ggbench.simulation.flight_bounds.bounds`.
+    The columns are ``time_s``; true ``latitude_deg``, ``longitude_deg``, ``height_m``; bounds on
+    the standard deviations of the errors of a filter, ``east_m``, ``north_m``, ``up_m``,
+    ``position_m`` (3-D), ``east_mps``, ``north_mps``, ``up_mps``, ``velocity_mps`` (3-D); and 3-D
+    bounds for a smoother, ``position_smoothed_m``, ``velocity_smoothed_mps``.
+    :func:`ggbench.simulation.flight_bounds.bounds` lists the errors that the bound omits.
     """
     import pandas as pd  # not at the top: it loads slowly
 
@@ -60,8 +59,8 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
 
     Parameters
     ----------
-    case : the case; with draws, that of run 0.
-    smoothed : whether the bound is that of a smoother, given all measurements, instead of a filter.
+    case : the case; if each run draws its flight, the flight of run 0 is used.
+    smoothed : whether to return the bound of a smoother instead of a filter.
     """
     flight = prepare(case.of_run(0))
     bound = flight_bound(flight)
@@ -70,13 +69,14 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
 
 
 def around(case: CaseSpec, headings: int, starts: int, step_km: float) -> pd.DataFrame:
-    """Return :func:`tracks` for evenly spread headings and a square of starts around the flight's.
+    """Return :func:`tracks` for evenly spaced headings and a square grid of starts.
 
     Parameters
     ----------
+    case : case with the original flight, whose start is the centre of the grid.
     headings : number of headings.
     starts : number of starts along each side of the square.
-    step_km : distance of neighbouring starts [km].
+    step_km : distance between neighbouring starts [km].
     """
     offsets = [step_km * (k - 0.5 * (starts - 1)) for k in range(starts)]
     places = [(east, north) for north in offsets for east in offsets]
@@ -86,19 +86,19 @@ def around(case: CaseSpec, headings: int, starts: int, step_km: float) -> pd.Dat
 def tracks(
     case: CaseSpec, places_km: Iterable[tuple[float, float]], turns_deg: Iterable[float]
 ) -> pd.DataFrame:
-    """Return the bounds of a flight with other starts and headings, the smallest bound first.
+    """Return a table of the bounds of a flight with other starts and headings, smallest first.
 
     Parameters
     ----------
-    case : with a flight of segments, or of a track from a file.
+    case : case whose flight consists of segments or follows a track from a file.
     places_km : displacements of the start to the east and north [km].
     turns_deg : clockwise rotations about each start [deg].
 
     Returns
     -------
-    ``east_km``, ``north_km``, ``heading_deg`` at the start, ``bound_m`` (:func:`bound_of`),
-    ``present``, true for the given flight, which always has a row, and ``reason`` for tracks that
-    cannot be flown; these come last.
+    A table with the columns ``east_km``, ``north_km``, ``heading_deg`` at the start, ``bound_m``
+    (:func:`bound_of`), ``present`` and ``reason``. ``present`` is true for the original flight,
+    which always has a row. Tracks that cannot be flown come last, with the ``reason``.
 
     Raises
     ------

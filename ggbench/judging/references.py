@@ -20,13 +20,17 @@ METRICS = {
     "oracle_velocity_ms": False,
 }
 """Mean squares of a window, and whether every run has them: of the bound; of the oracle's errors,
-where the model is right."""
+where the model is right.
+"""
 DEFAULT_RATIO = 3.0
-"""Required final error where a case states none, in RMS filtering bounds over the last window."""
+"""Default required final error, as a multiple of the RMS bound of a filter in the last window."""
 
 
 class CaseBound:
-    """The bounds of one flight, by name ("filter", "batch", "fixed-lag-30") and window."""
+    """Cramér–Rao bounds of one flight.
+
+    The name of a bound is "filter", "batch" or, with a lag in epochs, "fixed-lag-30".
+    """
 
     def __init__(self, flight: Flight, bound: Bound) -> None:
         self.bound = bound
@@ -34,19 +38,19 @@ class CaseBound:
         self._squares: dict[str, np.ndarray] = {}
 
     def squares(self, name: str) -> np.ndarray:
-        """Return bounds (K, 2) on the squared position and velocity error."""
+        """Return the bounds (K, 2) on the squared position [m²] and velocity error [m²/s²]."""
         if name not in self._squares:
             cov = bound_for(self.bound, *parts(name))
             self._squares[name] = np.stack(squared_bounds(cov), axis=-1)
         return self._squares[name]
 
     def means(self, name: str) -> np.ndarray:
-        """Return the means (W, 2) of these bounds over the windows."""
+        """Return the means (W, 2) of :meth:`squares` over the W windows."""
         return _window_means(self.squares(name), self._times, self._windows)
 
     @property
     def final_m(self) -> float:
-        """Bound on the spherical position error at the last epoch [m]."""
+        """Bound of a filter on the 3-D position error at the last epoch [m]."""
         return math.sqrt(float(self.squares("filter")[-1, 0]))
 
     @property
@@ -59,13 +63,13 @@ class CaseBound:
 
 
 def metrics(name: str, bound: CaseBound, oracle: np.ndarray) -> np.ndarray:
-    """Return :data:`METRICS` of each run and window (R, W, 4).
+    """Return the mean squares :data:`METRICS` (R, W, 4) of R runs in W windows.
 
     Parameters
     ----------
-    name : of the bound for the causality of the estimates.
-    bound : of the flight.
-    oracle : (R, W, 2) of the runs, from :func:`oracle_means`.
+    name : name of the bound for the causality of the estimates.
+    bound : bounds of the flight.
+    oracle : (R, W, 2) mean squared errors of the oracle, from :func:`oracle_means`.
     """
     bounds = np.broadcast_to(bound.means(name), oracle.shape)
     return np.concatenate([bounds, oracle], axis=2)
@@ -79,17 +83,19 @@ def oracle_means(
     error_state: np.ndarray,
     transition: np.ndarray,
 ) -> np.ndarray:
-    """Return mean squared errors (R, W, 2) of the oracle, a filter linearised at the truth.
+    """Return the mean squared errors (R, W, 2) of the oracle in W windows.
 
-    The model must be right (:func:`.situations.is_right_model`).
+    The oracle is a filter or smoother linearised at the truth. The last axis is position [m²] and
+    velocity [m²/s²]. The assumed model must equal the true model
+    (:func:`.situations.is_right_model`).
 
     Parameters
     ----------
-    name : of the bound.
-    flight, bound : of the runs.
-    residuals : (R, K, m) measurements less h at the truth.
-    error_state : (R, K, n) the truth.
-    transition : (R, K, n, n) Φ.
+    name : name of the bound, which states the causality.
+    flight, bound : flight of the runs, and bounds of this flight.
+    residuals : (R, K, m) measurements minus h at the truth.
+    error_state : (R, K, n) true error states.
+    transition : (R, K, n, n) transition matrices.
     """
     filtered, predicted = bound.bound.oracle(residuals, error_state, transition)
     causality, lag = parts(name)
@@ -105,7 +111,7 @@ def oracle_means(
 
 
 def parts(name: str) -> tuple[str, int | None]:
-    """Return causality and lag [ticks] from the name of a bound."""
+    """Split the name of a bound into the causality and the lag [epochs] or None."""
     if name.startswith("fixed-lag-"):
         return "fixed-lag", int(name.removeprefix("fixed-lag-"))
     return name, None

@@ -1,7 +1,7 @@
 """Errors and consistency of runs, and validation of estimates.
 
-Estimates are blocks (R, K, ...) of R runs and K epochs; a single run is a block of one. The kernels
-process one run after the other, so no result depends on other runs of the block.
+Estimates are blocks (R, K, ...) of R runs and K epochs; a single run is a block with R = 1. The
+kernels process one run after the other, so that results do not depend on other runs of the block.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ METRICS = {
     "nis": False,
     "coverage": False,
 }
-"""Metrics of a run in each window: whether every run has them, which are at least zero then."""
+"""Metrics of a run in each window; true if every run has a value, which is then at least zero."""
 JUDGED = 6
-"""Position and velocity error: the states whose consistency is judged."""
+"""Number of states whose consistency is tested: position and velocity errors."""
 COVERAGE = 0.95
 _INSIDE = float(chdtri(JUDGED, 1.0 - COVERAGE))
 """The NEES below which a consistent estimate is with that probability."""
@@ -46,10 +46,10 @@ _ROUNDING = 1e-9
 
 
 def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarray:
-    """Return the epochs (K,) of a window, as a mask.
+    """Return a mask (K,) of the epochs in a window.
 
-    ``whole``: from the first update on; ``settled``: from ``settled_from_s`` on; ``last20``: the
-    last ``last_s`` seconds.
+    The window ``whole`` has all epochs, ``settled`` those from ``settled_from_s`` on, and
+    ``last20`` those of the last ``last_s`` seconds.
     """
     if name == "whole":
         return np.ones(len(times), dtype=bool)
@@ -60,15 +60,16 @@ def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarra
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors and consistency of R runs, or of one without the leading axis.
+    """Errors and consistency of R runs, or of a single run (then without the leading axis).
 
     Attributes
     ----------
-    position_error, velocity_error : (R, K) spherical errors ‖·‖ [m], [m/s].
-    nees : (R, K) normalised estimation error squared of the six judged states; NaN without P.
+    position_error, velocity_error : (R, K) 3-D errors, the Euclidean norms [m], [m/s].
+    nees : (R, K) normalised estimation error squared of position and velocity, 6 if consistent; NaN
+        without covariances.
     nis : (R, K) normalised innovation squared; NaN if not available.
-    components : (R, K, 6) errors of position and velocity, ENU, estimated − true.
-    sigmas : (R, K, 6) reported standard deviations.
+    components : (R, K, 6) errors of position [m] and velocity [m/s], ENU, estimated − true.
+    sigmas : (R, K, 6) reported standard deviations of ``components``.
     """
 
     position_error: np.ndarray
@@ -80,13 +81,12 @@ class Evaluation:
 
 
 def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return part of an estimate as contiguous floats of a given shape (...).
+    """Return an array of an estimate as contiguous floats of a given shape (...).
 
     Raises
     ------
     ValueError
-        If it has another shape, contains anything but real numbers, or is a masked array or one
-        with units.
+        If it has another shape, contains anything except real numbers, is masked or has units.
     """
     require_plain(name, array)
     values = np.asarray(array)
@@ -100,7 +100,7 @@ def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def require_plain(name: str, array: Any) -> None:
-    """Raise ValueError for an array, also in a list, with a mask or units."""
+    """Raise ValueError if an array, or an array in a list, has a mask or units."""
     if isinstance(array, list | tuple):
         for item in array:
             if not isinstance(item, float):  # by far most of them
@@ -117,19 +117,20 @@ def require_plain(name: str, array: Any) -> None:
 def evaluate_block(
     error_state: np.ndarray, mean: np.ndarray, cov: np.ndarray | None
 ) -> tuple[Evaluation, list[str]]:
-    """Evaluate estimates of the INS error against the true error; the NIS stays NaN.
+    """Evaluate estimates of the INS error against the true INS error; the NIS stays NaN.
 
-    The corrected navigation solution is INS − x̂, so its error is x_true − x̂.
+    The corrected navigation solution is INS − x̂, so the error of this solution is x_true − x̂.
 
     Parameters
     ----------
     error_state : (R, K, n) true INS error.
-    mean : (R, K, n) estimates.
-    cov : (R, K, n, n) their covariances, or None. The lower triangle of the judged part counts.
+    mean : (R, K, n) estimates x̂.
+    cov : (R, K, n, n) reported covariances, or None. Only the lower triangles of the block of
+        position and velocity are used.
 
     Returns
     -------
-    The evaluation, and the fault of each run ("" if none): numbers that are not finite, or a
+    The evaluation, and the fault of each run or "". A fault is a number that is not finite, or a
     covariance of position and velocity that is not positive definite. The evaluation of such a run
     is invalid.
     """
@@ -256,7 +257,7 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
     Raises
     ------
     ValueError
-        If its numbers are not finite or its covariance is invalid.
+        If numbers of the estimate are not finite or its covariance is invalid.
     """
     shape = (problem.epochs, problem.dimension)
     mean = real_array("mean", estimate.mean, shape)
@@ -281,8 +282,8 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
 def window_means(evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:
     """Return the :data:`METRICS` (R, W, 5) of each run in each of :data:`WINDOWS`.
 
-    They are mean squared errors, mean NEES, mean NIS of the epochs with innovations, and the share
-    of epochs with a NEES below the 95 % quantile of χ².
+    The metrics are mean squared position and velocity error, mean NEES, mean NIS over the epochs
+    with innovations, and the share of epochs with a NEES below the 95 % quantile of χ².
     """
     masks = np.array([window_mask(times, windows, name) for name in WINDOWS])
     out = np.empty((len(evaluation.nees), len(WINDOWS), len(METRICS)))
@@ -333,7 +334,10 @@ def _window_means(
 def window_metrics(
     evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
 ) -> dict[str, dict[str, float]]:
-    """Return the metrics (:func:`window_means`) of one run by window; times are (K,)."""
+    """Return the metrics of one run by name of the window (:func:`window_means`).
+
+    ``times`` (K,) are the epochs [s].
+    """
     block = Evaluation(**{name: values[None] for name, values in vars(evaluation).items()})
     means = window_means(block, times, windows)[0].tolist()
     return {
@@ -343,9 +347,10 @@ def window_metrics(
 
 
 def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
-    """Return whether a run's final position error exceeds 10 × bound and the error of the INS.
+    """Return whether a run has diverged at the last epoch.
 
-    It must exceed the INS error by more than rounding, because the estimate of the INS alone is
-    summed in another order.
+    A run has diverged if the final position error exceeds ten times the bound, and also the INS
+    error. The INS error must be exceeded by more than rounding, because the estimator ``ins``
+    computes it in another order.
     """
     return final_error > max(10.0 * final_bound, (1.0 + _ROUNDING) * final_ins_error)

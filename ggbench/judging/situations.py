@@ -1,4 +1,4 @@
-"""Situations of cases by their set-up; comparison of assumed and true model."""
+"""Classification of cases by situation, and comparison of assumed and true model."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _READINGS = ("outlier", "dropout", "noise_freedom")
 
 
 def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
-    """Return the situation of a case: the first of :data:`SITUATIONS` that fits its keys.
+    """Return the situation of a case: the first of :data:`SITUATIONS` that fits the keys.
 
     Parameters
     ----------
     case : the case.
-    correlation_m : correlation length of the field along the track [m]; NaN if unknown: the prior
-        then counts as narrow.
+    correlation_m : correlation length of the field along the track [m]. If it is NaN (unknown), the
+        prior counts as narrow.
     """
     if case.measured_sensors():
         return "measured"
@@ -69,7 +69,8 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
 def is_right_model(case: CaseSpec) -> bool:
     """Return whether the assumed model equals the true one in all keys of the case.
 
-    Gaps at known times are no model errors. For measured data the truth is unknown.
+    Gaps at known times are no model errors. For measured data the truth is unknown, so the result
+    is false.
     """
     spec = case.gradiometer
     white = spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"

@@ -1,4 +1,4 @@
-"""Standing of estimators over the cases of a scenario."""
+"""Ranking of causal estimators over the cases of a scenario."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ STANDING = (
 
 
 def standing(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each causal estimator except the INS, with :data:`STANDING`.
+    """Return a table with a row for each causal estimator except the INS.
 
-    ``recommended_in``: the number of cases in which it is recommended; ``worst_ratio``,
-    ``mean_ratio``: largest and geometric mean of its RMS error over that of the best estimator of a
-    case; ``seconds_per_run``: the geometric mean. The order is by number of recommendations, then
-    mean ratio, then time. In each case only estimators with all runs count.
+    The columns are :data:`STANDING`. ``recommended_in`` is the number of cases in which the
+    estimator is recommended. ``worst_ratio`` and ``mean_ratio`` are the largest value and the
+    geometric mean over the cases of the RMS error divided by that of the best estimator.
+    ``seconds_per_run`` is a geometric mean. The order is by number of recommendations, then mean
+    ratio, then time. In each case only estimators with all runs count.
 
     Parameters
     ----------
-    metrics : of the scenario (:func:`.summary.metrics`), with recommendations.
-    cases : of the scenario (:func:`.cases.cases`).
+    metrics : metrics of the scenario (:func:`.summary.metrics`), with recommendations.
+    cases : table of the cases (:func:`.cases.cases`).
     """
     rows = metrics[
         (metrics["window"] == "settled")

@@ -1,6 +1,6 @@
-"""Tests, bands of consistency, and intervals of shares and means over runs.
+"""Statistics over runs: tests, consistency bands, intervals of shares and means.
 
-A run is one independent sample, because its epochs are strongly correlated.
+Each run is one sample, because the epochs of a run are strongly correlated.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from scipy.special import bdtr, bdtrc, chdtri, ndtri, stdtr, stdtrit
 ALPHA = 0.05
 """False-alarm rate of every interval, band and verdict."""
 FEWEST_CLUSTERS = 10
-"""Number of clusters of runs below which RMS errors have no interval, and noise no verdict."""
+"""Least number of clusters for intervals of RMS errors and for the verdict on noise."""
 BETTER, WORSE, EQUIVALENT, UNDECIDED = "better", "worse", "equivalent", "undecided"
 EQUIVALENCE_RATIO = 1.05
 """Ratio of errors within which two estimators are equivalent."""
 ROUNDING = 1e-9
-"""Relative difference of errors below which two runs are tied: rounding differs by machine."""
+"""Relative difference of errors below which two runs count as equal, because rounding differs
+between machines.
+"""
 
 
 def cluster_means(values: np.ndarray, cluster: np.ndarray) -> np.ndarray:
@@ -32,14 +34,14 @@ def cluster_means(values: np.ndarray, cluster: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LogRatio:
-    """Ratio of two estimators' errors, run by run.
+    """Mean ratio of two estimators' errors in the same runs.
 
     Attributes
     ----------
-    ratio, lo, hi : geometric mean of first / second and its 95 % interval (Student's t).
-    p : two-sided p-value of "the mean logarithm is 0" (Student's t).
-    p_equivalent : p-value of "the ratio is not within :data:`EQUIVALENCE_RATIO`": the larger one of
-        two one-sided tests (Schuirmann 1987).
+    ratio, lo, hi : geometric mean of first / second, with a 95 % interval (Student's t).
+    p : two-sided p-value of the hypothesis "the mean logarithm of the ratio is 0" (Student's t).
+    p_equivalent : p-value of the hypothesis "the ratio is not within :data:`EQUIVALENCE_RATIO` of
+        1", the larger of two one-sided tests (Schuirmann 1987).
     """
 
     ratio: float
@@ -50,14 +52,15 @@ class LogRatio:
 
 
 def log_ratio(first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray) -> LogRatio:
-    """Return the ratio of two estimators' errors on the same runs.
+    """Return the mean ratio of two estimators' errors in the same runs.
 
-    Every cluster is one sample: its mean logarithm. A test needs two clusters.
+    Each cluster is one sample: the mean logarithm over the runs of the cluster. The tests need at
+    least two clusters.
 
     Parameters
     ----------
     first_ms, second_ms : (runs,) mean squared errors [m²], above 0.
-    cluster : (runs,) number of the track or map error that runs share.
+    cluster : (runs,) index of the track or map error that runs share.
     """
     logs = 0.5 * np.log(first_ms / second_ms)
     means = cluster_means(np.where(np.abs(logs) < ROUNDING, 0.0, logs), cluster)
@@ -85,16 +88,17 @@ def log_ratio(first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray) 
 def runs_to_decide(
     first_ms: np.ndarray, second_ms: np.ndarray, cluster: np.ndarray, tests: int
 ) -> float:
-    """Return the number of runs needed for a verdict on a pair, extrapolated from these runs.
+    """Return the number of runs that a verdict on a pair would need.
 
-    It is the least number with which the test finds a difference, or equivalence, with a power of
-    80 % (normal approximation). It is ∞ if no number is sufficient, and NaN with fewer than two
-    clusters.
+    It is the least number with which the test detects a difference or equivalence with a power of
+    80 % (normal approximation), if further runs have the same statistics. It is ∞ if no number is
+    sufficient, and NaN with fewer than two clusters.
 
     Parameters
     ----------
-    first_ms, second_ms, cluster : (runs,) as of :func:`log_ratio`.
-    tests : number of tests of the family, by which the difference is tested at 5 % (Bonferroni).
+    first_ms, second_ms, cluster : (runs,) as in :func:`log_ratio`.
+    tests : number of tests of the family; the level for a difference is 5 % / ``tests``
+        (Bonferroni).
     """
     means = cluster_means(0.5 * np.log(first_ms / second_ms), cluster) if len(cluster) else cluster
     if len(means) < 2:
@@ -110,24 +114,25 @@ def runs_to_decide(
 
 
 def exact_p(one: int, other: int) -> float:
-    """Return the two-sided p-value of "one and other are equally likely" (binomial, exact).
+    """Return the two-sided p-value of the hypothesis that two outcomes are equally likely.
 
-    It is the p-value of McNemar's (1947) exact test of discordant pairs, and of the sign test.
+    ``one`` and ``other`` are the counts of the outcomes. The test is exact (binomial); it is
+    McNemar's (1947) test of discordant pairs, and the sign test.
     """
     total = one + other
     return min(1.0, 2.0 * float(bdtr(min(one, other), total, 0.5))) if total else 1.0
 
 
 def share_interval(hits: np.ndarray, cluster: np.ndarray) -> tuple[float, float, float]:
-    """Return a share of runs and its 95 % interval (Wilson 1927).
+    """Return a share of runs with a 95 % interval (Wilson 1927).
 
-    If clusters differ more than independent runs, the interval is that of the effective number of
-    independent runs.
+    If the shares of the clusters scatter more than those of independent runs, the interval is
+    computed with the effective number of independent runs.
 
     Parameters
     ----------
     hits : (runs,) mask of the counted runs.
-    cluster : (runs,) number of the track or map error that runs share.
+    cluster : (runs,) index of the track or map error that runs share.
     """
     if len(hits) == 0:
         return math.nan, math.nan, math.nan
@@ -147,13 +152,14 @@ def _independent_runs(hits: np.ndarray, cluster: np.ndarray) -> float:
 
 
 def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
-    """Return the p-value of "at most this share of runs" (exact binomial test); 1 without runs.
+    """Return the p-value of the hypothesis that at most a given share of runs are hits.
 
     Parameters
     ----------
-    hits : (runs,) mask of the counted runs, or a fraction for each.
-    cluster : (runs,) number of the track or map error that runs share.
-    share : hypothesis of the test.
+    hits : (runs,) mask of the runs that count as hits, or a fraction for each run.
+    cluster : (runs,) index of the track or map error that runs share.
+    share : share in the hypothesis. The test is an exact binomial test; without runs the result is
+        1.
     """
     if len(hits) == 0:
         return 1.0
@@ -163,18 +169,19 @@ def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
 
 
 def share_below(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
-    """Return the p-value of "at least this share of runs" (runs,), see :func:`share_above`."""
+    """Return the p-value of the hypothesis that at least a given share of runs are hits.
+
+    Arguments (runs,) and test are those of :func:`share_above`.
+    """
     return share_above(1.0 - hits.astype(float), cluster, 1.0 - share)
 
 
 def mean_interval(
     values: np.ndarray, cluster: np.ndarray, alpha: float = ALPHA
 ) -> tuple[float, float, float]:
-    """Return the mean over clusters of values (runs,) and its interval (Student's t).
+    """Return the mean of cluster means of values (runs,), with an interval (Student's t).
 
-    The ends are NaN with one cluster.
-
-    The probability outside the interval is ``alpha``, half of it on each side.
+    The ends are NaN with a single cluster.
     """
     means = cluster_means(values, cluster)
     mean, count = float(means.mean()), len(means)
@@ -185,7 +192,10 @@ def mean_interval(
 
 
 def wilson(hits: float, runs: float) -> tuple[float, float, float]:
-    """Return a share of independent runs and its 95 % interval (Wilson 1927); NaN without runs."""
+    """Return hits / runs with a 95 % interval (Wilson 1927); NaN without runs.
+
+    The runs must be independent.
+    """
     if not runs:
         return math.nan, math.nan, math.nan
     share, z2 = hits / runs, float(ndtri(1.0 - ALPHA / 2.0)) ** 2
@@ -196,16 +206,17 @@ def wilson(hits: float, runs: float) -> tuple[float, float, float]:
 
 
 def mean_band(samples: int, dimension: float) -> tuple[float, float]:
-    """Return the 95 % band of the mean NEES or NIS of a consistent estimator; NaN if empty.
+    """Return the 95 % band of the mean NEES or NIS of a consistent estimator.
 
-    The mean has a χ² distribution with samples × dimension degrees of freedom (Bar-Shalom et al.
-    2001, § 5.4.2). For the NEES a run is one sample, as if it were a single epoch (its epochs are
-    strongly correlated): the false-alarm rate of a window's mean is 5 % at most. The innovations of
-    a filter are white: every epoch of every run is a sample, and the false-alarm rate is 5 %.
+    ``samples`` times the mean has a χ² distribution with samples × dimension degrees of freedom
+    (Bar-Shalom et al. 2001, § 5.4.2). For the NEES each run is one sample, because the epochs of a
+    run are strongly correlated; the false-alarm rate is then at most 5 %. The innovations of a
+    filter are white, so each epoch of each run is a sample of the NIS; the false-alarm rate is 5 %.
+    The band is NaN without samples.
 
     Parameters
     ----------
-    samples : number of runs, or of all their epochs with a measurement.
+    samples : number of runs for the NEES, or of epochs with a measurement in all runs for the NIS.
     dimension : number of states, or mean number of channels of a measurement.
     """
     if samples == 0:
@@ -215,15 +226,16 @@ def mean_band(samples: int, dimension: float) -> tuple[float, float]:
 
 
 def coverage_band(runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the 95 % band of a consistent estimator's coverage: the share of epochs inside.
+    """Return the 95 % band of a consistent estimator's coverage.
 
-    The band is binomial with one sample per run, because epochs are strongly correlated. The
-    false-alarm rate is at most 5 %. NaN without runs.
+    The coverage is the share of epochs with the truth inside a reported region. The band is
+    binomial with one sample per run, because the epochs of a run are strongly correlated. The
+    false-alarm rate is at most 5 %. The band is NaN without runs.
 
     Parameters
     ----------
     runs : number of runs.
-    level : nominal probability that the truth is inside.
+    level : nominal probability that the truth lies inside the region.
     """
     if runs == 0:
         return math.nan, math.nan
@@ -234,12 +246,13 @@ def coverage_band(runs: int, level: float = 0.95) -> tuple[float, float]:
 
 @lru_cache(maxsize=64)
 def binomial_quantile(probability: float, count: int, share: float) -> int:
-    """Return the least k such that P(successes ≤ k) is at least ``probability``.
+    """Return the least k with P(successes ≤ k) ≥ ``probability`` in a binomial distribution.
 
     Parameters
     ----------
-    probability : above 0 and below 1.
-    count : number of independent trials, each of which succeeds with probability ``share``.
+    probability : number between 0 and 1, both excluded.
+    count : number of independent trials.
+    share : probability of success in each trial.
     """
     return int(np.searchsorted(bdtr(np.arange(count + 1), count, share), probability))
 
@@ -255,21 +268,21 @@ def _difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 def excess_p_value(
     before_ms: np.ndarray, after_ms: np.ndarray, threshold: float, paired: bool
 ) -> float:
-    """Return the one-sided p-value of "after's MRSE is at most (1 + threshold) × before's".
+    """Return the p-value of the hypothesis that an RMS error grew by at most ``threshold``.
 
-    Pairs use Student's t-test of the hypothesis that after − (1 + threshold)²·before has no
-    positive mean. Independent samples use Welch's test (1947) and should be equally many, because
-    squared errors are skewed.
+    The test is one-sided. For pairs it is Student's t-test of the hypothesis that the mean of after
+    − (1 + threshold)²·before is not positive. For independent samples it is Welch's test (1947);
+    they should be of equal size, because squared errors are skewed.
 
     Parameters
     ----------
     before_ms, after_ms : (runs,) mean squared errors [m² or m²/s²].
-    threshold : tolerated relative excess of MRSE.
+    threshold : tolerated relative increase of the RMS error.
     paired : whether both belong to the same runs.
 
     Returns
     -------
-    The p-value; 1 with fewer than two runs of either, and 0 or 1 without any spread.
+    The p-value. It is 1 if either has fewer than two runs, and 0 or 1 if the values do not scatter.
 
     Raises
     ------
@@ -295,10 +308,10 @@ def excess_p_value(
 
 
 def holm(p_values: Iterable[float]) -> np.ndarray:
-    """Return p-values (m,) adjusted for their number by Holm's (1979) step-down procedure.
+    """Return p-values (m,) adjusted for multiple tests by Holm's (1979) step-down procedure.
 
-    Rejecting those below α rejects any true hypothesis with a probability of at most α, for any
-    dependence of the tests.
+    If all hypotheses with an adjusted p-value below α are rejected, the probability of rejecting
+    any true hypothesis is at most α, for any dependence between the tests.
     """
     p = np.asarray(list(p_values), dtype=float)
     order = np.argsort(p)

@@ -1,7 +1,7 @@
-"""Metrics of estimators over many runs: a row per case, estimator and window.
+"""Table of metrics of estimators over many runs, by case, estimator and window.
 
-A worker evaluates each run once (:mod:`.judging.run_errors`). Runs that share a drawn track or map
-error form a cluster. Intervals resample clusters.
+The input is the table of runs, which have been evaluated by :mod:`.judging.run_errors`. Runs that
+share a drawn track or map error form a cluster. Confidence intervals resample clusters.
 """
 
 from __future__ import annotations
@@ -84,21 +84,22 @@ METRICS = (
 )
 """Columns of :func:`metrics`."""
 SMOOTHERS = ("fixed-lag", "batch")
-"""Causalities of estimators that see later measurements."""
+"""Causalities of estimators that use later measurements."""
 OFTEN = 0.30
-"""Success rate of the unaided INS above which success says little of an estimator."""
+"""Success rate of the unaided INS above which success rates are not informative."""
 
 
 def succeeded(runs: pd.DataFrame) -> np.ndarray:
-    """Return the runs (R,), as a mask, that finished and ended within the required error."""
+    """Return a mask (R,) of the runs that finished and ended within the required error."""
     near = runs["final_position_error_m"] <= runs["required_m"]
     return np.asarray(near & (runs["status"] == "ok"))
 
 
 def lost(runs: pd.DataFrame) -> np.ndarray:
-    """Return the runs (R,), as a mask, that ended outside the required error without warning.
+    """Return a mask (R,) of the runs that ended outside the required error without warning.
 
-    Their mean NEES over the last window exceeds the 99.9 % quantile of χ².
+    "Without warning" means that the mean NEES over the last window exceeds the 99.9 % quantile of
+    χ², so that the reported covariance excludes such an error.
     """
     beyond = runs["last20_nees"].to_numpy(float) > consistency.BEYOND
     finished = (runs["status"] == "ok").to_numpy()
@@ -110,14 +111,15 @@ def metrics(
     published: Mapping[str, tuple[float, float]],
     measurements: Mapping[str, Mapping[str, tuple[int, float]]] | None = None,
 ) -> pd.DataFrame:
-    """Return one row per case, estimator and window, with :data:`METRICS`.
+    """Return a table of the :data:`METRICS`, with a row for each case, estimator and window.
 
     Parameters
     ----------
     runs : table of runs (:meth:`.results.folder.Results.runs`).
-    published : case to published RMS errors of position [m] and velocity [m/s].
-    measurements : case to window to (epochs, channels): number of epochs with a measurement in one
-        run, and their mean number of channels. Without it the mean NIS has no band.
+    published : published RMS errors of position [m] and velocity [m/s], by case.
+    measurements : (epochs, channels) by case and window: the number of epochs with a measurement in
+        one run, and the mean number of channels at these epochs. Without it the mean NIS has no
+        band.
     """
     import pandas as pd
 

@@ -1,7 +1,8 @@
-"""Verdict on a case: best estimator, recommended estimators, gain of aiding.
+"""Verdicts on cases: best estimator, recommended estimators, gain of aiding.
 
-Estimators are compared on equal runs. Recommendations are cross-fitted: the best estimator of the
-even runs is compared on the odd runs, and vice versa. Both must agree.
+Estimators are compared on equal runs. Recommendations are cross-fitted: the best estimator is
+chosen on the even runs and the others are compared with it on the odd runs, and vice versa. Both
+results must agree.
 """
 
 from __future__ import annotations
@@ -25,32 +26,34 @@ if TYPE_CHECKING:
 MOST_FAILED = 0.05
 """Share of failed runs above which an estimator is not compared."""
 RECOMMENDED_RATIO = 1.10
-"""Ratio of RMS errors to the best estimator's within which one is recommended."""
+"""Largest ratio of a recommended estimator's RMS error to the least RMS error."""
 FEWEST_RUNS = 40
 """Runs of a case below which no estimator is recommended."""
 LEAST_SUCCESS = 0.5
-"""Share of runs within the required error that a recommended estimator has at least."""
+"""Least success rate of a recommended estimator."""
 LEAST_NEES = 0.5 * JUDGED
-"""Mean NEES of a recommended estimator: its covariance is at most twice too large."""
+"""Least mean NEES of a recommended estimator: the covariance is at most twice too large."""
 ALIKE_TIMES = 2.0
-"""Ratio of times of a run up to which they are alike: they differ between machines and loads."""
+"""Ratio of computing times up to which they count as equal, because they vary with the load."""
 _INS = ""
 """Label of the INS among estimators."""
 
 
 class Verdict(NamedTuple):
-    """The verdict on the estimators of one kind in a case.
+    """Verdict on the estimators of one kind (causal or smoother) in a case.
 
     Attributes
     ----------
-    best : estimator of least RMS error among the consistent ones, else among all; "" if none was
-        compared. If none is recommended, it is the *least bad*.
-    recommended : labels of the recommended estimators, the cheapest first, then in the order of the
+    best : label of the estimator with the least RMS error among the consistent estimators; among
+        all estimators if none is consistent; "" if none was compared. If none is recommended,
+        reports call it the *least bad*.
+    recommended : labels of the recommended estimators, the fastest first, else in the order of the
         campaign.
     consistent : number of consistent estimators.
-    gain : verdict on the best of each half against the INS in the other half; "undecided" if the
-        two differ, "" without an INS or with a single run.
-    reason : reason why none is recommended; "" if one is.
+    gain : verdict of the comparison with the INS: the best estimator of one half of the runs is
+        compared in the other half. "undecided" if the two halves differ; "" without an INS or with
+        a single run.
+    reason : reason why no estimator is recommended; "" if one is.
     """
 
     best: str = ""
@@ -61,11 +64,11 @@ class Verdict(NamedTuple):
 
 
 class UnequalRunsError(ValueError):
-    """The compared estimators did not fly the same runs."""
+    """The compared estimators do not have the same runs."""
 
 
 def require_equal_runs(runs: pd.DataFrame) -> None:
-    """Raise UnequalRunsError unless all estimators of each case flew the same runs."""
+    """Raise UnequalRunsError unless all estimators of each case have the same runs."""
     for case, group in runs.groupby("case", sort=False):
         flown = {label: frozenset(own["run"]) for label, own in group.groupby("estimator")}
         if len(set(flown.values())) > 1:
@@ -74,7 +77,7 @@ def require_equal_runs(runs: pd.DataFrame) -> None:
 
 
 def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of the estimators that flew all runs of a case and seldom failed."""
+    """Return the runs of those estimators that have all runs of a case and rarely failed."""
     own = [runs["case"], runs["estimator"]]
     flown = runs["run"].groupby(own).transform("count")
     failed = (runs["status"] != "ok").groupby(own).transform("mean")
@@ -82,23 +85,25 @@ def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Verdict:
-    """Return the verdict on the estimators of a kind in one case.
+    """Return the verdict on the estimators of one kind in one case.
 
     An estimator is *recommended* if
 
-    - it is consistent or conservative, and its covariance is at most twice too large;
-    - it succeeds in at least half of the runs, and not surely less often than another one;
-    - its RMS error is near the best one in both halves of the runs (:func:`_near`).
+    - it is consistent or conservative, and the mean NEES is at least half of the nominal value;
+    - it succeeds in at least half of the runs, and not significantly less often than another
+      estimator;
+    - in both halves of the runs its RMS error is significantly within 10 % of that of the best
+      estimator (:func:`_near`).
 
-    None is recommended with fewer than 40 runs, or if the best one is not surely better than the
-    INS in both halves. A failed run counts with the largest error of any estimator in it, including
-    the INS.
+    No estimator is recommended with fewer than 40 runs, or if the best estimator is not
+    significantly better than the INS in both halves. A failed run counts with the largest error of
+    any estimator in this run, including the INS.
 
     Parameters
     ----------
-    runs : table of runs of one case with a column ``draw``, the number of the cluster.
-    metrics : their metrics (:func:`.summary.metrics`).
-    of : "causal" or "smoother".
+    runs : table of runs of one case with a column ``draw``, the index of the cluster.
+    metrics : table of metrics of these runs (:func:`.summary.metrics`).
+    of : kind of estimators, "causal" or "smoother".
     """
     runs = with_equal_runs(runs)
     unaided = runs["causality"] == "none"

@@ -1,1 +1,1 @@
-"""Recorded flights: reading, writing of simulated runs, corrected tracks."""
+"""Recorded flights: reader of records, writer for simulated runs, corrected tracks."""

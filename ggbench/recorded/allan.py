@@ -1,7 +1,8 @@
-"""Noise of inertial sensors from the Allan deviation of a log at rest.
+"""Noise parameters of inertial sensors from the Allan deviation of a static log.
 
-The noise model is white noise plus a first-order Gauss–Markov bias, as in ``[imu]``. Their Allan
-variance (IEEE Std 952-1997, annex C) is fitted to that of the log, the mean over the three axes.
+The noise model is white noise plus a first-order Gauss–Markov bias, as in ``[imu]``. The Allan
+variance of this model (IEEE Std 952-1997, annex C) is fitted to the Allan variance of the log,
+averaged over the three axes.
 """
 
 from __future__ import annotations
@@ -47,14 +48,14 @@ _GAIN = 25.0
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Noise of three equal sensors, in SI units.
+    """Noise parameters of three equal sensors, in SI units.
 
     Attributes
     ----------
     white : root PSD of the white noise [unit/√Hz].
-    bias : σ of the Gauss–Markov bias [unit]; 0 if not detected.
-    time : its correlation time [s], at most the duration; ∞ without a bias.
-    instability : least Allan deviation over 0.664 [unit], an upper limit of flicker noise.
+    bias : standard deviation of the Gauss–Markov bias [unit]; 0 if no bias was detected.
+    time : correlation time of the bias [s], at most the duration of the log; ∞ without a bias.
+    instability : least Allan deviation divided by 0.664 [unit], an upper limit of flicker noise.
     """
 
     white: float
@@ -65,13 +66,13 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class ImuNoise:
-    """Noise of an IMU from a log at rest.
+    """Noise parameters of an IMU, from a static log.
 
     Attributes
     ----------
-    period, duration : of the used samples [s].
-    gyros, accelerometers : in rad/s and m/s².
-    remarks : on omitted or interpolated samples.
+    period, duration : interval and total duration of the samples that are used [s].
+    gyros, accelerometers : noise parameters; the units are rad/s and m/s².
+    remarks : remarks on omitted or interpolated samples.
     doubts : warnings about units.
     """
 
@@ -84,13 +85,14 @@ class ImuNoise:
 
 
 def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNoise:
-    """Return the noise of the sensors of a log at rest.
+    """Return the noise parameters of an IMU from a static log.
 
     The file is CSV or netCDF with ``time_s`` and rates or increments, as in ``[imu_record]``.
-    ``names`` is a table of its column names, or a preset. Single missing samples are skipped. If
-    there are longer gaps, the longest piece is used.
+    ``names`` maps standard column names to those of the file, or is the name of a preset. Single
+    missing samples are skipped. If there are longer gaps, the longest piece between gaps is used.
 
-    Raises FlightError if the file cannot be read, is short, has too many gaps, or is not at rest.
+    Raises FlightError if the file cannot be read, is too short, has too many gaps, or the IMU was
+    not at rest.
     """
     columns = files.read(path, (), (*RATES, *DELTAS), names=names)
     quantities = next(

@@ -1,4 +1,4 @@
-"""CSV or netCDF files of recorded numbers; column names contain units."""
+"""Reader and writer of recorded numbers in CSV or netCDF columns; column names contain units."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _LARGEST = 4_000_000_000
 
 @dataclass(frozen=True)
 class Columns:
-    """Numbers of a file, a column for each name.
+    """Columns of numbers from a file.
 
     Attributes
     ----------
-    path : of the file.
-    values : (N,) of each column; NaN for empty cells.
+    path : path of the file.
+    values : numbers (N,) by name of the column; NaN for empty cells.
     first_line : line number of the first row; None for netCDF.
-    stated : columns with a unit stated by file or user.
+    stated : names of the columns whose unit the file or the user states.
     """
 
     path: Path
@@ -60,15 +60,15 @@ class Columns:
         return len(next(iter(self.values.values())))
 
     def states_unit(self, name: str) -> bool:
-        """Return whether the unit of a column is stated, instead of taken from its key."""
+        """Return whether file or user state the unit of a column; else the name implies it."""
         return name in self.stated
 
     def stacked(self, names: Sequence[str]) -> np.ndarray:
-        """Return columns (N, len(names))."""
+        """Return several columns as an array (N, len(names))."""
         return np.stack([self.values[name] for name in names], axis=-1)
 
     def require_within(self, limits: Mapping[str, tuple[float, float]]) -> None:
-        """Raise FlightError if a number of a column is beyond its lowest or highest."""
+        """Raise FlightError if a number lies outside the limits (lowest, highest) of its column."""
         for name, (lowest, highest) in limits.items():
             values = self.values[name]
             off = (values < lowest) | (values > highest)
@@ -80,7 +80,7 @@ class Columns:
                 )
 
     def error(self, sentence: str, row: int | None = None) -> FlightError:
-        """Return an error of this file, at one of its rows."""
+        """Return an error whose message names this file and optionally a row."""
         where = ""
         if row is not None:
             where = (
@@ -97,13 +97,14 @@ def read(
     may_be_empty: Iterable[str] = (),
     names: str | Mapping[str, str] | None = None,
 ) -> Columns:
-    """Read columns of a file, ``.nc`` or CSV; other columns are ignored.
+    """Read required and optional columns of a CSV or netCDF (``.nc``) file.
 
-    Columns of ``may_be_empty`` may have missing numbers. ``names`` is a table of column names, or a
-    preset; see :func:`.column_names.find`.
+    All other columns are ignored. Only the columns in ``may_be_empty`` may have missing numbers.
+    ``names`` maps standard column names to those of the file, or is the name of a preset; see
+    :func:`.column_names.find`.
 
-    Raises FlightError with a sentence that states the file, the place, the value and the allowed
-    values.
+    Raises FlightError if the file is invalid; the message states the file, the place, the value and
+    the allowed values.
     """
     needed_columns = ("time_s", *required)
     empty = frozenset(may_be_empty)
@@ -244,9 +245,9 @@ def _variable(
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray], comment: str = "") -> None:
-    """Write columns (N,) as CSV, atomically and without loss of digits.
+    """Write columns (N,) to a CSV file, atomically and without loss of digits.
 
-    NaN becomes an empty field. ``comment`` is written above the names, after a #.
+    NaN becomes an empty cell. ``comment`` is written after a # in a line above the names.
 
     Raises FlightError if the file cannot be written.
     """
@@ -258,7 +259,7 @@ def write(path: Path, columns: Mapping[str, np.ndarray], comment: str = "") -> N
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file atomically; a missing folder is created.
+    """Write a text file atomically; a missing folder is created.
 
     Raises FlightError if the file cannot be written.
     """

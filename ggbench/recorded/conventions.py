@@ -1,7 +1,7 @@
-"""Conventions of a gradiometer's record: axes, unit and normal field that fit the map best.
+"""Detection of the axes, unit and normal-field convention of a gradiometer record.
 
-Measurements are compared with the map at the INS positions, for each of the eight conventions of
-axes, in Eötvös and in s⁻², both less their means.
+Measurements are compared with the map at the INS positions, for each of eight conventions of the
+axes, in Eötvös and in s⁻². The means of measurements and map are subtracted.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ _DIRECTIONS = {
 
 
 class Convention(NamedTuple):
-    """A convention that fits a record: axes, factor of the unit, and missing normal field or mean.
+    """Convention of a gradiometer record: axes, unit factor, and missing normal field or mean.
 
-    ``after`` and ``before`` are RMS residuals with and without the convention [E].
+    ``before`` is the RMS residual against the map [E] as the record stands, ``after`` with the
+    convention applied.
     """
 
     turn: Turn
@@ -47,9 +48,9 @@ class Convention(NamedTuple):
 
 
 def gradient_convention(flight: RecordedFlight) -> Convention | None:
-    """Return the convention that fits a gradiometer's record clearly better than that of ggbench.
+    """Return a convention that fits a gradiometer record clearly better than ggbench's own.
 
-    The result is None without a gradiometer, for a filtered one, and if no convention fits.
+    The result is None if there is no gradiometer, it has a low-pass filter, or no convention fits.
     """
     problem, spec = flight.problem, flight.spec.gradiometer
     if spec is None or spec.filter != "none" or problem.track is None:
@@ -87,7 +88,7 @@ def gradient_convention(flight: RecordedFlight) -> Convention | None:
 
 
 def in_words(convention: Convention, instrument: str) -> str:
-    """Return a convention in words, for a sentence."""
+    """Return a convention in words, as part of a sentence; ``instrument`` is the mount."""
     parts = []
     if convention.turn is not CONVENTIONS[0] and instrument in _DIRECTIONS:
         parts.append(f"in axes {axes_in_words(convention.turn, _DIRECTIONS[instrument])}")

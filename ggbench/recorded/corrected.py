@@ -1,4 +1,4 @@
-"""Corrected track of a recorded flight, with innovations and errors."""
+"""Corrected track of an estimate, with innovations and errors against a reference."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ class EstimateError(GGBenchError):
 
 
 def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[str, np.ndarray]:
-    """Return the corrected track: the INS solution less its estimated errors.
+    """Return the corrected track: the INS solution minus the estimated INS errors.
 
     ``start`` is added to the times [s].
 
     Returns
     -------
     Columns (K,) by name: ``time_s``, ``latitude_deg``, ``longitude_deg``, ``height_m``,
-    ``velocity_east_mps``, ..., ``heading_deg``, ``pitch_deg``, ``roll_deg``, and
-    :data:`SIGMAS`, NaN if the estimate has no covariance.
+    ``velocity_east_mps``, ..., ``heading_deg``, ``pitch_deg``, ``roll_deg``, and the standard
+    deviations :data:`SIGMAS`, which are NaN if the estimate has no covariance.
 
     Raises EstimateError if the problem has no track, or the estimate has another shape or is not
     finite.
@@ -60,25 +60,25 @@ def corrected_samples(
     indicated: Motion,
     start: float = 0.0,
 ) -> dict[str, np.ndarray]:
-    """Return the corrected track at the INS samples, from the first to the last epoch.
+    """Return the corrected track at the INS samples between the first and the last epoch.
 
-    Between epochs the estimated errors are linear in time.
+    The estimated INS errors are interpolated linearly between epochs.
 
     Parameters
     ----------
     problem, estimate : as for :func:`corrected`.
-    times : (N,) of the samples [s].
-    indicated : motion of the INS at the samples.
-    start : offset of the times [s].
+    times : (N,) times of the samples [s].
+    indicated : INS solution at the samples.
+    start : offset added to the times [s].
 
     Returns
     -------
-    Columns as of :func:`corrected`, without standard deviations.
+    Columns as in :func:`corrected`, without standard deviations.
 
     Raises
     ------
     EstimateError
-        As :func:`corrected`.
+        As in :func:`corrected`.
     """
     mean, _ = _arrays(problem, estimate)
     inside = (times >= problem.times[0]) & (times <= problem.times[-1])
@@ -130,13 +130,14 @@ class Residuals:
 
     Attributes
     ----------
-    predicted : (K, m) predicted measurements: for a filter from earlier epochs, else from the
-        estimate itself.
-    whitened : (K, m) measurements minus predictions. For a filter these are innovations, whitened
-        by the Cholesky factor of their covariance (independent, of variance 1 if the filter is
-        consistent); else residuals in units of the noise. NaN without a measurement.
-    nis : (K,) normalised innovation squared of a filter, or its own ``nis``
-        (:attr:`.Estimate.nis`); NaN for other estimators.
+    predicted : (K, m) predicted measurements: from earlier epochs for a filter, else from the
+        estimate at the same epoch.
+    whitened : (K, m) measurements minus predictions; NaN without a measurement. For a filter they
+        are innovations, multiplied by the inverse Cholesky factor of the innovation covariance:
+        independent and of variance 1 if the filter is consistent. For other estimators they are
+        residuals divided by the noise.
+    nis : (K,) normalised innovation squared of a filter, from :attr:`.Estimate.nis` if the filter
+        provides it; NaN for other estimators.
     innovations : whether ``whitened`` are innovations.
     """
 
@@ -179,9 +180,10 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
 def residual_columns(
     problem: Problem, differences: Residuals, start: float = 0.0
 ) -> dict[str, np.ndarray]:
-    """Return residuals as columns (K,): measurement, prediction and residual of each channel.
+    """Return measurement, prediction and residual of each channel as columns (K,).
 
-    Names contain sensor, channel and unit; ``..._present`` is 1 or 0.
+    Names of columns contain sensor, channel and unit. ``..._present`` is 1 if there is a
+    measurement, else 0.
     """
     columns = {"time_s": start + problem.times}
     for j, channel in enumerate(problem.channels):
@@ -200,16 +202,16 @@ def residual_columns(
 
 @dataclass(frozen=True)
 class AgainstReference:
-    """Errors of an estimate against a reference track, at the epochs of the reference.
+    """Errors of an estimate against a reference track, at the C epochs with a reference.
 
     Attributes
     ----------
-    times : (C,) of these epochs [s].
-    components, sigmas : (C, 6) errors of position [m] and velocity [m/s] and their reported σ.
-    nees : (C,) normalised error squared of position and velocity, or of the position alone if the
-        reference has no velocities; NaN without covariances.
+    times : (C,) times of these epochs [s].
+    components, sigmas : (C, 6) errors of position [m] and velocity [m/s], and reported σ.
+    nees : (C,) normalised estimation error squared of position and velocity, or of position only if
+        the reference has no velocities; NaN without covariances.
     states : number of states of the NEES, 6 or 3.
-    windows : name of each window to ``position_mrse_m``, ``horizontal_mrse_m``,
+    windows : metrics by name of the window: ``position_mrse_m``, ``horizontal_mrse_m``,
         ``velocity_mrse_mps`` and ``nees_mean``, as in :class:`.judgement.Judgement`.
     """
 

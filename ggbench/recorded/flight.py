@@ -1,4 +1,4 @@
-"""Recorded flights: estimation problem and reference from files."""
+"""Reader of recorded flights: estimation problem and reference from files."""
 
 from __future__ import annotations
 
@@ -70,13 +70,13 @@ class RecordedFlight:
 
     Attributes
     ----------
-    path : of the flight's file.
-    spec : its content.
-    problem : input of estimators; times count from the first sample of the INS [s].
-    reference : errors of the INS against the reference track, or None; NaN for states that it
-        lacks, such as biases. Estimators never receive it.
-    start : time of the first sample of the INS, on its own clock [s].
-    sample_times : (N + 1,) of all samples of the INS, since the first [s].
+    path : path of the flight file.
+    spec : content of the flight file.
+    problem : input of estimators; times [s] count from the first INS sample.
+    reference : INS errors against the reference track, or None; NaN for states that the reference
+        does not contain, such as biases. Estimators never receive it.
+    start : time of the first INS sample on the INS clock [s].
+    sample_times : (N + 1,) times of all INS samples since the first [s].
     indicated : INS solution at the samples.
     """
 
@@ -90,7 +90,7 @@ class RecordedFlight:
 
     @property
     def reference_is_of(self) -> str:
-        """Sensor whose record is also the reference; "" if there is none."""
+        """Sensor whose record also serves as reference; "" if there is none."""
         return _sensor_of_reference(self.spec, self.path.parent)
 
     def inputs(self) -> list[dict[str, str]]:
@@ -113,19 +113,19 @@ class RecordedFlight:
 
 
 def read_flight(path: Path | str) -> RecordedFlight:
-    """Read a recorded flight: its file and the records.
+    """Read a recorded flight: the flight file and the records that it names.
 
     Parameters
     ----------
-    path : of the flight's file. The paths in it are relative to its folder.
+    path : path of the flight file. Paths in this file are relative to its folder.
 
     Raises
     ------
     FlightError
-        If the file or a record is invalid, with a sentence that states the file, the place, the
-        value and the allowed values.
+        If the file or a record is invalid; the message states the file, the place, the value and
+        the allowed values.
     GGBenchError
-        If the map cannot be built or read, or the low-pass cannot be computed.
+        If the map cannot be built or read, or the low-pass filter cannot be computed.
     """
     path = Path(path)
     spec, folder = load(path), path.parent

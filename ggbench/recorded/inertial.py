@@ -1,4 +1,4 @@
-"""INS solution of a recorded flight, as recorded or mechanized from an IMU log."""
+"""INS solution of a recorded flight: recorded, or mechanized from an IMU log."""
 
 from __future__ import annotations
 
@@ -54,16 +54,19 @@ _SPINS = 10.0
 
 
 class Inertial(NamedTuple):
-    """INS record of a flight, as one run in lanes.
+    """INS record of a flight, as input of compiled kernels.
+
+    In shapes, TRACK = 15 counts position, velocity and C_nb. LANES is the number of runs that a
+    kernel processes together, of which only the first is used.
 
     Attributes
     ----------
-    path : of the record.
-    base : its samples.
-    increments : (N, 6, LANES).
-    longitude : of the first sample [rad]; it sets the turn of all longitudes.
-    solution : (N + 1, TRACK, LANES) recorded solution; None if ggbench mechanises the IMU data.
-    recording : data for the mechanization; None with a recorded solution.
+    path : path of the record.
+    base : time base of the samples.
+    increments : (N, 6, LANES) angle and velocity increments.
+    longitude : longitude of the first sample [rad]; all longitudes continue from it without jumps.
+    solution : (N + 1, TRACK, LANES) recorded INS solution; None if ggbench mechanises the IMU data.
+    recording : data for the mechanization; None with a recorded INS solution.
     """
 
     path: Path
@@ -74,11 +77,11 @@ class Inertial(NamedTuple):
     recording: Recording | None = None
 
     def navigated(self, gravity: KnownGravity) -> np.ndarray:
-        """Return the INS solution at the samples (N + 1, TRACK, LANES).
+        """Return the INS solution (N + 1, TRACK, LANES) at the samples.
 
         ``gravity`` is the gravity that the mechanization adds to normal gravity.
 
-        Raises FlightError if the mechanization overflows.
+        Raises FlightError if numbers of the mechanization overflow.
         """
         if self.solution is not None:
             return self.solution
@@ -99,9 +102,10 @@ class Inertial(NamedTuple):
 
 
 def inertial(spec: FlightSpec, folder: Path, model: SensorSuite, field: Field) -> Inertial:
-    """Return the INS record of a recorded flight, from files of a folder.
+    """Read the INS record of a recorded flight.
 
-    ``model`` and ``field`` are the assumed sensors and map.
+    ``folder`` is the folder of the flight file. ``model`` and ``field`` are the assumed sensors and
+    map.
 
     Raises FlightError if a record is invalid.
     """
@@ -241,12 +245,12 @@ def _require_few(base: TimeBase, columns: Columns) -> None:
 
 
 def force_hint(force: float, period: float, increments: bool) -> str:
-    """Return a hint that explains a specific force inconsistent with gravity; "" if there is none.
+    """Return a hint on the unit of a specific force that does not agree with gravity, or "".
 
     Parameters
     ----------
     force : typical specific force in the file [m/s²].
-    period : of the samples [s].
+    period : interval of the samples [s].
     increments : whether the columns are named as increments.
     """
     causes = [(1.0, "if it is in g"), (1e3, "if it is in thousandths of g")]

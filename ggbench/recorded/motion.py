@@ -1,4 +1,4 @@
-"""Recorded positions, velocities and attitudes, with plausibility checks."""
+"""Conversion and plausibility checks of recorded positions, velocities and attitudes."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ _JUMP = 100.0
 
 
 def velocity_columns(frame: Frame) -> tuple[str, ...]:
-    """Return the names of the columns of a velocity, in a frame's order."""
+    """Return the column names of a velocity vector, in the order of the frame's axes."""
     return tuple(f"velocity_{direction}_mps" for direction in _DIRECTIONS[frame])
 
 
 def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
-    """Return velocities (N, 3) ENU [m/s].
+    """Return the velocities (N, 3) in a file, converted to ENU [m/s].
 
     Raises FlightError if velocities are impossible.
     """
@@ -53,7 +53,7 @@ def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
 
 
 def positions_of(columns: Columns) -> np.ndarray:
-    """Return positions (N, 3) [rad, rad, m], the longitude without jumps.
+    """Return the positions (N, 3) in a file [rad, rad, m], with longitudes without jumps.
 
     Raises FlightError if positions are impossible.
     """
@@ -66,7 +66,7 @@ def positions_of(columns: Columns) -> np.ndarray:
 
 
 def attitudes_in(columns: Columns) -> np.ndarray:
-    """Return C_nb (N, 3, 3) of heading, pitch and roll.
+    """Return the attitudes C_nb (N, 3, 3) from heading, pitch and roll in a file.
 
     Raises FlightError if angles are impossible.
     """
@@ -75,7 +75,7 @@ def attitudes_in(columns: Columns) -> np.ndarray:
 
 
 def angles_of(attitudes: np.ndarray) -> np.ndarray:
-    """Return heading, pitch and roll (N, 3) [rad] of C_nb (N, 3, 3); the heading from 0 to 2π."""
+    """Return heading (0 to 2π), pitch and roll (N, 3) [rad] of attitudes C_nb (N, 3, 3)."""
     up = attitudes[:, 2]
     pitch = np.arctan2(up[:, 1], np.hypot(up[:, 0], up[:, 2]))
     heading = np.arctan2(attitudes[:, 0, 1], attitudes[:, 1, 1]) % (2.0 * math.pi)
@@ -83,7 +83,7 @@ def angles_of(attitudes: np.ndarray) -> np.ndarray:
 
 
 def track_columns(times: np.ndarray, motion: Motion) -> dict[str, np.ndarray]:
-    """Return a track (N,) as columns of a file: times, positions, velocities ENU and angles."""
+    """Return a track as columns (N,) of a file: times, positions, ENU velocities, angles."""
     places = np.hstack([np.degrees(motion.positions[:, :2]), motion.positions[:, 2:]])
     values = np.hstack([places, motion.velocities, np.degrees(angles_of(motion.attitudes))])
     names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE)
@@ -98,10 +98,11 @@ def require_consistent(
     frame: Frame,
     noise: float = 0.0,
 ) -> None:
-    """Raise FlightError unless positions and velocities are consistent.
+    """Raise FlightError if velocities contradict the displacements between positions.
 
-    The message names a wrong sign, frame, unit or order. Times (N,) are those of the rows [s], the
-    frame is that of the user, and ``noise`` is the RMS noise of a position [m].
+    The message states the likely cause: sign, frame, unit or order of the axes. ``times`` (N,) are
+    the times of the rows [s], ``frame`` is the frame that the user states, and ``noise`` is the RMS
+    noise of a position [m].
     """
     there = np.isfinite(positions).all(axis=1) & np.isfinite(velocities).all(axis=1)
     if np.count_nonzero(there) < 3:

@@ -1,4 +1,4 @@
-"""Normal field in the measurements of a gradiometer."""
+"""Normal field as a gradiometer measures it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from ..sensors.gradiometer.instrument import INSTRUMENTS, readings_along
 def normal_readings(
     instrument: str, positions: np.ndarray, times: np.ndarray, attitudes: np.ndarray
 ) -> np.ndarray:
-    """Return the normal field's tensors (N, 6) [E] in a mount at positions (N, 3) and times (N,).
+    """Return the gradient tensors (N, 6) [E] of the normal field in the axes of a mount.
 
-    ``attitudes`` are C_nb (N, 3, 3).
+    ``instrument`` is the mount, ``positions`` (N, 3) are in [rad, rad, m], ``times`` (N,) in
+    seconds, and ``attitudes`` (N, 3, 3) are C_nb.
     """
     kind = INSTRUMENTS.index(instrument)
     return readings_along(kind, positions, times, attitudes, Field.normal())

@@ -1,4 +1,4 @@
-"""Recorded measurements: their columns, and their assignment to INS samples."""
+"""Recorded measurements: columns of the files, and assignment to INS samples."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ _FARTHEST = 20_000.0
 
 
 class Series(NamedTuple):
-    """Measurements of one sensor.
+    """Recorded measurements of one sensor.
 
     Attributes
     ----------
-    samples : (G,) INS samples of the measurements.
-    values : (G, w) of its columns, NaN for missing ones.
-    columns : the file.
-    rows : (G,) of the file.
+    samples : (G,) indices of the INS samples of the measurements.
+    values : (G, w) measured values by column; NaN if missing.
+    columns : columns of the file.
+    rows : (G,) indices of the rows in the file.
     """
 
     samples: np.ndarray
@@ -60,9 +60,10 @@ class Series(NamedTuple):
 
 
 def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str, ...]:
-    """Return the columns of a sensor's file, in the order of its channels.
+    """Return the column names of a sensor's file, in the order of the channels.
 
-    Receivers and gradiometers have special names; other columns have the names of the channels.
+    Receivers and gradiometers have special column names; other sensors have the names of the
+    channels.
     """
     table = sensors_of(spec)[sensor]
     if sensor == "gradiometer":
@@ -83,7 +84,7 @@ def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str
 def read_series(
     spec: FlightSpec, folder: Path, model: SensorSuite, base: TimeBase
 ) -> dict[str, Series]:
-    """Return the measurements of every sensor, the gradiometer's first.
+    """Read the measurements of every sensor; the gradiometer comes first.
 
     Raises FlightError if a file is invalid.
     """
@@ -128,9 +129,10 @@ def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np
 
 
 def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndarray, np.ndarray]:
-    """Return gradiometer measurements (1, G, g) [E], and the mask (1, G) of missing ones.
+    """Return gradiometer measurements (1, G, g) [E], and a mask (1, G) of missing measurements.
 
-    Raises FlightError for an incomplete measurement, or a missing one of a filtered instrument.
+    Raises FlightError if a measurement is incomplete, or if an instrument with a low-pass filter
+    has a missing measurement.
     """
     values, table = series.values, spec.gradiometer
     assert table is not None
@@ -159,9 +161,10 @@ def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndar
 def others(
     model: SensorSuite, series: dict[str, Series], at: list[np.ndarray], ins: Motion
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the measurements of the other sensors (1, K, e), and the mask of available ones.
+    """Return the measurements (1, K, e) of all sensors except the gradiometer.
 
-    ``at`` are the epochs of each sensor, ``ins`` is the INS solution at the epochs (1, K, .).
+    A mask (1, K, e) of the available measurements is returned too. ``at`` has the epoch indices of
+    each sensor. ``ins`` is the INS solution at the epochs, with arrays (1, K, ...).
     """
     width = sum(len(sensor.channels) for sensor in model.aiding)
     read = np.full((*ins.positions.shape[:2], width), np.nan)
@@ -185,8 +188,9 @@ def require_near(
 ) -> None:
     """Raise FlightError if a receiver's first position is far from that of the INS.
 
-    ``away`` (G, 3) [m] is the distance from the INS of rows (G,), NaN for missing ones; ``allowed``
-    follows from the prior [m]; ``what`` names the record.
+    ``away`` (G, 3) [m] has the differences from the INS positions for the rows ``rows`` (G,), NaN
+    if missing. ``allowed`` is the largest distance that the prior allows [m]. ``what`` is the name
+    of the record in the message.
     """
     there = np.flatnonzero(np.isfinite(away[:, :2]).all(axis=1))
     if not len(there):

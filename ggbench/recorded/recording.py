@@ -1,4 +1,4 @@
-"""Simulated runs written as recorded flights, without the truth."""
+"""Writer of simulated runs as recorded flights, without the truth."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ FLIGHT = "flight.toml"
 
 
 def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str = "") -> Path:
-    """Write a run of a simulated flight as a recorded flight; return the path of its file.
+    """Write a simulated run as a recorded flight; return the path of the flight file.
 
-    The tables are those of the model, and the records contain the data of the run's problem. Only
-    ``reference.csv`` contains the truth. Measurements have the form of real sensors: positions of a
-    receiver are geodetic. The folder must be empty.
+    The tables of the flight file describe the assumed model. The records contain the data of the
+    run's problem. Only ``reference.csv`` contains the truth. Measurements have the form that real
+    sensors deliver; for example, a receiver's positions are geodetic. The folder must be empty.
 
-    Raises FlightError if the folder is not empty, or cannot be written.
+    Raises FlightError if the folder is not empty or cannot be written.
     """
     require_empty(folder)
     try:
@@ -65,7 +65,7 @@ def _write(flight: Flight, seed: int, run: int, folder: Path, title: str) -> Non
 
 
 def require_empty(folder: Path) -> None:
-    """Raise FlightError if a path is no folder, or the folder is not empty."""
+    """Raise FlightError if a path exists and is no empty folder."""
     if folder.exists() and not folder.is_dir():
         raise FlightError(f"{folder} is not a folder")
     if folder.exists() and any(folder.iterdir()):
@@ -143,7 +143,7 @@ def _write_readings(
 
 
 def toml(tables: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return the text of nested tables, line by line: first the values, then the tables."""
+    """Return the lines of TOML text for nested tables: values first, then subtables."""
     lines, nested = [], []
     for key, value in tables.items():
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Warnings about a recorded flight: large innovations, clocks, reference track."""
+"""Warnings about recorded flights: large innovations, clock offsets, reference track."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ _FEWEST = 20
 
 
 class ClockFit(NamedTuple):
-    """The offset of a receiver's clock that fits the INS best.
+    """Clock offset of a receiver that fits the INS best.
 
-    ``offset`` [s] must be added to its times. ``after`` and ``before`` are RMS residuals with and
-    without it, in ``unit``.
+    ``offset`` [s] must be added to the receiver's times. ``before`` and ``after`` are the RMS
+    residuals without and with the offset, in ``unit``.
     """
 
     offset: int
@@ -53,7 +53,7 @@ class ClockFit(NamedTuple):
 
 
 def nis_ratio(problem: Problem, differences: Residuals) -> float:
-    """Return the mean NIS of a filter over that of a consistent one; NaN for other estimators."""
+    """Return the mean NIS of a filter divided by its nominal value; NaN for other estimators."""
     counts = problem.present.sum(axis=1)
     if not differences.innovations or not counts.any():
         return np.nan
@@ -61,9 +61,9 @@ def nis_ratio(problem: Problem, differences: Residuals) -> float:
 
 
 def median_nis_ratio(problem: Problem, differences: Residuals) -> float:
-    """Return the median NIS of a filter over that of a consistent one; NaN for others.
+    """Return the median ratio of NIS to the nominal median; NaN for other estimators.
 
-    A few outliers hardly change the median.
+    A few outliers hardly change this median.
     """
     counts = problem.present.sum(axis=1)
     some = np.isfinite(differences.nis) & (counts > 0)
@@ -73,9 +73,9 @@ def median_nis_ratio(problem: Problem, differences: Residuals) -> float:
 
 
 def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
-    """Yield a sentence for each filter that rejects or downweights outliers correctly.
+    """Yield a remark on each robust filter that is consistent except for outliers.
 
-    ``residuals`` are those of each estimator, by label.
+    ``residuals`` has the residuals or innovations of each estimator, by label.
     """
     for label, differences in residuals.items():
         if nis_ratio(flight.problem, differences) > MOST_NIS and _is_robust(label):
@@ -89,9 +89,9 @@ def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator
 
 
 def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
-    """Yield a sentence for each suspicion, with likely causes.
+    """Yield a warning for each suspected fault of the records, with likely causes.
 
-    ``residuals`` are those of each estimator, by label.
+    ``residuals`` has the residuals or innovations of each estimator, by label.
     """
     problem = flight.problem
     beyond = {
@@ -158,10 +158,11 @@ def _beyond(problem: Problem, differences: Residuals) -> tuple[int, int]:
 
 
 def isolated_outliers(problem: Problem) -> int:
-    """Return the number of epochs whose measurement differs from those before and after it.
+    """Return the number of epochs with an isolated outlier.
 
-    Measurements are compared with the INS, whose error changes slowly. The deviation of each
-    channel is that from the running median, scaled by its own median.
+    An outlier differs from the measurements before and after it. Measurements are compared with the
+    INS, whose error changes slowly. For each channel the deviation from a running median is divided
+    by the median absolute deviation.
     """
     there = problem.present
     every = np.arange(problem.epochs)
@@ -180,10 +181,11 @@ def isolated_outliers(problem: Problem) -> int:
 
 
 def clock_fit(problem: Problem, sensor: str) -> ClockFit | None:
-    """Return the offset in whole seconds that fits a receiver's readings to the INS best.
+    """Return the clock offset in whole seconds with which a receiver fits the INS best.
 
-    It uses velocities if available, else positions, less the slow INS error over five minutes. The
-    result is None if no offset is clearly better, as in straight flight.
+    Velocities are compared if available, else positions. The slow INS error is removed by a
+    polynomial over five minutes. The result is None if no offset is clearly better than zero, as in
+    straight flight.
     """
     own = [j for j, channel in enumerate(problem.channels) if channel.sensor == sensor]
     velocities = [j for j in own if problem.channels[j].name.startswith("velocity")]

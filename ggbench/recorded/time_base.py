@@ -1,4 +1,4 @@
-"""Time base of a recorded flight: INS samples and their measurements."""
+"""Time base of a recorded flight: times of the INS samples, and assignment of measurements."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _PERIOD_SLIP = 0.2
 
 @dataclass(frozen=True)
 class TimeBase:
-    """Samples of the INS, ``start`` + n ``dt``, n = 0..``count`` [s], on the clock of the INS.
+    """Times of the INS samples on the INS clock: ``start`` + n ``dt`` [s], n = 0..``count``.
 
-    ``tolerance`` is the largest time difference of a measurement and its sample [s].
+    ``tolerance`` is the largest time difference between a measurement and its INS sample [s].
     """
 
     start: float
@@ -38,19 +38,20 @@ class TimeBase:
 
     @property
     def times(self) -> np.ndarray:
-        """Times of the samples since the start (count + 1,) [s]."""
+        """Times (count + 1,) of the samples since ``start`` [s]."""
         return self.dt * np.arange(self.count + 1)
 
     def samples_of(
         self, columns: Columns, times: np.ndarray, outside: Literal["refuse", "drop"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the INS samples of measurements, and their rows in the file.
+        """Assign measurements to INS samples; return the indices of the samples and of the rows.
 
-        The first sample is the time of the prior and has no measurement. Times (N,) are those of
-        the rows on the clock of the INS [s].
+        ``times`` (N,) are the times of the rows on the INS clock [s]. The first sample is the time
+        of the prior and has no measurement. ``outside`` states whether measurements before or after
+        the INS record are dropped.
 
-        Raises FlightError if measurements lie outside, too far from a sample, or two at the same
-        sample.
+        Raises FlightError if a measurement lies outside the INS record (unless dropped) or too far
+        from a sample, or if two belong to the same sample.
         """
         since = times - self.start
         nearest = np.rint(since / self.dt).astype(np.int64)
@@ -93,7 +94,7 @@ class TimeBase:
 
 
 def clocked(columns: Columns, offset: float) -> np.ndarray:
-    """Return the times (N,) of a file's rows on the clock of the INS [s].
+    """Return the times (N,) of a file's rows on the INS clock [s].
 
     Raises FlightError if they do not increase.
     """
@@ -125,7 +126,11 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
 def require_period(
     columns: Columns, times: np.ndarray, period: float, rows: str, table: str
 ) -> float:
-    """Return the median interval of times (N,) [s]; raise FlightError if it is not the period."""
+    """Return the median interval of times (N,) [s].
+
+    Raise FlightError if it differs from the stated period. ``rows`` and ``table`` are words for the
+    message: the rows of the file, and the table that states the period.
+    """
     usual = float(np.median(np.diff(times)))
     if abs(usual - period) > _PERIOD_SLIP * period:
         raise columns.error(
@@ -143,23 +148,23 @@ def time_base(
     tolerance: float | None,
     before: int = 0,
 ) -> tuple[TimeBase, bool]:
-    """Return the samples of an INS record, and whether its rows are exactly these samples.
+    """Return the time base of an INS record, and whether the rows lie exactly on the samples.
 
-    Other rows must be interpolated.
+    Rows that do not lie on the samples must be interpolated.
 
     Parameters
     ----------
-    columns : the file.
-    times : (N,) of its rows [s].
+    columns : columns of the file.
+    times : (N,) times of the rows [s].
     dt : interval of the samples [s].
     max_gap : longest interval between two rows [s].
-    tolerance : largest time difference of a measurement and its sample [s].
+    tolerance : largest time difference between a measurement and its sample [s].
     before : number of samples before the first row.
 
     Raises
     ------
     FlightError
-        If there are gaps, another period, or too few rows.
+        If there are gaps, the interval of the rows is not ``dt``, or there are too few rows.
     """
     if len(times) < 3:
         raise columns.error(f"has {len(times)} rows; a record of an INS needs at least 3")

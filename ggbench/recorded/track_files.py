@@ -1,4 +1,4 @@
-"""Corrected tracks as GPX and KML, for maps and planners."""
+"""Corrected tracks as GPX and KML text, for map displays and route planners."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _KML = "http://www.opengis.net/kml/2.2"
 
 
 def gpx_text(columns: Mapping[str, np.ndarray], name: str) -> str:
-    """Return a corrected track as GPX 1.1, without times, because the INS clock is not UTC.
+    """Return a corrected track as GPX 1.1 text.
 
     Parameters
     ----------
-    columns : (K,) each, of :func:`.corrected.corrected`; heights are written above sea level
-        (EGM2008).
-    name : of the track.
+    columns : columns (K,) from :func:`.corrected.corrected`. Heights are converted to heights above
+        sea level (EGM2008). Times are omitted, because the INS clock is not UTC.
+    name : name of the track.
     """
     from gpxpy import gpx  # not at the top: few commands write tracks
 
@@ -35,7 +35,10 @@ def gpx_text(columns: Mapping[str, np.ndarray], name: str) -> str:
 
 
 def kml_text(columns: Mapping[str, np.ndarray], name: str) -> str:
-    """Return a corrected track, columns (K,), as a line of KML 2.2, see :func:`gpx_text`."""
+    """Return a corrected track as a line in KML 2.2 text.
+
+    Arguments are those of :func:`gpx_text`: columns (K,), and the name of the track.
+    """
     ElementTree.register_namespace("", _KML)
     root = ElementTree.Element(f"{{{_KML}}}kml")
     mark = ElementTree.SubElement(root, f"{{{_KML}}}Placemark")

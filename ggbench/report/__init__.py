@@ -1,1 +1,1 @@
-"""Reports: pages and figures."""
+"""Reports of campaigns and recorded flights: pages, tables and figures."""

@@ -1,4 +1,4 @@
-"""Numbers for the sentences of a page's answer."""
+"""Numbers and labels for the answer at the top of a report page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_OWN = 2
 
 
 def left_the_map(runs: pd.DataFrame) -> list[str]:
-    """Return the estimators with more than :data:`MOST_OUTSIDE` runs outside the map."""
+    """Return the estimators that left the map in more runs than :data:`MOST_OUTSIDE` allows."""
     own = runs[runs["assumption"] == ""]
     shares = (own["remark"] == OUTSIDE).groupby(own["estimator"], sort=False).mean()
     return [str(label) for label in shares.index[shares > MOST_OUTSIDE]]
@@ -34,7 +34,7 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
 def named_among(
     recovered: Sequence[tuple[str, float]], own: Sequence[str]
 ) -> list[tuple[str, float]]:
-    """Return the estimators named in an answer: the first ones and the user's own, in order."""
+    """Select the estimators named in an answer: the first few and the user's own."""
     named = [label for label, _ in recovered if label in own][:MOST_OWN]
     for label, _ in recovered:
         if len(named) < MOST_RECOVERED and label not in named:
@@ -43,10 +43,10 @@ def named_among(
 
 
 def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the estimators that failed in all runs of cases.
+    """Return the estimators that failed in all runs of any case.
 
-    The columns are ``label``; ``cases``, the titles of the cases, empty for all cases; ``reason``
-    of the first failure.
+    Each row has ``label``; ``cases``, the titles of these cases, empty if they are all cases; and
+    ``reason``, the reason of the first failure.
     """
     own = runs[runs["assumption"] == ""]
     rows = []
@@ -78,12 +78,13 @@ def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
 
 
 def answer(results: Reported) -> dict[str, Any]:
-    """Return the content of the template ``answer.j2``.
+    """Return the values for the template ``answer.j2``.
 
-    ``label`` is the estimator recommended in most cases (:func:`leading`), else the best in most;
-    ``row`` are its metrics in the ``lead`` case, the first such case in the page's table.
-    ``reason`` states why none is recommended, for the first case without. ``own`` are the metrics
-    of the user's own finished estimators in the lead case.
+    ``label`` is the estimator that is recommended in most cases (:func:`leading`); without any
+    recommendation, the best one in most cases. ``lead`` is the first case in the page's table in
+    which it is recommended (or best), and ``row`` has its metrics in this case. ``reason`` states
+    why no estimator is recommended, for the first such case. ``own`` has the metrics of the user's
+    own estimators in the lead case.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]

@@ -1,7 +1,7 @@
-"""Registry of all columns: heading, unit, format and definition.
+"""Registry of all table columns: heading, unit, format and definition.
 
-Markdown tables, HTML pages and the page of definitions use ``templates/columns.csv`` through this
-module.
+This module reads ``templates/columns.csv`` for markdown tables, HTML pages and the page of
+definitions.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class Column:
 
     Attributes
     ----------
-    heading : without the unit.
-    unit : of the values; may be empty.
-    form : format of a value: "text", or a key of :data:`_FORMS`.
-    definition : in one sentence; empty for the ends of an interval.
+    heading : heading without the unit.
+    unit : unit of the values; may be empty.
+    form : format of the values: "text", or a key of :data:`_FORMS`.
+    definition : definition in one sentence; empty for the ends of an interval.
     """
 
     heading: str
@@ -37,7 +37,7 @@ class Column:
 
     @property
     def head(self) -> str:
-        """Heading with unit; cells of times contain their own unit."""
+        """Heading with the unit, except for times, whose cells contain the unit."""
         has_unit = self.unit and self.form != "time"
         return f"{self.heading} [{self.unit}]" if has_unit else self.heading
 
@@ -87,18 +87,18 @@ DEFINED = (
 SYMBOLS = MARKS
 """Symbols of estimators that are not consistent."""
 NONE = "–"
-"""A cell without a value."""
+"""Text of a cell without a value."""
 
 
 def column(key: str) -> Column:
-    """Return the column of a key; an estimator's counter is a number named by its key."""
+    """Return the column with a key; an unknown key is the counter of an estimator."""
     return COLUMNS.get(key) or Column(key.replace("_", " "), form="number")
 
 
 def significant(value: float, digits: int) -> str:
-    """Return a number with a number of significant digits, without an exponent if it is short.
+    """Return a number as text with ``digits`` significant digits.
 
-    NaN is a dash; infinity is its sign.
+    An exponent is used only for long numbers. NaN is a dash, infinity is ∞.
     """
     if value == 0.0:
         return "0"
@@ -112,17 +112,23 @@ def significant(value: float, digits: int) -> str:
 
 
 def metres(value: float) -> str:
-    """Return an error with three significant digits, ``>1e7`` beyond :data:`.numbers.LARGEST`."""
+    """Return an error [m] as text with three significant digits.
+
+    Values beyond :data:`.numbers.LARGEST` are ``>1e7``.
+    """
     return _limited(value, 3)
 
 
 def ratio(value: float) -> str:
-    """Return a ratio with two significant digits, ``>1e7`` beyond :data:`.numbers.LARGEST`."""
+    """Return a ratio as text with two significant digits.
+
+    Values beyond :data:`.numbers.LARGEST` are ``>1e7``.
+    """
     return _limited(value, 2)
 
 
 def efficiency(value: float) -> str:
-    """Return a ratio to the oracle with two decimals, as :func:`ratio` from 10 on."""
+    """Return a ratio to the oracle as text with two decimals; from 10 on as :func:`ratio`."""
     return f"{value:.2f}" if abs(value) < 9.995 else ratio(value)
 
 
@@ -131,7 +137,10 @@ def _limited(value: float, digits: int) -> str:
 
 
 def share(value: float) -> str:
-    """Return a share in per cent with two significant digits; 100% only for all runs."""
+    """Return a share as text in per cent with two significant digits.
+
+    Only a share of exactly 1 becomes 100%.
+    """
     text = significant(100.0 * value, 2)
     if not math.isfinite(value):
         return text
@@ -139,7 +148,7 @@ def share(value: float) -> str:
 
 
 def duration(value: float) -> str:
-    """Return a time of a run with one significant digit."""
+    """Return the computing time of a run [s] as text with unit and one significant digit."""
     if value >= 1.0:
         return f"{significant(value, 1)} s"
     return f"{significant(1e3 * value, 1)} ms"
@@ -158,7 +167,7 @@ _FORMS = {
 
 
 def marked(text: str, consistency: str) -> str:
-    """Return a text with the symbol of an inconsistent estimator."""
+    """Append the symbol of an inconsistent estimator (†, ‡) to a text."""
     return f"{text} {SYMBOLS.get(consistency, '')}".rstrip()
 
 
@@ -167,8 +176,8 @@ def cell(key: str, value: Any) -> str:
 
     Parameters
     ----------
-    key : of the column.
-    value : a number, a text or a truth value; NaN and None are shown as a dash.
+    key : key of the column.
+    value : number, text or truth value; NaN and None become a dash.
     """
     if isinstance(value, str):
         return value

@@ -1,4 +1,4 @@
-"""Conditions of a scenario from its keys, for the table of a page."""
+"""Table of the conditions of a scenario, from the keys of the cases."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ABBREVIATED = {"gnss": "GNSS", "imu": "IMU"}
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of conditions: common values or ranges of the true cases.
+    """Return the table of conditions: values or ranges over the cases, for the truth.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _flight(shared: pd.DataFrame) -> str:
 
 
 def gradiometer_conditions(case: CaseSpec) -> list[str]:
-    """Return the kind, noise and period of the gradiometer, and its errors."""
+    """Return texts on the gradiometer: kind, noise, period and other errors."""
     spec = case.side("truth").gradiometer
     if spec is None:
         return []
@@ -109,7 +109,7 @@ def gradiometer_conditions(case: CaseSpec) -> list[str]:
 
 
 def other_conditions(cases: Sequence[CaseSpec]) -> str:
-    """Return the sensors of all cases, then those of some."""
+    """Return a text on the other sensors: those in all cases, then those in some cases."""
     names_of_cases = [
         [f"{spec.in_words} every {spec.period_s:g} s" for spec in case.sensor.values()]
         for case in cases
@@ -122,7 +122,7 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
-    """Return the source of the map, its spacing and its errors."""
+    """Return texts on the map: source, spacing and errors."""
     true, assumed = case.side("truth").field, case.side("model").field
     if assumed.source == "normal":
         return ["normal field"]

@@ -1,7 +1,7 @@
-"""Findings: sentences of the front page, each with its metrics and a threshold.
+"""Findings of the front page: sentences with numbers, each with a threshold.
 
-A finding is a function of the metrics of a scenario. It returns its sentence, or nothing where its
-threshold is not met.
+A finding is a function of a scenario's metrics. It returns a sentence with numbers from the
+metrics, or "" if the threshold is not met.
 """
 
 from __future__ import annotations
@@ -37,23 +37,24 @@ TOLD = {
     "prior-3": ("prior-3", "gaussian-sum"),
 }
 """Case and estimator with the right model, by the case with which they are compared; in all other
-cases it is the EKF."""
+cases it is the EKF.
+"""
 
 
 class Metrics:
-    """Metrics of a scenario's settled window by case and estimator."""
+    """Metrics of a scenario in the settled window, by case and estimator."""
 
     def __init__(self, table: pd.DataFrame) -> None:
         self._rows = table.set_index(["case", "estimator"])
 
     def value(self, case: str, estimator: str, column: str) -> float:
-        """Return a metric, NaN if it was not flown."""
+        """Return a metric; NaN if the estimator was not run on the case."""
         if (case, estimator) not in self._rows.index:
             return math.nan
         return float(self._rows.loc[(case, estimator), column])
 
     def cases(self, estimator: str) -> list[str]:
-        """Return the cases that an estimator flew."""
+        """Return the cases on which an estimator was run."""
         return [case for case, name in self._rows.index if name == estimator]
 
     def rms(self, case: str, estimator: str) -> float:
@@ -61,14 +62,17 @@ class Metrics:
         return self.value(case, estimator, "rms_m")
 
     def consistency(self, case: str, estimator: str) -> str:
-        """Return the verdict on an estimator's covariances, "" where it was not flown."""
+        """Return the verdict on an estimator's covariances; "" if it was not run on the case."""
         if (case, estimator) not in self._rows.index:
             return ""
         return str(self._rows.loc[(case, estimator), "consistency"])
 
 
 def measured(of: Metrics) -> str:
-    """Measured gradients halve the INS's error on lines left out of the map, with a filter."""
+    """Return the finding that a filter with measured gradients halves the INS's error.
+
+    The flown lines are left out of the map.
+    """
     folds, name = ("fold-1", "fold-2"), "gaussian-sum"
     ins, aided = ([of.rms(fold, estimator) for fold in folds] for estimator in ("ins", name))
     right = all(of.consistency(fold, name) in (CONSISTENT, CONSERVATIVE) for fold in folds)
@@ -84,7 +88,10 @@ def measured(of: Metrics) -> str:
 
 
 def measured_biases(of: Metrics) -> str:
-    """Constants of 10 E that are not modelled double the error of measured gradients."""
+    """Return the finding that unmodelled constants of 10 E double the position error.
+
+    The constants are added to measured gradients.
+    """
     name = "gaussian-sum"
     cases = ("neglected_bias-1", "neglected_bias-10", "estimated_bias-10")
     small, biased, estimated = (of.rms(case, name) for case in cases)
@@ -98,7 +105,10 @@ def measured_biases(of: Metrics) -> str:
 
 
 def fosterville(of: Metrics) -> str:
-    """Where lines lie 200 m apart, measured gradients more than halve the INS's error."""
+    """Return the finding that measured gradients halve the INS error at Fosterville.
+
+    The survey lines of the map are 200 m apart.
+    """
     case, name = "coloured", "gaussian-sum"
     ins, aided = of.rms(case, "ins"), of.rms(case, name)
     if not ins >= 2.0 * aided:
@@ -111,7 +121,10 @@ def fosterville(of: Metrics) -> str:
 
 
 def east_victoria(of: Metrics) -> str:
-    """A gravimeter along one line gains little, and no filter is consistent."""
+    """Return the finding that a measured gravimeter along one line gains little.
+
+    The filter must also be overconfident or unsafe.
+    """
     case, name = "60s", "gaussian-sum"
     ins, aided = of.rms(case, "ins"), of.rms(case, name)
     wrong = of.consistency(case, name) in (OVERCONFIDENT, UNSAFE)
@@ -124,7 +137,10 @@ def east_victoria(of: Metrics) -> str:
 
 
 def narrow_prior(of: Metrics) -> str:
-    """With the right model and a narrow prior the EKF is efficient; limits 0.99 and 1.01."""
+    """Return the finding that the EKF is efficient with a narrow prior and the right model.
+
+    The ratio to the oracle must lie between 0.99 and 1.01.
+    """
     ratios = [of.value(case, "ekf", "efficiency") for case in NARROW]
     others = [of.rms(case, name) / of.rms(case, "ekf") for case in NARROW for name in FILTERS]
     if not (all(0.99 <= r <= 1.01 for r in ratios) and all(0.97 <= r <= 1.03 for r in others)):
@@ -139,7 +155,10 @@ def narrow_prior(of: Metrics) -> str:
 
 
 def wide_prior(of: Metrics) -> str:
-    """With a prior of three correlation lengths the EKF is unsafe; two or more filters are not."""
+    """Return the finding that the EKF is unsafe with a prior of three correlation lengths.
+
+    At least two other filters must succeed in 90% of the runs and be consistent or conservative.
+    """
     case = "prior-3"
     good = [
         name
@@ -162,7 +181,7 @@ def wide_prior(of: Metrics) -> str:
 
 
 def outliers(of: Metrics) -> str:
-    """With 20% outliers the Cauchy loss reduces the EKF's error by half or more."""
+    """Return the finding that a Cauchy loss halves the EKF's error with 20% outliers."""
     case, robust = "outliers", "ekf[loss=cauchy]"
     plain, loss = of.rms(case, "ekf"), of.rms(case, robust)
     if not plain >= 2.0 * loss:
@@ -177,7 +196,11 @@ def outliers(of: Metrics) -> str:
 
 
 def map_error(of: Metrics) -> str:
-    """A map error that is not modelled doubles the median error; modelled it is consistent."""
+    """Return the finding that an unmodelled map error makes the EKF unsafe.
+
+    Its median error must be at least 1.5 times that with a modelled map error, with which the EKF
+    must be consistent or conservative.
+    """
     case, known = "map-error", "map-error-known"
     plain, told, one, ins = (
         of.value(*cell, "median_m")
@@ -196,7 +219,7 @@ def map_error(of: Metrics) -> str:
 
 
 def gravity(of: Metrics) -> str:
-    """A neglected gravity disturbance costs a strategic INS's EKF a factor of two or more."""
+    """Return the finding that a neglected gravity disturbance doubles the error of an EKF."""
     plain, known = of.rms("gravity", "ekf"), of.rms("gravity-known", "ekf")
     if not plain >= 2.0 * known:
         return ""
@@ -208,7 +231,11 @@ def gravity(of: Metrics) -> str:
 
 
 def one_filter(of: Metrics) -> str:
-    """One filter for all cases is never overconfident, and at most 1.5 times a right filter."""
+    """Return the finding that one filter suits all cases of the suite.
+
+    It must be consistent or conservative in 90% of the cases, and its RMS error at most 1.5 times
+    that of a filter with the right model.
+    """
     cases = of.cases(ONE_FILTER)
     right = [of.consistency(case, ONE_FILTER) in (CONSISTENT, CONSERVATIVE) for case in cases]
     ratios = {
@@ -225,7 +252,7 @@ def one_filter(of: Metrics) -> str:
 
 
 def outage(of: Metrics) -> str:
-    """After GNSS fails the gradiometer reduces the INS's error by half or more."""
+    """Return the finding that a gradiometer halves the INS error after GNSS has failed."""
     ins, aided = of.rms("gnss-outage", "ins"), of.rms("gnss-outage", "ekf")
     if not ins >= 2.0 * aided:
         return ""
@@ -236,7 +263,7 @@ def outage(of: Metrics) -> str:
 
 
 def weak_field(of: Metrics) -> str:
-    """Over a weak field aiding gains less than a fifth."""
+    """Return the finding that aiding reduces the error by less than a fifth over a weak field."""
     ins, aided = of.rms("weak-field", "ins"), of.rms("weak-field", "ekf")
     if not aided >= 0.8 * ins:
         return ""
@@ -264,7 +291,7 @@ FINDINGS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
 
 
 def findings(digests: Sequence[Digest]) -> list[str]:
-    """Return the findings that the metrics of their scenarios support."""
+    """Return the sentences of all findings whose thresholds are met."""
     metrics = {found.manifest["scenario"]: Metrics(found.metrics) for found in digests}
     sentences = [finding(metrics[name]) for name, finding in FINDINGS if name in metrics]
     return [sentence for sentence in sentences if sentence]

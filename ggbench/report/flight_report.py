@@ -1,4 +1,4 @@
-"""The report of a recorded flight: tracks and residuals as CSV, markdown, figures."""
+"""Report of a recorded flight: tracks and residuals as CSV, pages and figures."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ PAGE = "report.html"
 
 
 def folder_of(label: str) -> str:
-    """Return the name of the folder of an estimator's files."""
+    """Return the name of the folder for an estimator's files."""
     return re.sub(r"[^\w.,=\[\]-]+", "_", label).strip("_.") or "estimator"
 
 
 def of_the_reference(flight: RecordedFlight) -> str:
-    """Return a remark if the reference is also the record of a sensor, else ""."""
+    """Return a remark if the reference is also a sensor's record, which estimators use; else ""."""
     sensor = flight.reference_is_of
     if not sensor:
         return ""
@@ -67,22 +67,22 @@ def write(
     families: Mapping[str, str],
     output: Path,
 ) -> Path:
-    """Write the report of a recorded flight: all files together, or none.
+    """Write the report of a recorded flight, all files together or none.
 
-    ``LABEL/corrected.csv``, ``.gpx`` and ``.kml`` at the epochs, ``LABEL/full_rate.csv`` at the
-    samples of the INS, ``LABEL/residuals.csv``, ``report.md`` and its figures, and ``report.html``,
-    a single file.
+    For each estimator ``LABEL/corrected.csv``, ``.gpx`` and ``.kml`` have the corrected track at
+    the epochs, ``LABEL/full_rate.csv`` has it at the INS samples, and ``LABEL/residuals.csv`` has
+    the residuals. The pages are ``report.md`` with figures, and ``report.html`` as a single file.
 
     Parameters
     ----------
     flight : recorded flight.
-    estimates : of each estimator, by its label, at least one.
-    families : family of each estimator.
+    estimates : estimates by label of the estimator, at least one.
+    families : family of each estimator by label.
     output : folder to write into.
 
     Returns
     -------
-    Path of the report.
+    Path of ``report.md``.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _page(text: str, title: str, output: Path) -> str:
 
 
 def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[str]:
-    """Return a sentence on each estimator: uncertainty, residuals, errors against a reference."""
+    """Return a sentence for each estimator: uncertainty, residuals, errors against a reference."""
     sentences = []
     for label, estimate in estimates.items():
         parts = []
@@ -391,10 +391,10 @@ def _by_sensor(problem: Problem, differences: Residuals) -> list[tuple[str, list
 
 
 def made_of(inputs: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return a line that names the input files with the first digits of their SHA-256.
+    """Return a line with the names of the input files and the first digits of their SHA-256.
 
-    Each file has ``role``, ``name`` and ``sha256``, as in :func:`.result_keys.input_files`; without
-    files the line is empty.
+    Each input has ``role``, ``name`` and ``sha256``, as in :func:`.result_keys.input_files`.
+    Without inputs there is no line.
     """
     named = [f"{i['role']} {code(i['name'])} {i['sha256'][:16]}" for i in inputs]
     line = f"- data, each with the first 16 digits of its SHA-256: {'; '.join(named)}"

@@ -1,7 +1,7 @@
-"""HTML page of a scenario: all tables and figures in one file, without network.
+"""HTML page of a scenario: all tables and figures in one file that needs no network.
 
-The page contains tables as numbers, which its script formats and sorts. Figures are those of the
-markdown page, as SVG; the script shows their values.
+The page contains the tables as numbers; a script formats and sorts them. The figures are those of
+the markdown page, as SVG; a script shows the values under the pointer.
 """
 
 from __future__ import annotations
@@ -44,11 +44,12 @@ _DROPPED = ("name", "parameters")
 
 
 def write(results: Reported, picture: Picture, path: Path, notes: str) -> Path:
-    """Write the page of a results folder and return its path.
+    """Write the HTML page of a results folder and return the path.
 
-    ``picture`` answers the scenario's question; ``notes`` are in markdown.
+    ``picture`` is the main figure. ``notes`` are the scenario's notes in markdown.
 
-    A large page omits the pairs, and if necessary all windows but the settled one.
+    If the page is too large, the table of pairs is omitted, and if necessary all windows except the
+    settled window.
 
     Raises
     ------
@@ -77,9 +78,10 @@ def text(
     with_pairs: bool = True,
     all_windows: bool = True,
 ) -> str:
-    """Return the page with figures and notes in markdown, optionally with fewer tables.
+    """Return the HTML text of the page; ``notes`` are in markdown.
 
-    The options omit pairs, or all windows but the settled one.
+    Without ``with_pairs`` the table of pairs is omitted; without ``all_windows`` all windows except
+    the settled window.
     """
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
     pairs = results.pairs()
@@ -125,7 +127,7 @@ def _brief(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
 
 
 def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:
-    """Return a page with tables drawn by DataTables and scripts of the templates."""
+    """Return an HTML page from a template, with DataTables and further scripts embedded."""
     environment = page_templates.environment(html=True)
     # Text as it is, whatever letters: the file is UTF-8 throughout.
     environment.policies["json.dumps_kwargs"] = {
@@ -147,7 +149,7 @@ def rendered(template: str, scripts: Sequence[str], **values: Any) -> str:
 
 
 def packed(tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
-    """Return tables and definitions of their columns as JSON for the page's script."""
+    """Return tables, and the definitions of their columns, as JSON values for the page's script."""
     return {
         "tables": {name: _packed(table) for name, table in tables.items()},
         "columns": _meanings(tables.values()),

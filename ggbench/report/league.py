@@ -1,4 +1,4 @@
-"""League of estimators over the cases of a scenario: numbers of the figure, and a table."""
+"""League of estimators over the cases of a scenario: content of the figure, and a table."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ EXPLANATION = (
 
 
 def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
-    """Return the league of the settled window: ratios, texts of cells, and the profile's ratios.
+    """Return the content of the league figure for the settled window.
 
-    A cell has the ratio to the oracle, or to the bound of the assumed model where there is no
-    oracle; the share of lost runs if most are lost. Estimators are in the order of the metrics,
-    smoothers last. Only estimators with all runs of a case have a place in its profile.
+    A cell has the ratio of the RMS error to that of the oracle, or to the bound of the assumed
+    model if there is no oracle. If most runs are lost, the cell has their share. Estimators are in
+    the order of the metrics, with smoothers last. The profile includes only estimators with all
+    runs of a case.
 
     Parameters
     ----------
-    metrics : of the scenario (:func:`.judging.summary.metrics`).
-    cases : of the scenario (:func:`.judging.cases.cases`).
+    metrics : metrics of the scenario (:func:`.judging.summary.metrics`).
+    cases : table of the cases (:func:`.judging.cases.cases`).
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     late = rows.groupby("estimator", sort=False)["causality"].first().isin(SMOOTHERS)
@@ -69,7 +70,10 @@ def _of_all_runs(cell: Mapping[str, Any] | None, most: int) -> float:
 
 
 def ratio_of(cell: Mapping[str, Any] | None) -> float:
-    """Return an error over the oracle's, else over the bound; infinite if most runs are lost."""
+    """Return the ratio of an RMS error to that of the oracle, else to the bound.
+
+    The ratio is infinite if most runs are lost.
+    """
     if cell is None or cell["failed"] == cell["runs"]:
         return math.nan
     if tables.is_lost(cell):
@@ -95,10 +99,10 @@ def _text(cell: Mapping[str, Any] | None) -> str:
 
 
 def errors(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of errors: a row for each case, a column for each estimator.
+    """Return a table of errors with a row for each case and a column for each estimator.
 
-    Cells are those of :func:`.tables.error_cell` for the settled window. Cells of estimators with
-    fewer runs than others state this number.
+    Cells are made by :func:`.tables.error_cell` for the settled window. If an estimator has fewer
+    runs than others, the cell states the number of runs.
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     most = rows["case"].map(rows.groupby("case")["runs"].max())

@@ -1,4 +1,4 @@
-"""Packages of the extra ``page``, and their scripts that an HTML page embeds."""
+"""Packages of the extra ``page``, and scripts that HTML pages embed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PageError(GGBenchError):
 
 
 def package(name: str) -> Any:
-    """Return a package of the extra ``page``.
+    """Import a package of the extra ``page``.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def installed() -> bool:
 
 @cache
 def datatables() -> tuple[str, str]:
-    """Return the module of DataTables, its default export, and its style sheet."""
+    """Return the JavaScript module of DataTables, with the default export, and the style sheet."""
     folder = Path(package("itables").__file__).parent / "html"
     script = (folder / "dt_bundle.js").read_text(encoding="utf-8")
     style = (folder / "dt_bundle.css").read_text(encoding="utf-8")
@@ -55,6 +55,6 @@ def _within_html(script: str) -> str:
 
 
 def script_hash(script: str) -> str:
-    """Return the name of a script in a content security policy."""
+    """Return the hash of a script for a content security policy."""
     digest = hashlib.sha256(script.encode()).digest()
     return f"'sha256-{base64.b64encode(digest).decode()}'"

@@ -30,11 +30,11 @@ def write(output: Path) -> tuple[Path, list[str]]:
 
     Parameters
     ----------
-    output : folder of the reports of the scenarios, each with its digest.
+    output : folder with the reports of scenarios and their digests.
 
     Returns
     -------
-    Path of the page, and a sentence for each report that cannot be read.
+    Path of the page, and a remark for each report that cannot be read.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def write(output: Path) -> tuple[Path, list[str]]:
 
 
 def read(output: Path) -> tuple[list[Digest], list[str]]:
-    """Return the digests of a folder of reports, and a sentence for each that cannot be read."""
+    """Return the digests of all reports in a folder, and a remark for each unreadable report."""
     digests, remarks = [], []
     for folder in sorted(output.glob(f"*/{digest.FOLDER}")):
         try:
@@ -67,7 +67,10 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
 
 
 def studies(output: Path, digests: Sequence[Digest]) -> dict[str, str]:
-    """Return the first sentence of the answer of each page that is of no scenario, by its name."""
+    """Return the first sentence of each further page's answer, by name of the page.
+
+    Further pages report other measurements than runs of a scenario.
+    """
     scenarios = {each.manifest["scenario"] for each in digests}
     pages = {path.stem: path.read_text(encoding="utf-8") for path in sorted(output.glob("*.md"))}
     answers = {name: _STUDY.search(page) for name, page in pages.items() if name not in scenarios}
@@ -77,13 +80,13 @@ def studies(output: Path, digests: Sequence[Digest]) -> dict[str, str]:
 def text(
     digests: Sequence[Digest], has_league: bool = True, studies: Mapping[str, str] | None = None
 ) -> str:
-    """Return the page as markdown.
+    """Return the front page as markdown.
 
     Parameters
     ----------
-    digests : of the scenarios.
-    has_league : whether the figure of the suite is next to the page.
-    studies : answers of the pages of other measurements, by the names of the pages.
+    digests : digests of the scenarios.
+    has_league : whether the league figure of the suite is in the folder of the page.
+    studies : first sentences from :func:`studies`, by name of the page.
     """
     suite = [each for each in digests if each.manifest["scenario"] == SUITE]
     newest = max(each.manifest["results_version"] for each in digests)
@@ -109,6 +112,6 @@ def text(
 
 
 def ranking(suite: Digest) -> pd.DataFrame:
-    """Return the first rows of the standing of causal estimators over the cases of the suite."""
+    """Return the first rows of the standing of causal estimators in the suite."""
     table = standing(suite.metrics, suite.cases).iloc[:MOST_ROWS]
     return table.assign(estimator=list(map(code, table["estimator"])))

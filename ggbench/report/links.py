@@ -1,4 +1,4 @@
-"""Relative links of a text for several folders."""
+"""Removal of dead relative links from markdown."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ _ABSOLUTE = re.compile(r"[a-zA-Z][\w+.-]*:")
 
 
 def without_dead(text: str, folder: Path, coming: Set[str] = frozenset()) -> str:
-    """Return markdown in which relative links without a target become plain text.
+    """Replace relative links without a target by plain text.
 
-    Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. Reports in
-    other folders have neither. Files that are still ``coming`` count as existing.
+    Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. Neither
+    exists if a report is written to another folder. ``folder`` is the folder of the page; files
+    that will be written later (``coming``) count as existing.
     """
 
     def kept(match: re.Match[str]) -> str:

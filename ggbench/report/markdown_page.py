@@ -26,13 +26,13 @@ _ON_ESTIMATORS = "Claims of the source on pairs of estimators"
 
 
 def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
-    """Return the page of a scenario as markdown, and write its figures into a folder.
+    """Return the page of a scenario as markdown, and write the figures into a folder.
 
     Parameters
     ----------
-    results, picture : results, and the figure that answers the scenario's question.
+    results, picture : results, and the main figure of the scenario.
     folder : folder of the figures.
-    notes : the scenario's, in markdown.
+    notes : notes of the scenario in markdown.
     """
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
     page_cases = sweeps.shown_cases(results)

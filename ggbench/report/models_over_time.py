@@ -1,4 +1,4 @@
-"""Weights of an estimator's models over time, in words."""
+"""Weights of the models of a multiple-model estimator over time, as text."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ _KEY = re.compile(r"at_(\d+)_s")
 
 
 def over_time(infos: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
-    """Return a row for each time: ``time_s``, and ``models``, the heaviest models of all runs.
+    """Return a table with a row for each time: ``time_s``, and ``models`` with the mean weights.
 
-    A model's weight is the mean over the runs, in which it weighs nothing where it is not named.
+    ``models`` lists the models with the largest weights, averaged over the runs. A model that a run
+    does not list has weight zero in this run.
 
     Parameters
     ----------
-    infos : ``Estimate.info`` of the runs, with texts of :func:`.in_words` at ``at_<seconds>_s``.
+    infos : ``Estimate.info`` of the runs; texts of :func:`.in_words` have the keys
+        ``at_<seconds>_s``.
     """
     at: dict[int, list[dict[str, float]]] = {}
     for info in infos:

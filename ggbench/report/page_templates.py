@@ -1,4 +1,4 @@
-"""Templates of pages, with the formats of numbers."""
+"""Jinja templates of pages, with filters that format numbers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAGE_VERSION = 3
 
 
 def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Environment:
-    """Return the environment of a folder of templates, with the formats of numbers as filters."""
+    """Return the Jinja environment of a template folder, with filters that format numbers."""
     templating = jinja2.Environment(
         loader=jinja2.FileSystemLoader(templates),
         autoescape=html,
@@ -50,11 +50,11 @@ def style() -> str:
 
 
 def html(template: str, **values: Any) -> str:
-    """Return an HTML page from a template with ``style``."""
+    """Return an HTML page rendered from a template; the style sheet is its value ``style``."""
     return environment(html=True).get_template(template).render(style=style(), **values)
 
 
 def markdown(template: str, templates: Path = TEMPLATES, **values: Any) -> str:
-    """Return a markdown page without repeated empty lines."""
+    """Return a markdown page rendered from a template, without repeated empty lines."""
     text = environment(templates=templates).get_template(template).render(values)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"

@@ -1,4 +1,4 @@
-"""Figures of a page, drawn from the views of its tables."""
+"""Figures of a report page."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ def panel(
     title: str = "",
     places: np.ndarray | None = None,
 ) -> Panel:
-    """Return the errors of estimators in the named cases, in the settled window.
+    """Return a panel with the errors of estimators in the named cases, in the settled window.
 
-    ``places`` (cases,) are the positions of the cases on the axis.
+    ``places`` (cases,) are the abscissae of the cases.
     """
     rows = comparable(metrics[metrics["case"].isin(names)])
     return answer.panel(rows, names, labels, title, places)
 
 
 def of_answer(results: Reported) -> Picture:
-    """Return the figure that answers the scenario's question."""
+    """Return the main figure of a scenario, with a caption."""
     metrics, cases = results.metrics(), sweeps.shown_cases(results)
     labels = drawn_estimators(metrics, cases, results.own)
     if results.scenario.sweep is not None:
@@ -72,9 +72,10 @@ def of_answer(results: Reported) -> Picture:
 def over_time(
     results: Results, cases: Sequence[str], labels: Sequence[str], most: int | None = None
 ) -> Picture:
-    """Return the RMS errors of estimators and of the INS over time, a column for each case.
+    """Return the figure of RMS errors over time, with a column for each case.
 
-    At most :data:`MOST_COLUMNS` cases; ``most`` limits the epochs.
+    At most :data:`MOST_COLUMNS` cases are drawn, with the INS. ``most`` is the largest number of
+    epochs.
     """
     chosen = [*dict.fromkeys(["ins", *labels])]
     figure = stored.error_over_time(results, dict.fromkeys(cases[:MOST_COLUMNS], chosen), most)

@@ -1,4 +1,4 @@
-"""Views of published numbers: errors next to the bound, windows, and claims."""
+"""Comparison with published numbers: errors, bounds, windows and claims."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ _NEAR = 1.25
 
 
 def referenced(metrics: pd.DataFrame) -> list[str]:
-    """Return the cases with published errors that fit into a table."""
+    """Return as many cases with published errors as fit into a table."""
     return metrics.loc[metrics["published_m"].notna(), "case"].unique().tolist()[:MOST_REFERENCES]
 
 
 def published_table(
     metrics: pd.DataFrame, titles: Mapping[str, str], own: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Return published errors, bounds and estimators: a column for each case and window.
+    """Return a table of published errors, bounds and errors of estimators.
 
-    Estimators that agree within 1% in all columns share a row; the nearest ones come first. Users'
-    own estimators come first, and have a row even if they failed.
+    There is a column for each case and window. Estimators that agree within 1% in all columns share
+    a row. Users' own estimators come first, even if they failed; all others are sorted by error.
     """
     cases = referenced(metrics)
     chosen = metrics[metrics["case"].isin(cases) & metrics["window"].isin(WINDOWS)]
@@ -97,10 +97,10 @@ def _published(error: float, is_allowed: bool | None) -> str:
 
 
 def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
-    """Return, for each case with a published error, whether the filtering bound is lower.
+    """Return a table that states whether the bound of a filter allows each published error.
 
-    Columns case, window, published_m, bound_m, allowed. If every filter failed, there is no bound,
-    and the case is omitted.
+    The columns are case, window, published_m, bound_m and allowed. If all filters failed in a case,
+    there is no bound, and the case is omitted.
     """
     rows = metrics[metrics["published_m"].notna() & (metrics["causality"] == "filter")]
     rows = rows[rows["bound_m"].notna()]
@@ -110,10 +110,10 @@ def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
 
 
 def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
-    """Return bound and RMS errors of estimators over windows from several starts to the end.
+    """Return bound and RMS errors in windows from several start times to the end of the flight.
 
-    There is a row for the bound and for each finished estimator, case by case, up to the size of a
-    table. Values are empty if a flight is too short or too long for :data:`STARTS_S`.
+    For each case there is a row for the bound and for each finished estimator, up to the largest
+    size of a table. The table is empty if a flight is too short or too long for :data:`STARTS_S`.
     """
     cases, lines = referenced(metrics), []
     for case in cases:
@@ -137,7 +137,10 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:
-    """Return published improvements by known gravity, and the effect of the disturbance."""
+    """Return a table of published improvements by known gravity, and of the computed effects.
+
+    The effect is the response of the INS to the gravity disturbance.
+    """
     rows = []
     for claim in results.scenario.claims:
         if claim.case not in results.manifest["cases"]:
@@ -162,12 +165,12 @@ def gravity_claims(results: Results) -> pd.DataFrame:
 
 
 def claimed(results: Any) -> pd.DataFrame:
-    """Return the published claims on pairs of estimators, and their verdicts.
+    """Return a table of published claims on pairs of estimators, with verdicts.
 
-    A claim of *equal* holds if the pair is equivalent; a claim of *larger* or *smaller* holds if
-    the pair is worse or better. A claim on times compares medians. The claims of a scenario are a
-    family of tests of their own. An undecided claim is open, with the number of runs needed for a
-    decision.
+    A claim "equal" holds if the comparison is "equivalent"; a claim "larger" or "smaller" holds if
+    it is "worse" or "better". A claim on computing times compares medians. The claims of a scenario
+    form a separate family of tests. An undecided claim is open, with the number of runs that a
+    decision needs.
     """
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
     metrics = results.metrics()

@@ -20,15 +20,15 @@ class ReportError(GGBenchError):
 
 
 def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Path]:
-    """Write the report of a results folder: ``NAME.md``, its figures and data, ``NAME.html``.
+    """Write the report of a results folder: ``NAME.md`` with figures and data, ``NAME.html``.
 
-    All files are written together, or none.
+    Either all files are written, or none.
 
     Parameters
     ----------
-    folder : results of ``ggbench run``, finished or interrupted.
-    output : folder to write to; a missing one is created.
-    pages : files that will exist in ``output`` later, as targets of links.
+    folder : results folder of a finished or interrupted campaign.
+    output : folder to write to, created if missing.
+    pages : files that will exist in ``output`` later, so that links to them are allowed.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
     Raises
     ------
     StoreError, ScenarioError, ReportError
-        If the folder is not a results folder, is damaged or has no finished run.
+        If the folder is no results folder, is damaged, or has no finished run.
     """
     results = Reported(folder)
     if results.metrics().empty:
@@ -64,7 +64,7 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
 
 
 def write_definitions(output: Path) -> None:
-    """Write the page of definitions and the table of all columns into a folder of pages."""
+    """Write the page of definitions and a table of all columns into a folder."""
     listed = [
         {"column": key, "heading": c.heading, "unit": c.unit, "definition": c.definition}
         for key, c in columns.COLUMNS.items()
@@ -74,5 +74,5 @@ def write_definitions(output: Path) -> None:
 
 
 def definitions() -> str:
-    """Return the page of definitions."""
+    """Return the page of definitions as markdown."""
     return markdown("definitions.md.j2", columns=[columns.COLUMNS[key] for key in columns.DEFINED])

@@ -1,4 +1,4 @@
-"""Results as shown in reports: short names of estimators, all tables by name."""
+"""Results for reports, with short names of estimators."""
 
 from __future__ import annotations
 
@@ -23,72 +23,74 @@ _LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother
 class Reported(Results):
     """A results folder whose tables use the short names of estimators.
 
-    The short name of a file's estimator is that of its class, ``mine[gain=2]`` for
-    ``a/file.py[gain=2]``, unless it is ambiguous. Commands keep the file.
+    The short name of an estimator from a file is the name of its class, ``mine[gain=2]`` for
+    ``a/file.py[gain=2]``, unless two estimators would share it. Commands contain the path of the
+    file.
     """
 
     @cached_property
     def shown(self) -> dict[str, str]:
-        """Short name of each estimator by its label."""
+        """Short name of each estimator, by label."""
         metrics = super().metrics()
         names = dict(zip(metrics["estimator"], metrics["name"], strict=True))
         return {label: label for label in super().labels} | shown_names(names)
 
     @property
     def labels(self) -> list[str]:
-        """Short names, in the order of the command."""
+        """Short names of the estimators, in the order of the user's command."""
         return [self.shown[label] for label in super().labels]
 
     @property
     def families(self) -> dict[str, str]:
-        """Family of each estimator by its short name."""
+        """Family of each estimator, by short name."""
         return {self.shown[label]: family for label, family in super().families.items()}
 
     @property
     def own(self) -> list[str]:
-        """Short names of estimators that are not shipped, in order."""
+        """Short names of the users' own estimators, in order."""
         families = self.families
         return [label for label in self.labels if is_own(label, families)]
 
     @property
     def seeking(self) -> dict[str, str]:
-        """Names in an estimator's source that lead to the truth, by its short name."""
+        """Names in the source that give access to the truth, by short name of the estimator."""
         return {self.shown[label]: names for label, names in super().seeking.items()}
 
     def series(self, case: str, estimator: str) -> np.ndarray:
-        """Return the errors (runs, K', 4) of finished runs of an estimator, by its short name."""
+        """Return the time series (runs, K', 4) of an estimator, given by short name."""
         labels = {name: label for label, name in self.shown.items()}
         return super().series(case, labels.get(estimator, estimator))
 
     def runs(self) -> pd.DataFrame:
-        """Return the table of runs."""
+        """Return the table of runs, with short names."""
         return self._named(super().runs())
 
     def metrics(self) -> pd.DataFrame:
-        """Return a row for each case, estimator and window."""
+        """Return a table with a row for each case, estimator and window, with short names."""
         return self._named(super().metrics())
 
     def pairs(self) -> pd.DataFrame:
-        """Return the pairs of estimators of a kind in each case."""
+        """Return the table of pairwise comparisons, with short names."""
         return self._named(super().pairs())
 
     def cases(self) -> pd.DataFrame:
-        """Return a row for each case: set-up, bounds and verdicts."""
+        """Return a table with a row for each case: set-up, bounds, verdicts with short names."""
         return self._named(super().cases())
 
     def failures(self) -> pd.DataFrame:
-        """Return the runs that failed."""
+        """Return the table of failed runs, with short names."""
         return self._named(super().failures())
 
     @cached_property
     def by_line(self) -> pd.DataFrame:
-        """The table by survey line."""
+        """Table of errors by survey line."""
         return survey_lines.by_line(self, self.runs())
 
     def further_tables(self) -> dict[str, pd.DataFrame]:
-        """Return all non-empty tables except metrics, cases and pairs, by name.
+        """Return all further non-empty tables, by name.
 
-        The order is that of a page: errors first, counters last.
+        Metrics, cases and pairs are excluded. The order is that of a page: errors first, counters
+        last.
         """
         tables = {
             "errors": league.errors(self.metrics(), self.cases()),
@@ -106,7 +108,7 @@ class Reported(Results):
         return {name: table for name, table in tables.items() if len(table)}
 
     def write_data(self, folder: Path) -> None:
-        """Write the digest and the other non-empty tables into a folder."""
+        """Write the digest and all further non-empty tables into a folder."""
         digest.write(self, folder)
         for name, table in self.further_tables().items():
             digest.write_csv(table, folder / f"{name}.csv")

@@ -1,4 +1,4 @@
-"""Table by survey line: errors of estimators, and the distance of the map's next line."""
+"""Table of errors by survey line, with the distance of the nearest line in the map."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ _PLACES = 31
 
 
 def by_line(results: Results, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per case, flown survey line and estimator; empty without survey lines.
+    """Return a table with a row for each case, flown survey line and estimator.
 
-    RMS error and mean NEES of the settled window, of the finished runs of the line; the line next
-    to it that the map is made of, and its distance, if the map is a shipped one of survey lines.
+    The columns have RMS error and mean NEES in the settled window over the finished runs on the
+    line. For shipped maps made from survey lines they also have the nearest line in the map and the
+    distance to it. The table is empty if no survey lines are flown.
 
     Parameters
     ----------
-    runs : the table of runs (:meth:`.Results.runs`).
+    runs : table of runs (:meth:`.Results.runs`).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Views of a sweep: sections of its grid, and the required sensors."""
+"""Tables and figures of sweeps: sections of the grid, and values that reach a target."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LISTED = "at"
 
 
 class Part(NamedTuple):
-    """Cases of a sweep along its first axis: title, names and abscissae (n,)."""
+    """Cases along the first axis of a sweep: title, names of the cases, abscissae (n,)."""
 
     title: str
     cases: list[str]
@@ -37,7 +37,7 @@ class Part(NamedTuple):
 
 
 def is_of_the_prior(scenario: Scenario) -> bool:
-    """Return whether the only axis of a sweep is the initial position uncertainty."""
+    """Return whether a sweep varies only the initial position uncertainty."""
     sweep = scenario.sweep
     if sweep is None or len(sweep.axes) != 1:
         return False
@@ -46,9 +46,10 @@ def is_of_the_prior(scenario: Scenario) -> bool:
 
 
 def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
-    """Return at most three parts of a grid, at the middle of all further axes.
+    """Return at most three sections of a sweep's grid along the first axis.
 
-    Abscissae are values of the first axis, or σ/ℓ if this is the initial uncertainty.
+    Further axes have their middle values. The abscissae are values of the first axis, or σ/ℓ if
+    this axis is the initial position uncertainty.
     """
     sweep = scenario.sweep
     assert sweep is not None
@@ -74,7 +75,10 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
 
 
 def shown_cases(results: Results) -> pd.DataFrame:
-    """Return the flown cases of a page: the deciding ones, or for a sweep those of its figure."""
+    """Return the cases on a page (:func:`.views.deciding_cases`).
+
+    For a sweep they are chosen among the cases in the figure.
+    """
     cases, metrics = results.cases(), results.metrics()
     cases = cases[cases["case"].isin(metrics["case"])]
     if results.scenario.sweep is not None:
@@ -84,7 +88,7 @@ def shown_cases(results: Results) -> pd.DataFrame:
 
 
 def label_of(scenario: Scenario) -> str:
-    """Return the label of the abscissae of the parts."""
+    """Return the label of the abscissa for the figure of a sweep."""
     assert scenario.sweep is not None
     if is_of_the_prior(scenario):
         return "initial uncertainty over correlation length, σ/ℓ"
@@ -94,11 +98,13 @@ def label_of(scenario: Scenario) -> str:
 def reached(
     scenario: Scenario, metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Return for each target the values of the first axis that reach it, part by part.
+    """Return a table of the values of the first axis that reach each target, for each part.
 
-    The columns are the bound, the EKF and the first own estimator, with an interval in parentheses.
-    ``3.2 E`` is an interpolated upper limit. If an error is surely smaller than the one before, the
-    values are listed instead. The table is empty without a sweep.
+    There are columns for the bound, the EKF and the user's first own estimator, with an interval in
+    parentheses. A cell such as ``3.2 E`` is the largest value that reaches the target, interpolated
+    between cases. If the error does not grow along the axis (one error is significantly smaller
+    than the error before), all values that reach the target are listed. The table is empty without
+    a sweep.
     """
     if scenario.sweep is None:
         return pd.DataFrame()
@@ -151,10 +157,10 @@ def _limit(value: float, unit: str) -> str:
 
 
 def recovered(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
-    """Return, for each causal estimator, the largest σ/ℓ with 95% success.
+    """Return the largest σ/ℓ at which each causal estimator has a success rate of 95%.
 
-    All cases with an equal or smaller σ/ℓ must have 95% success, on equal runs. The largest comes
-    first. Estimators without such a case have 0.
+    All cases with equal or smaller σ/ℓ must have a success rate of 95%, on equal runs. The
+    estimator with the largest σ/ℓ comes first. Estimators without such a case have 0.
     """
     rows = comparable(metrics)
     rows = rows[rows["causality"] == "filter"]

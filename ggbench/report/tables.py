@@ -1,4 +1,4 @@
-"""Tables as markdown text, and cells that compare estimators."""
+"""Markdown tables, and cells with the errors of estimators."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def code(text: object) -> str:
     """Return an untrusted text, such as an estimator's label, as a markdown code span.
 
-    Its fence is longer than any run of backticks in it (CommonMark, section 6.1).
+    The fence is longer than any sequence of backticks in the text (CommonMark, section 6.1).
     """
     line = line_of(str(text), _LONGEST_TEXT)
     fence = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
@@ -42,12 +42,14 @@ def code(text: object) -> str:
 
 
 def plain(text: object) -> str:
-    """Return an untrusted text, such as a reason of failure, as escaped markdown."""
+    """Return an untrusted text, such as the reason of a failure, as escaped markdown."""
     return _MARKUP.sub(r"\\\g<0>", line_of(str(text), _LONGEST_TEXT))
 
 
 def text(table: pd.DataFrame) -> str:
-    """Return a view as a markdown table; its column names are headings or registered keys.
+    """Return a data frame as a markdown table.
+
+    The names of the columns are headings, or registered keys (:func:`.columns.column`).
 
     Raises
     ------
@@ -65,11 +67,11 @@ def text(table: pd.DataFrame) -> str:
 
 
 def error_cell(row: Mapping[str, Any]) -> str:
-    """Return ``RMS (× oracle), success †`` of a row of metrics; success only below 100%.
+    """Return the cell of an estimator, ``RMS (× oracle), success †``, from a row of metrics.
 
-    The cell of the INS has its RMS error, and a success rate if any run succeeds. If most runs are
-    lost, the cell has only their share; if all failed, "failed". "as the INS" means a success rate
-    no higher than that of the INS.
+    The success rate is omitted at 100%. The cell of the INS has the RMS error, and the success rate
+    if any run succeeds. If most runs are lost, the cell has only their share; if all runs failed,
+    it is "failed". "as the INS" means a success rate no higher than that of the INS.
     """
     if row["failed"] == row["runs"]:
         return FAILED
@@ -90,12 +92,15 @@ def error_cell(row: Mapping[str, Any]) -> str:
 
 
 def is_lost(row: Mapping[str, Any]) -> bool:
-    """Return whether most runs of a row of metrics are lost."""
+    """Return whether more than half of the runs in a row of metrics are lost.
+
+    A lost run ends outside the required error without warning (:func:`.judging.summary.lost`).
+    """
     return bool(row["lost"] > MOST_LOST * row["runs"])
 
 
 def names(labels: Sequence[str], most: int = 3) -> str:
-    """Return the first few estimators as code, and the number of the others."""
+    """Return the first ``most`` labels as code, and the number of remaining labels."""
     first = [code(label) for label in labels[:most]]
     more = len(labels) - most
     if more > 0:

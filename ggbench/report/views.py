@@ -1,6 +1,6 @@
-"""Views of the three tables of a scenario, as data frames.
+"""Selections of the tables of metrics, pairs and cases for pages and figures.
 
-``metrics``, ``pairs`` and ``cases`` are those of :class:`ggbench.results.folder.Results`.
+``metrics``, ``pairs`` and ``cases`` are the tables of :class:`ggbench.results.folder.Results`.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ def require_equal_runs(rows: pd.DataFrame) -> None:
 
 
 def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
-    """Return the rows of a window with all runs of their case.
+    """Return the rows of metrics in a window, of estimators with all runs of a case.
 
-    Estimators with fewer runs are omitted, because their errors belong to another sample.
+    Estimators with fewer runs are omitted, because their errors belong to another sample of runs.
     """
     rows = metrics[metrics["window"] == window]
     rows = rows[rows["runs"] == rows.groupby("case")["runs"].transform("max")]
@@ -48,14 +48,17 @@ def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
 
 
 def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
-    """Return the estimators with fewer runs than others of a case, which are not compared."""
+    """Return the estimators that have fewer runs of a case than others."""
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     comparable_labels = comparable(rows)["estimator"]
     return [label for label in rows["estimator"].unique() if label not in set(comparable_labels)]
 
 
 def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
-    """Return whether an error is surely below a bound, which is then not that of the truth."""
+    """Return whether any error is significantly below a bound.
+
+    The bound then belongs to an assumed model that differs from the truth.
+    """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]
     return bool((rows["rms_hi"] < rows["bound_m"]).any())
@@ -64,10 +67,11 @@ def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
 def deciding_cases(
     metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_CASES
 ) -> pd.DataFrame:
-    """Return at most ``most`` cases that decide between estimators, in the order of the file.
+    """Return at most ``most`` cases that distinguish estimators, in the order of the file.
 
-    Among cases with equal recommendations, the one with the largest ratio of RMS errors of causal
-    estimators comes first. These cases precede all others. Both groups are ordered by this ratio.
+    Cases are chosen by the ratio of the largest to the least RMS error of causal estimators. For
+    each set of recommended estimators the case with the largest ratio is chosen first. Remaining
+    places go to other cases with the largest ratios.
     """
     if len(cases) <= most:
         return cases
@@ -84,7 +88,10 @@ def deciding_cases(
 
 
 def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
-    """Return at most ``most`` cases, evenly spread in the order of the file, with both ends."""
+    """Return at most ``most`` cases, evenly spread in the order of the file.
+
+    The first and the last case are included.
+    """
     if len(cases) <= most:
         return cases
     return cases.iloc[np.unique(np.linspace(0, len(cases) - 1, most).round().astype(int))]
@@ -93,11 +100,11 @@ def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
 def answer_table(
     metrics: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Return the page's table: bound, INS, EKF, recommended and best smoother of each case.
+    """Return a table with bound, INS, EKF, recommended estimator and best smoother by case.
 
-    Of several recommended estimators the cheapest is named. Each own estimator has a column. If
-    there are too many, the table has a column for each case and a row for each estimator, the own
-    ones first.
+    Of several recommended estimators the cheapest is named. Each of the user's own estimators has a
+    column. If there are too many, the table has a column for each case and a row for each
+    estimator, with own estimators first.
     """
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     plain = (cases["recommended"] != "").to_numpy()
@@ -186,11 +193,11 @@ class _Cells:
 def drawn_estimators(
     metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = (), most: int = MOST_DRAWN
 ) -> list[str]:
-    """Return the estimators of a figure: EKF, own ones, those of a table, best ones.
+    """Return the estimators of a figure: EKF, own, those of the table, best.
 
-    For each name and causality the one with the least mean logarithm of error over bound is drawn;
-    own estimators are all drawn, up to the number of lines. Only estimators with all runs of every
-    shown case count.
+    Of several parameter sets of one estimator with the same causality only one is drawn: a set in
+    the table, else the set with the least geometric mean of error / bound. Own estimators are all
+    drawn, up to ``most``. Only estimators with all runs of all shown cases are drawn.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]
@@ -212,12 +219,12 @@ def drawn_estimators(
 
 
 def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:
-    """Return groups of estimators whose numbers agree within 1%, in the order given.
+    """Group estimators whose numbers agree within 1%, in the given order.
 
     Parameters
     ----------
-    labels : estimators.
-    values : their positive numbers: a row for each estimator, a column for each number.
+    labels : labels of the estimators.
+    values : positive numbers, with a row for each estimator and a column for each number.
     """
     groups: list[list[str]] = []
     logs = np.log(values.loc[list(labels)])
@@ -233,7 +240,10 @@ def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:
 
 
 def not_consistent(metrics: pd.DataFrame) -> list[str]:
-    """Return causal estimators that are overconfident or unsafe in any case, by frequency."""
+    """Return causal estimators that are overconfident or unsafe in any case.
+
+    The most frequent come first.
+    """
     rows = metrics[(metrics["window"] == "settled") & (metrics["causality"] == "filter")]
     marked = rows[rows["consistency"].isin(list(columns.SYMBOLS))]
     return marked["estimator"].value_counts().index.tolist()

@@ -1,1 +1,1 @@
-"""Results of campaigns: folders of records."""
+"""Results folders of campaigns."""

@@ -1,7 +1,7 @@
 """Columns of a record: the results of one run of one estimator.
 
-Only this module declares the columns. Database tables with their checks, blank records and the
-table of runs follow from it.
+Only this module declares the columns. The database tables with their constraints, blank records and
+the table of runs are derived from it.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ _FINITE = f"BETWEEN 0.0 AND {sys.float_info.max!r}"
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table of the database.
+    """Declaration of a column of a database table.
 
     Attributes
     ----------
-    name, kind : its name, and the type of its values.
-    check : condition on the values besides their type, as SQL that follows the name.
-    finished : whether only finished runs have it; NULL for failed ones.
-    defined : whether every row has a value; a float without a value is NaN, in SQL NULL.
-    tabled : whether the table of runs has it.
+    name, kind : name of the column, and type of the values.
+    check : condition on the values as SQL, to follow the name of the column.
+    finished : whether only finished runs have a value; failed runs have NULL.
+    defined : whether a value is required; a missing float is NaN in records and NULL in SQL.
+    tabled : whether the table of runs has the column.
     """
 
     name: str
@@ -45,14 +45,14 @@ class Column:
 
     @property
     def blank(self) -> Any:
-        """Value in the record of a failed run, if nothing else is known."""
+        """Default value in a record, for runs that fail."""
         if self.kind is float:
             return math.nan
         return None if self.finished else self.kind()
 
     @property
     def schema(self) -> str:
-        """Definition of the column, as SQL."""
+        """SQL definition of the column, with type and constraints."""
         name, sql_type = self.name, _TYPES[self.kind]
         rule = f"typeof({name}) = '{sql_type.lower()}'"
         if self.check:
@@ -67,12 +67,12 @@ class Column:
 
     @property
     def selected(self) -> str:
-        """Expression of the column in a query of a table, as SQL."""
+        """SQL expression that selects the column in a query."""
         return f"{self.name} IS 1 AS {self.name}" if self.kind is bool else self.name
 
     @property
     def dtype(self) -> type | None:
-        """Type of the column of a table; text keeps the default of pandas."""
+        """Type of the column in a pandas table; None (the default of pandas) for text."""
         if self.kind is str:
             return None
         return float if self.kind is int and self.finished else self.kind
@@ -112,10 +112,12 @@ COLUMNS = (
     Column("output", str, tabled=False),
     Column("info", str, tabled=False),
 )
-"""Of a record. ``fixes`` is the number of fixes that a matcher tried; ``info`` is JSON."""
+"""Columns of a record. ``fixes`` is the number of attempted fixes of a matcher; ``info`` is
+JSON.
+"""
 NAMES = tuple(column.name for column in COLUMNS)
 BLANK: dict[str, Any] = {column.name: column.blank for column in COLUMNS} | {"info": {}}
-"""Record of a run of which nothing is known yet, to be filled."""
+"""Record of a run without any result."""
 TABLED = tuple(column for column in COLUMNS if column.tabled)
 FIX_COLUMNS = (
     Column("run", int, f"BETWEEN 0 AND {MOST_RUNS}"),
@@ -126,7 +128,7 @@ FIX_COLUMNS = (
     Column("statistic", float),
     Column("accepted", bool),
 )
-"""Of the fixes of a run: their number in the run, and :data:`.judging.fix_metrics.ROWS`."""
+"""Columns of the fixes of a run: index in the run, and :data:`.judging.fix_metrics.ROWS`."""
 
 
 def _definitions(columns: Sequence[Column]) -> str:

@@ -1,8 +1,8 @@
-"""CSV files with texts that spreadsheets do not execute as formulas.
+"""CSV text that spreadsheets do not execute as formulas.
 
 Spreadsheets execute a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return.
-Titles, labels and reasons are untrusted. Therefore an apostrophe precedes such texts (OWASP, CSV
-injection); :func:`restored` removes it.
+Titles, labels and reasons are untrusted. Therefore :func:`csv_text` writes an apostrophe before
+such texts (OWASP, CSV injection), and :func:`restored` removes it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 
 
 def csv_text(table: pd.DataFrame, **options: Any) -> str:
-    """Return a table as CSV without its index; ``options`` are those of ``DataFrame.to_csv``."""
+    """Return a table as CSV text without the index; ``options`` go to ``DataFrame.to_csv``."""
     changed = table.rename(columns=_safe)
     texts = changed.select_dtypes(exclude=["number", "bool"])
     return changed.assign(**{key: texts[key].map(_safe) for key in texts}).to_csv(
@@ -27,7 +27,7 @@ def csv_text(table: pd.DataFrame, **options: Any) -> str:
 
 
 def restored(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table read from such a file, with its original texts."""
+    """Return a table read from CSV with the apostrophes of :func:`csv_text` removed."""
     texts = table.select_dtypes(exclude=["number", "bool"])
     return table.assign(**{key: texts[key].map(_plain) for key in texts})
 

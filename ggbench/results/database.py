@@ -1,7 +1,7 @@
-"""Database of a results folder: records, fixes, time series, arrays of cases.
+"""Database of a results folder: records, fixes, time series, and shared arrays of cases.
 
-Each added result is durable (synchronised to the disk). SQLite refuses rows that violate the
-declared columns (:mod:`.results.columns`).
+Each added result is synchronised to the disk. SQLite refuses rows that violate the declarations of
+the columns (:mod:`.results.columns`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 APPLICATION_ID = 0x67676231
-"""Says in the header of a database that it is one of ours."""
+"""Identifier of ggbench in the header of the database."""
 _BUSY_S = 60.0
 _PIECE = 5000
 """Rows that are held at a time on their way into a table."""
@@ -43,16 +43,14 @@ class Result(NamedTuple):
 
     Attributes
     ----------
-    key : hash of all inputs of the result except the number of the run
-        (:mod:`.campaign.result_keys`).
-    record : record of the run, a value for each of :data:`.columns.NAMES`.
-    series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
-        None.
-    detail : (K, 18) float32, errors and their σ, for selected runs (:meth:`Database.detail`); or
-        None.
+    key : hash of all inputs of the result except the run index (:mod:`.campaign.result_keys`).
+    record : record of the run, with a value for each of :data:`.columns.NAMES`.
+    series : (K', 4) float32: position and velocity error [m, m/s], NEES and NIS at K' of the
+        epochs; or None.
+    detail : (K, 18) float32: errors and their σ, only for run 0 (:meth:`Database.detail`); or None.
     fixes : fixes of a matcher, see :func:`.judging.fix_metrics.judge`.
-    retry_above : None if the result is final; for a run that died or was too slow, the time limit
-        [s] above which it is repeated.
+    retry_above : for a run that died or was too slow, the time limit [s] above which the run is
+        repeated; None if the result is final.
     """
 
     key: str
@@ -64,17 +62,17 @@ class Result(NamedTuple):
 
 
 class Database:
-    """The records of a results folder.
+    """Database of a results folder.
 
     Parameters
     ----------
-    path : of its file.
-    create : create a missing file, and open it for writing.
+    path : path of the database file.
+    create : whether to create a missing file, and to open it for writing.
 
     Raises
     ------
     StoreError
-        If the file has other columns than this version of the package, or is damaged.
+        If the file is damaged, or was written with other columns by another version.
     """
 
     def __init__(self, path: Path, create: bool = False) -> None:
@@ -128,13 +126,13 @@ class Database:
             )
 
     def close(self) -> None:
-        """Close the database; its log is merged."""
+        """Close the database, and merge its write-ahead log."""
         self._connection.close()
 
     def add(self, results: Iterable[Result]) -> None:
         """Store results in one transaction.
 
-        Raise StoreError if they cannot be written (full disk); then none of them is stored.
+        Raise StoreError if they cannot be written, for example on a full disk; then none is stored.
         """
         records: list[tuple[Any, ...]] = []
         fixes: list[tuple[Any, ...]] = []
@@ -151,9 +149,10 @@ class Database:
         self._write({"records": records, "fixes": fixes, "curves": curves})
 
     def finished(self, limit: float = np.inf, retry_failed: bool = False) -> dict[str, np.ndarray]:
-        """Return, by key, the runs (N,) with a final result for a time limit [s].
+        """Return, by key, the indices (N,) of the runs that need not be run again.
 
-        With ``retry_failed`` no failure is final.
+        A result is not final if the run failed at a lower time limit than ``limit`` [s]. With
+        ``retry_failed`` no failure is final.
         """
         to_repeat: dict[str, list[int]] = {}
         query = "SELECT key, run FROM records WHERE retry_above < ?"
@@ -168,7 +167,7 @@ class Database:
         return {key: runs for key, runs in by_key.items() if len(runs)}
 
     def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
-        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order.
+        """Yield the records with a key, for the runs ``first`` to ``runs`` − 1 in order.
 
         Raise StoreError if a record is damaged.
         """
@@ -182,9 +181,9 @@ class Database:
             yield record | {"info": self._info(record["info"])}
 
     def infos(self, key: str, runs: int) -> list[dict[str, Any]]:
-        """Return what an estimator remarked on each finished run below ``runs`` under a key.
+        """Return the ``info`` of the finished runs 0 to ``runs`` − 1 with a key.
 
-        Raise StoreError if one is damaged.
+        Raise StoreError if an ``info`` is damaged.
         """
         query = "SELECT info FROM records WHERE key = ? AND run < ? AND status = 'ok' ORDER BY run"
         return [self._info(text) for (text,) in self._select(query, (key, runs))]
@@ -197,17 +196,16 @@ class Database:
         return info
 
     def runs(self, keys: Set[str], runs: int) -> pd.DataFrame:
-        """Return the table of the runs below ``runs`` under some keys, in the order of both.
+        """Return a table of the runs 0 to ``runs`` − 1 with these keys, sorted by key and run.
 
         The columns are ``key``, then those of :data:`.columns.TABLED`.
         """
         return self._table("records", TABLED, keys, runs, "key, run")
 
     def fixes(self, keys: Set[str], runs: int) -> dict[str, pd.DataFrame]:
-        """Return the fixes of the runs below ``runs``, by the keys of matchers.
+        """Return a table of the fixes of each matcher in the runs 0 to ``runs`` − 1, by key.
 
-        The tables have ``run`` and :data:`.judging.fix_metrics.ROWS`, in the order of runs and
-        fixes.
+        The columns are ``run`` and :data:`.judging.fix_metrics.ROWS`, sorted by run and fix.
         """
         query = "SELECT DISTINCT key FROM records WHERE fixes IS NOT NULL AND run < ?"
         makers = keys & {key for (key,) in self._select(query, (runs,))}
@@ -236,9 +234,9 @@ class Database:
             raise StoreError(f"{self.path} cannot be read: {text_of(error)}") from None
 
     def series(self, key: str, runs: int) -> np.ndarray:
-        """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
+        """Return time series (runs, K', 4): position and velocity error [m, m/s], NEES, NIS.
 
-        The array ``kept`` of the case lists the K' epochs.
+        Only finished runs have a time series. The array ``kept`` of the case has the K' epochs.
 
         Raise StoreError if a series is damaged.
         """
@@ -251,14 +249,14 @@ class Database:
         return np.array(curves)
 
     def series_of(self, key: str, run: int) -> np.ndarray | None:
-        """Return the series (K', 4) of one run, or None if it has none."""
+        """Return the time series (K', 4) of one run, or None if none is stored."""
         return self._blob("series", key, run, 4)
 
     def detail(self, key: str, run: int) -> np.ndarray | None:
-        """Return the errors (K, 18) of a selected run.
+        """Return the error components (K, 18) of a run, or None if they are not stored.
 
-        They are the errors of position and velocity, their σ, and error and σ of the gravity
-        disturbance [m/s²]; NaN if it is no state.
+        The columns are position and velocity errors, their σ, and errors and σ of the gravity
+        disturbance [m/s²], all in ENU. The last six are NaN if the gravity disturbance is no state.
         """
         return self._blob("detail", key, run, 18)
 
@@ -267,19 +265,19 @@ class Database:
         return None if not rows or rows[0][0] is None else _unpack(rows[0][0], width)
 
     def write_arrays(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store the arrays (K,) or (K, m) that are common to all runs of a case."""
+        """Store the arrays (K,) or (K, m) that all runs of a case share."""
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **arrays)
         self._write({"shared": [(key, content.getvalue())]})
 
     def has_arrays(self, key: str) -> bool:
-        """Return whether the common arrays of a case are stored."""
+        """Return whether the shared arrays of a case are stored."""
         return bool(self._select("SELECT 1 FROM shared WHERE key = ?", (key,)))
 
     def arrays(self, key: str, case: str) -> dict[str, np.ndarray]:
-        """Return the common arrays (K,) or (K, m); ``case`` is for messages.
+        """Return the shared arrays (K,) or (K, m); ``case`` is the name of the case in messages.
 
-        Raise StoreError if they are missing or damaged.
+        Raise StoreError if the arrays are missing or damaged.
         """
         rows = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
         if not rows:

@@ -1,9 +1,9 @@
-"""Tables of a campaign as small text files for the library page.
+"""Digest of a campaign: tables as small text files, for the page of all scenarios.
 
 ``manifest.json``  scenario, estimators and versions.
 ``metrics.csv``    metrics of the settled window.
 ``cases.csv``      the cases.
-``pairs.csv``      comparisons with the INS, the EKF and the estimators that a case names.
+``pairs.csv``      comparisons with the INS, the EKF and the best estimators of a case.
 """
 
 from __future__ import annotations
@@ -69,14 +69,14 @@ DIGITS = "%.6g"
 
 @dataclass(frozen=True, eq=False)
 class Digest:
-    """Summary of a campaign for the page of the library.
+    """Tables of a campaign for the page of all scenarios.
 
     Attributes
     ----------
     manifest : mapping
-        Scenario, estimators, versions, date and machine; ``title`` is that of the scenario.
+        Scenario, estimators, versions, date and machine; ``title`` is the scenario's title.
     metrics, cases, pairs : DataFrame
-        Tables of :class:`.folder.Results`, metrics of the settled window.
+        Tables of :class:`.folder.Results`; ``metrics`` has only the settled window.
     """
 
     manifest: Mapping[str, Any]
@@ -86,7 +86,7 @@ class Digest:
 
 
 def write(results: Results, folder: Path) -> None:
-    """Write the digest of a results folder into a folder; a missing one is created.
+    """Write the digest of a results folder into ``folder``, which is created if missing.
 
     Raise OSError if a file cannot be written.
     """
@@ -104,7 +104,7 @@ def write(results: Results, folder: Path) -> None:
 
 
 def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the pairs with the INS, the EKF, or an estimator that their case names."""
+    """Return the pairs that compare with the INS, the EKF or a best estimator of the case."""
     named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
     is_decisive = [
         bool({first, second} & {*_ALWAYS, *names})
@@ -114,12 +114,12 @@ def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write a table with six significant digits."""
+    """Write a table as CSV with six significant digits."""
     path.write_text(csv_text(table, float_format=DIGITS), encoding="utf-8")
 
 
 def read(folder: Path) -> Digest:
-    """Return the digest in a folder.
+    """Read the digest in a folder.
 
     Raise StoreError if a file is missing or damaged.
     """

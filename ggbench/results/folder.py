@@ -1,4 +1,4 @@
-"""Reader of a results folder: records, tables, and files for other tools.
+"""Reader of results folders: records and tables.
 
 The reader uses only the files of the folder. It loads no estimator and simulates nothing.
 """
@@ -32,7 +32,7 @@ _Measurements = dict[str, dict[str, tuple[int, float]]]
 
 
 class ResultsError(GGBenchError):
-    """A results folder lacks the requested item."""
+    """A results folder does not contain the requested item."""
 
 
 class Cell(NamedTuple):
@@ -58,10 +58,10 @@ RUN_COLUMNS = (
 
 
 class Results:
-    """A results folder, complete or interrupted; callers may change its tables.
+    """Content of a results folder, also of an interrupted campaign.
 
-    ``store`` is the folder, if it is already open. Raise StoreError if it is no results folder or
-    is damaged.
+    Tables are copies, which callers may change. ``store`` is the opened folder; by default it is
+    opened for reading. Raise StoreError if the folder is no results folder or is damaged.
     """
 
     def __init__(self, folder: Path | str, store: Store | None = None) -> None:
@@ -74,17 +74,18 @@ class Results:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """Scenario with the cases that were run."""
+        """Scenario with only the cases that were run."""
         return self.whole_scenario.select(self.manifest["cases"])
 
     @cached_property
     def whole_scenario(self) -> Scenario:
-        """Scenario from the copy in the folder, with all its cases.
+        """Scenario with all of its cases, read from the copy in the folder.
 
         Raises
         ------
         ScenarioError, StoreError
-            If this version cannot read it, or it differs from the scenario that was run.
+            If this version cannot read the copy, or the copy differs from the scenario that was
+            run.
         """
         manifest = self.manifest
         loaded = scenario.from_text(
@@ -99,22 +100,22 @@ class Results:
 
     @property
     def labels(self) -> list[str]:
-        """Labels of the estimators, in the order of the command."""
+        """Labels of the estimators, in the order of the user's command."""
         return list(self.estimators)
 
     @cached_property
     def estimators(self) -> dict[str, dict[str, Any]]:
-        """Inputs of each estimator's results: class, parameters, hash of its source."""
+        """Inputs of the results by estimator: class, parameters and hash of the source."""
         return dict(self.manifest["estimators"])
 
     @property
     def families(self) -> dict[str, str]:
-        """Family of each estimator (:data:`ggbench.problem.Family`)."""
+        """Family (:data:`ggbench.problem.Family`) of each estimator, by label."""
         return dict(self.manifest["families"])
 
     @property
     def seeking(self) -> dict[str, str]:
-        """Estimators whose source uses names that lead to the truth, with these names."""
+        """Names in the source that give access to the truth, by label of the estimator."""
         names_used = {name: estimator.get("seeks") for name, estimator in self.estimators.items()}
         return {
             label: ", ".join(map(str, names))
@@ -128,9 +129,9 @@ class Results:
         return int(self.manifest["runs"])
 
     def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
-        """Yield the records of the cases ("") or of one assumption, with their cells.
+        """Yield the records of the cases (``""``) or of one assumption.
 
-        The order is case, estimator, run.
+        Each record includes its case and estimator. The order is case, estimator, run.
         """
         for cell in self.cells:
             if cell.assumption == assumption:
@@ -146,20 +147,21 @@ class Results:
     def series(self, case: str, estimator: str) -> np.ndarray:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
 
-        The array ``kept`` of the case lists the K' epochs. The result may be empty.
+        Only finished runs have a time series; the result may be empty. The array ``kept`` of the
+        case has the K' epochs.
         """
         key = self._keys.get(("", case, estimator))
         curves = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
         return curves if not len(curves) else self._of_length(curves, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
-        """Return the series (K', 4) of one run, or None if it has none."""
+        """Return the time series (K', 4) of one run, or None if none is stored."""
         key = self._keys.get(("", case, estimator))
         curve = None if key is None else self.store.series_of(key, run)
         return None if curve is None else self._of_length(curve, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
-        """Return the errors (K, 18) of a selected run, see :meth:`.database.Database.detail`."""
+        """Return the error components (K, 18) of a run, see :meth:`.database.Database.detail`."""
         key = self._keys.get(("", case, estimator))
         curve = None if key is None else self.store.detail(key, run)
         return None if curve is None else self._of_length(curve, case, "times")
@@ -172,10 +174,10 @@ class Results:
         return curves
 
     def counters(self) -> pd.DataFrame:
-        """Return the counters of the estimators: medians over the finished runs.
+        """Return the medians over the finished runs of the counters in ``Estimate.info``.
 
-        There is a row for each case and estimator with numbers in ``info``: case, estimator, and a
-        column for each counter, NaN for estimators without it.
+        There is a row for each case and estimator with counters, and a column for each counter. A
+        counter that an estimator does not have is NaN.
         """
         return self._counters.copy()
 
@@ -190,7 +192,7 @@ class Results:
 
     @cached_property
     def infos(self) -> dict[tuple[str, str], list[dict[str, Any]]]:
-        """``Estimate.info`` of the runs that finished, by case and estimator."""
+        """``Estimate.info`` of the finished runs, by case and estimator."""
         return {
             (cell.case, cell.estimator): self.store.infos(cell.key, self.run_count)
             for cell in self.cells
@@ -199,10 +201,10 @@ class Results:
 
     @cached_property
     def fixes(self) -> dict[tuple[str, str], pd.DataFrame]:
-        """Fixes of matchers, by case and estimator.
+        """Tables of the position fixes of matchers, by case and estimator.
 
-        The columns are ``run`` and :data:`.judging.fix_metrics.ROWS`, for all attempts in finished
-        runs, accepted or not.
+        The columns are ``run`` and :data:`.judging.fix_metrics.ROWS`. A row is an accepted or
+        rejected fix in a finished run.
         """
         by_key = self.store.fixes({cell.key for cell in self.cells}, self.run_count)
         return {
@@ -212,9 +214,9 @@ class Results:
         }
 
     def fix_metrics(self) -> pd.DataFrame:
-        """Return the metrics of fixes: case, estimator, runs, :data:`.judging.fix_metrics.COLUMNS`.
+        """Return the metrics of position fixes, with a row for each matcher and case.
 
-        There is a row for each matcher and case.
+        The columns are case, estimator, runs and :data:`.judging.fix_metrics.COLUMNS`.
         """
         rows, table = [], self._cases_runs
         for (case, estimator), fixes in self.fixes.items():
@@ -225,14 +227,14 @@ class Results:
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
-        """Return the arrays common to all runs: epochs (K,), track (K, 3), bounds, signals."""
+        """Return the arrays that all runs share: epochs (K,), track (K, 3), bounds, signals."""
         if case not in self._arrays:
             key = self.manifest["shared"].get(case, "")
             self._arrays[case] = self.store.arrays(key, case)
         return self._arrays[case]
 
     def runs(self) -> pd.DataFrame:
-        """Return the table of runs: one row per run and estimator, the cases first, then studies.
+        """Return a table with a row for each run and estimator, of the cases and of assumptions.
 
         The columns are :data:`RUN_COLUMNS`; missing numbers are NaN.
         """
@@ -255,14 +257,14 @@ class Results:
         return table[[*RUN_COLUMNS]]
 
     def command(self, cell: Cell, run: int) -> str:
-        """Return the command that repeats one run, alone, in one process."""
+        """Return the command that repeats a single run of a cell in one process."""
         case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
         options = {"--case": case, "-e": cell.estimator, "--seed": self.manifest["seed"]}
         words = [f"{option} {shlex.quote(str(value))}" for option, value in options.items()]
         return f"ggbench run {as_argument(self.manifest['argument'])} {' '.join(words)} --run {run}"
 
     def metrics(self) -> pd.DataFrame:
-        """Return a row for each case, estimator and window (:func:`.summary.metrics`)."""
+        """Return metrics by case, estimator and window (:func:`.summary.metrics`)."""
         return self._metrics.copy()
 
     @cached_property
@@ -280,7 +282,7 @@ class Results:
         return self.metrics_of(self._cases_runs)
 
     def metrics_of(self, runs: pd.DataFrame) -> pd.DataFrame:
-        """Return the metrics of some rows of the table of runs, without recommendations."""
+        """Return the metrics of some rows of the table :meth:`runs`, without recommendations."""
         published = {
             case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
             for case in self.scenario.cases
@@ -298,7 +300,7 @@ class Results:
         return cases.verdicts(self._cases_runs, self._unjudged)
 
     def pairs(self) -> pd.DataFrame:
-        """Return the pairs of estimators of a kind in each case (:func:`.pairs.pairs`)."""
+        """Return a table of comparisons between two estimators of a case (:func:`.pairs.pairs`)."""
         return self._pairs.copy()
 
     @cached_property
@@ -306,11 +308,11 @@ class Results:
         return pairs.pairs(self._cases_runs)
 
     def pairs_of(self, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
-        """Return chosen pairs as a separate family of tests (:func:`.pairs.family`)."""
+        """Return comparisons of requested pairs, as one family of tests (:func:`.pairs.family`)."""
         return pairs.family(self._cases_runs, requested)
 
     def cases(self) -> pd.DataFrame:
-        """Return a row for each case: set-up, bounds and verdicts (:func:`.cases.cases`)."""
+        """Return set-up, bounds and verdicts: a row for each case (:func:`.cases.cases`)."""
         return self._cases.copy()
 
     @cached_property
@@ -333,7 +335,7 @@ class Results:
         return counts
 
     def studies(self) -> pd.DataFrame:
-        """Return metrics of each assumption, and as ``""`` those of the same runs without it."""
+        """Return the metrics of the runs with each assumption, and (``""``) without any."""
         table = self._runs
         studied = table[table["assumption"] != ""]
         if studied.empty:
@@ -350,16 +352,16 @@ class Results:
         return pd.concat(frames, ignore_index=True)
 
     def failures(self) -> pd.DataFrame:
-        """Return the failed runs, each with its reason and the command that repeats it."""
+        """Return a table of the failed runs, with reasons and commands that repeat them."""
         table = self._runs
         columns = ["assumption", "case", "estimator", "run", "reason", "command"]
         return table.loc[table["status"] != "ok", columns].reset_index(drop=True)
 
 
 def as_argument(path: str) -> str:
-    """Return a path for a command line: quoted, and never an option.
+    """Return a path quoted for a command line, where it is never taken as an option.
 
-    Bytes that are no UTF-8 become escapes within ``$'...'``, which shells convert back.
+    Bytes that are no valid UTF-8 become escapes within ``$'...'``, which shells convert back.
     """
     try:
         path.encode()
@@ -370,12 +372,11 @@ def as_argument(path: str) -> str:
 
 
 def write_tables(results: Results) -> pd.DataFrame:
-    """Write the tables of a results folder into it; return the metrics.
+    """Write the tables of a results folder into the folder, and return the metrics.
 
-    The files are ``metrics.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv``, ``runs.parquet``
-    (the table of runs; without pyarrow ``runs.csv``), if assumptions were studied
-    ``assumptions.csv``, and if matchers made fixes ``fixes.csv``. Raise StoreError if a file cannot
-    be written.
+    The files are ``metrics.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv`` and
+    ``runs.parquet`` (``runs.csv`` without pyarrow). Runs of assumptions add ``assumptions.csv``,
+    and fixes of matchers add ``fixes.csv``. Raise StoreError if a file cannot be written.
     """
     metrics = results.metrics()
     tables = {

@@ -1,9 +1,10 @@
 """Results folder with atomic writes.
 
 ``manifest.json``   text of the scenario, versions, machine, seed, date, and keys of the results.
-``records.sqlite``  the results themselves (:mod:`.results.database`).
+``records.sqlite``  results (:mod:`.results.database`).
 
-The other files of a folder are made from these two. Nothing in a results folder is ever executed.
+All other files of a folder are derived from these two. No file of a results folder is ever
+executed.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from .database import APPLICATION_ID, Database, StoreError
 from .formats import flaw_of_manifest
 
 DETAILED_RUN = 0
-"""The run whose errors and claimed deviations are kept component by component, for the figures."""
+"""Index of the run whose error components and reported σ are stored for figures."""
 MOST_KEPT = 400
-"""Most epochs of a run whose errors are kept as a time series."""
+"""Most epochs of the stored time series of a run."""
 SERIES_RUNS = 1000
-"""Runs of a case whose time series are kept, the first ones: what figures over time are made of."""
+"""Number of runs of a case, from run 0, whose time series are stored."""
 FORMAT = 6
-"""Version of what a folder holds besides the columns of records; another one is refused."""
+"""Version of the folder's format, except for the columns of records; others are refused."""
 DATABASE_FILES = (
     "records.sqlite-journal",
     "records.sqlite-shm",
@@ -60,19 +61,23 @@ _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 
 
 def kept_epochs(epochs: int) -> np.ndarray:
-    """Return the epochs (K',) of a stored time series: all, or an even choice of many."""
+    """Return the indices (K',) of the epochs with stored time series.
+
+    Up to :data:`MOST_KEPT` epochs are all stored; of more epochs an evenly spread part.
+    """
     numbers = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
     return np.round(numbers).astype(int)
 
 
 class Store(Database):
-    """A results folder: its database and its other files.
+    """A results folder: the database and the other files.
 
     Parameters
     ----------
-    folder : of the results.
-    create : create missing folder and database, and lock the folder for other processes.
-    fresh : first remove the files of an earlier campaign, but no others.
+    folder : path of the results folder.
+    create : whether to create a missing folder and database, and to lock the folder against other
+        processes.
+    fresh : whether to remove the result files of an earlier campaign first.
 
     Raises
     ------
@@ -123,12 +128,12 @@ class Store(Database):
             self._locked.close()
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Write the manifest, and the text of the scenario for readers."""
+        """Write the manifest, and the scenario file for human readers."""
         self.write("manifest.json", (json.dumps(manifest, indent=1) + "\n").encode())
         self.write("scenario.toml", manifest["scenario_text"].encode())
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file of the folder atomically, synchronised to the disk.
+        """Write a file into the folder atomically, and synchronise it to the disk.
 
         Raise StoreError if the file cannot be written.
         """
@@ -145,7 +150,7 @@ class Store(Database):
             raise StoreError(f"cannot write {self.folder / name}: {reason_of(error)}") from None
 
     def remove(self, name: str) -> None:
-        """Remove a file of the folder, if it exists.
+        """Remove a file from the folder if it exists.
 
         Raise StoreError if the file cannot be removed.
         """
@@ -156,10 +161,10 @@ class Store(Database):
 
 
 def require_ours(folder: Path) -> None:
-    """Raise StoreError if a folder exists that is no results folder.
+    """Raise StoreError if the folder exists and is no results folder.
 
-    A results folder has the database or a manifest of ggbench, next to any other files, or only the
-    first files of a campaign.
+    A results folder contains the database or a ggbench manifest, and possibly other files; or it
+    contains only the first files of a campaign.
     """
     try:
         names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()

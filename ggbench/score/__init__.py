@@ -1,1 +1,1 @@
-"""Scores: runs of an estimator in the standard suite, compared with stored runs."""
+"""Scores of estimators: runs in the standard suite, compared with stored runs of others."""

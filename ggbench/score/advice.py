@@ -1,4 +1,4 @@
-"""Advice on a user's case: estimator, accuracy, limiting errors, required instrument."""
+"""Advice on a case: estimators, accuracy, limiting error sources, required gradiometer."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _STEPS = 14
 """Halvings of that range on a logarithmic scale: to 0.2%."""
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 SIDES = ("", "truth", "model")
-"""Tables of a case that may state a number: its own, and those of each side."""
+"""Tables of a case that may state a number: the common table, and those of truth and model."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The bound [m] if one cause of error is halved, and its relative decrease."""
+    """Bound [m] if one error source is halved, with the relative decrease of the bound."""
 
     cause: str
     bound_m: float
@@ -46,9 +46,10 @@ class Advice:
     Attributes
     ----------
     bound_m : Cramér–Rao bound of the RMS position error in the settled window [m].
-    limits : causes of error, the largest gain first.
-    noise : gradiometer noise that reaches the target; NaN without a target, or if none reaches it.
-    unit : of that noise; "" without a gradiometer.
+    limits : effect of halving each error source, the largest first.
+    noise : largest gradiometer noise that reaches the target; NaN without a target, or if no noise
+        reaches it.
+    unit : unit of ``noise``; "" without a gradiometer.
     """
 
     case: CaseSpec
@@ -60,7 +61,7 @@ class Advice:
 
 
 def estimators() -> list[str]:
-    """Return the INS and the estimators that are recommended in at least one case of the suite."""
+    """Return the labels of the INS and of all estimators recommended in any case of the suite."""
     recommended = stored_runs.header()["recommended"].values()
     labels = [kinds[kind]["label"] for kind in ("causal", "smoother") for kinds in recommended]
     return ["ins", *dict.fromkeys(label for label in labels if label)]
@@ -75,9 +76,9 @@ def advise(
     jobs: int | None = None,
     progress: Callable[[running.CampaignProgress], None] = lambda step: None,
 ) -> Advice:
-    """Fly a few runs of a case, and compute the effect of each cause of error on its bound.
+    """Run the estimators on a case, and compute the effect of each error source on the bound.
 
-    ``target_m`` is the wanted RMS position error [m]. Raise GGBenchError if the case cannot be
+    ``target_m`` is the required RMS position error [m]. Raise GGBenchError if the case cannot be
     flown, or runs have no result.
     """
     bound = bound_of(case)
@@ -108,13 +109,13 @@ def _noise_key(case: CaseSpec) -> str:
 def with_value(
     case: CaseSpec, key: str, value: Callable[[float], float], sides: Sequence[str] = SIDES
 ) -> CaseSpec:
-    """Return a case with a new value of a key, in its own table and in those of truth and model.
+    """Return a case with a new value of a key in its tables.
 
     Parameters
     ----------
-    key : dotted, ``gradiometer.noise_eotvos``.
-    value : returns the new number, given the old one; zeros and keys without a number stay.
-    sides : "" for the case's own table, ``truth``, ``model``.
+    key : dotted key, such as ``gradiometer.noise_eotvos``.
+    value : function from the old number to the new one. Zeros, and keys without a number, stay.
+    sides : tables to change: ``truth``, ``model``, and "" for the case's common table.
     """
     for side in sides:
         present = _held(getattr(case, side) if side else case, key)
@@ -144,7 +145,7 @@ def _numbers(table: Any, *words: str) -> list[str]:
 
 
 def halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
-    """Yield each cause of error with the case in which it is halved, in truth and model."""
+    """Yield each error source with a case in which it is halved, in truth and model."""
     causes: list[tuple[str, list[str]]] = []
     if case.gradiometer is not None:
         key = _noise_key(case)
@@ -174,10 +175,10 @@ def halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
 
 
 def needed(case: CaseSpec, key: str, target_m: float) -> float:
-    """Return the largest gradiometer noise for which the bound reaches a target [m].
+    """Return the largest gradiometer noise with which the bound reaches ``target_m`` [m].
 
-    ``key`` is the dotted key of the noise, which changes for truth and model together. The result
-    is NaN if no noise between 1e-6 and 1e4 reaches the target.
+    ``key`` is the dotted key of the noise; truth and model change together. The result has the unit
+    of the key. It is NaN if no noise between 1e-6 and 1e4 reaches the target.
     """
     low, high = math.log(_FINEST), math.log(_COARSEST)
 
@@ -196,10 +197,9 @@ def needed(case: CaseSpec, key: str, target_m: float) -> float:
 
 
 def usual_seconds() -> Mapping[str, float]:
-    """Return the usual time of a run by estimator [s]: the median over the cases of the suite.
+    """Return the usual computing time of a run [s] by estimator: the median over the suite.
 
-    The few runs of an advice are the first of their process, so their times include loading and
-    compilation and are not used.
+    The times of the advice's own runs include loading and compilation, so they are not used.
     """
     cells = pd.DataFrame(stored_runs.header()["cells"])
     return {
@@ -208,9 +208,9 @@ def usual_seconds() -> Mapping[str, float]:
 
 
 def recommended(advice: Advice) -> tuple[str, bool]:
-    """Return the best causal estimator, and whether it is recommended.
+    """Return the label of the best causal estimator, and whether it is recommended.
 
-    If several are recommended, it is the one with the least usual time.
+    If several estimators are recommended, the fastest is returned.
     """
     seconds, metrics = usual_seconds(), table(advice)
     causal = ~metrics["causality"].isin(SMOOTHERS)
@@ -221,11 +221,11 @@ def recommended(advice: Advice) -> tuple[str, bool]:
 
 
 def after_landing(advice: Advice) -> str:
-    """Return the smoother of least error, "" if none was flown."""
+    """Return the label of the smoother with the least error; "" if there was no smoother."""
     return str(advice.results.cases().iloc[0]["best_smoother"])
 
 
 def table(advice: Advice) -> pd.DataFrame:
-    """Return the settled metrics of all flown estimators, by RMS error."""
+    """Return the metrics of all estimators in the settled window, sorted by RMS error."""
     metrics = advice.results.metrics()
     return metrics[metrics["window"] == "settled"].sort_values("rms_m", kind="stable")

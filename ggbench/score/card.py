@@ -1,4 +1,4 @@
-"""Cards: results of an estimator in the suite, as a file to check and compare."""
+"""Score cards: results of an estimator in the suite, as a file to check and compare."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class _Part(BaseModel):
 
 
 class Opponent(_Part):
-    """Comparison with another estimator on equal runs."""
+    """Comparison of the scored estimator with another one on equal runs."""
 
     label: Line = Field(description="The other estimator.")
     role: Role = Field(
@@ -69,7 +69,7 @@ class Opponent(_Part):
 
 
 class Question(_Part):
-    """One case of the suite."""
+    """Results of the scored estimator in one case of the suite."""
 
     case: Line = Field(description="Name of the case.")
     title: Line = Field(description="The question in words.")
@@ -115,7 +115,7 @@ class Question(_Part):
 
 
 class CardEstimator(_Part):
-    """The scored estimator."""
+    """Identity of the scored estimator."""
 
     label: Line = Field(description="Name or file, and parameters that differ from the defaults.")
     name: Line = Field(description="Its name.")
@@ -127,7 +127,7 @@ class CardEstimator(_Part):
 
 
 class Card(_Part):
-    """Result of ``ggbench score``."""
+    """Score card: result of ``ggbench score`` for one estimator."""
 
     format: int = Field(description="Version of this format.")
     ggbench: Line = Field(description="Version of ggbench.")
@@ -152,7 +152,7 @@ class Card(_Part):
         return self
 
     def verdicts(self, role: str) -> dict[str, int]:
-        """Return the number of cases by verdict against the EKF ("ekf") or the others ("")."""
+        """Count the cases by verdict against the EKF (``role`` "ekf") or other opponents ("")."""
         verdicts = [
             other.verdict
             for question in self.questions
@@ -163,7 +163,7 @@ class Card(_Part):
 
 
 def rounded(value: float) -> float | None:
-    """Return a number with six digits, None for NaN or infinity."""
+    """Return a number rounded to six significant digits, or None for NaN or infinity."""
     return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None
 
 
@@ -180,7 +180,7 @@ def write(card: Card, path: Path) -> None:
 
 
 def read(path: Path) -> Card:
-    """Read a card; raise ScoreError if the file is no card, or of another format."""
+    """Read a card; raise ScoreError if the file is no card, or has another format version."""
     content = content_of(path, ScoreError, "the card ", MOST_BYTES)
     try:
         loaded = from_json(content)

@@ -1,4 +1,4 @@
-"""Comparison of two cards: reproduction, and regressions."""
+"""Comparison of two cards: differences, and significant regressions."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ TOLERANCE = 2e-5
 
 
 def differences(old: Card, new: Card) -> list[str]:
-    """Return the differences of two cards of the same runs, a sentence each; none if reproduced.
+    """Return the differences between two cards of the same runs, each as a sentence.
 
-    All values of a card are compared, numbers within :data:`TOLERANCE`. The figures of a question
-    are compared if its runs agree.
+    All values are compared, numbers with the relative tolerance :data:`TOLERANCE`. Summary numbers
+    of a case are compared only if the runs of the case agree. A reproduced card has no differences.
     """
     sentences = [*_unlike(_conditions(old), _conditions(new))]
     questions = {question.case: question for question in new.questions}
@@ -86,13 +86,13 @@ def _changed(before: Question, after: Question) -> Iterator[str]:
 
 
 def require_comparable(old: Card, cases: Collection[str], seed: int | None) -> None:
-    """Raise ScoreError unless a score of some cases can be compared with an old card.
+    """Raise ScoreError if a new score could not be compared with an old card.
 
     Parameters
     ----------
-    old : the card.
-    cases : names of the cases of the score, none for all.
-    seed : of the score, None for the public one.
+    old : old card.
+    cases : names of the cases of the new score; empty: all.
+    seed : seed of the new score; None: the public seed.
     """
     suite = scenario.load(SUITE)
     public = int(header()["seed"])
@@ -120,11 +120,11 @@ def _require_same_runs(old: tuple[int, str, int], new: tuple[int, str, int]) -> 
 
 
 def worse(old: Card, new: Card) -> list[str]:
-    """Return the questions in which a new card is surely worse than an old one, a sentence each.
+    """Return the cases in which a new card is significantly worse, each as a sentence.
 
-    Only common runs are compared. The p-values are adjusted by Holm over the card, so at most 5% of
-    equal estimators are reported as worse. Raise ScoreError if the cards differ in seed or suite,
-    or have no common question.
+    Only common runs are compared. The p-values are adjusted by Holm's procedure over the card, so
+    at most 5% of the comparisons of equal estimators report anything. Raise ScoreError if the cards
+    differ in seed or suite, or have no case in common.
     """
     _require_same_runs(
         (old.seed, old.suite, old.results_version), (new.seed, new.suite, new.results_version)

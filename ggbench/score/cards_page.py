@@ -1,4 +1,4 @@
-"""Page of checked cards: sortable tables of estimators and questions."""
+"""HTML page of checked cards, with sortable tables of estimators and cases."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _JOINED = {"better": "than", "as good": "as", "worse": "than", "undecided": "aga
 
 
 def standings(checked: Sequence[CheckedCard]) -> pd.DataFrame:
-    """Return a row for each reproduced card: verdicts, efficiency and losses over its questions."""
+    """Return a table with a row for each reproduced card: verdicts, efficiency, lost runs."""
     rows = []
     for one in checked:
         if one.card is None:
@@ -51,7 +51,7 @@ def standings(checked: Sequence[CheckedCard]) -> pd.DataFrame:
 
 
 def questions(checked: Sequence[CheckedCard]) -> pd.DataFrame:
-    """Return a row for each question of each reproduced card."""
+    """Return a table with a row for each case of each reproduced card."""
     rows = [
         _row(one.card, question)
         for one in checked
@@ -83,9 +83,9 @@ def _row(card: Card, question: Question) -> dict[str, object]:
 
 
 def write(checked: Sequence[CheckedCard], path: Path) -> None:
-    """Write the page: reproduced cards in two tables, and the others with their reasons.
+    """Write the page: tables of the reproduced cards, and a list of all other cards with reasons.
 
-    Raise ScoreError if it cannot be written, PageError if the extra ``page`` is not installed.
+    Raise ScoreError if the page cannot be written, PageError if the extra ``page`` is missing.
     """
     tables = {"standings": standings(checked), "questions": questions(checked)}
     text = html_page.rendered(

@@ -1,4 +1,4 @@
-"""Cards of a folder, checked by flying them again."""
+"""Check of score cards: repetition of their runs, and comparison of the results."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class CheckedCard:
 
     Attributes
     ----------
-    path : of its file.
-    card : card of the new flight; None if it was not flown, or differs.
-    reasons : reasons why it is not reproduced, a sentence each.
+    path : path of the card file.
+    card : card of the new runs; None if there are none, or they differ.
+    reasons : reasons why the card is not reproduced, each as a sentence.
     """
 
     path: Path
@@ -54,19 +54,19 @@ def check(
     tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[running.CampaignProgress], None] = lambda step: None,
 ) -> CheckedCard:
-    """Fly a card again and compare all its values.
+    """Repeat the runs of a card and compare all values.
 
     Only installed and allowed estimators are run, never a file that only the card names. The hash
-    of a file is compared with that of the card before the flight. Raise KeyboardInterrupt if
-    interrupted.
+    of an estimator file must equal the hash in the card before it is run. Raise KeyboardInterrupt
+    if interrupted.
 
     Parameters
     ----------
-    path : file of the card.
-    allowed : estimators of files and programs whose cards may be flown.
-    flights : folder of results folders; stored runs are not flown again.
+    path : path of the card file.
+    allowed : estimators from files and programs that may be run.
+    flights : folder for the results folders; stored runs are not repeated.
     jobs, progress : as in :func:`.scoring.score`.
-    tell : called with a sentence before the flight.
+    tell : function that is called with a sentence before the runs.
     """
     try:
         old = cards.read(path)

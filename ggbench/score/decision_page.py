@@ -1,4 +1,4 @@
-"""One HTML page for a decision, with the map and the track as a picture."""
+"""HTML page with the advice on a case and a figure of map and track."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ from .stored_runs import ScoreError
 
 
 def over_map(tracks: pd.DataFrame, case: CaseSpec) -> Drawing:
-    """Return the figure of tracks over the map, on the side of the date line of the flight.
+    """Return a figure of tracks over the map.
+
+    Longitudes are shifted to the flight's side of the date line.
 
     Parameters
     ----------
-    tracks : of :func:`ggbench.judging.planned.around`.
-    case : with the original flight.
+    tracks : tracks with bounds, from :func:`ggbench.judging.planned.around`.
+    case : case with the original flight.
     """
     present = trajectory_of(case.trajectory, case.imu.period_s).positions
     field = beside(make_field(case.side("truth").field), float(present[0, 1]))
@@ -38,15 +40,15 @@ def over_map(tracks: pd.DataFrame, case: CaseSpec) -> Drawing:
 def write(
     scenario: Scenario, advice: Advice, tracks: pd.DataFrame, target_m: float | None, path: Path
 ) -> None:
-    """Write the page.
+    """Write the HTML page.
 
     Parameters
     ----------
-    scenario : of the case.
-    advice : on the case.
-    tracks : of :func:`ggbench.judging.planned.around`, for the case.
-    target_m : wanted RMS position error [m], or None.
-    path : of the page.
+    scenario : scenario of the case.
+    advice : advice on the case.
+    tracks : tracks with bounds, from :func:`ggbench.judging.planned.around`.
+    target_m : required RMS position error [m], or None.
+    path : path of the page.
 
     Raises
     ------

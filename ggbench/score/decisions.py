@@ -1,4 +1,4 @@
-"""Sentences and tables of a decision: estimator, accuracy, instrument, track, limits."""
+"""Advice as sentences and tables: estimators, accuracy, gradiometer, tracks, error sources."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SHOWN = 10
 
 
 def estimator_rows(advice: Advice) -> list[tuple[str, ...]]:
-    """Return a row of texts for each flown estimator, with the columns of the head."""
+    """Return a table row of texts for each estimator that was run."""
     usual = advices.usual_seconds()
     return [
         (
@@ -43,10 +43,10 @@ def estimator_rows(advice: Advice) -> list[tuple[str, ...]]:
 
 
 def verdicts(advice: Advice) -> list[str]:
-    """Return the conclusions from the runs, a sentence each.
+    """Return the conclusions from the runs, each as a sentence.
 
-    They name the estimators to use in flight and after landing, those that failed or left the map
-    with the remedy, and the width of the prior with the EKF's measured ratio.
+    The sentences recommend estimators for use in flight and after landing, list estimators that
+    failed or left the map, and compare the width of the prior with the field.
     """
     rows = advices.table(advice)
     errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
@@ -86,7 +86,7 @@ def _of_the_ekf(rows: pd.DataFrame) -> str:
 
 
 def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
-    """Return a row of texts for each cause of error, the largest gain first."""
+    """Return a table row of texts for each error source, the largest effect first."""
     return [
         (
             limit.cause,
@@ -98,7 +98,10 @@ def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
 
 
 def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
-    """Return the gradiometer that reaches an RMS position error [m], and whether any does."""
+    """Return sentences on the required gradiometer noise, and whether the target is reachable.
+
+    ``target_m`` is the required RMS position error [m].
+    """
     sentences = []
     if advice.bound_m <= target_m:
         sentences.append(f"The bound allows {target_m:g} m with the sensors as they are.")
@@ -118,11 +121,11 @@ def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
 
 
 def track_rows(tracks: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Return a row of texts for each of the best tracks.
+    """Return a table row of texts for each of the best tracks.
 
     Parameters
     ----------
-    tracks : of :func:`ggbench.judging.planned.around`.
+    tracks : tracks with bounds, from :func:`ggbench.judging.planned.around`.
     """
     return [
         (f"{row.heading_deg:.0f}", f"{row.east_km:g}", f"{row.north_km:g}", f"{row.bound_m:.3g}")
@@ -131,12 +134,12 @@ def track_rows(tracks: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def track_sentences(tracks: pd.DataFrame, target_m: float | None) -> list[str]:
-    """Return the bounds of the worst and the present track, and the tracks that cannot be flown.
+    """Return sentences on the bounds of the tracks, and on tracks that cannot be flown.
 
     Parameters
     ----------
-    tracks : of :func:`ggbench.judging.planned.around`.
-    target_m : wanted RMS position error [m], or None.
+    tracks : tracks with bounds, from :func:`ggbench.judging.planned.around`.
+    target_m : required RMS position error [m], or None.
     """
     able, sentences = _able(tracks), []
     if len(able):

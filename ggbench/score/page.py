@@ -1,4 +1,4 @@
-"""Pages of a card, in markdown and HTML, from one table."""
+"""Markdown and HTML pages of a card."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _DIVERGED = "diverged: the final error exceeds ten bounds and the error of the I
 
 
 def headline(card: Card) -> str:
-    """Return two sentences on a card: verdicts against the EKF and the recommended estimators."""
+    """Return two sentences with the verdicts against the EKF and the recommended estimators."""
     sentences = []
     for role, name in (("ekf", "the EKF"), ("", "the recommended estimators")):
         counts = card.verdicts(role)
@@ -53,7 +53,7 @@ def headline(card: Card) -> str:
 
 
 def rows(card: Card) -> list[tuple[str, ...]]:
-    """Return a row of texts for each flown question, with the columns of :data:`HEAD`."""
+    """Return a row of texts for each case that was run, with the columns :data:`HEAD`."""
     return [_row(question) for question in card.questions if not question.skipped]
 
 
@@ -80,17 +80,18 @@ def _named(rival: Opponent | None) -> str:
 
 
 def kinds_of_failures(failures: pd.DataFrame) -> list[tuple[str, str, str]]:
-    """Return a row for each kind of failure, the most frequent first.
+    """Group failures by reason; return a row for each group, the most frequent first.
 
-    Reasons that differ only in numbers are of one kind.
+    Reasons that differ only in numbers form one group.
 
     Parameters
     ----------
-    failures : failed and diverged runs: case, run, reason, command.
+    failures : table of failed and diverged runs with case, run, reason and command.
 
     Returns
     -------
-    Reason of the first failure, number of runs by case, and the command that repeats the first.
+    Reason of the first failure, numbers of runs by case as text, and command that repeats the first
+    failure.
     """
     if not len(failures):
         return []
@@ -123,9 +124,9 @@ def _picture(card: Card) -> Drawing:
 
 
 def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
-    """Write ``card.md``, ``card.html`` and ``card.png`` into a folder and return the pages' paths.
+    """Write ``card.md``, ``card.html`` and ``card.png`` to a folder; return the paths of the pages.
 
-    ``failures`` is the table of failed and diverged runs: case, run, reason, command. Raise
+    ``failures`` is the table of failed and diverged runs with case, run, reason and command. Raise
     ScoreError if the pages cannot be written.
     """
     kinds, cells = kinds_of_failures(failures), rows(card)

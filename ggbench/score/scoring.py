@@ -1,4 +1,4 @@
-"""Scoring: flight of the suite by an estimator, and comparison with the stored runs."""
+"""Scoring of an estimator: runs of the suite, and comparison with stored runs."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ _NUMBERS = (
 
 @dataclass(frozen=True)
 class Score:
-    """Result of a score; without a card if it was interrupted.
+    """Result of :func:`score`; ``card`` is None if the campaign was interrupted.
 
-    ``failures`` : runs that failed or diverged: case, run, reason, and the command that repeats it.
+    ``failures`` is a table of runs that failed or diverged: case, run, reason, and the command that
+    repeats the run.
     """
 
     card: Card | None
@@ -64,21 +65,22 @@ def score(
     jobs: int | None = None,
     progress: Callable[[running.CampaignProgress], None] = lambda step: None,
 ) -> Score:
-    """Fly the suite with an estimator and return its card.
+    """Run an estimator on the suite and return the score.
 
     Raise GGBenchError if the estimator or a case does not exist, the estimator refuses all cases,
     or the stored runs have another version.
 
     Parameters
     ----------
-    estimator : text that names it.
-    folder : results folder of its runs; stored runs are not flown again.
-    runs : number in each case, by default that of the stored runs.
-    seed : of the runs. With another seed than the public one the opponents are flown too.
-    judged_runs : runs to judge: all, or those of odd or even number.
-    cases : names of the cases to fly, by default all.
+    estimator : text of the estimator, ``NAME[parameter=value,...]``.
+    folder : results folder; runs that it contains are not repeated.
+    runs : number of runs of each case, by default as many as are stored with the suite.
+    seed : seed of the runs, by default the public seed. With another seed the opponents are run
+        too.
+    judged_runs : runs to evaluate: all, or those with odd or even index.
+    cases : names of the cases to run, by default all.
     jobs : number of worker processes, by default one for each processor.
-    progress : called at every step.
+    progress : function that is called at every step.
     """
     stored, suite = read(), scenario.load(SUITE)
     _require_version(stored, suite)

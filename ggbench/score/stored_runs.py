@@ -1,7 +1,7 @@
-"""Stored runs of the standard suite for all estimators of the roster.
+"""Stored runs of the standard suite by all estimators of a roster.
 
-``make suite`` writes them from a results folder. An estimator is compared with them, without flying
-the others again.
+``make suite`` writes these runs from a results folder. A scored estimator is compared with them, so
+the other estimators need not be run again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..results.folder import RUN_COLUMNS, Results
 SUITE = "suite"
 FILE = "data/suite_runs.npz"
 REFERENCE = "ekf"
-"""The estimator that every other one is compared with."""
+"""Estimator with which every other estimator is compared."""
 _OF_A_WINDOW = (
     "position_ms",
     "velocity_ms",
@@ -61,13 +61,13 @@ class ScoreError(GGBenchError):
 
 @dataclass(frozen=True)
 class StoredRuns:
-    """The runs of the roster in the suite.
+    """Runs of all estimators of the roster in the suite.
 
     Attributes
     ----------
-    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``; ``cells`` with
-        name, parameters, causality, bound and seconds of every case and estimator; ``recommended``,
-        by case and kind of estimators.
+    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``; ``cells``,
+        with name, parameters, causality, bound and seconds of every case and estimator;
+        ``recommended``, the recommended estimators by case and kind.
     runs : table of runs as in a results folder, NaN for missing values.
     """
 
@@ -76,9 +76,9 @@ class StoredRuns:
 
 
 def write(results: Results, path: Path) -> None:
-    """Write the runs of a results folder of the suite.
+    """Write the runs of a results folder of the suite to a file.
 
-    Raise ScoreError if estimators have flown different runs, or the file cannot be written.
+    Raise ScoreError if the estimators have different runs, or the file cannot be written.
     """
     runs, metrics, cases = results.runs(), results.metrics(), results.cases()
     names, labels = [case.name for case in results.scenario.cases], results.labels
@@ -108,7 +108,7 @@ def write(results: Results, path: Path) -> None:
 
 
 def save(stored: StoredRuns, path: Path) -> None:
-    """Write a header, and the table of runs column by column.
+    """Write stored runs to a file: the header, and the table of runs column by column.
 
     Raise ScoreError if the file cannot be written.
     """
@@ -129,7 +129,7 @@ def _recommended(row: Any) -> dict[str, dict[str, Any]]:
 
 
 def header() -> dict[str, Any]:
-    """Return the header of the shipped runs, without the runs.
+    """Return only the header of the shipped runs.
 
     Raise ScoreError if the file cannot be read.
     """
@@ -137,7 +137,7 @@ def header() -> dict[str, Any]:
 
 
 def read(file: Traversable | Path | None = None) -> StoredRuns:
-    """Return the shipped runs, or those of a file.
+    """Return the runs of a file, by default the runs shipped with the package.
 
     Raise ScoreError if the file cannot be read.
     """

@@ -1,1 +1,1 @@
-"""Simulation of a case: problem, truth and bound from a seed."""
+"""Simulation of cases: problems, truth and Cramér–Rao bounds."""

@@ -1,4 +1,4 @@
-"""Aiding sensors of a case's tables, and their linearised measurement model."""
+"""Aiding sensors from the tables of a case."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .instruments import interruptions
 
 
 def sensors_of_side(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
-    """Return the sensors of the truth or the model of a case, in the order of their channels.
+    """Return the true or assumed aiding sensors of a case, in the order of the channels.
 
     Parameters
     ----------
     side : Side
-        The tables.
+        Tables of the truth or of the model.
     truth : TruthSpec or None
         Dropouts and outliers of the true sensors; None for the assumed sensors.
     """

@@ -15,12 +15,15 @@ from .random_streams import RandomStreams
 def aiding_readings(
     flight: Flight, streams: Sequence[RandomStreams], ins: Motion
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the measurements of R runs, given the INS solutions (R, K, .) at the epochs.
+    """Return the measurements of the aiding sensors in R runs.
+
+    ``ins`` is the INS solution at the epochs, with arrays (R, K, ...). ``streams`` has the random
+    generators of each run.
 
     Returns
     -------
-    Measurements (R, K, e); mask of the available ones (R, K, e); true states (R, K, n): biases and
-    lever-arm errors that are states, zeros elsewhere.
+    Measurements (R, K, e); mask (R, K, e) of the available measurements; true states (R, K, n),
+    with the biases and lever-arm errors that are states, and zeros for all other states.
     """
     true, times, truth = flight.true, flight.times, flight.motion_at_epochs
     runs, epochs = ins.positions.shape[:2]
@@ -76,7 +79,7 @@ def _false(
 def persistent_errors(
     sensor: AidingSensor, times: np.ndarray, of_run: RandomStreams
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the persistent errors of a run: channel biases (K, e), lever-arm error (3,) [m]."""
+    """Return the channel biases (K, e) and the lever-arm error (3,) [m] of a sensor in a run."""
     drawn, arm = np.zeros((len(times), len(sensor.channels))), np.zeros(3)
     if sensor.biased:
         drawn[:, : sensor.biased] = sensor.biases(times, of_run[f"{sensor.name}/biases"])

@@ -1,8 +1,8 @@
-"""Posterior Cramér–Rao bound of filters, fixed-lag smoothers and smoothers.
+"""Posterior Cramér–Rao bounds for filters, fixed-lag smoothers and smoothers.
 
-For linear dynamics with Gaussian noise the bound of Tichavský, Muravchik & Nehorai (1998) is the
-Riccati recursion with H at the truth. The smoothing bounds are the Rauch–Tung–Striebel recursion
-over the same matrices.
+For linear dynamics with Gaussian noise the bound of Tichavský, Muravchik & Nehorai (1998) is
+computed by the Riccati recursion with H at the truth. The bounds for smoothers follow from the same
+matrices by the Rauch–Tung–Striebel recursion.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Bound:
-    """Covariance bounds (K, n, n) of the state at the measurement epochs.
+    """Bounds (K, n, n) on the error covariance at the measurement epochs.
 
     Attributes
     ----------
-    filtering, predicted : (K, n, n) given the measurements up to each epoch, and before its own.
-    gain : (K, n, m) Kalman gains of the bound.
+    filtering, predicted : (K, n, n) bounds after and before the measurement of each epoch.
+    gain : (K, n, m) Kalman gains in the Riccati recursion.
     jacobians : (K, m, n) H at the truth.
-    smoother_gain : (K, n, n) of the Rauch–Tung–Striebel recursion.
-    ticks : (K,) times of the epochs, in whole units.
+    smoother_gain : (K, n, n) gains of the Rauch–Tung–Striebel recursion.
+    ticks : (K,) times of the epochs in ticks, the common time unit of all sensors.
     """
 
     filtering: np.ndarray
@@ -35,16 +35,16 @@ class Bound:
 
     @property
     def smoothing(self) -> np.ndarray:
-        """Bound given all measurements, (K, n, n)."""
+        """Bound (K, n, n) for a smoother that uses all measurements."""
         return self.fixed_lag(self.whole)
 
     @property
     def whole(self) -> int:
-        """Lag [ticks] that covers all measurements."""
+        """Lag [ticks] from the first to the last epoch."""
         return int(self.ticks[-1] - self.ticks[0])
 
     def fixed_lag(self, lag: int) -> np.ndarray:
-        """Bound given the measurements up to ``lag`` ticks after each epoch, (K, n, n)."""
+        """Return the bound (K, n, n) for a fixed-lag smoother with a lag of ``lag`` ticks."""
 
         def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
             gain = self.smoother_gain[k]
@@ -76,19 +76,20 @@ class Bound:
     def oracle(
         self, residuals: np.ndarray, error_state: np.ndarray, transition: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return states of the Kalman filter linearised at the truth, filtered and predicted.
+        """Return the filtered and predicted states of the oracle, a filter linearised at the truth.
 
-        It has the gains of the bound and the measurements of the estimators.
+        The oracle is a Kalman filter with the gains of the bound. It processes the same
+        measurements as the estimators.
 
         Parameters
         ----------
-        residuals : (R, K, m) measurements less h at the truth.
+        residuals : (R, K, m) measurements minus h at the truth.
         error_state : (R, K, n) true states.
-        transition : (R, K, n, n) of each run.
+        transition : (R, K, n, n) transition matrices of each run.
 
         Returns
         -------
-        Two arrays (K, R, n).
+        Two arrays (K, R, n) of states.
         """
         filtered, predicted = np.empty((2, *np.swapaxes(error_state, 0, 1).shape))
         state = np.zeros_like(error_state[:, 0])
@@ -101,7 +102,10 @@ class Bound:
         return filtered, predicted
 
     def oracle_smoothed(self, filtered: np.ndarray, predicted: np.ndarray, lag: int) -> np.ndarray:
-        """Return states (K, R, n) of the oracle given measurements up to ``lag`` ticks later."""
+        """Return the smoothed states (K, R, n) of the oracle with a lag of ``lag`` ticks.
+
+        ``filtered`` and ``predicted`` (K, R, n) come from :meth:`oracle`.
+        """
 
         def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
             gain = self.smoother_gain[k][:, np.newaxis]
@@ -126,15 +130,15 @@ def posterior_bound(
     noise_cov: np.ndarray,
     ticks: np.ndarray | None = None,
 ) -> Bound:
-    """Return the bounds of x_k = Φ_k x_{k−1} + w_k, z_k = h(x_k) + v_k.
+    """Return the bounds for the system x_k = Φ_k x_{k−1} + w_k, z_k = h(x_k) + v_k.
 
     Parameters
     ----------
-    transition, process_cov : (K, n, n).
-    prior_cov : (n, n) before the first transition.
-    jacobians : (K, m, n), H at the truth.
-    noise_cov : (m, m).
-    ticks : (K,) times of the epochs, in whole units; by default 0, 1, 2, ...
+    transition, process_cov : (K, n, n) Φ_k and covariances of w_k.
+    prior_cov : (n, n) covariance of the state before the first transition.
+    jacobians : (K, m, n) H at the truth.
+    noise_cov : (m, m) covariance of v_k.
+    ticks : (K,) integer times of the epochs; by default 0, 1, 2, ...
     """
     epochs, _, n = jacobians.shape
     filtering = np.empty((epochs, n, n))

@@ -1,4 +1,4 @@
-"""Error-free flight of a case, common to all of its runs."""
+"""Error-free flight of a case, shared by all of its runs."""
 
 from __future__ import annotations
 
@@ -34,19 +34,21 @@ from .true_motion import error_free_motion, require_within
 
 @dataclass(frozen=True)
 class Flight:
-    """Error-free quantities of a case, equal in all runs.
+    """Error-free quantities of a case, which all runs share.
 
     Attributes
     ----------
-    case : its specification.
-    trajectory : truth at the INS rate.
+    case : specification of the case.
+    trajectory : true trajectory at the INS rate.
     delta_angles, delta_velocities : (N, 3) error-free IMU increments.
     field : map and normal field in which the truth flies.
-    model_field : the field that the estimators assume.
-    epochs : (K,) INS samples of the measurement epochs of all sensors.
-    noise_free : (G, 6) true tensors in the gradiometer's mount at its measurement times [E].
-    measured : (G, g) measured gradients there [E], NaN for missing ones; None for simulated ones.
-    measured_errors : by gravimeter, (G,) errors of measured gravity [mGal], NaN for missing ones.
+    model_field : map and normal field that the estimators assume.
+    epochs : (K,) indices of the INS samples at the measurement epochs of all sensors.
+    noise_free : (G, 6) true gradient tensors [E] in the axes of the mount at the G times of the
+        gradiometer.
+    measured : (G, g) measured gradients [E] at these times, NaN if missing; None if measurements
+        are simulated.
+    measured_errors : (G,) errors of measured gravity [mGal] by gravimeter, NaN if missing.
     """
 
     case: CaseSpec
@@ -62,17 +64,17 @@ class Flight:
 
     @property
     def times(self) -> np.ndarray:
-        """Measurement epochs (K,) [s]."""
+        """Times (K,) of the measurement epochs [s]."""
         return self.trajectory.times[self.epochs]
 
     @cached_property
     def gradient_epochs(self) -> np.ndarray:
-        """Epochs (G,) of the gradiometer's measurements; none without a gradiometer."""
+        """Indices (G,) of the epochs with gradiometer measurements; empty without a gradiometer."""
         return self._read_at("gradiometer")
 
     @cached_property
     def aiding_epochs(self) -> list[np.ndarray]:
-        """Epochs (G,) of the measurements of each of the other sensors."""
+        """Indices (G,) of the epochs with measurements of each aiding sensor."""
         return [self._read_at(sensor.name) for sensor in self.true.aiding]
 
     def _read_at(self, sensor: str) -> np.ndarray:
@@ -90,13 +92,13 @@ class Flight:
 
     @property
     def instrument(self) -> str:
-        """Mount of the gradiometer."""
+        """Mount of the gradiometer: ``platform``, ``local-level`` or ``strapdown``."""
         spec = self.case.gradiometer
         return "local-level" if spec is None else spec.instrument
 
     @property
     def latency(self) -> float:
-        """Latency of the gradiometer's measurements behind their time stamps [s]."""
+        """Age of the gradiometer measurements at their time stamps [s]."""
         return 0.0 if self.true.gradiometer is None else self.true.gradiometer.latency
 
     @property
@@ -106,22 +108,22 @@ class Flight:
 
     @cached_property
     def true(self) -> SensorSuite:
-        """True sensors and prior."""
+        """True sensors, with the distribution of the initial errors."""
         return suite_of_case(self.case, "truth")
 
     @cached_property
     def model(self) -> SensorSuite:
-        """Assumed sensors and prior."""
+        """Sensors and prior that estimators assume."""
         return suite_of_case(self.case, "model")
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Angular rate (K, 3) about the body's axes at the epochs [rad/s]: a mean of two steps."""
+        """Angular rate (K, 3) about the body axes at the epochs [rad/s], mean of two steps."""
         return rates(self.delta_angles, self.epochs, self.trajectory.dt)
 
     @cached_property
     def metres(self) -> np.ndarray:
-        """Metres per unit of latitude, longitude, height at the epochs (K, 3) [m/rad, m/rad, 1]."""
+        """Metres per unit of latitude, longitude, height (K, 3) at the epochs [m/rad, m/rad, 1]."""
         return metres_of(self.motion_at_epochs.positions)[:, [1, 0, 2]]
 
     def added_gravity(
@@ -129,8 +131,9 @@ class Flight:
     ) -> KnownGravity:
         """Return the gravity that the mechanizations of R runs add to normal gravity.
 
-        ``gradients`` are the integrated measurements (R, G, g) [E] and their mask of missing ones
-        (R, G); by default those of a single run without errors.
+        ``gradients`` are the measurements to integrate (R, G, g) [E], and a mask (R, G) of missing
+        measurements; by default those of a single run without errors. ``field`` is the field whose
+        disturbance the INS compensates.
         """
         samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)
         return added_gravity(
@@ -139,7 +142,7 @@ class Flight:
 
     @cached_property
     def exact_gradients(self) -> tuple[np.ndarray, np.ndarray]:
-        """Error-free measurements (1, G, g) [E] of a gradiometer, and an all-false mask."""
+        """Error-free gradiometer measurements (1, G, g) [E], and a mask that is all false."""
         exact = self.noise_free[np.newaxis]
         if self.model.gradiometer is not None:
             exact = exact @ self.model.gradiometer.channels.T
@@ -147,9 +150,10 @@ class Flight:
 
     @cached_property
     def unknown_gravity(self) -> np.ndarray:
-        """Gravity disturbance (K, 3), ENU [m/s²], at the truth that the INS does not compensate.
+        """True gravity disturbance (K, 3), ENU [m/s²], minus the part that the INS compensates.
 
-        With integrated gradients it holds for measurements without noise, in an error-free flight.
+        If the INS integrates gradients, the values belong to an error-free flight with noise-free
+        measurements.
         """
         if not self.model.integrates:
             return self.unknown_to_a_map
@@ -157,7 +161,7 @@ class Flight:
 
     @cached_property
     def unknown_to_a_map(self) -> np.ndarray:
-        """Gravity disturbance (K, 3), ENU [m/s²], less that of the map of the INS."""
+        """True gravity disturbance (K, 3), ENU [m/s²], minus that in the map of the INS."""
         places = self.motion_at_epochs.positions.T
         disturbance = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:
@@ -170,8 +174,8 @@ class Flight:
     def gravity_response(self) -> np.ndarray:
         """Errors (K, 9) of an INS whose only error is the uncompensated gravity disturbance.
 
-        They are position ENU [m], velocity ENU [m/s], and attitude about the body's axes [rad]:
-        pitch, roll, and heading (positive to the left).
+        The columns are position ENU [m], velocity ENU [m/s], and attitude about the body axes
+        [rad]: pitch, roll and heading (positive to the left).
         """
         return self._without_errors[0]
 
@@ -209,15 +213,15 @@ class Flight:
 
     @cached_property
     def disks(self) -> SpinningDisks | None:
-        """The disks of a rotating instrument whose imperfections are simulated."""
+        """Disks of a rotating gradiometer with simulated imperfections, or None."""
         return spinning_disks(self.case)
 
     @cached_property
     def motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean specific force [m/s²] and angular rate [rad/s] (K, 3) of measurements, in the mount.
+        """Mean specific force [m/s²] and angular rate [rad/s] during measurements, in mount axes.
 
-        A platform does not rotate in inertial space. The rotation of a local level with the Earth
-        and the flight, 1e-4 rad/s, is neglected.
+        Both arrays are (K, 3). A platform does not rotate in inertial space. The rotation of a
+        local-level mount (Earth rate and transport rate, 1e-4 rad/s) is neglected.
         """
         truth, samples = self.trajectory, self.epochs[self.gradient_epochs]
         count = samples[0]
@@ -236,7 +240,7 @@ class Flight:
 
     @cached_property
     def noise_growth(self) -> np.ndarray:
-        """Factor (G,) of the gradiometer noise over that at rest, from the motion of the body."""
+        """Factor (G,) by which the motion of the body increases the gradiometer noise."""
         samples, dt = self.epochs[self.gradient_epochs], self.trajectory.dt
         squares = [
             (steps**2).sum(axis=1)[: samples[-1]].reshape(len(samples), -1).mean(axis=1) / dt**2
@@ -253,12 +257,12 @@ class Flight:
 
     @property
     def ticks(self) -> np.ndarray:
-        """Epochs (K,) as multiples of the case's tick."""
+        """Times (K,) of the epochs as multiples of the case's tick."""
         return np.asarray(np.round(self.times / self.case.tick_s).astype(int))
 
     @cached_property
     def expected(self) -> np.ndarray:
-        """Share of runs (K, m) in which each measurement is available."""
+        """Expected share (K, m) of the runs in which each measurement is available."""
         true, times = self.true, self.times
         measurements = np.zeros((len(times), len(true.channels)))
         gradients, others = np.split(measurements, [true.gradients], axis=1)
@@ -271,14 +275,14 @@ class Flight:
 
 
 def prepare(case: CaseSpec) -> Flight:
-    """Fly the case without errors.
+    """Compute the error-free flight of a case.
 
     Raises
     ------
     MapError, OutsideMapError, TrajectoryError
-        If a map cannot be built, or the flight leaves it or cannot be flown.
+        If a map cannot be built, the flight leaves a map, or the flight cannot be flown.
     GGBenchError
-        If the low-pass cannot be computed, or errors decay within its delay.
+        If the low-pass filter cannot be computed, or errors decay within its delay.
     """
     if case.trajectory.files():
         case.check_duration()
@@ -341,7 +345,10 @@ def prepare(case: CaseSpec) -> Flight:
 
 
 def gradiometer_places(case: CaseSpec, positions: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
-    """Return positions (K, 3) of a gradiometer whose true lever arm estimators do not know."""
+    """Return the true positions (K, 3) of a gradiometer with a lever-arm error.
+
+    ``positions`` (K, 3) are assumed positions, ``attitudes`` (K, 3, 3) are C_nb.
+    """
     error = case.truth.gradiometer.lever_arm_error_m
     if not any(error):
         return positions

@@ -1,4 +1,4 @@
-"""Fields of ``[field]`` tables: normal field, map file, or built map."""
+"""Gravity fields from ``[field]`` tables: normal field, map file or built map."""
 
 from __future__ import annotations
 
@@ -25,21 +25,18 @@ from ..sensors.aiding import MGAL
 from ..spec.sensors import FieldSpec, MapErrorSpec
 
 FILE_SUFFIXES = (".nc", ".npz")
-"""Endings of the path of a map's file; NumPy archives of earlier versions are refused when read."""
+"""Suffixes of map files; NumPy archives of earlier versions are refused by the reader."""
 
 
 def is_file(source: str) -> bool:
-    """Return whether a source is the path of a map file."""
+    """Return whether a ``source`` key is the path of a map file."""
     return source.endswith(FILE_SUFFIXES)
 
 
 def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
-    """Return the field of a ``[field]`` table; the last few are cached.
+    """Return the field of a ``[field]`` table; the latest fields are cached.
 
     ``constant`` is an additional gravity disturbance ENU [mGal].
-
-    ``source`` is ``normal`` (no map), the path of a map file, or the name of a shipped source,
-    whose map is built or read from the cache.
 
     Raises
     ------
@@ -52,14 +49,17 @@ def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
 
 
 def map_version(spec: FieldSpec) -> tuple[int, int]:
-    """Return the version of a map file; zeros for a built or missing map."""
+    """Return modification time [ns] and size [bytes] of a map file.
+
+    They are zeros for a built map, and for a missing file.
+    """
     return version_of(Path(spec.source)) if is_file(spec.source) else (0, 0)
 
 
 def version_of(path: Path) -> tuple[int, int]:
     """Return modification time [ns] and size [bytes] of a file; zeros if it does not exist.
 
-    Users may overwrite a file while a process runs.
+    The result shows whether a user has overwritten the file while the process runs.
     """
     try:
         status = path.stat()
@@ -74,12 +74,12 @@ def _with_constant(field: Field, constant: tuple[float, ...]) -> Field:
 
 
 def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...]:
-    """Return the standard error of a gradiometer's channels stated by a map [E].
+    """Return the map's standard error [E] in each gradiometer channel.
 
     Raises
     ------
     MapError
-        If the map states none.
+        If the map states no standard error.
     """
     error = make_field(spec).standard_error[:6]
     if not np.isfinite(error).all():
@@ -92,10 +92,10 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
 
 
 def beside(field: Field, longitude: float) -> Field:
-    """Return a field whose map longitudes are in the same turn as those of a flight [rad].
+    """Shift the longitudes of a map by full turns to those of a flight.
 
-    Longitudes of 275.7° and −84.3° are equal, and maps across the date line may end at 181° or
-    begin at −181°.
+    ``longitude`` is a longitude of the flight [rad]. For example, 275.7° and −84.3° are equal, and
+    maps across the date line may end at 181° or begin at −181°.
     """
     if not field.has_map:
         return field
@@ -168,7 +168,7 @@ def _degradation(spec: MapErrorSpec) -> MapDegradation:
 
 
 def map_recipe(spec: FieldSpec) -> MapRecipe:
-    """Return the recipe of the map of a ``[field]`` table with a shipped source."""
+    """Return the recipe for building the map of a ``[field]`` table with a shipped source."""
     return MapRecipe(
         source=spec.source,
         south_deg=spec.south_deg,
@@ -187,12 +187,12 @@ def map_recipe(spec: FieldSpec) -> MapRecipe:
 
 
 def map_content(spec: FieldSpec) -> str | None:
-    """Return a hash of the map of a ``[field]`` table, or None without a map.
+    """Return a hash of the content of a ``[field]`` table's map, or None without a map.
 
     Raises
     ------
     MapError
-        If its file cannot be read.
+        If the map file cannot be read.
     """
     if spec.source == "normal":
         return None
@@ -202,10 +202,10 @@ def map_content(spec: FieldSpec) -> str | None:
 
 
 def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
-    """Yield role, name and SHA-256 of each input file of a field's map.
+    """Yield role, name and SHA-256 of each input file of a map.
 
-    For a built map these are its data. For a map file they are the file itself and the inputs that
-    it states.
+    The inputs of a built map are its data files. Those of a map file are the file itself and the
+    inputs that the file states.
 
     Raises
     ------

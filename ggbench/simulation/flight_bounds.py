@@ -1,4 +1,4 @@
-"""Cramér–Rao bounds of error-free flights, for several flights of one case at once."""
+"""Cramér–Rao bounds along error-free flights."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from .sensor_suite import SensorSuite
 
 
 def bounds(flights: Sequence[Flight]) -> list[Bound]:
-    """Return the posterior Cramér–Rao bounds of flights, for the measurements of the estimators.
+    """Return the posterior Cramér–Rao bounds of several flights of one case.
 
-    H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the true
-    ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors without a
-    state and noise due to motion are omitted, so the result remains a lower bound. Measurements
-    with dropouts count with their expected share.
+    H and Φ are evaluated at the truth. Noise, biases, initial errors, field and latency are the
+    true ones. Gradients behind a low-pass filter are whitened, as for estimators. Outliers, errors
+    without a state and noise due to motion are omitted, so the result remains a lower bound. A
+    measurement that drops out in some runs counts with the expected share of available
+    measurements.
 
     Parameters
     ----------
-    flights : of one case.
+    flights : flights of one case.
 
     Raises
     ------
@@ -42,7 +43,7 @@ def flight_bound(flight: Flight) -> Bound:
 
 
 def unfiltered_bound(flight: Flight) -> Bound:
-    """Return the bound of the same gradiometer without low-pass and noise behind it."""
+    """Return the bound of a flight whose gradiometer has neither low-pass nor noise behind it."""
     instrument, true = flight.true.gradiometer, flight.true
     if instrument is not None and instrument.lowpass is not None:
         instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)
@@ -51,7 +52,7 @@ def unfiltered_bound(flight: Flight) -> Bound:
 
 
 def require_together(first: Flight, other: Flight) -> None:
-    """Raise ValueError unless two flights of one case share epochs, samples and maps."""
+    """Raise ValueError unless two flights share epochs, number of INS samples, and maps."""
     if first is other:
         return
     if not (

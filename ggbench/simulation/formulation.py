@@ -1,6 +1,8 @@
 """Estimation problems from INS solutions and sensor measurements.
 
-Measurements come from a simulation or a recording. This module does not access the truth.
+Measurements come from a simulation or a recording. This module does not access the truth. In
+shapes, TRACK = 15 counts position, velocity and C_nb, and LANES is the number of runs that a kernel
+processes together.
 """
 
 from __future__ import annotations
@@ -29,15 +31,15 @@ from .sensor_suite import SensorSuite
 
 @dataclass(frozen=True)
 class MeasurementTimes:
-    """Measurement epochs, and the sensors with measurements at each.
+    """Measurement epochs, and the epochs at which each sensor measures.
 
     Attributes
     ----------
-    times : (K,) epochs of any sensor, since the start [s].
+    times : (K,) epochs at which any sensor measures, since the start [s].
     samples : (K,) indices of the INS samples at the epochs.
-    dt : between two INS samples [s].
+    dt : interval of the INS samples [s].
     gradients : (G,) indices of the epochs with gradiometer measurements.
-    aiding : indices of the epochs with measurements of each of the other sensors.
+    aiding : indices of the epochs with measurements, for each aiding sensor.
     """
 
     times: np.ndarray
@@ -47,7 +49,7 @@ class MeasurementTimes:
     aiding: Sequence[np.ndarray]
 
     def between(self, first: int, last: int) -> MeasurementTimes:
-        """Return the epochs from ``first`` to ``last``, for a flight that begins before them."""
+        """Return the schedule of the epochs ``first`` to ``last``, as a flight of their own."""
         start = 0 if first == 0 else int(self.samples[first - 1])
         epochs = slice(first, last + 1)
 
@@ -63,10 +65,10 @@ class MeasurementTimes:
         )
 
     def delays(self, model: SensorSuite) -> np.ndarray:
-        """Return the delays (K,) [s] of the gradiometer's measurements behind their epochs.
+        """Return the delays (K,) [s] of gradiometer measurements behind their epochs.
 
-        A delay is that of a filter after its treatment, or a latency. No measurement is earlier
-        than the start.
+        A delay is the remaining delay of a low-pass filter, or a latency. It is limited so that no
+        measurement is earlier than the start.
         """
         delays, at = np.zeros(len(self.times)), self.gradients
         if (sensor := model.gradiometer) is not None:
@@ -76,16 +78,17 @@ class MeasurementTimes:
 
 
 class MechanizedRuns(NamedTuple):
-    """Solution of the INS of R runs at the epochs, and the transition of its error.
+    """INS solutions of R runs at the epochs, with transition matrices of the INS errors.
 
     Attributes
     ----------
     states : (R, K, 15) position, velocity and C_nb, row by row.
-    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) at the delayed measurement times.
+    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) INS solution at the delayed
+        measurement times.
     transition, process_cov : (R, K, n, n) assumed Φ and Q.
-    rows : (R, K, 6, 15) from the error at an epoch to that at the delayed time.
+    rows : (R, K, 6, 15) matrices that map an error at an epoch to the error at the delayed time.
     integrated : (R, K, 3) gravity disturbance ENU [m/s²] from integrated gradients.
-    turning : (R, K, 3) measured angular rate about the body's axes [rad/s].
+    turning : (R, K, 3) measured angular rate about the body axes [rad/s].
     """
 
     states: np.ndarray
@@ -99,23 +102,23 @@ class MechanizedRuns(NamedTuple):
 
     @classmethod
     def empty(cls, runs: int, epochs: int, n: int) -> MechanizedRuns:
-        """Return unfilled arrays in one piece of memory, to allow large pages."""
+        """Allocate arrays without values in one piece of memory, which allows large pages."""
         shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,), (3,))
         ends = np.cumsum([runs * epochs * math.prod(shape) for shape in shapes])
         pieces = np.split(np.empty(ends[-1]), ends[:-1])
         return cls(*(p.reshape(runs, epochs, *s) for p, s in zip(pieces, shapes, strict=True)))
 
     def of_runs(self, some: slice) -> MechanizedRuns:
-        """Return the arrays of some of the runs."""
+        """Return the arrays of a slice of the runs."""
         return MechanizedRuns(*(array[some] for array in self))
 
     @property
     def motion(self) -> Motion:
-        """INS solution at the epochs (R, K, .)."""
+        """INS solution at the epochs, with arrays (R, K, ...)."""
         return Motion.of_states(self.states)
 
     def delayed(self, delays: np.ndarray) -> DelayedInsSolution:
-        """Return the INS solution at measurement times with delays (K,)."""
+        """Return the INS solution at measurement times, ``delays`` (K,) [s] before the epochs."""
         return DelayedInsSolution(delays, self.delayed_positions, self.delayed_attitudes, self.rows)
 
 
@@ -124,10 +127,10 @@ class SensorReadings(NamedTuple):
 
     Attributes
     ----------
-    gradients : (R, G, g) output of the gradiometer, behind its filter [E].
-    missing : (R, G) mask of its missing measurements.
-    others : (R, K, e) measurements of the other sensors, in the order of their channels.
-    present : (R, K, e) mask of the available ones; missing ones may be any finite number.
+    gradients : (R, G, g) gradiometer measurements, behind its low-pass filter if any [E].
+    missing : (R, G) mask of missing gradiometer measurements.
+    others : (R, K, e) measurements of the aiding sensors, in the order of their channels.
+    present : (R, K, e) mask of available values in ``others``; all others may be any finite number.
     """
 
     gradients: np.ndarray
@@ -137,9 +140,9 @@ class SensorReadings(NamedTuple):
 
 
 def rates(angles: np.ndarray, samples: np.ndarray, dt: float) -> np.ndarray:
-    """Return angular rates (K, ...) [rad/s] at samples (K,) of an INS: means of two steps.
+    """Return angular rates (K, ...) [rad/s] at INS samples (K,), as means of two steps.
 
-    The inputs are gyro increments (N, ...) [rad], ``dt`` [s] apart.
+    ``angles`` (N, ...) are gyro increments [rad] at an interval of ``dt`` [s].
     """
     around = np.clip([samples - 1, samples], 0, len(angles) - 1)
     return np.asarray(angles[around].mean(axis=0) / dt)
@@ -153,16 +156,16 @@ def propagate_errors(
     increments: np.ndarray,
     out: MechanizedRuns,
 ) -> None:
-    """Fill the solution and the error's transition along the tracks of a group of R runs.
+    """Fill ``out`` with INS solutions and error transitions along the tracks of R runs.
 
     Parameters
     ----------
     model : assumed sensors and prior.
-    when : the epochs.
-    gravity : added by the mechanization to normal gravity.
-    track : (N + 1, TRACK, LANES) solutions of the INSs at their samples.
-    increments : (N, 6, LANES) increments of the IMU between them.
-    out : output, of R runs.
+    when : measurement epochs.
+    gravity : gravity that the mechanization adds to normal gravity.
+    track : (N + 1, TRACK, LANES) INS solutions at the samples.
+    increments : (N, 6, LANES) IMU increments between the samples.
+    out : output for R runs.
     """
     runs, samples, dt = len(out.states), when.samples, when.dt
     delays = when.delays(model)
@@ -210,10 +213,11 @@ def added_gravity(
     Parameters
     ----------
     model : assumed sensors.
-    field : field of the compensated disturbance, if any.
-    samples : (G,) INS samples of the gradiometer's measurements.
+    field : field whose disturbance the INS compensates, if it does.
+    samples : (G,) indices of the INS samples of gradiometer measurements.
     count : number of INS samples.
-    gradients, missing : (R, G, g), (R, G) of :class:`SensorReadings`, if gradients are integrated.
+    gradients, missing : (R, G, g), (R, G) measurements and mask as in :class:`SensorReadings`, if
+        gradients are integrated.
     """
     if not model.integrates:
         return of_map(field.disturbance_map) if model.compensates else NORMAL_GRAVITY
@@ -235,10 +239,10 @@ def build_problems(
     Parameters
     ----------
     model : sensors and prior that the estimators assume.
-    field : the map that they assume.
-    when : the epochs.
+    field : map that the estimators assume.
+    when : measurement epochs.
     ins : INS solutions at the epochs.
-    read : measurements of the sensors.
+    read : measurements of all sensors.
     """
     treatment, at, times = model.treatment(len(when.gradients)), when.gradients, when.times
     motion = ins.motion
@@ -289,9 +293,10 @@ def arrays_along(
     others: AidingChannels,
     whitening: Whitening | None,
 ) -> ModelArrays:
-    """Return h of a suite's sensors and states, see :func:`.sensors.model.model_arrays`.
+    """Return the arrays of the measurement function h of a sensor suite.
 
-    ``missing`` (G,) are the missing measurements of the gradiometer.
+    ``missing`` (G,) is the mask of missing gradiometer measurements. For the result see
+    :func:`.sensors.model.model_arrays`.
     """
     treatment = model.treatment(len(when.gradients))
     return model_arrays(
@@ -326,15 +331,16 @@ def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Wh
 
 
 def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:
-    """Raise GGBenchError if errors decay within the delay of filtered or late measurements.
+    """Raise GGBenchError if state errors decay within the delay of gradiometer measurements.
 
-    The measurement model propagates the state back over the delay (:mod:`.ins.transitions`). A
-    decay would grow by e^(delay / time constant), and the noise of that time is neglected.
+    The delay comes from a low-pass filter or a latency. The measurement model propagates the state
+    back over the delay (:mod:`.ins.transitions`). In this direction a decaying error would grow by
+    e^(delay / time constant), and the process noise of that time is neglected.
 
     Parameters
     ----------
     model : assumed sensors.
-    altimeter : its time constant [s]; ∞ without one.
+    altimeter : time constant of the altimeter damping [s]; ∞ without an altimeter.
     count : number of gradiometer measurements.
     """
     if model.gradiometer is None:

@@ -1,4 +1,4 @@
-"""Simulated gradiometer measurements with all errors, and the true states."""
+"""Simulated gradiometer measurements with all errors, and true instrument states."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Gradients(NamedTuple):
 
     Attributes
     ----------
-    output : (R, G, g) measurements, after the low-pass [E].
+    output : (R, G, g) measurements behind the low-pass filter if any [E].
     missing : (R, G) mask of missing measurements.
-    states : (R, K, s) true values of the instrument's states at all epochs, by name.
+    states : (R, K, s) true values of the instrument's states at all epochs, by name of the states.
     """
 
     output: np.ndarray
@@ -29,13 +29,13 @@ class Gradients(NamedTuple):
     states: dict[str, np.ndarray]
 
     def of_runs(self, some: slice) -> Gradients:
-        """Return the arrays of some of the runs."""
+        """Return the arrays of a slice of the runs."""
         states = {name: values[some] for name, values in self.states.items()}
         return Gradients(self.output[some], self.missing[some], states)
 
     @classmethod
     def joined(cls, parts: Sequence[Gradients]) -> Gradients:
-        """Return the joined arrays of several groups of runs."""
+        """Join the arrays of several groups of runs."""
         if len(parts) == 1:
             return parts[0]
         output, missing, states = zip(*parts, strict=True)
@@ -44,7 +44,7 @@ class Gradients(NamedTuple):
 
 
 def gradients(flight: Flight, streams: Sequence[RandomStreams]) -> Gradients:
-    """Return the gradiometer measurements of R runs; empty without a gradiometer."""
+    """Simulate the gradiometer measurements of R runs; empty without a gradiometer."""
     runs, width, instrument = len(streams), flight.model.gradients, flight.true.gradiometer
     if instrument is not None and flight.measured is not None:
         # What was measured is the same in all runs; biases are those that the truth adds.

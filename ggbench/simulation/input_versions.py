@@ -1,4 +1,4 @@
-"""Versions of the input files of a case, the keys of caches within a process."""
+"""Versions of a case's input files, used as keys of caches in a process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def input_versions(case: CaseSpec) -> Versions:
     Raises
     ------
     TrajectoryError
-        If a file of the flight is missing. For other missing files the result is zero.
+        If a file of the trajectory is missing. Any other missing file has the version zero.
     """
     maps = tuple(map_version(case.side(name).field) for name in ("truth", "model"))
     noises = tuple(version_of(shipped_or_own(name)) for name in noise_names(case))

@@ -1,4 +1,4 @@
-"""Error of an unaided INS along a flight, by the covariance of the linear error model."""
+"""Covariance analysis of an unaided INS along a flight."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from ..trajectory.truth import Trajectory
 from .sensor_suite import SensorSuite
 
 EARTH_RADIUS_M = 6.371e6
-"""Mean radius, which is enough for a size."""
+"""Mean radius of the Earth [m]."""
 _STEPS = 200
 """Times after the start at which the covariance is given."""
 
 
 @dataclass(frozen=True)
 class InsError:
-    """Standard deviations of the position of an INS without aiding.
+    """Standard deviations of the position error of an INS without aiding.
 
     Attributes
     ----------
-    samples : (K,) of the trajectory, the first and the last included.
-    times : (K,) of these samples [s].
-    deviations : (K, 3) ENU [m].
+    samples : (K,) indices of samples of the trajectory, including the first and the last.
+    times : (K,) times of these samples [s].
+    deviations : (K, 3) standard deviations ENU [m].
     """
 
     samples: np.ndarray
@@ -36,15 +36,16 @@ class InsError:
 
     @property
     def horizontal(self) -> np.ndarray:
-        """Root sum square of east and north (K,) [m]."""
+        """Root sum square (K,) of the east and north standard deviations [m]."""
         return np.asarray(np.hypot(self.deviations[:, 0], self.deviations[:, 1]))
 
     def linear_until(self, allowed: float) -> float:
-        """Return when second-order position errors exceed a length [m]: a time [s]; ∞ if never.
+        """Return the time [s] at which second-order errors exceed ``allowed`` [m]; ∞ if never.
 
-        They are d² / 2R for an INS error d on a sphere of radius R. With a receiver of 3 m, the
-        open-loop EKF becomes worse than the closed loop at one to three times this moment. The
-        distance d is the growth of the error, because feedback does not reduce the initial error.
+        For an INS position error d, the second-order error is d² / 2R on a sphere of radius R. With
+        a GNSS receiver of 3 m noise, the open-loop EKF becomes worse than the closed-loop EKF at
+        one to three times this time. d is the growth of the error since the start, because feedback
+        does not reduce the initial error.
         """
         grown = self.horizontal**2 - self.horizontal[0] ** 2
         beyond = grown > 2.0 * EARTH_RADIUS_M * allowed
@@ -52,17 +53,17 @@ class InsError:
 
 
 def inertial_alone(suite: SensorSuite) -> SensorSuite:
-    """Return a suite without aiding: its inertial sensors, prior and altimeter."""
+    """Return a suite with only the inertial sensors, prior and altimeter."""
     return replace(
         suite, gradiometer=None, aiding=(), disturbance=None, compensates=False, map_error=()
     )
 
 
 def ins_error(suite: SensorSuite, trajectory: Trajectory) -> InsError:
-    """Return the error of an unaided INS with the inertial sensors, prior and altimeter of a suite.
+    """Return the position error of an INS with the sensors of a suite, but without aiding.
 
-    It follows from P = Φ P Φᵀ + Q along the truth. Errors without a state, such as scale factors,
-    are omitted.
+    Inertial sensors, prior and altimeter are those of the suite. The covariance is propagated along
+    the truth, P = Φ P Φᵀ + Q. Errors without a state, such as scale factors, are omitted.
     """
     count, alone = len(trajectory.times) - 1, inertial_alone(suite)
     samples = np.unique(np.linspace(0, count, _STEPS + 1).astype(int))

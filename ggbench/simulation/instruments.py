@@ -1,4 +1,4 @@
-"""Instruments in SI units from the tables of a case or a flight."""
+"""Instruments in SI units, from the tables of a case or a recorded flight."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ _MICRO_G = 1e-6 * STANDARD_GRAVITY
 
 
 class GravityState(NamedTuple):
-    """States of the gravity disturbance that the INS does not know.
+    """States of the gravity disturbance that the INS does not compensate.
 
     Attributes
     ----------
-    sizes : σ ENU [m/s²].
+    sizes : standard deviations ENU [m/s²].
     distance : correlation distance D [m].
-    walk : root PSD of the remainder with integrated gradients, per m/s [s⁻¹˙⁵]: measurement noise
-        [s⁻²] times the root of the measurement interval; None without integration.
+    walk : root PSD of the random walk that remains if gradients are integrated, per unit of speed
+        [s⁻¹˙⁵]: measurement noise [s⁻²] times the square root of the measurement interval. None
+        without integration.
     """
 
     sizes: tuple[float, float, float]
@@ -51,14 +52,14 @@ class GravityState(NamedTuple):
 
     @property
     def driven(self) -> tuple[float, ...]:
-        """Return the process noise, see :class:`ggbench.ins.adjoint.Noise`."""
+        """Return the process noise of these states, see :class:`ggbench.ins.adjoint.Noise`."""
         if self.walk is not None:
             return (self.walk,) * 3
         return tuple(math.sqrt(2.0) * size for size in self.sizes)
 
 
 def imu_of(spec: ImuSpec, errors: TrueImu) -> Imu:
-    """Return the inertial sensors of a table, with their unmodelled errors."""
+    """Return the inertial sensors of a table, with unmodelled errors."""
 
     def triad(scale_factor_ppm: float, misalignment_arcmin: float) -> SensorErrors:
         return SensorErrors(1e-6 * scale_factor_ppm, math.radians(misalignment_arcmin / 60.0))
@@ -84,7 +85,8 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
     Raises
     ------
     GGBenchError
-        If its model of coloured noise cannot be read, or has other channels or another period.
+        If the coloured-noise model cannot be read, or has other channels or another period than the
+        table.
     """
     rate, colour = 1.0 / spec.period_s, _colour(spec)
     noise = spec.noise_eotvos
@@ -122,7 +124,7 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
 
 
 def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
-    """Yield path and SHA-256 of each coloured-noise model of a case, once.
+    """Yield path and SHA-256 of each coloured-noise model of a case, without duplicates.
 
     Raises
     ------
@@ -135,7 +137,7 @@ def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
 
 
 def noise_names(case: CaseSpec) -> list[str]:
-    """Return the coloured-noise models of a case, each once."""
+    """Return the names of the coloured-noise models of a case, without duplicates."""
     specs = [case.side(name).gradiometer for name in ("truth", "model")]
     names = dict.fromkeys(spec.coloured_noise for spec in specs if spec is not None)
     return list(filter(None, names))
@@ -161,7 +163,7 @@ def _colour(spec: GradiometerSpec) -> VectorAutoregression | None:
 
 
 def channel_names(spec: GradiometerSpec) -> tuple[str, ...]:
-    """Return the names of an instrument's channels, in the standard order."""
+    """Return the channel names of a gradiometer, in the standard order."""
     if spec.rotating is None:
         return parse_components(spec.components)
     return parse_components([name for a in spec.rotating.spin_axes for name in DISK_CHANNELS[a]])
@@ -173,7 +175,7 @@ def _disk(spec: GradiometerSpec) -> RotatingGradiometer:
 
 
 def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
-    """Return the disks of a rotating instrument with simulated imperfections, or None."""
+    """Return the disks of a rotating gradiometer with simulated imperfections, or None."""
     spec, errors = case.gradiometer, case.truth.gradiometer.rotating
     if spec is None or spec.rotating is None or errors is None:
         return None
@@ -191,7 +193,10 @@ def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
 
 
 def interruptions(spec: Interruptions, outlier: float | tuple[float, ...]) -> Faults:
-    """Return dropouts of a sensor, and outliers of a given size [unit of the channel]."""
+    """Return the dropouts and outliers of a sensor.
+
+    ``outlier`` is the standard deviation of the outliers [unit of the channel].
+    """
     return Faults(
         outlier_share=spec.outlier_share,
         outlier=outlier,
@@ -226,9 +231,10 @@ def faults(spec: TrueGradiometer) -> Faults:
 def gravity_state(
     spec: DisturbanceSpec | None, gradiometer: Gradiometer | None
 ) -> GravityState | None:
-    """Return the states of the unknown gravity disturbance, or None.
+    """Return the states of the unknown gravity disturbance, or None without ``spec``.
 
-    Raise GGBenchError if gradients are integrated without the whole tensor.
+    Raise GGBenchError if gradients are to be integrated, but the gradiometer does not measure the
+    whole tensor.
     """
     if spec is None:
         return None

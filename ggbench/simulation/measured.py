@@ -1,4 +1,4 @@
-"""Measured data in place of simulated measurements."""
+"""Measured survey data in place of simulated measurements."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from .instruments import gradiometer_of
 def measured_readings(case: CaseSpec, positions: np.ndarray) -> np.ndarray | None:
     """Return the measured gradients (G, g) [E] at the true positions (G, 3).
 
-    Missing ones are NaN; the result is None for simulated measurements. A survey contains the
-    disturbing field, so the normal gradient at the surveyed position is added.
+    Missing values are NaN. The result is None if the case simulates measurements. A survey contains
+    the disturbing field, so the normal gradient at the surveyed position is added.
 
     Raises
     ------
     GGBenchError
-        If the survey lines lack components, or have samples at other times.
+        If the survey lines lack components, or their samples have other times than the
+        measurements.
     """
     spec = case.gradiometer
     if spec is None or spec.readings == "simulated":
@@ -36,9 +37,9 @@ def measured_readings(case: CaseSpec, positions: np.ndarray) -> np.ndarray | Non
 def measured_errors(
     case: CaseSpec, field: Field, positions: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return the errors of measured gravity (G,) against a field, by gravimeter [mGal].
+    """Return the errors (G,) of measured gravity against a field [mGal], by gravimeter.
 
-    Missing ones are NaN. The errors replace simulated noise.
+    Missing values are NaN. The errors replace simulated noise.
 
     Parameters
     ----------
@@ -49,7 +50,8 @@ def measured_errors(
     Raises
     ------
     GGBenchError
-        If the survey lines have no gravity, or samples at other times.
+        If the survey lines have no gravity, or their samples have other times than the
+        measurements.
     """
     errors = {}
     for name in case.measured_sensors():

@@ -1,4 +1,4 @@
-"""Random numbers of a run: a generator for each named source of error."""
+"""Random numbers of a run: one generator for each named error source."""
 
 from __future__ import annotations
 
@@ -42,37 +42,37 @@ FIRST_KEYS = {
     "gnss/lever_arm": 32,
     "gradiometer/mounting": 33,
 }
-"""Keys of the sources that were numbered, before all others followed from their names.
+"""Keys of the first sources; keys of all other sources follow from the names.
 
-Stored results have their random numbers. The table is complete: a new source needs no row.
+Stored results depend on these keys. The table is complete: a new source needs no row.
 """
 
 
 def spawn_key(source: str) -> tuple[int, ...]:
-    """Return the spawn key of a source of error, determined only by its name.
+    """Return the spawn key of an error source, which depends only on the name.
 
     Parameters
     ----------
     source : str
-        ``SENSOR/ERROR``; ``SENSOR/`` is the white noise of a sensor.
+        Name ``SENSOR/ERROR``; ``SENSOR/`` is the white noise of a sensor.
     """
     return (FIRST_KEYS[source],) if source in FIRST_KEYS else words_of(source)
 
 
 class RandomStreams:
-    """The generators of a run by source of error, each created at first use.
+    """Random generators of a run by error source, each created at first use.
 
-    They are children of campaign seed and run number (:class:`numpy.random.SeedSequence`). The
-    stream of a source depends on no other source.
+    The generators are spawned from the campaign seed and the run index
+    (:class:`numpy.random.SeedSequence`). The random numbers of a source depend on no other source.
 
     Parameters
     ----------
     seed : int
         Seed of the campaign.
     run : int
-        Number of the run.
+        Index of the run.
     draw : str
-        Name of the case's draw, which enters the seed unless it is empty.
+        Key ``draw.name`` of the case, which enters the seed unless it is empty.
     """
 
     def __init__(self, seed: int, run: int, draw: str = "") -> None:

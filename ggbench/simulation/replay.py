@@ -1,8 +1,9 @@
-"""Mechanization with feedback: corrections of an estimator reset the INS.
+"""INS mechanization with feedback of an estimator's corrections.
 
 The error model is linear about the INS solution. If an uncorrected INS has drifted far,
-second-order errors exceed the sensor noise. With a reset every minute they stay small. Only
-measured IMU data are replayed, never the truth.
+second-order errors exceed the sensor noise. With a reset every minute they stay small. The
+mechanization uses only measured IMU data, never the truth. In shapes, LANES is the number of runs
+that a kernel processes together.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ from .formulation import (
 from .sensor_suite import SensorSuite
 
 FED_BACK = 9
-"""States that the mechanization is set right by: position, velocity, attitude. Biases and gravity
-stay states: they enter linearly, and their own error model goes on."""
+"""Number of states that reset the mechanization: position, velocity, attitude. Biases and gravity
+are not fed back: they enter linearly and keep their error model.
+"""
 
 
 class Recording(NamedTuple):
@@ -39,10 +41,11 @@ class Recording(NamedTuple):
 
     Attributes
     ----------
-    initial : (R, 15) initial INS states.
-    increments : (N, 6, LANES) [rad], [m/s].
-    heights : (N, 1, LANES) of the altimeters, means over the intervals [m]; (0, 1, LANES) without.
-    gains : of the altimeter.
+    initial : (R, 15) initial INS states: position, velocity and C_nb.
+    increments : (N, 6, LANES) angle [rad] and velocity increments [m/s].
+    heights : (N, 1, LANES) altimeter heights, means over the intervals [m]; (0, 1, LANES) without
+        an altimeter.
+    gains : gains of the altimeter damping.
     """
 
     initial: np.ndarray
@@ -51,7 +54,7 @@ class Recording(NamedTuple):
     gains: tuple[float, float]
 
     def of_run(self, run: int) -> Recording:
-        """Return the data of one run, as a group."""
+        """Return the data of one run, as a group with R = 1."""
         return Recording(
             self.initial[run : run + 1],
             in_lanes(out_of_lanes(self.increments, run + 1)[run:]),
@@ -62,13 +65,13 @@ class Recording(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """Data to mechanise a run again, from any epoch.
+    """Data with which the INS of a run is mechanised again from any epoch.
 
     Attributes
     ----------
     model, field, when, gravity : arguments of :func:`.formulation.propagate_errors` and
         :func:`.formulation.build_problems`.
-    recording : of the run, as a group.
+    recording : data of the run, as a group with R = 1.
     """
 
     model: SensorSuite
@@ -78,18 +81,18 @@ class Replay:
     recording: Recording
 
     def start(self, problem: Problem) -> Loop:
-        """Return a closed loop at the start of the flight of a problem."""
+        """Return a closed loop before the first epoch of the problem, without corrections."""
         return Loop(self, problem)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replays(Sequence[Replay]):
-    """The replays of a block of runs, each created on demand.
+    """Replays of the runs in a block, each created on demand.
 
     Attributes
     ----------
-    model, field, when, gravity : of each :class:`Replay`.
-    recordings : of each group of runs.
+    model, field, when, gravity : attributes of every :class:`Replay`.
+    recordings : data of each group of runs.
     runs : number of runs.
     """
 
@@ -112,7 +115,10 @@ class Replays(Sequence[Replay]):
 
 
 class Loop:
-    """A flight that is mechanised in parts; each part starts from the corrected end of the last."""
+    """INS mechanization with feedback, in consecutive parts.
+
+    Each part starts from the corrected INS state at the end of the part before.
+    """
 
     def __init__(self, replay: Replay, problem: Problem) -> None:
         assert problem.track is not None
@@ -124,7 +130,7 @@ class Loop:
         self._part = problem
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the uncorrected epochs up to ``last``.
+        """Return the problem of the next part: epochs after the last correction to ``last``.
 
         Its prior is the estimate at the last correction.
         """
@@ -170,7 +176,7 @@ class Loop:
         return SensorReadings(gradients, missing, others, there[..., model.gradients :])
 
     def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-        """Reset the INS by the estimate of the latest part.
+        """Reset the INS by the estimates of the latest part.
 
         Parameters
         ----------
@@ -178,7 +184,7 @@ class Loop:
 
         Returns
         -------
-        The same estimates (K', n) as errors of the uncorrected INS.
+        The estimates (K', n) as errors of the INS without feedback, as in the original problem.
         """
         track = self._part.track
         assert track is not None

@@ -1,8 +1,9 @@
-"""Problem and truth of runs of a flight.
+"""Simulation of runs: problems and truth from a flight and a seed.
 
-A run adds random errors to a :class:`~.error_free_flight.Flight`. The random streams of a run are
-spawned from (seed, run), one per error source, so that two cases that differ in one source share
-all others. Sensors, prior and map exist twice, true and assumed, see :mod:`ggbench.spec.sensors`.
+A run adds random errors to a :class:`~.error_free_flight.Flight`. Each error source has a random
+generator, spawned from seed and run index, so two cases that differ in one source share the random
+numbers of all others. Sensors, prior and map exist twice, true and assumed, see
+:mod:`ggbench.spec.sensors`.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Truth:
     Attributes
     ----------
     times : (K,) measurement epochs [s].
-    error_state : (K, n) or (R, K, n) true INS errors at the epochs, in the state's units.
+    error_state : (K, n) or (R, K, n) true error states at the epochs, in the units of the states.
     """
 
     times: np.ndarray
@@ -50,26 +51,26 @@ class Truth:
 
 
 def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
-    """Return the estimation problem of one run, and its truth.
+    """Simulate one run; return the estimation problem and the truth.
 
     Parameters
     ----------
-    flight : the case.
-    seed, run : the campaign's seed and the run's number.
+    flight : error-free flight of the case.
+    seed, run : seed of the campaign, and index of the run.
     """
     block, truth = simulate_block(flight, seed, [run])
     return block.problem(0), Truth(truth.times, truth.error_state[0])
 
 
 def simulate_block(flight: Flight, seed: int, runs: Sequence[int]) -> tuple[ProblemBlock, Truth]:
-    """Return the estimation problems of several runs, and their truth.
+    """Simulate several runs; return the estimation problems and the truth.
 
-    A run is equal, bit by bit, in every block.
+    The result of a run is equal, bit for bit, in every block.
 
     Parameters
     ----------
-    flight : the case.
-    seed, runs : the campaign's seed and the numbers of R runs, at least one.
+    flight : error-free flight of the case.
+    seed, runs : seed of the campaign, and indices of R ≥ 1 runs.
     """
     return simulate_flights([flight] * len(runs), seed, runs)
 
@@ -77,7 +78,7 @@ def simulate_block(flight: Flight, seed: int, runs: Sequence[int]) -> tuple[Prob
 def simulate_flights(
     flights: Sequence[Flight], seed: int, runs: Sequence[int]
 ) -> tuple[ProblemBlock, Truth]:
-    """Return :func:`simulate_block` for runs with different flights of one case.
+    """Simulate several runs, each with another flight of the same case (:func:`simulate_block`).
 
     Raises
     ------
@@ -147,15 +148,15 @@ def _add_states(
 
 
 class Record(NamedTuple):
-    """Sensor data of one run, and the initial state of its INS.
+    """Sensor data of one run, and the initial INS state.
 
     Attributes
     ----------
-    initial : (15,) initial position, velocity and C_nb, row by row, of the INS.
-    increments : (N, 6) angles [rad] and velocities [m/s] of the IMU.
-    heights : (N,) of the altimeter, means over the intervals [m]; (0,) without one.
-    indicated : INS solution at the epochs (1, K, .).
-    read : measurements of the other sensors, of one run.
+    initial : (15,) initial INS position, velocity and C_nb, row by row.
+    increments : (N, 6) IMU angle [rad] and velocity increments [m/s].
+    heights : (N,) altimeter heights, means over the intervals [m]; (0,) without an altimeter.
+    indicated : INS solution at the epochs, with arrays (1, K, ...).
+    read : measurements of all other sensors.
     """
 
     initial: np.ndarray
@@ -166,12 +167,12 @@ class Record(NamedTuple):
 
 
 def record(flight: Flight, seed: int, run: int) -> Record:
-    """Return the sensor data of a run, equal to those of :func:`simulate`.
+    """Return the sensor data of a run, which are those of :func:`simulate`.
 
     Parameters
     ----------
-    flight : the case.
-    seed, run : the campaign's seed and the run's number.
+    flight : error-free flight of the case.
+    seed, run : seed of the campaign, and index of the run.
     """
     streams = [RandomStreams(seed, run, flight.case.draw.name)]
     gradients_read = gradients(flight, streams)

@@ -1,4 +1,4 @@
-"""Sensors and prior of a case in SI units, true or assumed."""
+"""Sensor suite: true or assumed sensors and prior of a case in SI units."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _LAYOUT = (
 
 
 class AidingStates(NamedTuple):
-    """Indices of the states of an aiding sensor, biases and lever-arm errors; −1 for none."""
+    """State indices of an aiding sensor's biases and lever-arm errors."""
 
     sensor: AidingSensor
     biases: slice
@@ -60,14 +60,15 @@ class SensorSuite:
 
     Attributes
     ----------
-    imu : the inertial sensors.
-    gradiometer : None without one.
-    aiding : the other sensors.
-    initial_error : table of the prior.
+    imu : inertial sensors.
+    gradiometer : gradiometer, or None.
+    aiding : aiding sensors.
+    initial_error : table with the standard deviations of the prior.
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, or None.
     disturbance : states of the unknown gravity disturbance, or None.
     compensates : whether the mechanization adds the gravity disturbance of its map.
-    map_error : of the gradiometer's channels [E], added to their noise; () for none.
+    map_error : standard error of the map in each gradiometer channel [E], which is added to the
+        noise; ``()`` if it is not.
     """
 
     imu: Imu
@@ -80,9 +81,10 @@ class SensorSuite:
     map_error: tuple[float, ...] = ()
 
     def gravimeter_map(self, field: Field) -> DisturbanceMap:
-        """Return the gravity map whose disturbance gravimeters measure at the estimated position.
+        """Return the gravity map with which gravimeter measurements are predicted.
 
-        If the unknown disturbance is a state, the map contains only the part that the INS adds.
+        If the gravity disturbance is a state and the INS does not compensate it by the map, the map
+        is empty.
         """
         is_assumed = self.disturbance is None or self.compensates
         return field.disturbance_map if is_assumed else NO_MAP
@@ -94,9 +96,9 @@ class SensorSuite:
 
     @property
     def has_memory(self) -> bool:
-        """Whether filtered, late, whitened or integrated measurements depend on the earlier track.
+        """Whether measurements are filtered, late, whitened or integrated.
 
-        Feedback would change this track.
+        They then depend on the earlier INS track, which feedback would change.
         """
         sensor = self.gradiometer
         return self.integrates or (
@@ -111,26 +113,26 @@ class SensorSuite:
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """Channels: those of the gradiometer, then those of the other sensors."""
+        """Channels of the gradiometer, then those of the aiding sensors."""
         names = () if self.gradiometer is None else self.gradiometer.components
         gradients = (Channel(f"gradient {name}", "E", "gradiometer") for name in names)
         return (*gradients, *(channel for sensor in self.aiding for channel in sensor.channels))
 
     @cached_property
     def columns(self) -> list[slice]:
-        """Channels of each of the other sensors, counted after the gradiometer's."""
+        """Channels of each aiding sensor, as slices that count from the first aiding channel."""
         ends = np.cumsum([0, *(len(sensor.channels) for sensor in self.aiding)]).tolist()
         return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
     @cached_property
     def layout(self) -> tuple[StateBlock, ...]:
-        """States: the INS's, then unknown gravity, mounting angles, biases and lever arms."""
+        """State blocks: INS errors, unknown gravity, mounting angles, biases and lever arms."""
         placed = (StateBlock(kind.name, place, kind.unit) for place, kind in self.states)
         return (*_LAYOUT, *placed)
 
     @cached_property
     def states(self) -> list[PlacedStates]:
-        """States after those of the INS."""
+        """Blocks of the sensor states, which follow the INS states."""
         sizes = () if self.disturbance is None else self.disturbance.sizes
         return states_of(self.gradiometer, self.aiding, sizes, STATES)
 
@@ -140,25 +142,25 @@ class SensorSuite:
 
     @cached_property
     def aiding_states(self) -> list[AidingStates]:
-        """States of each of the aiding sensors, after all others."""
+        """State indices of each aiding sensor; these states come last."""
         return [AidingStates(sensor, *map(self._place, names_of(sensor))) for sensor in self.aiding]
 
     @property
     def ins_state_count(self) -> int:
-        """Number of states of the INS, including the gravity disturbance."""
+        """Number of INS states, including the gravity disturbance if it is a state."""
         return STATES if self.disturbance is None else STATES + 3
 
     @property
     def dimension(self) -> int:
-        """Number of states: 15, and those of gravity, mounting angles, biases and lever arms."""
+        """Number n of states: 15 INS errors, gravity, mounting angles, biases and lever arms."""
         return int(self.layout[-1].slice.stop)
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
-        """Covariance (m, m) of the measurement noise after the treatment of the filter.
+        """Covariance (m, m) of the measurement noise in the problem.
 
-        Whitening includes the noise behind the filter, see :meth:`treatment`. For coloured noise it
-        is that after :meth:`whitening`.
+        With a low-pass filter it is the noise after :meth:`treatment`, which includes the noise
+        behind the filter. With coloured noise it is the noise after :meth:`whitening`.
         """
         variances: list[float] = []
         gradiometer = self.gradiometer
@@ -174,12 +176,12 @@ class SensorSuite:
         return np.diag(variances)
 
     def treatment(self, count: int) -> Prefilter:
-        """Return the treatment of ``count`` outputs of the gradiometer's low-pass.
+        """Return the treatment (whitening or delay) of ``count`` outputs of the low-pass filter.
 
         Raises
         ------
         GGBenchError
-            If the low-pass cannot be computed.
+            If the low-pass filter cannot be computed.
         """
         sensor = self.gradiometer
         if sensor is None:
@@ -190,12 +192,12 @@ class SensorSuite:
         )
 
     def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening | None:
-        """Return the whitening of the gradiometer's measurements, None for white noise.
+        """Return the whitening of coloured gradiometer noise, or None for white noise.
 
         Parameters
         ----------
-        times : (G,) of the measurements [s].
-        missing : (G,) mask of missing ones.
+        times : (G,) times of the measurements [s].
+        missing : (G,) mask of missing measurements.
         """
         if self.gradiometer is None or self.gradiometer.colour is None:
             return None
@@ -203,7 +205,7 @@ class SensorSuite:
 
     @cached_property
     def prior_cov(self) -> np.ndarray:
-        """Covariance (n, n) of the INS error at the start, biases included."""
+        """Covariance (n, n) of all states at the start."""
         initial = self.initial_error
         sigma = np.empty(self.dimension)
         sigma[POSITION] = initial.position_m
@@ -228,14 +230,14 @@ class SensorSuite:
         dt: float,
         gravity: KnownGravity = NORMAL_GRAVITY,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Φ and Q (K, n, n) between measurement epochs along one track, see :meth:`along`.
+        """Return Φ and Q (K, n, n) between measurement epochs along one track (:meth:`along`).
 
         Parameters
         ----------
-        motion : at the N + 1 IMU samples.
-        delta_velocities : (N, 3) increments [m/s].
-        epochs : (K,) indices of samples.
-        dt : [s].
+        motion : motion at the N + 1 IMU samples.
+        delta_velocities : (N, 3) velocity increments [m/s].
+        epochs : (K,) indices of the samples at the epochs.
+        dt : interval of the samples [s].
         gravity : as in :meth:`along`.
         """
         systems = self.systems([motion], [delta_velocities], epochs, np.empty(0), dt, gravity)
@@ -250,11 +252,12 @@ class SensorSuite:
         dt: float,
         gravity: KnownGravity,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the output of :meth:`along` for the motions of a group.
+        """Return the arrays that :meth:`along` fills, for the motions of a group of runs.
 
         Parameters
         ----------
-        motions, delta_velocities : at N + 1 IMU samples, and (N, 3) increments [m/s], of R tracks.
+        motions, delta_velocities : motions at N + 1 IMU samples, and (N, 3) velocity increments
+            [m/s], of R tracks.
         epochs, delays, dt, gravity : as in :meth:`along`.
         """
         track = in_lanes(np.stack([motion.states for motion in motions]))
@@ -301,19 +304,21 @@ class SensorSuite:
         process_cov: np.ndarray,
         rows: np.ndarray,
     ) -> None:
-        """Fill Φ and Q (R, K, n, n) of the runs in the first R lanes, see :meth:`system`.
+        """Fill Φ and Q (R, K, n, n) for the first R of the runs that a kernel processes together.
 
-        Also fill the rows that propagate an error back from an epoch over the measurement delay.
+        ``rows`` is filled with matrices that propagate an error from an epoch back to the time of
+        the delayed measurement.
 
         Parameters
         ----------
-        track, increments : (N + 1, 15, LANES), (N, 6, LANES) of :func:`.strapdown.navigate_lanes`.
-        epochs : (K,) indices of samples.
-        delays : (K,) [s], or (0,) for no rows.
-        dt : [s].
+        track, increments : (N + 1, 15, LANES), (N, 6, LANES) INS solutions and IMU increments, from
+            :func:`.strapdown.navigate_lanes`.
+        epochs : (K,) indices of the samples at the epochs.
+        delays : (K,) measurement delays [s]; (0,) if ``rows`` is not needed.
+        dt : interval of the samples [s].
         gravity : gravity that the mechanization adds to normal gravity.
-        transition, process_cov : output.
-        rows : (R, K, 6, 15) of :func:`.delayed_rows.delayed_rows_lanes`, output.
+        transition, process_cov : (R, K, n, n) output.
+        rows : (R, K, 6, 15) output, see :func:`.delayed_rows.delayed_rows_lanes`.
         """
         constant, noise = self._constants
         transitions_lanes(
@@ -359,13 +364,13 @@ class SensorSuite:
     def aiding_model(
         self, field: Field, read_at: Sequence[np.ndarray], motion: Motion, turning: np.ndarray
     ) -> AidingChannels:
-        """Return the equation of the aiding sensors: :func:`.aiding_channels`.
+        """Return the measurement equation of the aiding sensors (:func:`.aiding_channels`).
 
         Parameters
         ----------
-        field : the map.
-        read_at, motion, turning : epochs (G,) of each sensor, and the rest as in
-            :func:`.aiding_channels`.
+        field : field with the map.
+        read_at : indices (G,) of the epochs of each sensor.
+        motion, turning : as in :func:`.aiding_channels`.
         """
         return aiding_channels(
             sensors=self.aiding,

@@ -1,4 +1,4 @@
-"""True or assumed sensors and prior from the tables of a case."""
+"""Sensor suites from the tables of a case: true or assumed sensors and prior."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuit
     Raises
     ------
     MapError
-        If the model needs the map's standard error, but the map states none.
+        If the model needs the standard error of the map, but the map states none.
     """
     suite = suite_of(
         case.side(name),
@@ -44,14 +44,14 @@ def suite_of(
     disturbance: DisturbanceSpec | None = None,
     compensates: bool = False,
 ) -> SensorSuite:
-    """Return the sensors and prior of tables.
+    """Return the sensors and prior that tables describe.
 
     Parameters
     ----------
     side : tables of sensors and prior.
-    altimeter : for the damping of the mechanization, or None.
-    truth : further errors of the true sensors; None for the assumed ones.
-    disturbance : the unknown gravity, if it is a state.
+    altimeter : altimeter that damps the mechanization, or None.
+    truth : further errors of the true sensors; None for assumed sensors.
+    disturbance : gravity disturbance unknown to the INS, if it is a state.
     compensates : whether the mechanization adds the gravity disturbance of its map.
 
     Raises

@@ -21,12 +21,11 @@ from .field_source import beside
 def error_free_motion(
     spec: TrajectorySpec, dt: float, versions: tuple[object, ...], felt: Field | None
 ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """Return the truth and error-free IMU increments of angle and velocity, (N, 3) each.
+    """Return the true trajectory, and error-free IMU angle and velocity increments (N, 3).
 
-    Cases that differ only in sensors and priors share the result.
-
-    ``versions`` are those of the input files. ``felt`` is the field whose gravity disturbance the
-    accelerometers measure, or None.
+    Cases that differ only in sensors and priors share the cached result. ``dt`` is the sampling
+    interval [s]. ``versions`` are the versions of the input files. ``felt`` is the field whose
+    gravity disturbance the accelerometers measure, or None.
     """
     trajectory = trajectory_of(spec, dt)
     _require_possible(trajectory)
@@ -65,7 +64,7 @@ def _require_possible(trajectory: Trajectory) -> None:
 
 
 def require_within(fields: Sequence[Field], positions: np.ndarray, spec: TrajectorySpec) -> None:
-    """Raise OutsideMapError if positions (K, 3) leave a map, with their number and a remedy."""
+    """Raise OutsideMapError if positions (K, 3) leave a map; the message states a remedy."""
     for field in fields:
         try:
             field.require_inside(positions)
@@ -94,7 +93,7 @@ def require_within(fields: Sequence[Field], positions: np.ndarray, spec: Traject
 
 
 def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
-    """Return the truth of a ``[trajectory]`` table, of segments or of a track.
+    """Return the true trajectory of a ``[trajectory]`` table.
 
     Parameters
     ----------

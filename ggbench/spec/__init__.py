@@ -1,1 +1,1 @@
-"""Contents of scenario files, as pydantic models."""
+"""Pydantic models of the content of scenario files."""

@@ -1,8 +1,8 @@
-"""Tables of the aiding sensors: GNSS, velocity log, barometer, gravimeter.
+"""Tables of aiding sensors: GNSS, velocity log, barometer, gravimeter.
 
 ``[gnss]`` describes both the simulated truth and the assumed model. ``[truth.gnss]`` changes only
 the truth, and adds errors that no estimator models. ``[model.gnss]`` changes only the model.
-``[sensor.<name>]`` has the keys of its kind (:mod:`.named_sensors`).
+``[sensor.<name>]`` has the keys of the sensor's ``kind`` (:mod:`.named_sensors`).
 """
 
 from __future__ import annotations
@@ -22,18 +22,20 @@ _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
 
 
 class Interruptions(Section):
-    """Missing measurements and outliers of any sensor."""
+    """Base of tables of true sensors: missing measurements and outliers."""
 
     outlier_share: q.Share = 0.0
-    """Probability that a reading of a channel is an outlier; needs the outliers' size."""
+    """Probability that a measurement of a channel is an outlier; needs the size of outliers."""
     dropout_share: q.Share = 0.0
     """Probability that a measurement (all channels) is missing. Not allowed behind a filter."""
     dropouts_s: Listed[Interval] = ()
     """Intervals `[from, to]` without measurements. Not allowed behind a filter."""
     duty_on_s: q.Duty = 0.0
-    """Duty cycle: duration of measurements, beginning at the start. Needs `duty_off_s`."""
+    """Duty cycle: duration of measurements; the first starts with the flight. Needs
+    `duty_off_s`.
+    """
     duty_off_s: q.Duty = 0.0
-    """Duty cycle: duration of the following gap. Not allowed behind a filter."""
+    """Duty cycle: duration of the gap that follows. Not allowed behind a filter."""
 
     @model_validator(mode="after")
     def _check(self) -> Interruptions:
@@ -52,14 +54,14 @@ class Interruptions(Section):
 
 
 class PeriodicSpec(Section):
-    """A sensor with periodic measurements."""
+    """Base of tables of sensors with periodic measurements."""
 
     period_s: q.ReadingPeriod
-    """Time between readings; a whole multiple of `imu.period_s`."""
+    """Time between measurements; a whole multiple of `imu.period_s`."""
 
     @property
     def in_words(self) -> str:
-        """Kind and noise, for the table of conditions of a report.
+        """Kind and noise of the sensor in words, for reports.
 
         Raise NotImplementedError in the base class.
         """
@@ -71,24 +73,24 @@ class GnssSpec(PeriodicSpec):
 
     kind: Literal["gnss"] = "gnss"
     position_noise_m: q.PositionNoise | None = None
-    """White noise of each horizontal axis; with it, the receiver gives positions."""
+    """White noise of each horizontal axis. Without it, the receiver measures no positions."""
     height_noise_m: q.PositionNoise | None = None
     """White noise of the height. Without it: `position_noise_m`."""
     velocity_noise_mps: q.VelocityNoise | None = None
-    """White noise of each axis; with it, the receiver gives velocities."""
+    """White noise of each axis. Without it, the receiver measures no velocities."""
     position_bias_m: q.PositionBias = 0.0
-    """Standard deviation of a correlated position error per axis, as of multipath and atmosphere.
+    """Standard deviation of a correlated position error per axis, for example from multipath.
 
-    Where estimators assume one, it is a state.
+    It is a state if estimators assume one.
     """
     position_bias_time_s: q.TimeConstant | None = None
     """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
     lever_arm_m: Three[q.LeverArm] = (0.0, 0.0, 0.0)
     """Vector from the INS to the antenna (right, forward, up). Estimators correct for it."""
     lever_arm_sigma_m: q.LeverArmSigma = 0.0
-    """Standard deviation of the error of each part of `lever_arm_m`, drawn once per run.
+    """Standard deviation of the error of each component of `lever_arm_m`, drawn once per run.
 
-    Where estimators assume one, the three errors are states.
+    The three errors are states if estimators assume them.
     """
 
     @model_validator(mode="after")
@@ -105,7 +107,7 @@ class GnssSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """Receiver and its noise."""
+        """Receiver and noise in words."""
         if self.position_noise_m is not None:
             return f"GNSS {self.position_noise_m:g} m"
         return f"GNSS {self.velocity_noise_mps:g} m/s"
@@ -124,7 +126,7 @@ class TrueGnss(GnssChange, Interruptions):
     outlier_mps: q.Outlier = 0.0
     """Standard deviation of velocity outliers, per axis."""
     ramp_mps: Three[q.VelocityComponent] = (0.0, 0.0, 0.0)
-    """Rate of a growing position error (east, north, up) from `ramp_from_s` on."""
+    """Growth rate of a position error (east, north, up) from `ramp_from_s` on."""
     ramp_from_s: q.Moment = 0.0
     """Start of the ramp."""
     jump_m: Three[q.PositionJump] = (0.0, 0.0, 0.0)
@@ -149,7 +151,7 @@ class TrueGnss(GnssChange, Interruptions):
 
 
 class RecordedGnss(GnssSpec, ReadingsRecording):
-    """``[gnss]`` with its readings."""
+    """``[gnss]`` with a file of measurements."""
 
     frame: Frame | None = None
     """Frame of the recorded velocities."""
@@ -164,13 +166,13 @@ class RecordedGnss(GnssSpec, ReadingsRecording):
 
 
 class LogSpec(PeriodicSpec):
-    """``[velocity_log]``: a Doppler or electromagnetic log, in axes of the body or of ENU."""
+    """``[velocity_log]``: a Doppler or electromagnetic log; velocities in body or ENU axes."""
 
     kind: Literal["velocity_log"] = "velocity_log"
     noise_mps: q.VelocityNoise
     """White noise of each channel."""
     bias_mps: q.LogBias = 0.0
-    """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
+    """Standard deviation of a bias of each channel; it is a state if estimators assume one."""
     bias_time_s: q.TimeConstant | None = None
     """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
     frame: Literal["body", "local-level"] = "body"
@@ -180,7 +182,7 @@ class LogSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """Log and its noise."""
+        """Log and noise in words."""
         return f"velocity log {self.noise_mps:g} m/s"
 
 
@@ -197,23 +199,23 @@ class TrueLog(LogChange, Interruptions):
 
 
 class RecordedLog(LogSpec, ReadingsRecording):
-    """``[velocity_log]`` with its readings."""
+    """``[velocity_log]`` with a file of measurements."""
 
 
 class BarometerSpec(PeriodicSpec):
-    """``[barometer]``: a height, from air pressure or from a known sea level."""
+    """``[barometer]``: heights from air pressure or from a known sea level."""
 
     kind: Literal["barometer"] = "barometer"
     noise_m: q.HeightNoise
     """White noise of the height."""
     bias_m: q.HeightBias = 0.0
-    """Standard deviation of its bias; where estimators assume one, it is a state."""
+    """Standard deviation of a bias; it is a state if estimators assume one."""
     bias_time_s: q.TimeConstant | None = None
     """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
 
     @property
     def in_words(self) -> str:
-        """Height and its noise."""
+        """Barometer and noise in words."""
         return f"height {self.noise_m:g} m"
 
 
@@ -230,20 +232,20 @@ class TrueBarometer(BarometerChange, Interruptions):
 
 
 class RecordedBarometer(BarometerSpec, ReadingsRecording):
-    """``[barometer]`` with its readings."""
+    """``[barometer]`` with a file of measurements."""
 
 
 class GravimeterSpec(PeriodicSpec):
-    """``[gravimeter]``: the gravity disturbance, its size (``scalar``) or components.
+    """``[gravimeter]``: gravity disturbance, as magnitude (``scalar``) or components.
 
-    It is reduced with position and velocity of the INS, so the measurements contain their errors.
+    The measurements are reduced with the INS position and velocity, so they contain INS errors.
     """
 
     kind: Literal["gravimeter"] = "gravimeter"
     noise_mgal: q.GravimeterNoise
     """White noise of each channel."""
     bias_mgal: q.GravimeterBias = 0.0
-    """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
+    """Standard deviation of a bias of each channel; it is a state if estimators assume one."""
     bias_time_s: q.TimeConstant | None = None
     """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
     components: Annotated[Several[Literal["scalar", "east", "north"]], distinct("a component")] = (
@@ -261,7 +263,7 @@ class GravimeterSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """Gravimeter and its noise, if it is known."""
+        """Gravimeter, and noise if it is known, in words."""
         if self.readings == "measured":
             return "gravimeter measured"
         return f"gravimeter {self.noise_mgal:g} mGal"
@@ -280,7 +282,7 @@ class TrueGravimeter(GravimeterChange, Interruptions):
 
 
 class RecordedGravimeter(GravimeterSpec, ReadingsRecording):
-    """``[gravimeter]`` with its readings."""
+    """``[gravimeter]`` with a file of measurements."""
 
 
 AidingSpec = GnssSpec | LogSpec | BarometerSpec | GravimeterSpec
@@ -293,6 +295,6 @@ KINDS: tuple[str, ...] = tuple(spec.model_fields["kind"].default for spec in get
 
 
 def unchanged(kind: str) -> TrueAiding:
-    """Return the table ``[truth.<kind>]`` that changes nothing."""
+    """Return an empty table ``[truth.<kind>]``, which changes nothing."""
     table: TrueAiding = get_args(TrueAiding)[KINDS.index(kind)]()
     return table

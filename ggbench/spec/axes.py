@@ -1,4 +1,4 @@
-"""Sweeps: the axes of a grid of cases."""
+"""Tables of sweeps: axes of a grid of cases."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ MOST_POINTS = 10_000
 
 
 class AxisSpec(Section):
-    """``[[sweep.axis]]``: an axis of the grid, its values and the changes that each makes."""
+    """``[[sweep.axis]]``: an axis of the grid, with values and the change for each value."""
 
     name: AxisName
-    """Short name, for names of cases."""
+    """Short name of the axis in names of cases."""
     label: Title
     """Label of the axis in a figure."""
     unit: str = ""
@@ -31,9 +31,9 @@ class AxisSpec(Section):
     values: Annotated[Listed[Finite | int], Field(min_length=2)]
     """Increasing values; at least two."""
     key: Title | None = None
-    """Dotted key that takes the value; or give `changes`."""
+    """Dotted key that is set to the value; or give `changes`."""
     changes: Listed[FreeTable] | None = None
-    """List with a table of changes for each value; or give `key`."""
+    """List of tables, one for each value, with the changes to make; or give `key`."""
 
     @model_validator(mode="after")
     def _check(self) -> AxisSpec:
@@ -57,7 +57,7 @@ class AxisSpec(Section):
         return self
 
     def change(self, index: int) -> dict[str, Any]:
-        """Return the changes of a value, as nested tables."""
+        """Return the changes for the value with an index, as nested tables."""
         if self.changes is not None:
             return dict(self.changes[index].content())
         assert self.key is not None  # checked above
@@ -65,11 +65,11 @@ class AxisSpec(Section):
 
     @property
     def title(self) -> str:
-        """Label and unit of the axis."""
+        """Label of the axis with the unit."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
     def at(self, index: int) -> str:
-        """Return a coordinate with its unit, ``0.01 E``."""
+        """Return the value with an index as text with unit, ``0.01 E``."""
         return f"{number(self.values[index])} {self.unit}".rstrip()
 
     def coordinates(self) -> np.ndarray:
@@ -78,16 +78,18 @@ class AxisSpec(Section):
         return np.log10(values) if self.scale == "log" else values
 
     def changed_keys(self) -> set[str]:
-        """Return the dotted keys that the axis changes, with short forms of sensors."""
+        """Return the dotted keys that the axis changes; sensors have their short form."""
         return {short_key(key) for i in range(len(self.values)) for key in _dotted(self.change(i))}
 
 
 class SweepSpec(Section):
-    """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
+    """``[sweep]``: axes of a grid of cases, and target errors."""
 
     axis: Listed[AxisSpec] = ()
     targets_m: Listed[q.PositionTarget] = ()
-    """Position errors. The report gives the value of the first axis at which each is reached."""
+    """Target position errors. For each the report gives the value of the first axis that reaches
+    it.
+    """
 
     @model_validator(mode="after")
     def _check(self) -> SweepSpec:
@@ -103,7 +105,7 @@ class SweepSpec(Section):
 
 
 def number(value: float) -> str:
-    """Return a number as in names of cases and tables: short, exact, ``0.0001``, ``3e-6``."""
+    """Return a number as short, exact text for names and tables: ``0.0001``, ``3e-6``."""
     short = f"{value:g}"
     if float(short) != value:
         short = repr(value)

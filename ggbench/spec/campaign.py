@@ -1,4 +1,4 @@
-"""Defaults of a campaign: estimators, number of runs, seed."""
+"""Table of campaign defaults: estimators, number of runs, seed."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ class CampaignSpec(Section):
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
     """Seed of all runs."""
     assumption_runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
-    """Runs per case of a study of `--assumptions`."""
+    """Runs per case for the assumptions (`--assumptions`)."""
     assumption_estimator: str = "ekf"
-    """Estimator of these studies."""
+    """Estimator for the assumptions."""
     estimators: Annotated[Listed[str], AfterValidator(expanded), Field(min_length=1)] = (
         "ins",
         "ekf",
     )
     """Estimators, with parameters: `"ekf[iterations=5]"`.
 
-    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` removes an estimator from those before it.
+    `"@NAME"` stands for a roster in `rosters.toml`; `"-ekf"` removes an estimator listed before.
     """
     time_limit_s: q.TimeLimit = 600.0
     """Time limit of one run of one estimator."""
 
     def runs_of(self, study: str, runs: int) -> int:
-        """Return the number of runs in the cases (""), or in the study of an assumption."""
+        """Return the number of runs for the cases (``study`` ""), or for an assumption."""
         return min(runs, self.assumption_runs) if study else runs

@@ -1,7 +1,7 @@
-"""Cases: pydantic models of a scenario's tables.
+"""Tables of a case.
 
-The name of a key states its unit. A rule on several keys is checked in the table that contains them
-all.
+The name of a key contains the unit. A rule on several keys is checked in the table that contains
+all of them.
 """
 
 from __future__ import annotations
@@ -59,20 +59,20 @@ class WindowsSpec(Section):
     """``[windows]``: windows over which errors are averaged, and the required final error."""
 
     settled_from_s: q.Moment
-    """Start of the settled window, which lasts to the end."""
+    """Start of the settled window, which lasts to the end of the flight."""
     last_s: q.Duration
     """Length of the last window, at the end of the flight."""
     required_m: q.PositionTarget | None = None
-    """Spherical position error within which a run must end to succeed.
+    """Largest 3-D position error at the end of a successful run.
 
-    Without it: three times the RMS filtering bound over the last window. A run has *converged* at
-    the first epoch from which its error stays within. A *false fix* ends outside, but its 95 %
-    region is smaller than its error.
+    Without it: three times the RMS bound of a filter over the last window. A run has *converged* at
+    the first epoch from which the error stays below this value. A *false fix* is a run that ends
+    with a larger error, although its reported 95 % radius is smaller than this value.
     """
 
 
 class ReferenceSpec(Section):
-    """``case.reference``: published numbers of a case, compared with the results in reports."""
+    """``case.reference``: published errors of a case, which reports compare with the results."""
 
     position_mrse_m: q.PositionTarget
     """Published root-mean-square position error."""
@@ -81,7 +81,7 @@ class ReferenceSpec(Section):
 
 
 def require_sensors(tables: Any, mapless: bool) -> None:
-    """Raise ValueError without any sensor, or for a gravimeter without a map."""
+    """Raise ValueError if there is no sensor, or a gravimeter has no map."""
     if not sensors_of(tables):
         raise ValueError(
             f"no sensor is on board: give at least one of gradiometer, {', '.join(KINDS)}, sensor"
@@ -120,9 +120,9 @@ def _changed(key: str, table: Any, change: Any) -> Any:
 
 
 class CaseSpec(WithSensors):
-    """``[[case]]``: a flight to compare; its keys replace those of the other tables.
+    """``[[case]]``: a case to compare; keys in it replace those of the other tables.
 
-    The model is a resolved case: the tables of the file with the changes of the case.
+    An object is a resolved case: the tables of the file with the changes of the case.
     """
 
     name: CaseName
@@ -239,7 +239,7 @@ class CaseSpec(WithSensors):
         return f"CaseSpec({self.name}: {self.title!r})"
 
     def changed(self, key: str, value: Any) -> CaseSpec:
-        """Return the case with a new value of a key, validated as a file.
+        """Return the case with a new value of a key, validated like a file.
 
         ``case.changed("gradiometer.noise_eotvos", 1.0)``; a table may be given as a mapping.
 
@@ -248,7 +248,7 @@ class CaseSpec(WithSensors):
         key : str
             Dotted key as in ``[[case]]``.
         value : object
-            Its new value.
+            New value.
 
         Raises
         ------
@@ -268,18 +268,18 @@ class CaseSpec(WithSensors):
 
     @property
     def seed(self) -> int:
-        """Seed of the scenario's campaign; 1 without a scenario."""
+        """Seed of the scenario's campaigns; 1 for a case without a scenario."""
         return self._seed
 
     def with_seed(self, seed: int) -> CaseSpec:
-        """Return the case with the seed of its campaign."""
+        """Return the case with the seed of a campaign."""
         self._seed = seed
         return self
 
     def model_copy(
         self, *, update: Mapping[str, Any] | None = None, deep: bool = False
     ) -> CaseSpec:
-        """Return a copy with other tables, without validation.
+        """Return a copy in which some tables are replaced, without validation.
 
         Raises
         ------
@@ -295,21 +295,21 @@ class CaseSpec(WithSensors):
 
     @property
     def periods(self) -> dict[str, float]:
-        """Measurement interval [s] of each sensor, by its name."""
+        """Measurement interval [s] of each sensor, by name."""
         return {name: spec.period_s for name, spec in sensors_of(self).items()}
 
     @property
     def strides(self) -> dict[str, int]:
-        """Measurement interval of each sensor in IMU samples."""
+        """Measurement interval of each sensor as a number of IMU samples."""
         return {name: round(time / self.imu.period_s) for name, time in self.periods.items()}
 
     @property
     def tick_s(self) -> float:
-        """Greatest common divisor of all measurement intervals [s]."""
+        """Tick: greatest common divisor of all measurement intervals [s]."""
         return math.gcd(*self.strides.values()) * self.imu.period_s
 
     def check_duration(self) -> None:
-        """Raise TrajectoryError, a ValueError, if the flight is too short or too long."""
+        """Raise TrajectoryError (a ValueError) if the flight is too short or too long."""
         duration = self.trajectory.duration_s
         period = min(self.periods.values())
         if duration < 2.0 * period:
@@ -341,7 +341,7 @@ class CaseSpec(WithSensors):
         return [name for name, spec in tables if getattr(spec, "readings", "") == "measured"]
 
     def map_errors(self) -> dict[str, MapErrorSpec]:
-        """Return the map errors by the side that declares them, "" for both."""
+        """Return the declared map errors by side: ``truth``, ``model``, or "" for both."""
         fields: dict[str, Any] = {
             "": self.field,
             "truth": self.truth.field,
@@ -356,23 +356,23 @@ class CaseSpec(WithSensors):
         return max(self.draw.tracks, self.draw.maps, len(self.trajectory.drawn_lines)) > 1
 
     def cluster(self, run: int) -> int:
-        """Return the number of the track, line or map error of a run."""
+        """Return the cluster of a run: the index of its track, survey line or map error."""
         shared = max(self.draw.maps, self.draw.tracks, len(self.trajectory.drawn_lines))
         if self.draw.maps > 1:
             shared = self.draw.maps
         return run % shared if shared > 1 else run
 
     def of_run(self, run: int) -> CaseSpec:
-        """Return the case with the track and the map errors of a run."""
+        """Return the case with the track, survey line and map errors of a run."""
         return _of_run(self, run) if self.drawn else self
 
     def side(self, name: Literal["truth", "model"]) -> Side:
-        """Return sensors, field and initial errors of the truth or the model.
+        """Return the sensors, field and initial errors of the truth or of the model.
 
         Raises
         ------
         ValueError
-            If its changes break a rule; the message names the table.
+            If the changes of this side break a rule; the message states the table.
         """
         changes = getattr(self, name)
         tables: dict[str, Any] = {
@@ -393,7 +393,7 @@ class CaseSpec(WithSensors):
 
     @property
     def content_hash(self) -> str:
-        """SHA-256 of all inputs of the case's results, without its name and title."""
+        """SHA-256 of all keys that affect results; name and title are excluded."""
         # Without defaults, so that a key that is new in a later version changes nothing.
         content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
         # A default that was another in an earlier version is named where it has an effect.

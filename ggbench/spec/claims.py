@@ -1,4 +1,4 @@
-"""Claims of a source beyond errors of position and velocity."""
+"""Tables of published claims other than errors of position and velocity."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ UNITS: dict[str, str] = {"position": "m", "velocity": "m/s"} | dict.fromkeys(
 class ClaimSpec(Section):
     """``[[claim]]``: a published error that disappears if the gravity disturbance is known.
 
-    The error is the response of the INS to the gravity disturbance only.
+    The error is the response of an INS whose only error is the gravity disturbance.
     """
 
     title: Title
     """The claim in words."""
     case: CaseName
-    """Case of the gravity disturbance."""
+    """Case with the gravity disturbance."""
     quantity: GravityQuantity
     """Kind of error; attitudes are in minutes of arc."""
     published: Annotated[float, Field(gt=0.0, lt=1e9)]
@@ -46,14 +46,15 @@ class ClaimSpec(Section):
 
     @property
     def unit(self) -> str:
-        """Unit of the published number."""
+        """Unit of the published value."""
         return UNITS[self.quantity.rpartition(" ")[2]]
 
 
 class ComparisonSpec(Section):
-    """``[[comparison]]``: a claim of a source about two estimators, without a number.
+    """``[[comparison]]``: a published claim about two estimators, without a number.
 
-    It is tested at each value of a parameter that the source does not state: ``{}`` in the labels.
+    If the source does not state a parameter, the claim is tested at several values of it, which
+    replace ``{}`` in the labels.
     """
 
     title: Title
@@ -61,11 +62,11 @@ class ComparisonSpec(Section):
     case: CaseName
     """Case in which the claim is tested."""
     first: Title
-    """An estimator of the campaign; `{}` in its label stands for one of `values`."""
+    """An estimator of the campaign; `{}` in the label stands for one of `values`."""
     relation: Literal["larger", "smaller", "equal"]
-    """Relation of the first to the second."""
+    """Relation of the first estimator to the second."""
     quantity: Literal["error", "time"]
-    """Quantity: the position error of each run, or the time of a run."""
+    """Compared quantity: the position error of each run, or the computing time of a run."""
     second: Title
     """Another estimator of the campaign."""
     values: Several[Title] = ("",)
@@ -78,5 +79,5 @@ class ComparisonSpec(Section):
         return self
 
     def labels(self, value: str) -> tuple[str, str]:
-        """Return the labels of the two estimators at a value."""
+        """Return the labels of the two estimators with ``value`` in place of ``{}``."""
         return self.first.replace("{}", value), self.second.replace("{}", value)

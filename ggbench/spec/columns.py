@@ -1,4 +1,4 @@
-"""Key for the names of the columns of a file."""
+"""Key ``columns``: names of the columns in a file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _checked(value: Any) -> Any:
 
 
 def called(columns: Any) -> Any:
-    """Return the value of a key for :func:`.column_names.names_of`: a dict, a preset or None."""
+    """Convert a key ``columns`` for :func:`.column_names.names_of`: dict, preset or None."""
     return columns.content() if isinstance(columns, Table) else columns
 
 

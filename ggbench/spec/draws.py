@@ -1,4 +1,4 @@
-"""Tracks and map errors drawn for the runs of a case."""
+"""Table ``[draw]``: tracks and map errors drawn for the runs of a case."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ _SEED = 3737
 
 
 class DrawSpec(Section):
-    """``[draw]``: start, heading and map errors that are drawn instead of shared by all runs."""
+    """``[draw]``: starts, headings and map errors that differ between runs."""
 
     tracks: Annotated[int, Field(ge=1, le=1000)] = 1
-    """Number of tracks; run r flies track r modulo this number."""
+    """Number of tracks. Run r flies the track with index r modulo this number."""
     start_km: q.Displacement = 0.0
-    """Half the side of the square of starting points, centred on the start."""
+    """Half the side of the square from which starts are drawn, centred on the start."""
     heading_deg: q.Turns = 0.0
     """Largest rotation of a track, to either side."""
     maps: Annotated[int, Field(ge=1, le=1000)] = 1
-    """Number of map errors; run r has map error r modulo this number."""
+    """Number of map errors. Run r has the map error with index r modulo this number."""
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]*$", max_length=60)] = ""
     """Part of the seed. Cases with equal names share tracks and random numbers, run by run."""
 
 
 def words_of(name: str) -> tuple[int, ...]:
-    """Return four numbers of 32 bits that follow from a name; none for an empty name."""
+    """Return four 32-bit numbers derived from a name; none for an empty name."""
     if not name:
         return ()
     digest = hashlib.sha256(name.encode()).digest()
@@ -42,7 +42,10 @@ def words_of(name: str) -> tuple[int, ...]:
 
 
 def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpec:
-    """Return the track of a run: a moved and rotated track, or one of several survey lines."""
+    """Return the table of the track that a run flies.
+
+    It is a moved and rotated track, or one of several survey lines.
+    """
     if draw.tracks > 1:
         rng = np.random.default_rng([_SEED, run % draw.tracks, *words_of(draw.name)])
         east, north, turn = rng.uniform(-1.0, 1.0, 3).tolist()
@@ -53,11 +56,11 @@ def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpe
 
 
 def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float) -> TrajectorySpec:
-    """Return a flight of segments or of a track with another start, rotated about it.
+    """Return a flight with another start, rotated about this start.
 
     Parameters
     ----------
-    spec : the flight.
+    spec : flight of segments, or along a track.
     east_km, north_km : displacement of the start [km].
     turn_deg : clockwise rotation [deg].
     """

@@ -1,7 +1,7 @@
-"""File of a recorded flight: tables of the assumed model, and files of the records.
+"""Flight file of a recorded flight: assumed model, and paths of the records.
 
-The tables are those of a scenario, with the files of the records. They contain no truth. Estimators
-never receive the reference.
+The tables are those of a scenario, with paths of the records added. They contain no truth.
+Estimators never receive the reference.
 """
 
 from __future__ import annotations
@@ -37,29 +37,29 @@ BodyAxes = Literal["right-forward-up", "forward-right-down", "forward-left-up"]
 
 
 class FlightError(GGBenchError):
-    """The file of a recorded flight, or one of its records, is invalid."""
+    """A flight file or one of the records is invalid."""
 
 
 class InertialRecording(Recording):
-    """A record with a row for each sample of the INS."""
+    """Base of tables for a record with a row for each INS sample."""
 
     max_gap_s: q.RecordGap | None = None
     """Longest time between two rows. Without it: 1.5 periods."""
     time_tolerance_s: q.RecordTolerance | None = None
-    """Largest distance of a measurement from a sample. Without it: 0.1 periods; at most half."""
+    """Largest time between a measurement and its sample. Without it: 0.1 periods; at most half."""
 
 
 class InsRecord(InertialRecording):
-    """``[ins]``: the free solution of an INS, without corrections."""
+    """``[ins]``: recorded solution of an INS without corrections."""
 
     frame: Frame
     """Frame of the recorded velocities."""
 
 
 class StartSpec(Section):
-    """``[imu_record.start]``: initial state of the mechanization of recorded increments.
+    """``[imu_record.start]``: initial state for the mechanization of recorded IMU data.
 
-    Radians and C_nb keep a state to the last bit; degrees do not.
+    Radians and C_nb store a state exactly; degrees do not.
     """
 
     latitude_deg: q.Latitude | None = None
@@ -120,7 +120,10 @@ def _is_rotation(numbers: tuple[float, ...]) -> bool:
 
 
 class ImuRecord(InertialRecording):
-    """``[imu_record]``: increments, or rates, of the inertial sensors, to be mechanised here."""
+    """``[imu_record]``: recorded increments or rates of the inertial sensors.
+
+    ggbench computes the INS solution from them.
+    """
 
     axes: BodyAxes
     """Body axes of the record."""
@@ -128,10 +131,10 @@ class ImuRecord(InertialRecording):
 
 
 class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
-    """``[gradiometer]`` with its readings."""
+    """``[gradiometer]`` with a file of measurements."""
 
     readings: Literal["total", "disturbing"] = "total"  # type: ignore[assignment]
-    """Whether gradients are total, or disturbing ones without the normal field, as in surveys.
+    """Whether the gradients are total, or disturbing (without the normal field), as in surveys.
 
     The normal field is added at the INS position. This causes an error of 0.0015 E per metre of the
     height error.
@@ -145,12 +148,12 @@ class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
 
 
 class RecordedAltimeter(AltimeterSpec):
-    """``[altimeter]``, with its heights if ggbench mechanises the INS (not for ``[ins]``)."""
+    """``[altimeter]``, with a file of heights if ggbench mechanises the INS (not for ``[ins]``)."""
 
     file: FileName | None = None
-    """Path of the record of heights, relative to the file of the flight; needs `[imu_record]`."""
+    """Path of the record of heights, relative to the flight file; needs `[imu_record]`."""
     clock_offset_s: q.TimeShift = 0.0
-    """Offset added to the times of the file, to give the clock of the INS."""
+    """Offset added to the times of the file to convert them to the INS clock."""
     columns: ColumnNames | None = None
     """Column names of the file, `{ height_m = "alt [ft]" }`; or the name of a preset."""
 
@@ -170,7 +173,7 @@ class ReferenceTrack(Recording):
 
 
 class FlightSpec(WithSensors):
-    """The file of a recorded flight."""
+    """Content of the flight file of a recorded flight."""
 
     title: str = ""
     """Title in one line."""
@@ -241,24 +244,25 @@ class FlightSpec(WithSensors):
 
     @property
     def inertial(self) -> InsRecord | ImuRecord:
-        """Record of the INS."""
+        """Table of the INS record, ``[ins]`` or ``[imu_record]``."""
         record = self.ins or self.imu_record
         assert record is not None  # checked above
         return record
 
     @property
     def damping_s(self) -> float:
-        """Time constant of the altimeter [s]; ∞ without one."""
+        """Time constant of the altimeter damping [s]; ∞ without an altimeter."""
         return math.inf if self.altimeter is None else self.altimeter.time_constant_s
 
 
 def load(path: Path | str) -> FlightSpec:
-    """Read the file of a recorded flight.
+    """Read a flight file.
 
     Raises
     ------
     FlightError
-        With a sentence that states the file, the key, the value and the allowed values.
+        If the file is invalid; the message states the file, the key, the value and the allowed
+        values.
     """
     path = Path(path)
     try:

@@ -22,10 +22,10 @@ Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx
 
 
 class RotatingSpec(Section):
-    """``[gradiometer.rotating]``: disks of accelerometers spinning about axes of the mount."""
+    """``[gradiometer.rotating]``: disks of accelerometers that spin about axes of the mount."""
 
     baseline_m: q.Baseline
-    """Distance of opposite accelerometers."""
+    """Distance between opposite accelerometers."""
     rotation_hz: q.Spin
     """Turns per second; a measurement lasts a whole number of half turns."""
     spin_axes: Annotated[Several[Literal["x", "y", "z"]], distinct("an axis")] = ("x", "y", "z")
@@ -39,7 +39,7 @@ _ADDED = "bias_eotvos"
 
 
 class GradiometerSpec(PeriodicSpec):
-    """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
+    """``[gradiometer]``: instrument, noise (as RMS or as density), low-pass filter."""
 
     preset: PublishedGradiometer | None = None
     """Published instrument. It sets noise, channels and mount unless these keys are given."""
@@ -54,13 +54,13 @@ class GradiometerSpec(PeriodicSpec):
     readings: Literal["simulated", "measured"] = "simulated"
     """Simulated measurements, or those of the survey lines that `[trajectory]` flies."""
     bias_eotvos: q.GradiometerBias = 0.0
-    """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
+    """Standard deviation of a bias of each channel; it is a state if estimators assume one."""
     drift_eotvos_per_sqrt_h: q.GradiometerBias = 0.0
     """Random walk of the biases."""
     mounting_sigma_arcmin: q.Arcmin = 0.0
-    """Standard deviation of the angle about each axis by which the mount is turned, once per run.
+    """Standard deviation of the mounting angle about each axis, drawn once per run.
 
-    The turn is right-handed. Where estimators assume one, the three angles are states.
+    The rotation is right-handed. The three angles are states if estimators assume them.
     """
     components: Annotated[Several[Component], distinct("a component")] = (
         "xx",
@@ -77,16 +77,15 @@ class GradiometerSpec(PeriodicSpec):
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
     """Order of the filter."""
     filter_cutoff_hz: q.Frequency = 0.2
-    """Cut-off frequency of the filter, below the Nyquist frequency of the readings."""
+    """Cut-off frequency of the filter, below the Nyquist frequency of the measurements."""
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
     """Model of the filter in estimators: whitening, or a fixed delay."""
     whitening_regularization: q.Regularization = 1e-2
-    """Least ratio of the noise behind the filter to the noise before it that whitening assumes."""
+    """Least ratio, assumed in whitening, of the noise behind the filter to the noise before it."""
     noise_behind_filter_eotvos: q.NoiseBehindFilter | None = None
-    """RMS of further white noise of each channel, behind the filter or without one.
+    """RMS of additional white noise of each channel, behind the filter if there is one.
 
-    Without it: what whitening assumes (`whitening_regularization` times the noise), and 0 where
-    nothing is whitened.
+    Without it: `whitening_regularization` times the noise if measurements are whitened, else 0.
     """
     latency_s: q.Latency = 0.0
     """Age of a measurement at its time stamp; no measurement is earlier than the start.
@@ -157,7 +156,7 @@ class GradiometerSpec(PeriodicSpec):
                 raise ValueError(f"{key} and {other} exclude each other")
 
     def require_tractable(self) -> None:
-        """Raise ValueError if estimators have no model of its measurements."""
+        """Raise ValueError if estimators have no model for the instrument's measurements."""
         if self.latency_s > 0.0 and self.filter != "none":
             raise ValueError(
                 f"gradiometer.latency_s is {self.latency_s:g} s, but estimators have no model of "
@@ -187,12 +186,14 @@ class GradiometerChange(Section):
 
 
 class RotatingErrorsSpec(Section):
-    """``[truth.gradiometer.rotating]``: errors of the spinning disks; no estimator models them."""
+    """``[truth.gradiometer.rotating]``: errors of the spinning disks, which no estimator models."""
 
     scale_factor_ppm: q.Ppm = 0.0
-    """Standard deviation, drawn once per run: common to a disk's accelerometers."""
+    """Standard deviation, drawn once per run: error common to all accelerometers of a disk."""
     scale_factor_mismatch_ppm: q.Ppm = 0.0
-    """Standard deviation, drawn once per run: within and between the pairs of a disk."""
+    """Standard deviation, drawn once per run: differences within and between the pairs of a
+    disk.
+    """
     baseline_error_ppm: q.Ppm = 0.0
     """Standard deviation, drawn once per run, relative to the baseline."""
     misalignment_arcmin: q.Arcmin = 0.0
@@ -202,28 +203,29 @@ class RotatingErrorsSpec(Section):
     rotation_rate_error_ppm: q.Ppm = 0.0
     """Standard deviation, drawn once per run, relative to the spin."""
     vibration_mps2: q.Vibration = 0.0
-    """Amplitude of the specific force at one, two and three times the spin, per axis."""
+    """Amplitude of the specific force at one, two and three times the spin rate, per axis."""
 
 
 class TrueGradiometer(GradiometerChange, Interruptions):
     """``[truth.gradiometer]``: the true gradiometer.
 
-    Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); a scale factor may
-    also be a random walk. A tilt of a level mount is a Gauss–Markov process about each horizontal
-    axis. Outliers affect single measurements or bursts. Dropouts and timing jitter are independent.
+    Scale factor, misalignment and clock error are drawn once per run from N(0, σ²); a scale factor
+    may also be a random walk. The tilt of a level mount about each horizontal axis is a
+    Gauss–Markov process. Outliers affect single measurements or bursts. Dropouts and timing jitter
+    are independent between measurements.
     """
 
     scale_factor_ppm: q.Ppm = 0.0
     """Standard deviation, drawn once per run and channel."""
     scale_drift_ppm_per_sqrt_h: q.Ppm = 0.0
-    """Random walk of each channel's scale factor, from its drawn value."""
+    """Random walk of each channel's scale factor, starting at the drawn value."""
     misalignment_arcmin: q.Arcmin = 0.0
-    """Standard deviation of a rotation of the mount, drawn once per run and axis."""
+    """Standard deviation of the mount's rotation about each axis, drawn once per run."""
     mounting_error_arcmin: Three[q.MountingError] = (0.0, 0.0, 0.0)
     """Right-handed rotation of the mount about its axes x, y, z, unknown to estimators.
 
-    `[0, 0, 60]` turns x towards y by one degree. The axes are east, north, up of a `"local-level"`
-    mount, right, forward, up of a `"strapdown"` one, and the inertial ones of a `"platform"`.
+    `[0, 0, 60]` turns x towards y by one degree. The axes are east, north, up for a `"local-level"`
+    mount; right, forward, up for a `"strapdown"` mount; inertial axes for a `"platform"`.
     """
     lever_arm_error_m: Three[q.LeverArm] = (0.0, 0.0, 0.0)
     """Vector (right, forward, up) from the assumed to the true position of the instrument.
@@ -235,26 +237,30 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     tilt_time_s: q.TimeConstant | None = None
     """Correlation time of the tilt (first-order Gauss–Markov); with `tilt_arcmin`."""
     noise_freedom: q.Freedom | None = None
-    """Degrees of freedom of Student's t noise of equal deviation. Without it: normal noise."""
+    """Degrees of freedom of Student's t noise with the same standard deviation. Without it: normal
+    noise.
+    """
     noise_doubles_at_deg_per_s: q.NoisyRate | None = None
-    """Angular rate of the body at which the noise is twice that at rest.
+    """Angular rate of the body at which the noise is twice the noise at rest.
 
-    The noise is σ (1 + rate / this + acceleration / `noise_doubles_at_mps2`), with the RMS of rate
-    and acceleration over each measurement. Estimators assume σ.
+    The noise is σ (1 + rate / this value + acceleration / `noise_doubles_at_mps2`), with the RMS
+    rate and acceleration during each measurement. Estimators assume σ.
     """
     noise_doubles_at_mps2: q.NoisyAcceleration | None = None
-    """Acceleration, including gusts and turns, at which the noise is twice that at rest."""
+    """Acceleration, including gusts and turns, at which the noise is twice the noise at rest."""
     outlier_eotvos: q.Outlier = 0.0
     """Standard deviation of outliers, drawn for each measurement."""
     outlier_burst_s: q.Burst = 0.0
     """Mean duration of bursts of outliers; 0: single outliers.
 
-    Bursts come from a Markov chain of two states, whose share is `outlier_share`.
+    Bursts come from a two-state Markov chain; the share of time in bursts is `outlier_share`.
     """
     outlier_channels: Literal["each", "all"] = "each"
-    """Whether outliers occur in each channel independently, or in all at once."""
+    """Whether outliers occur in each channel independently, or in all channels at once."""
     clock_error_s: q.ClockError = 0.0
-    """Standard deviation of the clock that orients a platform (only), drawn once per run."""
+    """Platform only: standard deviation of the error of the clock that orients it, drawn once per
+    run.
+    """
     timing_jitter_s: q.Jitter = 0.0
     """Standard deviation of the time error of each measurement."""
     rotating: RotatingErrorsSpec | None = None
@@ -270,7 +276,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         return self
 
     def require_possible(self, spec: GradiometerSpec) -> None:
-        """Raise ValueError if the true instrument cannot have these errors."""
+        """Raise ValueError if an instrument as in ``spec`` cannot have these errors."""
         if spec.readings == "measured" and self.model_dump(exclude_defaults=True).keys() - {_ADDED}:
             raise ValueError(
                 "truth.gradiometer: measured readings already contain their errors: remove its "

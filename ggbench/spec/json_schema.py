@@ -55,7 +55,7 @@ class _Generator(GenerateJsonSchema):
 
 
 def models_schema(*models: type[BaseModel]) -> dict[str, Schema]:
-    """Return the JSON Schema of each model and of its inner models, by class name."""
+    """Return the JSON Schemas of models and of their inner models, by class name."""
     _, schemas = models_json_schema(
         [(model, "validation") for model in models], schema_generator=_Generator
     )
@@ -65,8 +65,8 @@ def models_schema(*models: type[BaseModel]) -> dict[str, Schema]:
 def scenario_schema() -> Schema:
     """Return the JSON Schema (draft 7) of scenario files.
 
-    File and case may each contain any part of the tables of a case, so no key of these is required.
-    A value is plain or a table of ``value`` and ``provenance``.
+    The tables of a case may be split between file and ``[[case]]``, so none of their keys is
+    required. A value is plain, or a table with ``value`` and ``provenance``.
     """
     tables = models_schema(CaseSpec, CampaignSpec, SweepSpec, ClaimSpec, ComparisonSpec)
     for name in models_schema(CaseSpec):
@@ -122,7 +122,7 @@ def _written(schema: Schema) -> Schema:
 
 
 def schema_text() -> str:
-    """Return :func:`scenario_schema` as JSON, with a line for each table and key of the file."""
+    """Return :func:`scenario_schema` as JSON text, with a line for each table and key."""
     schema = scenario_schema()
     inner = {key: f"{{\n{_lines(schema[key])}\n}}" for key in ("properties", "$defs")}
     outer = {key: json.dumps(item) for key, item in schema.items()} | inner

@@ -1,4 +1,4 @@
-"""Merging of tables: changes of a case and of truth or model."""
+"""Merging of tables with changes by a case, by the truth or by the model."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ S = TypeVar("S", bound=Section)
 
 
 def laid_over(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a case with a change merged into them.
+    """Merge changes into the tables of a case.
 
-    ``[gnss]`` and ``[sensor.gnss]`` are the same table. It keeps its form in ``base``.
+    ``[gnss]`` and ``[sensor.gnss]`` are the same table; the result has the form of ``base``.
     """
     return merged(base, _written_as_in(base, change))
 
@@ -43,9 +43,10 @@ def _written_as_in(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[s
 
 
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with ``change`` merged into it, table by table.
+    """Merge ``change`` into ``base``, table by table.
 
-    RMS and density of the gradiometer noise replace each other. A preset replaces its keys.
+    RMS and density of the gradiometer noise replace each other. A preset in ``change`` removes the
+    keys that it sets from ``base``.
     """
     result = {key: value for key, value in base.items() if key not in replaced(change)}
     for key, value in change.items():
@@ -64,12 +65,12 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
 
 def changed(spec: S, change: Section) -> S:
-    """Return a table with the given keys of ``change`` merged into it.
+    """Merge those keys of ``change`` that are given into a table.
 
     Raises
     ------
     ValueError
-        (pydantic's) if the result breaks a rule of the table.
+        If the result breaks a rule of the table (raised by pydantic).
     """
     own = type(spec).model_fields.keys() - {"rotating"}
     explicit = {

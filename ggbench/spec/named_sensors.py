@@ -1,8 +1,8 @@
-"""Tables of the sensors by their names, ``[sensor.<name>]``, and their short forms.
+"""Tables of named sensors, ``[sensor.<name>]``, and their short forms.
 
-``[gnss]`` is short for ``[sensor.gnss]`` with ``kind = "gnss"``, and likewise for every kind of
-:data:`.aiding.KINDS`. After validation all sensors are named. Files, messages and
-:meth:`pydantic.BaseModel.model_dump` use the short form for a sensor with the name of its kind.
+``[gnss]`` is short for ``[sensor.gnss]`` with ``kind = "gnss"``; each of :data:`.aiding.KINDS` has
+such a short form. After validation all sensors are in ``sensor``. Files, messages and
+:meth:`pydantic.BaseModel.model_dump` use the short form if a sensor's name is that of its kind.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ def _checked_name(name: str) -> str:
 
 
 class NamedSensors(Mapping[str, T]):
-    """Hashable tables of sensors by their names, in the order of the channels.
+    """Hashable mapping from names of sensors to their tables, in the order of the channels.
 
-    Sensors with the name of their kind come first, in the order of :data:`.aiding.KINDS`, then the
-    others by name. ``NamedSensors[GnssSpec | LogSpec]`` has tables of these classes, selected by
-    ``kind``.
+    Sensors named like their kind come first, in the order of :data:`.aiding.KINDS`; all other
+    sensors follow by name. ``NamedSensors[GnssSpec | LogSpec]`` has tables of these classes,
+    selected by ``kind``.
     """
 
     def __init__(self, tables: Mapping[str, T]) -> None:
@@ -114,7 +114,7 @@ NO_SENSORS: NamedSensors[Any] = NamedSensors({})
 
 
 class WithSensors(Section):
-    """Base of the tables with a field ``sensor`` of :class:`NamedSensors`."""
+    """Base of tables with a field ``sensor`` of type :class:`NamedSensors`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -151,7 +151,7 @@ class WithSensors(Section):
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:
-    """Return the keys of a table in a file, including short forms of sensors."""
+    """Return the keys that a table may have in a file, including short forms of sensors."""
     keys = list(model.model_fields)
     if issubclass(model, WithSensors):
         place = keys.index("sensor")
@@ -160,21 +160,22 @@ def keys_of(model: type[BaseModel]) -> list[str]:
 
 
 def in_one_mapping(content: Any) -> Any:
-    """Return the tables of a file with all sensors in ``sensor``, each with its kind.
+    """Move all sensor tables of a file into ``sensor``, each with its ``kind``.
 
-    Changes of truth or model get the kind of the changed sensor. A sensor that is None is omitted.
+    Tables of truth or model that change a sensor get the kind of this sensor. A sensor that is None
+    is omitted.
 
     Parameters
     ----------
     content : Any
-        Tables of a case, of its truth or model, or of a recorded flight. Values that are no tables
-        pass; the check of their key follows.
+        Tables of a case, of its truth or model, or of a recorded flight. A value that is
+        no table passes; it is refused by a later check of the key.
 
     Raises
     ------
     ValueError
-        If a sensor has both forms, or truth or model changes a missing sensor or the kind of a
-        sensor.
+        If a sensor has both the short and the long form, or truth or model changes a missing sensor
+        or the kind of a sensor.
     """
     if not isinstance(content, Mapping) or not _is_table(content.get("sensor", {})):
         return content
@@ -217,7 +218,7 @@ def _with_kinds(side: str, changes: Mapping[str, Any], sensors: Mapping[str, Any
 
 
 def sensors_of(tables: Any) -> dict[str, Any]:
-    """Return the tables of all sensors except the IMU, by name, the gradiometer first.
+    """Return the tables of all sensors except the IMU by name; the gradiometer comes first.
 
     Parameters
     ----------
@@ -230,17 +231,17 @@ def sensors_of(tables: Any) -> dict[str, Any]:
 
 
 def table_of(sensor: str) -> str:
-    """Return the name of a sensor's table in a file, in the short form if possible."""
+    """Return the name of a sensor's table in a file: the short form if there is one."""
     return sensor if sensor in ("gradiometer", *KINDS) else f"sensor.{sensor}"
 
 
 def short_key(key: str) -> str:
-    """Return a dotted key, in the short form if the sensor has the name of its kind."""
+    """Return a dotted key in the short form if the sensor is named like its kind."""
     return re.sub(rf"^(truth\.|model\.)?sensor\.({'|'.join(KINDS)})(?=\.|$)", r"\1\2", key)
 
 
 def not_on_board(table: str) -> ValueError:
-    """Return the error of a table that changes a missing sensor."""
+    """Return the error for a table that changes a missing sensor."""
     return ValueError(f"{table} changes a sensor that is not on board")
 
 

@@ -1,7 +1,7 @@
-"""Presets of inertial sensors by grade, and of published gradiometers.
+"""Presets: inertial sensors by grade, and published gradiometers.
 
-A preset supplies the keys that a table omits. The result contains only numbers, so a case with a
-preset equals a case with its numbers.
+A preset supplies the keys that a table omits. It is replaced by its numbers, so a case with a
+preset equals a case with the same numbers.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PublishedGradiometer = Literal["ftg-2008", "falcon-2019", "atom-2002", "supercon
 
 
 class Preset(NamedTuple):
-    """Values of keys, and their source."""
+    """Values of keys, and the source of the values."""
 
     values: Mapping[str, Any]
     source: str
@@ -106,9 +106,10 @@ PRESETS: Mapping[str, tuple[str, Mapping[str, Preset]]] = {
 
 
 def expanded(table: str, content: Any) -> Any:
-    """Return the content of a table with the numbers of its preset; its own keys have priority.
+    """Return the content of a table with its preset replaced by numbers.
 
-    An unknown preset passes; the check of the key follows.
+    Keys that the table states have priority. An unknown preset passes; it is refused by a later
+    check of the key.
     """
     key, presets = PRESETS[table]
     if not isinstance(content, Mapping):
@@ -124,7 +125,7 @@ def expanded(table: str, content: Any) -> Any:
 
 
 def replaced(change: Mapping[str, Any]) -> Iterable[str]:
-    """Return the keys of a table that a preset in a change replaces."""
+    """Return the keys that a change replaces by naming a preset."""
     for key, presets in PRESETS.values():
         if isinstance(change.get(key), str) and change[key] in presets:
             return {*presets[change[key]].values, *(NOISES if key == "preset" else ())}
@@ -136,5 +137,5 @@ _LARGEST = ((0.002, "strategic"), (0.05, "navigation"), (45.0, "tactical"))
 
 
 def grade_of(gyro_bias: float) -> str:
-    """Return the grade of inertial sensors, in words, from the gyro bias [°/h]."""
+    """Return the grade of inertial sensors in words for a gyro bias [°/h]."""
     return next((name for most, name in _LARGEST if gyro_bias <= most), "consumer")

@@ -1,7 +1,7 @@
-"""Limits of numbers in scenario files, by quantity.
+"""Limits of numbers in scenario files, by physical quantity.
 
-A value beyond its limits is refused. An unusual value, often a slip or a wrong unit, is accepted
-with a remark.
+A value beyond the limits is refused. An unusual value, often a typing error or a wrong unit, is
+accepted with a remark.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from .limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 class Within:
     """Inclusive limits of a number; with ``or_zero`` the number may also be 0.
 
-    ``usual`` is the range outside which a value other than 0 is unusual. ``mistaken`` is a unit
-    often confused with the correct one, and its factor to that.
+    ``usual`` is the usual range; 0 is never unusual. ``mistaken`` is a unit that is often confused
+    with the correct unit, and the factor that converts it.
     """
 
     lowest: float
@@ -49,14 +49,14 @@ class Within:
         return json
 
     def held(self, value: float) -> float:
-        """Return a value within the limits; else raise PydanticCustomError, a ValueError."""
+        """Return the value; raise PydanticCustomError (a ValueError) if it is beyond the limits."""
         # NaN fails too.
         if self.lowest <= value <= self.highest or (self.or_zero and value == 0.0):
             return value
         raise PydanticCustomError("limits", "must {limits}", {"limits": str(self)})
 
     def usual_unless(self, value: float) -> str:
-        """Return the usual range in words, or "" if the value lies in it."""
+        """Return the usual range in words if a value is unusual, else ""."""
         if self.usual is None or value == 0.0 or self.usual[0] <= value <= self.usual[1]:
             return ""
         usual = f"{short(self.usual[0])} to {short(self.usual[1])} is usual"
@@ -68,7 +68,7 @@ class Within:
 
 
 def short(number: float) -> str:
-    """Return a limit in its shortest form."""
+    """Return a limit as the shortest text."""
     return f"{number:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 

@@ -1,4 +1,4 @@
-"""Tables of recorded files."""
+"""Base tables with the path of a record."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Frame = Literal["ENU", "NED"]
 
 
 class Recording(Section):
-    """A table with a recorded file."""
+    """Base of tables with the path of a record."""
 
     file: FileName
-    """Path of the record, relative to the file of the flight."""
+    """Path of the record, relative to the flight file."""
     clock_offset_s: q.TimeShift = 0.0
-    """Offset added to the times of the file, to give the clock of the INS."""
+    """Offset added to the times of the file to convert them to the INS clock."""
     columns: ColumnNames | None = None
     """Column names of the file, `{ time_s = "stamp [us]" }`; or `euroc`, `px4` or `ros`."""
 
 
 class ReadingsRecording(Recording):
-    """A recorded file of measurements."""
+    """Base of tables with the path of a record of measurements."""
 
     outside: Literal["refuse", "drop"] = "refuse"
-    """Treatment of measurements before the first sample of the INS or after the last."""
+    """Treatment of measurements before the first or after the last INS sample."""

@@ -12,21 +12,21 @@ FILE = "rosters.toml"
 
 @cache
 def rosters() -> Mapping[str, tuple[str, ...]]:
-    """Return the estimators of each roster by its name."""
+    """Return the estimators of each roster, by name of the roster."""
     file = importlib.resources.files("ggbench.scenarios") / FILE
     table = tomllib.loads(file.read_text(encoding="utf-8"))
     return {name: tuple(texts) for name, texts in table.items()}
 
 
 def expanded(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return a list of estimators with ``@NAME`` replaced by that roster, each estimator once.
+    """Return a list of estimators with rosters ``@NAME`` expanded, without duplicates.
 
-    ``-TEXT`` removes an estimator from those before it.
+    ``-TEXT`` removes an estimator that is listed before.
 
     Raises
     ------
     ValueError
-        If the roster, or an estimator to remove, does not exist.
+        If a roster does not exist, or an estimator to remove is not listed before.
     """
     listed: dict[str, None] = {}
     for text in texts:

@@ -1,9 +1,9 @@
-"""Scenario files: TOML, validated, with the provenance of every value.
+"""Reader of scenario files (TOML), with validation and the provenance of values.
 
 A scenario file describes one flight, its instruments and the prior. *Cases* are changes to compare,
 optionally with published numbers. *Assumptions* are changes whose influence on the results a report
-shows. A *sweep* is a grid of changes of every case. A value is a plain one or ``{ value = 33.5,
-provenance = "paper: Table 1" }``.
+shows. A *sweep* is a grid of changes of every case. A value is written plainly, or with its source
+as ``{ value = 33.5, provenance = "paper: Table 1" }``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _MOST_NAMED = 20
 
 @dataclass(frozen=True)
 class Assumption:
-    """A change of the scenario, applied to every case with published numbers."""
+    """A change of the scenario that is applied to every case with published numbers."""
 
     name: str
     title: str
@@ -57,18 +57,19 @@ class Scenario:
 
     Attributes
     ----------
-    name, title, description : identity; ``name`` is the file's stem.
-    cases : the cases, in the file's order; with a sweep, the points of its grid.
-    assumptions : studies of single assumptions.
-    campaign : defaults for running it.
-    provenance : dotted key of the file to the source of its value.
-    content_hash : SHA-256 of the file's content as parsed, without ``[campaign]``.
-    source : the text of the file.
-    notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
+    name, title, description : name (the stem of the file's name), title and description.
+    cases : cases in the order of the file; with a sweep, the points of the grid.
+    assumptions : assumptions with their cases.
+    campaign : defaults of campaigns.
+    provenance : source of each value, by dotted key.
+    content_hash : SHA-256 of the parsed content of the file, without ``[campaign]``.
+    source : text of the file.
+    notes : markdown that a report appends, from the file that the key ``notes`` names; may be
+        empty.
     sweep : grid of the cases, if any.
-    claims : claims of the source, beyond errors of position and velocity.
-    comparisons : claims of the source about two estimators, without a number.
-    argument : name or path from which it was loaded; "" if it was not.
+    claims : published claims other than errors of position and velocity.
+    comparisons : published claims about two estimators, without a number.
+    argument : name or path from which the scenario was loaded; "" if it was made in Python.
     """
 
     name: str
@@ -100,19 +101,22 @@ class Scenario:
         return {case.name: case for case in self.cases}
 
     def case(self, name: str) -> CaseSpec:
-        """Return the case of a name (of the cases, not of the assumptions).
+        """Return the case with a name; cases of assumptions are not searched.
 
         Raises
         ------
         ScenarioError
-            If it does not exist; the message lists the cases.
+            If the case does not exist; the message lists the cases.
         """
         if name not in self._named:
             raise self._no_case(name, list(self._named))
         return self._named[name]
 
     def every_case(self) -> Iterator[tuple[str, CaseSpec]]:
-        """Yield each study ("" for none) and case: the cases, then those of the assumptions."""
+        """Yield (study, case) for all cases, then for those of the assumptions.
+
+        The study is the name of an assumption, or "" for the cases themselves.
+        """
         for case in self.cases:
             yield "", case
         for study in self.assumptions:
@@ -120,9 +124,10 @@ class Scenario:
                 yield study.name, case
 
     def find(self, name: str) -> tuple[str, CaseSpec]:
-        """Return the study ("" for none) and the case of a name ``CASE`` or ``STUDY/CASE``.
+        """Return (study, case) for a name ``CASE`` or ``STUDY/CASE``.
 
-        Raise ScenarioError if the name does not exist; the message lists the names.
+        The study is the name of an assumption, or "" for the cases themselves. Raise ScenarioError
+        if the name does not exist; the message lists all names.
         """
         cases = {
             f"{study}/{case.name}" if study else case.name: (study, case)
@@ -140,7 +145,7 @@ class Scenario:
         )
 
     def select(self, names: Sequence[str]) -> Scenario:
-        """Return the scenario with only the named cases, in its own order.
+        """Return the scenario with only the named cases, in the order of the scenario.
 
         Raises
         ------
@@ -153,19 +158,20 @@ class Scenario:
 
 
 def shipped() -> list[str]:
-    """Return the names of the shipped scenarios."""
+    """Return the names of the scenarios shipped with the package."""
     folder = importlib.resources.files("ggbench.scenarios")
     files = (f.name for f in folder.iterdir() if f.name.endswith(".toml"))
     return sorted(name.removesuffix(".toml") for name in files if name != rosters.FILE)
 
 
 def load(name_or_path: str | Path) -> Scenario:
-    """Read a scenario by name (shipped) or path.
+    """Read a scenario, given by the name of a shipped scenario or by a path.
 
     Raises
     ------
     ScenarioError
-        With a sentence that states the file, the key, the value and the allowed values.
+        If the scenario is invalid; the message states the file, the key, the value and the allowed
+        values.
     """
     named = str(name_or_path)
     path = Path(named)
@@ -186,7 +192,7 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def from_text(source: str, name: str, notes: str) -> Scenario:
-    """Return the scenario of a validated text, for example from a results folder."""
+    """Return the scenario of a text that was valid before, such as that of a results folder."""
     origin = f"scenario.toml of {name}"
     document = read_toml(source, origin)
     document.pop("notes", None)
@@ -194,13 +200,12 @@ def from_text(source: str, name: str, notes: str) -> Scenario:
 
 
 def as_written(scenario: Scenario) -> Scenario:
-    """Return the whole scenario of the text from which some cases were selected.
+    """Return the scenario with all cases of its file, from which some were selected.
 
     Raises
     ------
     ScenarioError
-        If the scenario was changed after reading: the stored text would differ from the scenario
-        that was run.
+        If the scenario was changed after reading, so that its text no longer describes it.
     """
     whole = from_text(scenario.source, scenario.name, scenario.notes)
     changed = [case.name for case in scenario.cases if case not in whole.cases]
@@ -217,12 +222,12 @@ def as_written(scenario: Scenario) -> Scenario:
 
 
 def checked(case: CaseSpec) -> CaseSpec:
-    """Return a case, perhaps changed after reading, validated as a file.
+    """Validate a case, which may have been changed in Python, like a file.
 
     Raises
     ------
     ScenarioError
-        As :func:`load`.
+        If the case breaks a rule, as in :func:`load`.
     """
     valid = validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
     return valid.with_seed(case.seed)
@@ -246,9 +251,9 @@ def _read(file: Traversable, name: str, origin: str) -> Scenario:
 def parse(
     document: dict[str, Any], name: str, origin: str, source: str = "", notes: str = ""
 ) -> Scenario:
-    """Validate the content of a scenario file; ``origin`` names it in messages.
+    """Validate the content of a scenario file and return the scenario.
 
-    Raise ScenarioError if it breaks a rule.
+    ``origin`` names the file in messages. Raise ScenarioError if the content breaks a rule.
     """
     provenance: dict[str, str] = {}
     document = strip_provenance(document, "", provenance, origin)

@@ -1,4 +1,4 @@
-"""Tables of the segments of a flight."""
+"""Tables of flight segments."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class SegmentSpec(Section):
     by_heading_deg: q.Turns | None = None
     """`turn`: angle, positive to the right; or give `to_heading_deg`."""
     direction: Literal["left", "right", "shorter"] = "shorter"
-    """`turn` with `to_heading_deg`: sense of rotation."""
+    """`turn` with `to_heading_deg`: direction of the turn."""
     bank_deg: q.Bank | None = None
     """`turn`, `waypoint`: bank angle; or give `turn_rate_deg_per_s` or `radius_m`."""
     radius_m: q.Radius | None = None
@@ -80,7 +80,7 @@ class SegmentSpec(Section):
     to_speed_mps: q.Speed | None = None
     """`speed`: speed to reach."""
     latitude_deg: q.Latitude | None = None
-    """`waypoint`: latitude of the point. The flight turns towards it and flies straight to it."""
+    """`waypoint`: latitude of the point. The vehicle turns towards it and flies straight to it."""
     longitude_deg: q.Longitude | None = None
     """`waypoint`: longitude of the point."""
     terrain: Annotated[str, Field(min_length=1)] | None = None
@@ -136,7 +136,7 @@ class SegmentSpec(Section):
         return self
 
     def manoeuvre(self) -> Manoeuvre:
-        """Return the manoeuvre in SI units."""
+        """Return the segment as a manoeuvre in SI units."""
         if self.kind == "rates":
             assert self.duration_s is not None
             return Segment(
@@ -193,7 +193,7 @@ class SegmentSpec(Section):
 
 
 def keys_given(section: Section) -> set[str]:
-    """Return the keys with a value other than the default, from a file or a complete dump."""
+    """Return the keys of a table whose values differ from the defaults."""
     fields = type(section).model_fields
     return {key for key, field in fields.items() if getattr(section, key) != field.default}
 

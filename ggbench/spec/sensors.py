@@ -1,4 +1,4 @@
-"""Tables of inertial sensors, field and prior, and their changes for truth and model.
+"""Tables of inertial sensors, field and prior, and of their changes for truth and model.
 
 ``[imu]``, ``[field]`` and ``[initial_error]`` describe both the simulated truth and the assumed
 model. ``[truth.imu]`` etc. change only the truth, and add errors that no estimator models.
@@ -27,7 +27,7 @@ class ImuSpec(Section):
     """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
 
     grade: Grade | None = None
-    """Preset of biases and noise. It sets those of the four keys that are not given."""
+    """Preset of biases and noise. It sets those of the four keys that the table omits."""
     period_s: q.SamplePeriod
     """Time between samples; the period of every other sensor is a whole multiple of it."""
     gyro_bias_deg_per_h: q.GyroBias
@@ -73,7 +73,7 @@ class ImuChange(Section):
 
 
 class TrueImu(ImuChange):
-    """``[truth.imu]``: the true inertial sensors; errors drawn once per run, N(0, σ²)."""
+    """``[truth.imu]``: the true inertial sensors, with errors drawn once per run from N(0, σ²)."""
 
     gyro_scale_factor_ppm: q.Ppm = 0.0
     """Standard deviation, drawn once per run and axis."""
@@ -86,10 +86,12 @@ class TrueImu(ImuChange):
 
 
 class AltimeterSpec(Section):
-    """``[altimeter]``: heights with white noise that damp the vertical channel of the INS."""
+    """``[altimeter]``: heights that damp the vertical channel of the INS."""
 
     noise_m_per_sqrt_hz: q.AltimeterNoise
-    """Square root D of the noise's power spectral density; a mean over T has the error D / √T."""
+    """Square root D of the noise's power spectral density; a mean over a time T has the error D /
+    √T.
+    """
     time_constant_s: q.Damping = 100.0
     """Time constant of the damping."""
 
@@ -104,7 +106,7 @@ class AltimeterSpec(Section):
 
 
 class InitialErrorSpec(Section):
-    """``[initial_error]``: standard deviation of the INS error per axis at the start."""
+    """``[initial_error]``: standard deviations of the INS errors per axis at the start."""
 
     position_m: q.PositionError
     """Standard deviation per axis."""
@@ -120,20 +122,20 @@ class InitialErrorSpec(Section):
 
 @changes(InitialErrorSpec)
 class InitialErrorChange(Section):
-    """The initial errors of the truth, or the prior that the estimators assume."""
+    """Initial errors of the truth, or the prior that estimators assume."""
 
 
 class MapErrorSpec(Section):
-    """``[field.error]``: errors of a map; a table of truth or model replaces it as a whole."""
+    """``[field.error]``: errors of a map; a table of truth or model replaces the whole table."""
 
     resolution_km: q.Wavelength | None = None
     """Standard deviation of a horizontal Gaussian that smooths the map."""
     density_factor: q.DensityFactor = 1.0
     """Factor of the whole disturbing field."""
     white_noise_eotvos: q.MapNoise = 0.0
-    """RMS of independent noise at each node and in each component."""
+    """RMS of noise that is independent at each node and in each component."""
     correlated_noise_eotvos: q.MapNoise = 0.0
-    """RMS of Γ_UU of a random harmonic field (all components) at the lowest nodes."""
+    """RMS of Γ_UU at the lowest nodes of a random harmonic field, which has all components."""
     correlation_km: q.Wavelength = 10.0
     """Distance at which the correlation of this field is 1/e."""
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
@@ -141,28 +143,30 @@ class MapErrorSpec(Section):
 
 
 class FieldSpec(Section):
-    """``[field]``: the gradient map over the normal field; gravity of the accelerometers."""
+    """``[field]``: gradient map, and gravity that the accelerometers measure."""
 
     source: str
     """`"normal"` (no map), a shipped name, or the path of a map (`*.nc`)."""
     south_deg: q.Latitude = 0.0
-    """Bound of the map, with room for INS errors. A map file has its own; else give all four."""
+    """Southern limit of the map, with room for INS errors. Give all four limits, except for a map
+    file.
+    """
     north_deg: q.Latitude = 0.0
-    """Bound of the map, as `south_deg`."""
+    """Limit of the map, see `south_deg`."""
     west_deg: q.Longitude = 0.0
-    """Bound of the map, as `south_deg`."""
+    """Limit of the map, see `south_deg`."""
     east_deg: q.Longitude = 0.0
-    """Bound of the map, as `south_deg`."""
+    """Limit of the map, see `south_deg`."""
     lowest_m: q.Height = 0.0
-    """Lowest layer of nodes; of a shipped source it must be given."""
+    """Lowest layer of nodes; must be given for a shipped source."""
     highest_m: q.Height = 0.0
-    """Highest layer of nodes; of a shipped source it must be given."""
+    """Highest layer of nodes; must be given for a shipped source."""
     spacing_arcmin: q.MapSpacing = 1.25
-    """Spacing of the nodes in latitude and longitude. Its limit depends on the height."""
+    """Spacing of the nodes in latitude and longitude. The largest spacing depends on the height."""
     height_spacing_m: q.HeightSpacing = 500.0
     """Spacing of the layers of nodes."""
     land_correction: bool = True
-    """Whether the geoid on land is turned into the height anomaly (EGM2008 sources)."""
+    """Whether geoid heights on land are converted to height anomalies (EGM2008 sources)."""
     relief_smoothing_deg: q.ReliefSmoothing = 0.0
     """Standard deviation of a Gaussian that smooths the relief."""
     density_kg_m3: q.Density = 2670.0
@@ -176,11 +180,11 @@ class FieldSpec(Section):
 
 @changes(FieldSpec, but=("gravity_disturbance",))
 class FieldChange(Section):
-    """``[truth.field]``, ``[model.field]``: the field of one side."""
+    """``[truth.field]``, ``[model.field]``: field of the truth or of the model."""
 
 
 class TrueField(FieldChange):
-    """``[truth.field]``: the true field; gravity disturbance of the accelerometers."""
+    """``[truth.field]``: true field, and gravity disturbance that the accelerometers measure."""
 
     gravity_disturbance: bool | None = None
     """Whether the true accelerometers measure the gravity disturbance."""
@@ -189,27 +193,27 @@ class TrueField(FieldChange):
 
 
 class ModelField(FieldChange):
-    """``[model.field]``: the estimators' map, and whether the INS compensates for it."""
+    """``[model.field]``: map of the estimators, and gravity compensation of the INS."""
 
     compensate: bool = False
     """Whether the mechanization adds the disturbance of this map at the indicated position.
 
-    It needs a map and `gravity_disturbance = true`.
+    Needs a map and `gravity_disturbance = true`.
     """
     standard_error: bool = False
     """Whether the standard error of the map is added to the white noise of each channel.
 
-    Maps of survey lines state one. It needs a `"local-level"` gradiometer.
+    Maps made from survey lines state a standard error. Needs a `"local-level"` gradiometer.
     """
 
 
 class DisturbanceSpec(Section):
     """``[model.disturbance]``: the gravity disturbance unknown to the INS, as three states.
 
-    The states are a Gauss–Markov process along the track, ENU, with a standard deviation and a
+    The ENU states are Gauss–Markov processes along the track, with a standard deviation and a
     correlation distance (to 1/e). Without a distance they are constants. With
-    ``integrate_gradients`` the INS adds the change that the gradiometer measures. The states are
-    then the initial disturbance plus the random walk of the integrated noise.
+    ``integrate_gradients`` the INS adds the change of gravity that the gradiometer measures; the
+    states are then the initial disturbance plus a random walk from the integrated noise.
     """
 
     horizontal_mgal: q.DisturbanceSize
@@ -222,7 +226,11 @@ class DisturbanceSpec(Section):
     """Whether the INS integrates measured gradients. Excludes `distance_km` and `compensate`."""
 
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
-        """Raise ValueError if ``integrate_gradients`` is set but impossible."""
+        """Raise ValueError if ``integrate_gradients`` is set but not possible.
+
+        The gradiometer must measure the whole tensor without delay, coloured noise, biases or
+        mounting angles. ``distance_km`` and ``compensate`` are excluded.
+        """
         why = self._why_not(gradiometer, compensate) if self.integrate_gradients else ""
         if why:
             raise ValueError(f"disturbance.integrate_gradients {why}")
@@ -282,7 +290,7 @@ class ModelSpec(WithSensors):
 
 
 class Side(NamedTuple):
-    """Sensors, field and initial errors of one side: the truth or the model."""
+    """Sensors, field and initial errors of the truth or of the model."""
 
     imu: ImuSpec
     gradiometer: GradiometerSpec | None

@@ -1,4 +1,4 @@
-"""Sweeps: a grid of cases, and the sensor noise required for a target error.
+"""Sweeps: grids of cases, and values that reach a target error.
 
 The axes of a ``[sweep]`` span a grid. Each point is an ordinary case, so campaigns and summaries
 need no code for sweeps. A :class:`Sweep` stores the position of each case in the grid.
@@ -19,7 +19,7 @@ from .axes import AxisSpec, SweepSpec, number
 
 @dataclass(frozen=True)
 class Point:
-    """Position of a case in the grid: the varied case ("" for none), and its index on each axis."""
+    """Position of a case in the grid: the varied case or "", and the index on each axis."""
 
     base: str
     indices: tuple[int, ...]
@@ -31,10 +31,11 @@ class Sweep:
 
     Attributes
     ----------
-    axes : in the order of the file; figures show the first horizontally, the second vertically.
+    axes : axes in the order of the file; figures show the first axis horizontally, the second
+        vertically.
     targets_m : position errors [m] for which a report states the required value of the first axis.
-    bases : name to title of the varied cases; {"": ""} without cases.
-    points : name of every case of the scenario to its position in the grid.
+    bases : titles of the varied cases by name; ``{"": ""}`` without cases.
+    points : position in the grid of every case of the scenario, by name.
     """
 
     axes: tuple[AxisSpec, ...]
@@ -45,7 +46,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Cell:
-    """A grid point before it becomes a case: varied case, name, title, change of each axis."""
+    """Content of a grid point: varied case, name, title, and changes by each axis."""
 
     base: str
     name: str
@@ -54,10 +55,11 @@ class Cell:
 
 
 def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell]]:
-    """Return the grid of a ``[sweep]`` table and its points, case by case, the last axis fastest.
+    """Return the grid of a ``[sweep]`` table, and a list of the points.
 
-    ``bases`` is name to title of the cases to vary; without any, the base of the file is varied.
-    The name of a point contains its coordinates, and its case if there are several.
+    The points are ordered case by case, with the last axis varying fastest. ``bases`` has the
+    titles of the cases to vary, by name; without any, the tables of the file are varied. The name
+    of a point contains the coordinates and, if several cases are varied, the name of the case.
     """
     bases = bases or {"": ""}
     points, cells = {}, []
@@ -75,7 +77,7 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
 
 
 def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
-    """Return the largest value of an axis for which an error does not exceed a target.
+    """Return the largest value of an axis at which an error does not exceed a target.
 
     Between two grid points the logarithm of the error is linear in the coordinate of the axis (a
     power law on a logarithmic axis).
@@ -83,12 +85,13 @@ def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
     Parameters
     ----------
     axis : the axis.
-    errors : (n,) errors at its values; values from the first NaN on do not count.
-    target : target error, in the same unit.
+    errors : (n,) errors at the values of the axis; errors from the first NaN on are ignored.
+    target : target error, in the unit of ``errors``.
 
     Returns
     -------
-    The value; −∞ if the first error exceeds the target, ∞ if none does, NaN if the first is NaN.
+    The value; −∞ if the first error exceeds the target, ∞ if no error does, NaN if the first error
+    is NaN.
     """
     if math.isnan(errors[0]):
         return math.nan

@@ -1,4 +1,4 @@
-"""Building blocks of the models: base class, lists, free tables, tables of changes."""
+"""Building blocks of pydantic models: base class, lists, free tables, tables of changes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Several = Annotated[tuple[T, ...], Field(strict=False, min_length=1)]
 
 
 class Section(BaseModel):
-    """Base of all tables of a scenario file: strict types, no unknown keys; hashable.
+    """Base of all tables of a scenario file: strict types, no unknown keys, hashable.
 
     The docstring of a field is its description in ``ggbench keys`` and in the JSON schema.
     """
@@ -60,15 +60,15 @@ def distinct(item: str) -> AfterValidator:
 
 
 def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]], type[S]]:
-    """Return a decorator that gives a table the keys of another table, all optional.
+    """Return a class decorator that adds the keys of another table as optional keys.
 
     Types, limits and descriptions are those of the other table. The default of each key is None,
-    except that of ``kind``, which cannot be changed.
+    except for ``kind``, which cannot be changed.
 
     Parameters
     ----------
     spec : Section class
-        Other table.
+        Table whose keys are added.
     but : sequence of str
         Keys that cannot be changed.
     """
@@ -94,18 +94,18 @@ def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]],
 
 
 def nested(key: str, value: Any) -> dict[str, Any]:
-    """Return nested tables with a value at a dotted key."""
+    """Return nested tables that contain one value at a dotted key."""
     for part in reversed(key.split(".")):
         value = {part: value}
     return dict(value)
 
 
 class Table(tuple[tuple[str, Any], ...]):
-    """A free, hashable table: its keys with their values, sorted."""
+    """A hashable table with any keys: sorted pairs of key and value."""
 
     @classmethod
     def of(cls, table: Any) -> Table:
-        """Return nested dicts and lists as tables and tuples.
+        """Convert nested dicts and lists to tables and tuples.
 
         Raises
         ------

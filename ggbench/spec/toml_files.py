@@ -1,6 +1,7 @@
-"""TOML files: their text, their nesting, and the provenance of their values.
+"""Reader of TOML files, with a limit of nesting and the provenance of values.
 
-A value is a plain one or ``{ value = 33.5, provenance = "paper: Table 1" }``.
+A value is written plainly, or with its source as ``{ value = 33.5, provenance = "paper: Table 1"
+}``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _MOST_NESTED = 16
 
 
 def read_text(file: Traversable, origin: str) -> str:
-    """Return the content of a text file, or raise ScenarioError with a sentence."""
+    """Return the content of a text file; raise ScenarioError if it cannot be read."""
     try:
         return file.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -27,7 +28,7 @@ def read_text(file: Traversable, origin: str) -> str:
 
 
 def read_toml(source: str, origin: str) -> dict[str, Any]:
-    """Return the content of a TOML text, or raise ScenarioError with a sentence."""
+    """Parse a TOML text; raise ScenarioError if it is invalid."""
     try:
         document = tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # ValueError: also of a number of any length
@@ -51,7 +52,7 @@ def _require_shallow(document: dict[str, Any], origin: str) -> None:
 
 
 def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
-    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key.
+    """Replace every ``{ value, provenance }`` by the value; collect the provenance by dotted key.
 
     Raise ScenarioError if a value with provenance has another form.
     """

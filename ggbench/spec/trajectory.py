@@ -1,4 +1,4 @@
-"""Table of the trajectory: initial state and segments, or a track."""
+"""Table of the trajectory: initial state and segments, or the file of a track."""
 
 from __future__ import annotations
 
@@ -64,35 +64,38 @@ class TrajectorySpec(Section):
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of repetitions of all segments."""
     vehicle: Literal["aircraft", "ship"] = "aircraft"
-    """An aircraft banks into its turns and pitches with its climb angle; a ship stays level."""
+    """An aircraft banks in turns and pitches with the climb angle; a ship stays level."""
     file: Annotated[str, Field(min_length=1)] | None = None
     """Name of a shipped track, or path of a track (CSV), in place of start and segments.
 
-    With `lines` it holds survey lines and their measurements (CSV, also compressed by gzip).
+    With `lines` the file contains survey lines and their measurements (CSV, also compressed by
+    gzip).
     """
     columns: ColumnNames | None = None
-    """Track (CSV): its names of columns by key, `{ height_m = "alt [ft]" }`; or a preset's name.
+    """Track (CSV): names of the columns by key, `{ height_m = "alt [ft]" }`; or name of a preset.
 
     Units in brackets are converted. Presets: `euroc`, `px4`, `ros`.
     """
     lines: Annotated[Listed[LineName], distinct("a line")] = ()
-    """Survey lines of the file. Run r flies line r modulo the number of lines."""
+    """Survey lines of the file. Run r flies the line with index r modulo the number of lines."""
     made_up_turns: bool = False
-    """Survey lines: each run flies all lines in the order of time, joined by artificial turns."""
+    """Survey lines: whether each run flies all lines in the order of time, joined by artificial
+    turns.
+    """
     middle_s: q.Duration | None = None
     """Survey lines: duration of the flown middle part of each line. Without it: the whole line."""
     max_gap_s: q.Duration | None = None
     """Track: longest time between two rows. Without it: five median steps."""
     max_acceleration_mps2: q.TrackAcceleration = 50.0
-    """Track: largest acceleration allowed by its positions."""
+    """Track: largest allowed acceleration between positions."""
     smoothing_s: q.Smoothing = 0.0
     """Track: period at which a smoothing spline halves the amplitude; 0: no smoothing."""
     shift_east_km: q.Shift = 0.0
-    """Track: shift of its start to the east."""
+    """Track: shift of the start to the east."""
     shift_north_km: q.Shift = 0.0
-    """Track: shift of its start to the north."""
+    """Track: shift of the start to the north."""
     turn_deg: q.Angle = 0.0
-    """Track: clockwise rotation about its start."""
+    """Track: clockwise rotation about the start."""
 
     @model_validator(mode="after")
     def _check(self) -> TrajectorySpec:
@@ -144,7 +147,7 @@ class TrajectorySpec(Section):
 
     @property
     def drawn_lines(self) -> tuple[str, ...]:
-        """Survey lines of which each run flies one; empty if each run flies all."""
+        """Survey lines if each run flies one of them; empty if each run flies all."""
         return () if self.made_up_turns else self.lines
 
     @property
@@ -154,7 +157,7 @@ class TrajectorySpec(Section):
         Raises
         ------
         TrajectoryError
-            A ValueError: if a segment cannot be flown, or a file cannot be used.
+            If a segment cannot be flown, or a file cannot be used. It is a ValueError.
         """
         if self.file is not None:
             return float(self.track().times[-1])
@@ -173,17 +176,17 @@ class TrajectorySpec(Section):
         return State(np.array(place), math.radians(self.heading_deg), self.speed_mps, 0.0)
 
     def manoeuvres(self) -> list[Manoeuvre]:
-        """Return all segments, including repetitions."""
+        """Return the manoeuvres of all segments, including repetitions."""
         return [segment.manoeuvre() for segment in self.segment] * self.repeat
 
     def track_limits(self) -> TrackLimits:
-        """Return the limits of a valid track."""
+        """Return the limits that a track must respect to be valid."""
         from ..trajectory.track import TrackLimits
 
         return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
 
     def track(self) -> Track:
-        """Return the track of the file; of survey lines the first.
+        """Return the track of the file, or the first survey line.
 
         Raises
         ------
@@ -217,7 +220,7 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"track {self.file}: {error}") from None
 
     def survey_line(self) -> SurveyLine:
-        """Return the flown survey line: the first, or all lines as one.
+        """Return the survey line to fly: the first line, or all lines joined to one.
 
         Raises
         ------
@@ -236,7 +239,7 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
     def files(self) -> list[Path]:
-        """Return the input files of the flight."""
+        """Return the paths of the input files of the flight."""
         names = sorted({s.terrain for s in self.segment if s.terrain is not None})
         return [terrain_path(name) for name in names] + ([Path(self.file)] if self.file else [])
 
@@ -252,7 +255,7 @@ class TrajectorySpec(Section):
         return [_hash(path, v) for path, v in zip(self.files(), versions, strict=True)]
 
     def placeless(self) -> TrajectorySpec:
-        """Return the table without folders of its files, because only their content counts."""
+        """Return the table with file names in place of paths, because only content counts."""
         terrains = sorted({s.terrain for s in self.segment if s.terrain is not None})
         segments = tuple(
             s.model_copy(update={"terrain": f"terrain {terrains.index(s.terrain)}"})
@@ -266,7 +269,7 @@ class TrajectorySpec(Section):
 
 
 def file_versions(spec: TrajectorySpec) -> tuple[tuple[int, int], ...]:
-    """Return modification time and size of each input file of the flight.
+    """Return modification time [ns] and size [bytes] of each input file of the flight.
 
     Raises
     ------

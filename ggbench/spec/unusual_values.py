@@ -1,4 +1,4 @@
-"""Unusual values of a scenario: allowed, but far from real instruments and flights."""
+"""Remarks on unusual values: allowed, but far from real instruments and flights."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .scenario import Scenario
 
 
 def unusual_values(scenario: Scenario) -> list[str]:
-    """Return a sentence for each unusual value of the cases and studies, each value once."""
+    """Return a sentence for each unusual value of cases and assumptions, without duplicates."""
     cases_by_value: dict[tuple[str, float, str], list[str]] = {}
     for study, case in scenario.every_case():
         name = f"{study}/{case.name}" if study else case.name

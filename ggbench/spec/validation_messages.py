@@ -1,4 +1,4 @@
-"""Sentences for validation errors of pydantic."""
+"""Messages for validation errors of pydantic."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ T = TypeVar("T", bound=BaseModel)
 
 
 class ScenarioError(GGBenchError):
-    """A scenario file cannot be found, read or accepted."""
+    """A scenario file cannot be found or read, or its content is invalid."""
 
 
 def validate(model: type[T], content: Any, label: str) -> T:
-    """Validate a table of a file.
+    """Validate the content of a table.
 
     Raises
     ------
     ScenarioError
-        With a sentence that begins with the label and states the key and the allowed values.
+        If the content is invalid; the message begins with ``label`` and states the key and the
+        allowed values.
     """
     try:
         return model.model_validate(content)
@@ -39,9 +40,10 @@ def validate(model: type[T], content: Any, label: str) -> T:
 
 
 def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
-    """Return an error of pydantic as a sentence: key, value, allowed values.
+    """Return the sentence for a validation error: key, value, allowed values.
 
-    ``content`` is the validated table as in the file.
+    ``problem`` is an item of pydantic's error list. ``content`` is the validated table as in the
+    file.
     """
     parts = [part for part in problem["loc"] if part not in ("float", "int", "[key]")]
     path = _as_written(parts, content)
@@ -111,6 +113,6 @@ def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
 
 
 def suggest(word: str, allowed: list[str]) -> str:
-    """Return the most similar allowed word, in brackets; "" if none is similar."""
+    """Return the most similar allowed word in brackets, or "" if none is similar."""
     close = difflib.get_close_matches(word, allowed, n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

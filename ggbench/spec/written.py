@@ -1,4 +1,4 @@
-"""Scenarios of cases in Python, written as scenario files."""
+"""Writer of scenario files from cases in Python."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from .scenario import Scenario, from_text
 def of_cases(
     cases: Sequence[CaseSpec], title: str = "Cases made in Python", name: str = "python"
 ) -> Scenario:
-    """Return a scenario of some cases, equal to that of its file.
+    """Return a scenario of some cases, equal to the scenario read from its own text.
 
     Parameters
     ----------
-    cases : with different names.
-    title : of the scenario.
-    name : of the scenario.
+    cases : cases with different names.
+    title : title of the scenario.
+    name : name of the scenario.
 
     Raises
     ------
     ScenarioError
-        If two cases have one name, or a case breaks a rule.
+        If two cases have the same name, or a case breaks a rule.
     """
     return from_text(text_of(cases, title), name, "")
 
 
 def text_of(cases: Sequence[CaseSpec], title: str) -> str:
-    """Return the text of a scenario file with some cases."""
+    """Return the text of a scenario file with these cases."""
     lines = [f"title = {_value(title)}", f"description = {_value(title + '.')}"]
     for case in cases:
         lines += ["", "[[case]]"]
