@@ -73,7 +73,8 @@ class GraphParameters(RobustLoss):
     def oldest_nodes(self, times: np.ndarray) -> np.ndarray:
         """Return the oldest node (K,) of the window at each epoch.
 
-        GTSAM drops nodes that are older than the lag. Rounding errors of times are allowed for.
+        GTSAM drops nodes that are older than the lag. Rounding errors of ``times`` [s] do not
+        affect the result.
         """
         return np.searchsorted(times, times - (self.lag + SAME_TIME))
 

@@ -47,7 +47,7 @@ class GaussianSum(RobustLoss, BlockEstimator):
     causality = "filter"
 
     def conflict(self) -> str | None:
-        """Return a reason if a loss is combined with a single linearisation; else None."""
+        """Return an error text if a loss is combined with a single linearisation; else None."""
         if self.loss != "none" and self.iterations == 1:
             return "a loss needs at least 2 iterations"
         return super().conflict()

@@ -62,7 +62,7 @@ class CloudFilter(Estimator):
         return problem.dimension
 
     def conflict(self) -> str | None:
-        """Return a reason if the particles do not fit in memory; else None."""
+        """Return an error text if the particles do not fit in memory; else None."""
         moves = self.moves
         if moves.start * moves.particles > _MOST:
             most = _MOST // moves.particles

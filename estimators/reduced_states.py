@@ -87,7 +87,7 @@ class ReducedStates(Estimator):
     exact_if_linear_gaussian = False  # of another problem
 
     def conflict(self) -> str | None:
-        """Return a reason if a parameter does not belong to the filter; else None."""
+        """Return an error text if a parameter does not belong to the filter; else None."""
         if self.particles is not None and "particles" not in vars(FILTERS[self.filter]):
             return f"{self.filter} has no particles"
         if self.beta is not None and self.filter != "strong-tracking":

@@ -39,7 +39,7 @@ class RobustLoss(Estimator):
         return THRESHOLDS[self.loss] if self.threshold is None else self.threshold
 
     def conflict(self) -> str | None:
-        """Return a reason if a threshold is given without a loss; else None."""
+        """Return an error text if a threshold is given without a loss; else None."""
         if self.loss == "none" and self.threshold is not None:
             return "threshold needs a loss: huber or cauchy"
         return None
@@ -70,7 +70,7 @@ class GatedUpdate(RobustLoss, BlockEstimator):
         return not self.gate and not self.underweighting
 
     def conflict(self) -> str | None:
-        """Return a reason if a gate or underweighting is combined with a loss; else None."""
+        """Return an error text if a gate or underweighting is combined with a loss; else None."""
         if (self.gate or self.underweighting) and self.loss != "none":
             name = "gate" if self.gate else "underweighting"
             return f"{name} and loss cannot be combined: choose one"

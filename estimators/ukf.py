@@ -41,7 +41,7 @@ class SigmaPoints(Estimator):
     beta: float = 2.0
 
     def conflict(self) -> str | None:
-        """Return a reason if κ is given for cubature points; else None."""
+        """Return an error text if κ is given for cubature points; else None."""
         if self.points == "cubature" and self.kappa is not None:
             return "cubature points have no kappa"
         return super().conflict()

@@ -92,7 +92,7 @@ class Viterbi(Estimator):
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Estimate one run: compute forward probabilities of the cells, then decode."""
+        """Estimate one run: compute forward probabilities of the cells, then path or marginals."""
         reduction = self._reduction(problem)
         small = reduction.problem
         steps = cell_sides(small.prior_cov, self.cell_m, self.most)

@@ -101,7 +101,7 @@ def split_prior(
 
 
 def fitting_spacing(sigma: np.ndarray, spacing_m: float, most: int) -> float:
-    """Return a spacing [m], at least the requested one, of a grid with at most ``most`` points.
+    """Return the smallest spacing [m] from ``spacing_m`` on with at most ``most`` grid points.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ def fitted_transform(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A (2, 2) and t (2,) of the best transform from points x (N, 2) to y (N, 2).
 
-    y ≈ A x + t by least squares (Umeyama 1991). A is a rotation R by θ, with a scale s if
+    y ≈ A x + t by least squares (Umeyama 1991). A is a rotation R by θ, times a scale s if
     ``similar``: for centred points θ = atan2(Σ x × y, Σ x · y) and s = Σ y · R x / Σ ‖x‖². θ is
     limited to ± ``most_turn`` [rad] and s to 1 ± ``most_stretch``.
     """

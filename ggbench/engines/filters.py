@@ -1,6 +1,6 @@
 """Compiled unscented Kalman filter for many runs.
 
-A test compares it with filterpy.
+A test compares the filter with that of filterpy.
 """
 
 from __future__ import annotations

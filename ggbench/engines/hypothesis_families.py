@@ -70,7 +70,8 @@ def bank_of(
     block : block of R runs.
     hypotheses : hypotheses that apply to the block.
     motion : track data from :func:`.motion_of`.
-    iterations : largest number of linearisations of h in each update; with a loss at least two.
+    iterations : largest number of linearisations of h in each update; filters with a loss use at
+        least two.
     """
     batch, of_map = batch_of(block), of_the_map(block)
     roots = np.linalg.cholesky(batch.noise_cov)

@@ -24,7 +24,7 @@ _CONVERGED = 1e-6
 
 @record
 class Rules:
-    """Rules of an iterated update.
+    """Options of an iterated update.
 
     Attributes
     ----------

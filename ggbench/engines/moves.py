@@ -72,7 +72,7 @@ class Moves(NamedTuple):
 
 
 def roughen(x: np.ndarray, drawn: int, moves: Moves, rng: np.random.Generator) -> None:
-    """Add noise to the first ``drawn`` states of particles (N, n), see ``roughening``."""
+    """Add noise to the first ``drawn`` states of particles (N, n), see :class:`Moves`."""
     count = len(x)
     extent = np.ptp(x[:, :drawn], axis=0) * moves.roughening
     noise = rng.standard_normal((count, drawn))
@@ -80,7 +80,7 @@ def roughen(x: np.ndarray, drawn: int, moves: Moves, rng: np.random.Generator) -
 
 
 def regularise(x: np.ndarray, moves: Moves, rng: np.random.Generator) -> None:
-    """Add noise to the positions of particles (N, n), see ``regularisation``."""
+    """Add regularisation noise to the positions of particles (N, n), see :class:`Moves`."""
     count = len(x)
     _, cov = moments(np.full(count, 1.0 / count), x[:, :POSITION])
     root, _ = ranked_root(cov)

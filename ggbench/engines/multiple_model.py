@@ -102,10 +102,11 @@ class Mixture(NamedTuple):
 def multiple_model(
     block: ProblemBlock, hypotheses: Sequence[Hypothesis], options: SearchOptions
 ) -> EstimateBlock:
-    """Run the multiple-model filter; hypotheses that do not apply to the block are omitted.
+    """Run the multiple-model filter with the hypotheses that apply to the block.
 
-    With a wide prior, the hypotheses without added states first run as Gaussian sums. As soon as
-    the position uncertainty is below one spacing of the Gaussians, all hypotheses start.
+    Hypotheses that do not apply are omitted. With a wide prior, the hypotheses without added states
+    first run as Gaussian sums. As soon as the position uncertainty is below one spacing of the
+    Gaussians, all hypotheses start.
     """
     chosen = [hypothesis for hypothesis in hypotheses if takes(hypothesis, block)]
     priors = np.log([hypothesis.prior for hypothesis in chosen])

@@ -16,7 +16,7 @@ from .moves import Moves
 
 
 def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generator) -> Estimate:
-    """Run a particle filter with the first ``drawn`` of the n states as samples.
+    """Run a particle filter in which the first ``drawn`` of the n states are sampled.
 
     h must be linear in the other states, with coefficients that do not depend on any state; see
     :func:`.linear_states.mixing`.

@@ -35,7 +35,7 @@ class Layer(NamedTuple):
     forward : (A,) probability of each cell, given the measurements up to the epoch.
     likelihood : (A,) likelihood of the measurement of the epoch at each cell, up to a common
         factor.
-    kernels : for each axis, probabilities of the steps from the previous epoch.
+    kernels : probabilities of the steps from the previous epoch, one array for each axis.
     base, axes : corner and axes of the lattice, see :class:`.Lattice`.
     """
 

@@ -159,7 +159,7 @@ def linearise(
     count : number of different runs in the group.
     k : epoch.
     x : (1, n, lanes) linearisation points.
-    out : output.
+    out : output, see :class:`LinearisedMeasurement`.
     """
     model, m, g = batch.model, out.residual.shape[1], out.white.shape[0]
     root = batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)]

@@ -209,7 +209,10 @@ class Search:
         return np.asarray(-np.divide(total, size, out=np.zeros_like(total), where=size > 0.0))
 
     def best(self, count: int) -> list[int]:
-        """Return the indices of up to ``count`` minima at least three steps apart, best first."""
+        """Return the indices of up to ``count`` minima of the criterion, best first.
+
+        The minima are at least three steps apart.
+        """
         values = self.values()
         if not np.isfinite(values).any():
             return []
@@ -335,8 +338,8 @@ def refined(window: WindowSearch, starts: Sequence[np.ndarray], apart: float) ->
     ----------
     window : searches within the window of one run.
     starts : multipliers (n,) of each start, see :meth:`Search.multipliers`.
-    apart : of two positions closer than this distance [m] at the window's end, the less probable
-        one is dropped.
+    apart : smallest distance between returned positions [m] at the window's end; a position that is
+        closer to a more probable position is dropped.
     """
     places = [place for place in window.places(starts) if place is not None]
     return distinct(window.block.problem(0), places, apart)

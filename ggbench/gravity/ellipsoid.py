@@ -71,7 +71,7 @@ def radii_of_curvature(latitude: float) -> tuple[float, float]:
 def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
     """Return metres per radian of latitude and of longitude, given sin L and cos L [m/rad].
 
-    They are R_M + h and (R_N + h) cos L.
+    The values are R_M + h and (R_N + h) cos L, with the radii of curvature R_M and R_N.
 
     Parameters
     ----------
@@ -273,9 +273,9 @@ def normal_gravity_slopes_of(
 ) -> tuple[float, float, float, float]:
     """Return ∂g_N/∂L, ∂g_N/∂h, ∂g_U/∂L, ∂g_U/∂h of normal gravity (g_N, g_U).
 
-    The vector is that of :func:`normal_gravity_vector_of`; derivatives are per rad and per m. They
-    follow from the gradient tensor and from the rotation of the axes by dL over the distance (R_M +
-    h) dL.
+    The vector is that of :func:`normal_gravity_vector_of`; derivatives are per rad and per m. The
+    derivatives follow from the gradient tensor and from the rotation of the axes by dL over the
+    distance (R_M + h) dL.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     north, up, north_north, north_up, up_up = _geocentric_gravity(r, s, c)

@@ -44,7 +44,7 @@ def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array
 
     Parameters
     ----------
-    values : (n_lat, n_lon).
+    values : (n_lat, n_lon) values of the grid.
     west, step : first longitude and spacing of the columns [deg].
     about : longitude of the meridian [deg].
     """
@@ -97,8 +97,8 @@ class Area(NamedTuple):
 
         Parameters
         ----------
-        latitude, longitude : of shapes that broadcast to (...) [deg]; longitudes in the turn of the
-            area, see :meth:`about`.
+        latitude, longitude : positions [deg], with shapes that broadcast to (...); longitudes in
+            the turn of the area, see :meth:`about`.
         """
         inside = np.ones(np.broadcast(latitude, longitude).shape, dtype=bool)
         for values, low, high in ((latitude, *self[:2]), (longitude, *self[2:])):

@@ -148,10 +148,10 @@ def terrain_layers(
 
 
 def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
-    """Return the least height above the highest ground that a Fourier grid of a size allows [m].
+    """Return the smallest clearance above the highest ground for a limited Fourier grid [m].
 
-    ``nodes`` is the number of nodes of the Fourier grid. The nodes are a quarter of the height
-    apart, but not farther apart than the nodes of the terrain.
+    ``nodes`` is the largest number of nodes of the Fourier grid. The nodes must be at most a
+    quarter of the clearance apart, and not farther apart than the nodes of the terrain.
 
     Raises TerrainError for a terrain that is too wide for a plane.
     """
@@ -162,7 +162,10 @@ def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
 
 
 def converging_clearance(terrain: Terrain) -> float:
-    """Return the approximate least height above the highest ground for the highest order [m]."""
+    """Return the clearance above the highest ground at which the series needs order 80 [m].
+
+    The value is approximate.
+    """
     return _CLEARANCE_PER_HALF_RELIEF * 0.5 * float(np.ptp(terrain.height_m))
 
 

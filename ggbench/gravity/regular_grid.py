@@ -111,7 +111,7 @@ def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[
 
     Parameters
     ----------
-    values : (n_lat, n_lon).
+    values : (n_lat, n_lon) values of the grid.
     west, step : first longitude and spacing of the columns [deg].
     area : area in which values are needed.
     """

@@ -26,7 +26,7 @@ _SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
 
 
 def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, str]:
-    """Replace void values that the file does not declare by NaN; return a remark, too.
+    """Return values with undeclared void values replaced by NaN, and a remark.
 
     Void values are those of ``units`` and common void values, such as -9999 always and 32767
     outside the limits of the quantity. The remark names the common void values that were replaced;

@@ -198,7 +198,7 @@ def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> No
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an unfilled array (6, 19, LANES) for the terms of a Taylor series, by order."""
+    """Return an unfilled array (6, 19, LANES) for the terms of a Taylor series, one per order."""
     return unfilled(_LAST + 1, STATES + 4)
 
 

@@ -47,7 +47,7 @@ class Imu:
         random number from N(0, σ²).
     gyro_bias_time, accelerometer_bias_time : correlation time T of a bias that is a first-order
         Gauss–Markov process [s]; infinite for a constant bias.
-    gyro_errors, accelerometer_errors : scale factors and misalignments.
+    gyro_errors, accelerometer_errors : scale-factor errors and misalignments of the two triads.
     """
 
     gyro_bias: float

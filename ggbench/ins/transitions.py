@@ -152,7 +152,7 @@ def transitions_lanes(
 
     Parameters
     ----------
-    track : (N + 1, TRACK, LANES) from :func:`ggbench.ins.strapdown.navigate_lanes`.
+    track : (N + 1, TRACK, LANES) indicated track from :func:`ggbench.ins.strapdown.navigate_lanes`.
     increments : (N, 6, LANES) increments of the IMU.
     epochs : (K,) increasing indices of IMU samples.
     dt : IMU interval [s].

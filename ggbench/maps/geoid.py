@@ -37,10 +37,10 @@ def geoid_heights(latitude: Array, longitude: Array) -> Array:
 
 
 def geoid_over(latitude: Array, longitude: Array) -> Array:
-    """Return heights of the geoid above the ellipsoid (N,) [m] at places (N,) [deg].
+    """Return heights of the geoid above the ellipsoid (N,) [m] at positions (N,) [deg].
 
-    The heights of :func:`geoid_heights` are interpolated between the nodes of a grid that covers
-    the places.
+    The heights are computed as in :func:`geoid_heights` at the nodes of a grid that covers the
+    positions, and interpolated.
     """
     axes = [_axis(places) for places in (latitude, longitude)]
     heights = np.array([[_geoid_height(lat, lon) for lon in axes[1]] for lat in axes[0]])

@@ -42,7 +42,7 @@ class _Coefficient:
 
 
 def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None) -> bytes:
-    """Return the lines of coefficients, with time-variable coefficients reduced to an epoch.
+    """Return the lines of a file's coefficients, reduced to an epoch.
 
     ``body`` contains the lines below the header of a file. ``intervals`` states whether the lines
     have an interval of validity (icgem2.0).

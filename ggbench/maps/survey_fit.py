@@ -53,8 +53,8 @@ class SurveyFit:
     ----------
     lines : lines of the survey.
     settings, sources : settings, and point masses, of the fit to all lines.
-    held_back : by index of the line, for all lines except ties: measurement minus map, less its
-        mean over the line. The map is a fit without this line.
+    held_back : residuals of each line except ties, by index of the line: measurement minus map,
+        less its mean over the line. The map is a fit without this line.
     scores : RMS residual of held-back lines, for each tested setting.
     """
 

@@ -131,7 +131,7 @@ class AidingSensor(ABC):
         """
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Convert measurements (..., K, e) from an old to a new INS solution.
+        """Convert measurements (..., K, e) relative to an old INS solution to a new INS solution.
 
         Most measurements do not depend on the INS solution.
         """

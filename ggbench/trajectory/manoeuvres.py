@@ -298,7 +298,7 @@ def plan(
     Parameters
     ----------
     start : initial state of the flight.
-    manoeuvres : in the order of the flight.
+    manoeuvres : manoeuvres in the order of the flight.
     dt : sampling interval [s].
     size : number of manoeuvres in the scenario file; later manoeuvres are repetitions. Used in
         messages.
@@ -346,7 +346,10 @@ def sample(start: State, rates: Array, dt: float) -> tuple[Array, Array, Array]:
 
 
 def enu(heading: Array, speed: Array, climb: Array) -> Array:
-    """Return velocities (N, 3), ENU [m/s], from heading [rad], speed [m/s], climb [rad] (N,)."""
+    """Return velocities (N, 3), ENU [m/s], from headings, speeds and climb angles (N,).
+
+    Units are rad, m/s and rad.
+    """
     return np.stack(
         [
             speed * np.cos(climb) * np.sin(heading),

@@ -58,7 +58,7 @@ class TerrainFollowing:
     zero_level: float = 0.0
 
     def length(self, start: State) -> float:
-        """Return its duration [s].
+        """Return the duration of the flight [s].
 
         Raises TrajectoryError if the duration is too short or too long.
         """
@@ -73,7 +73,9 @@ class TerrainFollowing:
         return duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) of climb angle and speed; the horizontal speed is constant.
+        """Return rates (count, 3) of heading (zero), speed and climb angle.
+
+        The horizontal speed is constant.
 
         Raises TrajectoryError if the terrain cannot be followed.
         """

@@ -46,9 +46,10 @@ PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
 def inertial_matrix(
     sin_l: float, cos_l: float, sin_a: float, cos_a: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return C_in, row by row, from sine and cosine of L and of the angle λ + ω_ie t.
+    """Return C_in, from ENU to inertial axes, row by row.
 
-    L is the latitude, and λ the longitude (Wang et al. 2013, eq. 10).
+    The arguments are sine and cosine of the latitude L and of the angle λ + ω_ie t, with the
+    longitude λ (Wang et al. 2013, eq. 10).
     """
     return (
         -sin_a, -sin_l * cos_a, cos_l * cos_a,

@@ -216,7 +216,7 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     lowpass : low-pass filter of the instrument; None gives the identity.
     count : number of epochs K.
     treatment : ``whitened`` or ``delayed``, see :mod:`.gradiometer.lowpass`.
-    rho : for ``whitened``, the noise after the filter in units of the noise before it.
+    rho : noise after the filter in units of the noise before the filter; used for ``whitened``.
 
     Raises
     ------
