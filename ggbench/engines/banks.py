@@ -101,7 +101,9 @@ def split_prior(
 
 
 def fitting_spacing(sigma: np.ndarray, spacing_m: float, most: int) -> float:
-    """Return the smallest spacing [m] from ``spacing_m`` on with at most ``most`` grid points.
+    """Return a spacing [m], ``spacing_m`` or larger, with at most ``most`` grid points.
+
+    The spacing is increased in steps of 10 %.
 
     Parameters
     ----------
