@@ -1,1 +1,1 @@
-"""The estimators of the benchmark, one file each; see :mod:`ggbench.problem` for the interface."""
+"""Estimators of the benchmark, one file each; :mod:`ggbench.problem` defines the interface."""

@@ -1,8 +1,9 @@
-"""Closed-loop Kalman filter: its corrections reset the INS during the flight.
+"""Closed-loop Kalman filter: corrections reset the INS during the flight.
 
-The other filters estimate the error of an INS that is never corrected. Its error equations are
-linear only while the error is small. This filter resets the mechanization to its estimate at
-regular intervals, so the error stays small (Groves 2013, sec. 14.1.1: closed-loop integration).
+Open-loop filters estimate the error of an INS that is never corrected. The error equations of an
+INS are linear only while the error is small. The closed-loop filter resets the mechanization to the
+filter's estimate at regular intervals, so the error stays small (Groves 2013, sec. 14.1.1:
+closed-loop integration).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class ClosedLoop(Estimator):
     causality = "filter"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without inertial measurements."""
+        """Return a reason to skip problems without inertial measurements; else None."""
         if problem.replay is None:
             return (
                 "feedback needs inertial measurements, and gradients that are not late, filtered "
@@ -51,7 +52,7 @@ class ClosedLoop(Estimator):
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter one interval after the other; each starts from the corrected mechanization."""
+        """Filter one interval after the other; each interval starts from the corrected INS."""
         assert problem.replay is not None  # skip() says so
         loop = problem.replay.start(problem)
         means, covs, nis = [], [], []

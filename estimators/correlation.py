@@ -1,28 +1,31 @@
-"""Correlation matching by differences: Li, Wu & Ma 2011.
+"""Correlation matching of measurement differences (Li, Wu & Ma 2011).
 
-Gravimeter measurements are reduced with the INS solution. They therefore contain its velocity error
-(Eötvös) and latitude error (normal gravity) as a slowly changing bias. Li matches the differences
-of consecutive measurements, which have no constant bias. Earlier differences have larger weights,
-because the INS is more accurate then: J = Σ p_i [(z_{i+1} − z_i) − (h_{i+1} − h_i)]², where p falls
-linearly to one half and Σ p = 1. The five positions with the smallest J are kept. Nearest neighbour
-uses the best of them. Probabilistic data association (PDAF) uses the mean x̂ = Σ β_j x_j with β_j ∝
-1/J_j.
+Gravimeter measurements are reduced with the INS solution. Therefore INS velocity errors (Eötvös
+effect) and latitude errors (normal gravity) appear as a slowly changing bias. Li's method matches
+differences of consecutive measurements, which have no constant bias. Earlier differences have
+larger weights, because the INS is more accurate then: J = Σ p_i [(z_{i+1} − z_i) − (h_{i+1} −
+h_i)]², where z are measurements, h predictions at a position of the map, and p decreases linearly
+to one half of its first value, with Σ p = 1. The five positions with the smallest J are kept.
+Nearest-neighbour association uses the best of the five. Probabilistic data association (PDAF) uses
+the mean x̂ = Σ β_j x_j with β_j ∝ 1/J_j.
 
 Weaknesses of the method:
 
-* Consecutive differences of white measurements have a correlation of −½, so their sum of squares is
-  no likelihood. Least squares with this correlation equals the mean squared difference with an
-  unknown constant removed. The plain sum loses the information of measurements that are far apart.
-* Decreasing weights suit the position at the start of the window, from which the INS drifts. A fix
-  is the position at its end.
-* 1/J is no probability. With twenty measurements J at a wrong hill is ten to a thousand times that
-  of the right one. Its weight is still some per cent, at a distance of kilometres. The probability
-  of a position is exp(−½ χ²) times its width (``association=likelihood``).
-* Five neighbours in one minimum of J are one candidate. Their mean only smooths the grid. It
-  contains no information on other positions.
+* Consecutive differences of measurements with white noise have a correlation of −½, so J is not a
+  log-likelihood. Least squares with this correlation would equal the mean squared difference (MSD)
+  after removal of an unknown constant. J loses the information in differences of measurements that
+  are far apart.
+* Decreasing weights suit an estimate of the position at the start of the window. A fix is the
+  position at the end.
+* 1/J is not a probability. With twenty measurements J is ten to a thousand times larger at a wrong
+  hill than at the right hill. The weight of the wrong hill is therefore up to some per cent,
+  although it is kilometres away. The probability of a position is proportional to exp(−½ χ²) times
+  the width of the minimum (``association=likelihood``).
+* Five neighbouring grid points in one minimum of J are a single candidate. Their mean only smooths
+  the grid and contains no information on other positions.
 
-The covariance of the estimate is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ). Σ_j includes the uncertainty
-of all other states of the window.
+The covariance of the estimate is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ), where the covariance Σ_j of
+candidate j includes the uncertainty of all other states of the window.
 """
 
 from __future__ import annotations
@@ -59,17 +62,18 @@ class Correlation(Estimator):
         with weights 1/J (Li's PDAF). ``likelihood``: all candidates, with their posterior
         probabilities; nodes have exp(−½ χ²), as if the terms of J were independent.
     candidates : ``basins``: local minima of J, each refined to the most probable states of the
-        window. ``nodes``, as in the paper: the grid points with the smallest J, without refinement.
+        window. ``nodes``, as in Li, Wu & Ma 2011: the grid points with the smallest J, without
+        refinement.
     window : number of epochs with measurements in one match.
     differenced : whether differences of measurements are matched instead of the measurements.
     descending : whether the weights decrease along the window instead of being equal.
     fusion : use of the fixes, see :mod:`ggbench.engines.fix_fusion`.
     keep : number of candidates.
-    spacing_m : grid step [m]; in the paper the node spacing of the map.
-    most : largest number of grid points; the step is increased to keep it.
-    misfit : largest χ² per measurement of an accepted fix; 1 is expected. For nodes, χ² of the
-        terms of J.
-    odds : least log odds of an accepted fix, of the likeliest candidate against the next best
+    spacing_m : grid step [m]; in Li, Wu & Ma 2011 the distance between nodes of the map.
+    most : largest number of grid points; the step is increased if necessary.
+    misfit : largest χ² per measurement of an accepted fix; 1 is expected. For ``nodes`` it is the
+        χ² of the terms of J.
+    odds : smallest log odds of an accepted fix: most probable candidate against the second best
         position.
     """
 
@@ -91,11 +95,11 @@ class Correlation(Estimator):
     exact_if_linear_gaussian = False  # between its fixes it takes no reading
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without a horizontal position, and models without kernels."""
+        """Return a reason to skip problems without horizontal position or kernels; else None."""
         return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Match one window after the other; propagate the estimate between fixes."""
+        """Match one window after the other, and propagate the estimate between fixes."""
         return by_block(problem, self._match)
 
     def _match(self, block: ProblemBlock) -> Estimate:
@@ -199,17 +203,17 @@ class _Fix:
 
 
 class Sequences(Search):
-    """Search by Li's J = Σ_c r_cᵀ W r_c, with the residuals r_c of each channel c.
+    """Map search with Li's criterion J = Σ_c r_cᵀ W_c r_c, for residuals r_c of channel c.
 
-    The weights of all terms add up to one. A difference is that of two consecutive measurements of
-    one channel, even if other channels measure in between.
+    The weights of all terms of J add up to one. Differences are those of consecutive measurements
+    of one channel, even if other channels measure in between.
 
     Attributes
     ----------
-    form : (m, W, W) the W of each channel.
+    form : (m, K, K) matrix W_c of each channel, for a window of K epochs.
     terms : number of terms of J.
-    chi_squared : factor that converts J to a χ² of as many terms. A term has the variance of one
-        measurement, or of two if it is a difference.
+    chi_squared : factor that converts J to a χ² with this number of terms. A term has the variance
+        of one measurement, or of two measurements if it is a difference.
     """
 
     _kept = (*Search._kept, "_total", "_last")
@@ -249,18 +253,18 @@ class Sequences(Search):
         self._last = np.where(self.problem.present[k], off, self._last)
 
     def values(self) -> np.ndarray:
-        """Return J (J,) of each point."""
+        """Return the criterion J at each point, as an array (points,)."""
         return self._total
 
 
 def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (n,) and covariance (n, n) at the window's end, if J is least at a grid node.
+    """Return mean (n,) and covariance (n, n) at the window's end for the grid point ``index``.
 
-    Near the node's trajectory the displacement that minimises χ² of J and of the prior is linear in
-    the residuals, δd = Σ M_k r_k. It is processed as a measurement of the states, with the errors
-    of noise, INS and grid. The correlation of these errors with the final state follows from
-    propagating both through the window. The covariance therefore includes the information on other
-    states that J loses.
+    J must be smallest at this grid point. Near the trajectory of the point, the displacement that
+    minimises the sum of χ² (of J) and of the prior's χ² is linear in the residuals, δd = Σ M_k r_k.
+    This displacement is processed as a measurement of the states, with errors from noise, INS and
+    grid. The correlation of these errors with the final state is computed by propagating both
+    through the window. The covariance therefore accounts for the information that J does not use.
     """
     problem = search.problem
     variances, gain, *_ = position_axes(problem)

@@ -22,12 +22,12 @@ class ExtendedKalmanFilter(GatedUpdate):
 
     Parameters
     ----------
-    iterations : largest number of linearisations of h per epoch. 1 is the plain filter. With more,
-        the update is a Gauss–Newton search for the most probable state (Bell & Cathey 1993), whose
-        steps are halved until the cost decreases.
+    iterations : largest number of linearisations of h per epoch; 1 is the plain filter. With 2 or
+        more the update is a Gauss–Newton search for the most probable state (Bell & Cathey 1993),
+        with steps halved until the cost decreases.
     noise_memory : number of measurements over which the noise variance of each component is
-        estimated from the residuals (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa
-        1969); 0 keeps the given noise.
+        estimated from the residuals (Mohamed & Schwarz 1999, with the fading memory of Sage & Husa
+        1969); 0 keeps the assumed noise.
     """
 
     iterations: AtLeastOne = 1
@@ -37,7 +37,10 @@ class ExtendedKalmanFilter(GatedUpdate):
     family = "kalman"
 
     def conflict(self) -> str | None:
-        """Refuse a noise memory of one, and gates or underweighting outside the plain filter."""
+        """Return a reason to refuse the parameters, or None.
+
+        ``noise_memory`` must not be 1, and gates and underweighting need the plain update.
+        """
         if self.noise_memory == 1:
             return "noise_memory must be 0 or at least 2, not 1"
         if self.gate or self.underweighting:
@@ -49,7 +52,10 @@ class ExtendedKalmanFilter(GatedUpdate):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse models without kernels, unless all options are those of the plain filter."""
+        """Return a reason to skip the problem, or None.
+
+        Models without compiled kernels are accepted only by the plain filter.
+        """
         if self == ExtendedKalmanFilter(noise_scale=self.noise_scale):
             return None
         return super().skip(problem)
@@ -71,9 +77,9 @@ class ExtendedKalmanFilter(GatedUpdate):
         )
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter one run; the plain filter accepts any model.
+        """Filter one run; the plain filter accepts any measurement model.
 
-        Raise TypeError if the filter has further options and the model has no kernels.
+        Raises TypeError if the filter is not the plain filter and the model has no kernels.
         """
         if isinstance(problem.model, CompiledModel):
             return super().estimate(problem, rng)
@@ -83,7 +89,7 @@ class ExtendedKalmanFilter(GatedUpdate):
 
 
 def plain(problem: Problem) -> Estimate:
-    """Return the estimate of the plain filter in NumPy, which needs only h and its Jacobian."""
+    """Return the estimate of the plain filter, computed in NumPy for any measurement model."""
     x, p = problem.prior_mean, problem.prior_cov
     identity = np.eye(problem.dimension)
     mean = np.empty((problem.epochs, problem.dimension))

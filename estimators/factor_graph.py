@@ -1,8 +1,9 @@
 """Factor graph, compiled: batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
 
-The solutions equal those of GTSAM (:mod:`.gtsam_smoothers`). Kalman smoothers compute them for many
-runs at once. The incremental modes make the same steps as GTSAM. The batch mode halves Gauss–Newton
-steps until the cost falls (:mod:`ggbench.engines.line_search`), whereas GTSAM damps them.
+The factor graph is that of :mod:`.gtsam_smoothers`, solved by compiled Kalman smoothers for many
+runs at once. The incremental modes make the same linearisations as GTSAM. In the batch mode
+Gauss–Newton steps are halved until the cost decreases (:mod:`ggbench.engines.line_search`), whereas
+GTSAM damps the steps; both have the same minimum.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _SAMPLED = 50
 
 @dataclass(frozen=True)
 class GraphParameters(RobustLoss):
-    """Parameters of a factor graph and of its solution.
+    """Parameters of the solution of a factor graph.
 
     Parameters
     ----------
@@ -36,9 +37,9 @@ class GraphParameters(RobustLoss):
         node when it leaves a sliding window (measurements up to ``lag`` later). ``batch`` returns
         all nodes, given all measurements.
     lag : length of the sliding window [s].
-    relinearize_threshold : iSAM2 and the sliding window relinearise a node if the change of one of
-        its states changes a measurement by more than this [standard deviations of the noise], see
-        :func:`noticeable_changes`. States without effect on h do not count.
+    relinearize_threshold : iSAM2 and the sliding window relinearise a node if one of its states has
+        changed so much that a measurement changes by more than this [standard deviations of the
+        noise], see :func:`noticeable_changes`. States without effect on h are ignored.
     max_iterations : largest number of steps of the batch optimizer.
     """
 
@@ -51,7 +52,7 @@ class GraphParameters(RobustLoss):
 
     @property
     def causality(self) -> Causality:
-        """Causality of the mode."""
+        """Causality of the estimates in this mode."""
         return "filter" if self.mode == "isam2" else self.mode
 
     @property
@@ -60,7 +61,7 @@ class GraphParameters(RobustLoss):
         return self.lag if self.mode == "fixed-lag" else None
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse a window that is shorter than the time between two measurements."""
+        """Return a reason to skip problems with measurement intervals over ``lag``; else None."""
         longest = float(np.diff(problem.times).max(initial=0.0))
         if self.mode == "fixed-lag" and self.lag + SAME_TIME < longest:
             return (
@@ -72,7 +73,8 @@ class GraphParameters(RobustLoss):
     def oldest_nodes(self, times: np.ndarray) -> np.ndarray:
         """Return the oldest node (K,) of the window at each epoch.
 
-        GTSAM drops nodes older than the lag; times that differ by rounding must not count.
+        GTSAM drops nodes that are older than the lag. Rounding errors of ``times`` [s] do not
+        affect the result.
         """
         return np.searchsorted(times, times - (self.lag + SAME_TIME))
 
@@ -99,12 +101,12 @@ class FactorGraph(GraphParameters, BlockEstimator):
 
 
 def noticeable_changes(problem: Problem) -> np.ndarray:
-    """Return the change (n,) of each state that changes a measurement by one standard deviation.
+    """Return the change (n,) of each state that changes h by one noise standard deviation.
 
-    The standard deviation is that of the noise. The change of h is the RMS over epochs across the
-    flight, from H along the propagated prior mean. The result is infinite where h does not depend
-    on a state. If the problem names its channels, only gradients count, because other sensors are
-    almost linear in the states.
+    The change of h is computed with H along the propagated prior mean, as an RMS over epochs of the
+    flight. The result is infinite for states on which h does not depend. If the problem names its
+    channels, only gradient channels are used, because other sensors are almost linear in the
+    states.
     """
     shown = np.unique(np.linspace(0, problem.epochs - 1, _SAMPLED).astype(int))
     channels = problem.measurements.shape[1]
@@ -121,13 +123,16 @@ def noticeable_changes(problem: Problem) -> np.ndarray:
 
 
 def checked_jacobian(model: MeasurementModel, k: int, x: np.ndarray, channels: int) -> np.ndarray:
-    """Return H (m, n) of a model at a state; raise ValueError if its shape is wrong."""
+    """Return H (m, n) of a model at the state x (n,) and epoch k.
+
+    Raises ValueError if the shape of H is wrong.
+    """
     jacobian = np.asarray(model.jacobian(k, x), dtype=float)
     require_shape("Jacobian", jacobian, (channels, len(x)))
     return jacobian
 
 
 def require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
-    """Raise ValueError unless an array (...) of a model has a shape."""
+    """Raise ValueError if an array (...) of a model does not have the given shape."""
     if array.shape != shape:
         raise ValueError(f"the model's {name} has shape {array.shape}, not {shape}")

@@ -1,4 +1,4 @@
-"""Extended Kalman filter of filterpy, without any override."""
+"""Extended Kalman filter of filterpy, with no method overridden."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class FilterpyExtended(Estimator):
     causality = "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict with Φ and Q, update with h and H at the prediction, epoch by epoch."""
+        """Filter one run: predict with Φ and Q, update with h and H at the prediction."""
         # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
         from filterpy.kalman import ExtendedKalmanFilter
 

@@ -1,4 +1,4 @@
-"""Unscented Kalman filter of filterpy, without any override."""
+"""Unscented Kalman filter of filterpy, with no method overridden."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from .ukf import SigmaPoints
 class FilterpyUnscented(SigmaPoints):
     """``filterpy.kalman.UnscentedKalmanFilter`` on any measurement model.
 
-    The square root of the covariance is a parameter of filterpy's sigma points. Cholesky's root
-    fails if the negative centre weight of the paper makes P indefinite. This class uses the root of
-    the positive part and counts these repairs.
+    The square root of the covariance is a parameter of filterpy's sigma points. The Cholesky
+    factorisation fails if the negative weight of the central point in Wang et al. 2013 makes P
+    indefinite. This class then uses a root of the nearest positive definite matrix, and counts
+    these repairs.
     """
 
     name = "filterpy-ukf"
     causality = "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Propagate sigma points through Φ and h, epoch by epoch."""
+        """Filter one run: propagate sigma points through Φ and h, epoch by epoch."""
         # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
         from filterpy.kalman import (
             JulierSigmaPoints,

@@ -1,17 +1,17 @@
-"""Batch maximum a posteriori by Gauss–Newton as an iterated Kalman smoother, from many starts.
+"""Batch maximum a posteriori estimation by iterated Kalman smoothing from many starts.
 
-The steps are those of :mod:`ggbench.engines.line_search`.
+A Gauss–Newton step is one pass of a Kalman smoother, see :mod:`ggbench.engines.line_search`.
 
 The cost has many local minima, and Gauss–Newton converges to the nearest one. Therefore the cost is
-evaluated for many starts across the position prior, and the best starts are refined. These
-trajectories follow the uncorrected INS drift. One more search starts from the smoothed track of an
-extended Kalman filter, which has corrected the drift.
+evaluated for many starts across the position prior, and the best starts are refined. The trajectory
+of a start contains the uncorrected INS drift. One more search starts from the smoothed track of an
+extended Kalman filter, in which the drift is corrected.
 
-With a wide prior these starts are far apart. For 1024 starts and a standard deviation of 10 km, the
-start nearest to a position beyond 2 σ is about 1.3 km away, where the cost is no longer
-informative. Therefore the first window of measurements is also searched on a grid that resolves the
-field (:mod:`ggbench.engines.window_search`). Each of its best positions is a further start. If the
-first measurements are not informative, the starts for the whole flight remain.
+With a wide prior the starts are far apart. For 1024 starts and a standard deviation of 10 km, the
+start nearest to a position beyond 2 σ is about 1.3 km away. At this distance the cost does not
+indicate the minimum. Therefore the first window of measurements is also searched on a grid that
+resolves the field (:mod:`ggbench.engines.window_search`), and each of the best grid positions is an
+additional start. If the first measurements are not informative, the starts across the prior remain.
 """
 
 from __future__ import annotations
@@ -38,12 +38,13 @@ class GaussNewton(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    starts : number of initial positions (states in metres) spread over the prior; 1 uses only the
-        prior mean. The track of a filter is a further start.
+    starts : number of initial positions (states in metres) across the prior; 1 uses only the prior
+        mean. The track of a filter is an additional start.
     refine : number of starts with the lowest costs that are refined.
     window : number of epochs with measurements in the grid search; 0: no grid search. With
         ``starts=1`` there is none.
-    spacing_m : step of that grid [m], a quarter of the field's correlation length.
+    spacing_m : step of the grid search [m]; a quarter of the field's correlation length is
+        suitable.
     max_iterations : largest number of Gauss–Newton steps from each start.
     """
 
@@ -60,7 +61,7 @@ class GaussNewton(RobustLoss, BlockEstimator):
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
-        """Refine the best starts of all runs; the mean is NaN if no start has a finite cost."""
+        """Estimate all runs of a block; the mean is NaN if no start has a finite cost."""
         window = self.window if self.starts > 1 else 0
         return multistart(
             block,

@@ -2,16 +2,17 @@
 
 At each epoch the filter draws new particles from a Gaussian, weights them by the likelihood of the
 measurement, and keeps only their mean and covariance (Kotecha & Djurić 2003a). There is no
-resampling. Sample impoverishment, where nearly noiseless dynamics never separate copies, cannot
-occur. The dynamics are linear, so the prediction of the Gaussian is exact.
+resampling. Therefore sample impoverishment (copies of particles that nearly noiseless dynamics
+never separate) cannot occur. The dynamics are linear, so the prediction of the Gaussian is exact.
 
-The filter has two other weaknesses. First, the posterior of a wide prior is multimodal, and one
+The filter has two other weaknesses. First, with a wide prior the posterior is multimodal, and one
 Gaussian cannot represent it. Second, if a measurement is ten times more precise than the prediction
-along three axes, a few of 3000 particles carry all the weight. Their covariance is rank-deficient
-and the filter is overconfident. Such a covariance is repaired and counted, but the lost information
-does not return. A proposal that includes the measurement (``ekf``, ``ukf``) helps if h is nearly
-linear over the prediction. Otherwise the proposal is a narrow Gaussian at a wrong position, with
-worse weights than those of the prediction.
+along three axes, a few of 3000 particles have all the weight. The covariance of these few particles
+is rank-deficient and the filter is overconfident. Such a covariance is repaired, and the repair is
+counted, but the lost information is not restored. A proposal that includes the measurement
+(``ekf``, ``ukf``) helps if h is nearly linear over the prediction. Otherwise the proposal is a
+narrow Gaussian at a wrong position, and the weights of its samples vary more than those of samples
+from the prediction.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ class GaussianParticle(Estimator):
     Parameters
     ----------
     particles : number of samples at every epoch.
-    proposal : density of the samples. ``prior``: the prediction. ``ekf`` or ``ukf``: the prediction
-        updated by an extended Kalman filter or by a cubature Kalman filter.
+    proposal : density from which samples are drawn. ``prior``: the prediction. ``ekf`` or ``ukf``:
+        the prediction, updated by an extended Kalman filter or by a cubature Kalman filter.
     """
 
     particles: Annotated[int, Field(ge=2, le=_MOST)] = 3000
@@ -51,7 +52,7 @@ class GaussianParticle(Estimator):
     exact_if_linear_gaussian = False  # moments of particles scatter
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse fewer particles than a full-rank covariance needs."""
+        """Return a reason to skip problems of too many states for the particles; else None."""
         if self.particles <= problem.dimension:
             return (
                 f"particles must be larger than the number of states, {problem.dimension}, not "
@@ -60,7 +61,7 @@ class GaussianParticle(Estimator):
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Predict exactly, draw, weight, and keep mean and covariance, epoch by epoch."""
+        """Filter one run: predict, sample, weight and compute moments at each epoch."""
         n = problem.dimension
         scale = np.sqrt(np.diag(problem.prior_cov))
         mean, cov = problem.prior_mean / scale, problem.prior_cov / np.outer(scale, scale)

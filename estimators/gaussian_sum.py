@@ -1,10 +1,11 @@
 """Gaussian-sum filter: a bank of iterated extended Kalman filters across a wide prior.
 
-If the prior is wide compared with the features of the field, one linearisation is not valid across
-it, and a filter may converge to a wrong position. Therefore the prior is split into narrow
-Gaussians on a grid of positions. Each has its own filter, weighted by the predicted density of the
-measurements (Sorenson & Alspach 1971; Alspach & Sorenson 1972; Bar-Shalom, Li & Kirubarajan 2001,
-sec. 11.6). Filters with negligible weight are dropped. Filters with equal estimates are merged.
+If the prior is wide compared with the features of the field, one linearisation of h is not valid
+across the prior, and a single filter may converge to a wrong position. Therefore the prior is split
+into narrow Gaussians on a grid of positions, with one filter for each Gaussian. The filters are
+weighted by the predicted density of the measurements (Sorenson & Alspach 1971; Alspach & Sorenson
+1972; Bar-Shalom, Li & Kirubarajan 2001, sec. 11.6). Filters with negligible weight are dropped.
+Filters with nearly equal estimates are merged.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ class GaussianSum(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    spacing_m : distance of the hypotheses [m], a fraction of the field's correlation length. The
-        prior is split only in directions in which it is wider.
-    most : largest number of hypotheses; the grid is made coarser to keep it.
-    iterations : linearisations of h in each update of a hypothesis (see ``ekf``).
+    spacing_m : distance between neighbouring Gaussians [m], a fraction of the field's correlation
+        length. The prior is split only in directions in which its standard deviation is larger.
+    most : largest number of Gaussians; the distance is increased if necessary.
+    iterations : largest number of linearisations of h in each update of a filter (see ``ekf``).
     """
 
     spacing_m: Positive = 250.0
@@ -46,7 +47,7 @@ class GaussianSum(RobustLoss, BlockEstimator):
     causality = "filter"
 
     def conflict(self) -> str | None:
-        """Refuse a loss with one linearisation: the loss needs the residuals of a first one."""
+        """Return an error text if a loss is combined with a single linearisation; else None."""
         if self.loss != "none" and self.iterations == 1:
             return "a loss needs at least 2 iterations"
         return super().conflict()

@@ -1,12 +1,13 @@
 """Factor graph (GTSAM): batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
 
-The graph has one vector node per measurement epoch, in units of the prior's standard deviations, a
-prior on the first node, a linear process factor between neighbours, and a gradient factor on each
-node.
+The graph has one vector node per measurement epoch, in units of the prior's standard deviations; a
+prior factor on the first node; a linear process factor between neighbouring nodes; and a
+measurement factor on each node.
 
-The process noise is singular: constant biases have none. A process factor therefore carries its
-residual in the eigenvectors of Q, and the directions without noise are hard constraints (Dellaert
-& Kaess 2017, sec. 2.5). Q is never inflated. Constraints need QR instead of Cholesky elimination.
+The process noise is singular, because constant biases have no noise. Therefore the residual of a
+process factor is expressed in the eigenvectors of Q, and directions without noise are hard
+constraints (Dellaert & Kaess 2017, sec. 2.5). Q is never inflated. Hard constraints require QR
+instead of Cholesky elimination.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class GtsamSmoother(GraphParameters):
     name = "gtsam"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Build the graph of the problem and solve it in the chosen mode."""
+        """Estimate one run: build the factor graph and solve it in the chosen mode."""
         solve = {"batch": self._batch, "isam2": self._isam2, "fixed-lag": self._fixed_lag}
         scaled = _ScaledProblem(problem, self.loss, self.limit)
         mean, cov, info = solve[self.mode](scaled)

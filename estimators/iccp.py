@@ -1,18 +1,19 @@
-"""ICCP: rigid displacement of the INS track onto the contours of the measurements.
+"""ICCP: rigid displacement of the INS track onto the map contours of the measurements.
 
-Iterated closest contour point (Kamgar-Parsi & Kamgar-Parsi 1999). Every measurement of a window
-restricts the vehicle to a contour of the map. The method finds the nearest contour point of each
-point of the indicated track, then translates and rotates the whole track to fit these points, and
-repeats until convergence (the iterated closest point of Besl & McKay 1992). With a scale factor the
-transform is a similarity (Zhang, Yang & Li 2019).
+ICCP stands for iterated closest contour point (Kamgar-Parsi & Kamgar-Parsi 1999). Every measurement
+of a window restricts the vehicle to a contour of the map. The method finds, for each point of the
+indicated track, the nearest point of the contour. It then translates and rotates the whole track to
+fit these contour points, and repeats both steps until convergence (iterated closest point of Besl &
+McKay 1992). With a scale factor the transform is a similarity (Zhang, Yang & Li 2019).
 
 The nearest contour is correct only if the INS error is smaller than the width of the features of
-the field. The method tracks a position and cannot search for one. Its measured errors are several
-times those of Kalman filters with the same single channel, over the fixes of both. A contour
-belongs to one channel, so one channel is used, and ``info`` names it. The literature has no
-covariance. The estimate declares the least-squares covariance at the solution, scaled by the misfit
-and increased by the errors of height and velocity. It does not include convergence to a wrong
-contour. The method is included for completeness.
+the field. Therefore the method can track a position but cannot search for a position. At common
+fixes, measured position errors are several times those of Kalman filters with the same single
+channel. A contour belongs to one channel, so only one channel is used; ``info`` names the channel.
+The literature gives no covariance for the method. The estimate contains the least-squares
+covariance at the solution, scaled by the misfit and increased by the errors of height and velocity.
+This covariance does not include convergence to a wrong contour. The method is included for
+completeness.
 """
 
 from __future__ import annotations
@@ -46,13 +47,13 @@ class Iccp(Estimator):
 
     Parameters
     ----------
-    window : number of measurements of a rigid piece of track.
+    window : number of measurements along the piece of track that is moved as a rigid body.
     transform : ``rigid``: translation and rotation of the track. ``similarity``: also scaling.
         Rotation and scale are limited to three standard deviations of the INS velocity error.
     fusion : ``kalman``: consecutive windows, whose fixes update a Kalman filter. ``none``: a
-        sliding window; each estimate uses the last window only.
-    channel : name of the channel [``gradient zz``, else ``gravity scalar``].
-    cell_m : grid step of the contours [m]; larger if the prior is wide.
+        sliding window, in which each estimate uses only the last ``window`` measurements.
+    channel : name of the channel [default: ``gradient zz``, else ``gravity scalar``].
+    cell_m : step of the grid on which contours are computed [m]; increased if the prior is wide.
     misfit : largest χ² per measurement of an accepted fix, from the residuals at convergence.
     """
 
@@ -69,7 +70,7 @@ class Iccp(Estimator):
     exact_if_linear_gaussian = False  # of one channel, and of points that are taken as nearest
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without a track or the chosen channel."""
+        """Return a reason to skip problems without a track or the chosen channel; else None."""
         if problem.track is None:
             return "the problem has no INS track"
         if len(horizontal(problem, velocity=True)) < 4:
@@ -81,7 +82,7 @@ class Iccp(Estimator):
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Match one window after the other; propagate the estimate between fixes."""
+        """Match one window after the other, and propagate the estimate between fixes."""
         channel = _channel(problem, self.channel)
         assert channel is not None  # else it would have been skipped
         matcher = _Matcher(self, problem, channel)

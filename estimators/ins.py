@@ -1,4 +1,4 @@
-"""No aiding: the inertial navigation system alone."""
+"""Inertial navigation without aiding."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class InertialOnly(BlockEstimator):
     causality = "none"
 
     def skip(self, problem: Problem) -> str | None:
-        """Accept every problem: no measurement model is evaluated."""
+        """Return None: every problem is accepted, because h is not evaluated."""
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Return x_k = Φ_k x_{k−1} and P_k = Φ_k P_{k−1} Φ_kᵀ + Q_k."""
+        """Return the propagated prior: x_k = Φ_k x_{k−1}, P_k = Φ_k P_{k−1} Φ_kᵀ + Q_k."""
         mean, cov = _propagated(
             problem.prior_mean, problem.prior_cov,
             problem.transition[np.newaxis], problem.process_cov[np.newaxis],

@@ -1,9 +1,9 @@
 """Multiple-model filter: a bank of filters with different hypotheses about the model.
 
 The hypotheses are noise larger or smaller than assumed, map errors, constant channel biases,
-gravity that the INS does not compensate, and outliers. The predicted densities of the measurements
-weight them (Magill 1965; Bar-Shalom, Li & Kirubarajan 2001, sec. 11.6). The estimate has the mean
-and covariance of the mixture.
+gravity that the INS does not compensate, and outliers. The weight of a hypothesis is its prior
+weight times the predicted density of the measurements (Magill 1965; Bar-Shalom, Li & Kirubarajan
+2001, sec. 11.6). The estimate is the mean and covariance of the mixture of all filters.
 """
 
 from __future__ import annotations
@@ -42,14 +42,17 @@ class MultipleModel(BlockEstimator):
 
     Parameters
     ----------
-    noise : hypotheses of a third to ten times the assumed noise of gravity and gradient channels.
-    errors : hypotheses of constant errors of these channels, and of map errors that vary along the
-        track.
-    gravity : hypotheses of a gravity disturbance that the INS does not compensate.
-    outliers : hypotheses of noise with heavy tails.
-    spacing_m, most : distance [m] and largest number of the Gaussians of a wide prior, as in
-        ``gaussian-sum``. Without ``spacing_m`` the distance follows from the map and the noise.
-    iterations : linearisations of h in each update (see ``ekf``).
+    noise : whether to include hypotheses of a third to ten times the assumed noise of gravity and
+        gradient channels.
+    errors : whether to include hypotheses of constant errors of these channels, and of map errors
+        that vary along the track.
+    gravity : whether to include hypotheses of a gravity disturbance that the INS does not
+        compensate.
+    outliers : whether to include hypotheses of noise with heavy tails.
+    spacing_m, most : distance between Gaussians [m] and largest number of Gaussians of a wide
+        prior, as in ``gaussian-sum``. Without ``spacing_m`` the distance follows from the map and
+        the noise.
+    iterations : largest number of linearisations of h in each update (see ``ekf``).
     """
 
     noise: bool = True
@@ -66,12 +69,12 @@ class MultipleModel(BlockEstimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Whether the bank has no other hypothesis than the assumed model."""
+        """Whether the assumed model is the only hypothesis."""
         return not (self.noise or self.errors or self.gravity or self.outliers)
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Hypotheses of the bank."""
+        """Hypotheses of the filter bank, according to the parameters."""
         bank = [Hypothesis("as_assumed", prior=_AS_ASSUMED)]
         if self.noise:
             bank += _evenly(Hypothesis("noise", noise=factor) for factor in _NOISES)

@@ -1,24 +1,25 @@
 """Particle filter: the textbook algorithm, with tempering and kernel moves.
 
-The filter propagates N samples of the whole state with Φ and process noise, weights them by the
-likelihood of the measurements, and resamples them if too few carry the weight: heavy particles are
-copied, light ones are dropped (Gordon, Salmond & Smith 1993). It needs no linearisation and
-represents several modes.
+The filter propagates N samples of the whole state with Φ and process noise and weights them by the
+likelihood of the measurements. If the effective sample size is too small, particles are resampled:
+particles of large weight are copied, particles of small weight are dropped (Gordon, Salmond & Smith
+1993). The filter needs no linearisation and represents several modes.
 
-Why it fails here: between two measurements the process noise of an INS is millimetres, and zero for
-constant biases. One gradiometer measurement locates the position to some tens of metres. After the
-first measurement a few dozen of ten thousand particles carry the weight. Resampling copies them,
-and the dynamics hardly separate the copies. From then on the filter can only choose among these few
-samples and is overconfident: depletion. The number of particles needed grows as fast as that of a
-fifteen-dimensional grid.
+The filter fails in this application because of depletion. Between two measurements the process
+noise of an INS moves the position by millimetres, and constant biases have no noise. One
+gradiometer measurement determines the position to some tens of metres. After the first measurement
+a few dozen of ten thousand particles have nearly all the weight. Resampling copies these particles,
+and the dynamics hardly separate the copies. Later the filter can only choose among these few
+samples and is overconfident. The number of particles needed grows with the number of states as for
+a fifteen-dimensional grid.
 
-Remedies: ``tempering`` processes a precise measurement in stages, so that the cloud can move before
-it is depleted. ``kernel``, ``roughening`` and ``regularisation`` separate copies by artificial
-noise. Each is an approximation that widens the cloud or mixes its modes. They help, but not enough:
-see ``rao-blackwellised``, which samples three states instead of fifteen.
+There are two kinds of remedy. ``tempering`` processes a precise measurement in stages, so that the
+cloud can move before it is depleted. ``kernel``, ``roughening`` and ``regularisation`` separate
+copies by artificial noise, which widens the cloud or mixes its modes. The remedies help, but not
+enough. The estimator ``rao-blackwellised`` samples three states instead of fifteen.
 
 Without these remedies the filter is exact in the limit of many particles. For three states and
-priors of 600 m and 1 km, its mean differs from a grid's posterior by 0.04 to 0.4 standard
+priors of 600 m and 1 km, its mean differs from the posterior mean on a grid by 0.04 to 0.4 standard
 deviations (RMS) with 10,000 particles, and by 0.01 to 0.14 with 100,000.
 """
 
@@ -52,16 +53,16 @@ class CloudFilter(Estimator):
 
     @property
     def moves(self) -> Moves:
-        """Options that keep the particles distinct, from the parameters."""
+        """Options of the particle cloud, such as resampling, from the parameters."""
         given = vars(self)
         return Moves(**{name: given[name] for name in Moves._fields if name in given})
 
     def drawn(self, problem: Problem) -> int:
-        """Return the number of sampled states, counted from the first: all."""
+        """Return the number of sampled states, which is the number of all states."""
         return problem.dimension
 
     def conflict(self) -> str | None:
-        """Refuse more particles than fit in memory."""
+        """Return an error text if the particles do not fit in memory; else None."""
         moves = self.moves
         if moves.start * moves.particles > _MOST:
             most = _MOST // moves.particles
@@ -81,12 +82,13 @@ class ParticleFilter(CloudFilter):
     ----------
     particles : number N of particles. A run costs about 0.4 µs per particle and epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
-    threshold : effective sample size over N below which the cloud is resampled.
-    tempering : effective share of N below which an update is split into stages; 0: no stages.
-        Without kernel, roughening and regularisation the stages are exact and apply to the
-        first measurement.
-    kernel : bandwidth, 0 to 1, of the kernel of Liu & West (2001) after resampling.
-    roughening : Gordon's K: noise after resampling, in proportion to the extent of the cloud.
+    threshold : effective sample size, as a fraction of N, below which the cloud is resampled.
+    tempering : smallest effective sample size, as a fraction of N, after an update; otherwise the
+        update is split into stages. 0: no stages. Without ``kernel``, ``roughening`` and
+        ``regularisation`` only the first measurement has stages, and they are exact.
+    kernel : bandwidth, 0 to 1, of the kernel of Liu & West (2001) that is applied after resampling.
+    roughening : factor K of Gordon et al. (1993) on the noise that is added after resampling, in
+        proportion to the extent of the cloud.
     regularisation : bandwidth of a kernel on the position after resampling, relative to the
         optimal bandwidth of Musso, Oudjane & Le Gland (2001).
     """

@@ -1,15 +1,15 @@
 """Point-mass filter on an adaptive grid.
 
-With two or three states the density is represented by masses at the points of a grid. The dynamics
-move the masses, the process noise convolves them, and the likelihood of each measurement multiplies
-them (Bucy & Senne 1971; Bergman 1999). There is no linearisation and no sampling, so this posterior
-is the reference for other filters of the same problem. The number of points grows exponentially
-with the number of states: an INS with its biases has fifteen.
+The density of two or three states is represented by probability masses at the points of a grid. The
+dynamics move the points, the process noise convolves the masses, and the likelihood of each
+measurement multiplies them (Bucy & Senne 1971; Bergman 1999). There is no linearisation and no
+sampling, so the posterior is a reference for other filters of the same problem. The number of
+points grows exponentially with the number of states; an INS with biases has fifteen states.
 
 The grid moves with the states, so the dynamics need no interpolation. The convolution with the
-noise is a product of characteristic functions, which is exact for any covariance, including
-singular ones. Points of negligible mass are dropped. Cells are halved if the peak of the density is
-narrower than a few cells, and doubled if it is much wider.
+noise is a product of characteristic functions, which is exact for any noise covariance, including
+singular covariances. Points of negligible mass are dropped. Cells are halved if the peak of the
+density is narrower than a few cells, and doubled if it is much wider.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ class PointMass(Estimator):
 
     Parameters
     ----------
-    step : distance of the points of the first grid, in the unit of the states [m]. It must resolve
-        the likelihood of the first measurement. It is smaller if the prior is narrow.
-    resolution : least number of cells per standard deviation, of the prior and of the peak.
+    step : distance between points of the first grid, in the unit of the states [m]. It must resolve
+        the likelihood of the first measurement. It is decreased if the prior is narrow.
+    resolution : smallest number of cells per standard deviation of the prior, and per standard
+        deviation of the peak of the density.
     """
 
     step: Positive = 20.0
@@ -58,7 +59,7 @@ class PointMass(Estimator):
     exact_if_linear_gaussian = False  # in the limit of small cells only
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse more states than a grid can have, and grids of invalid size."""
+        """Return a reason to skip problems with too many states or grid points; else None."""
         n = problem.dimension
         if n > _MOST_STATES:
             return (
@@ -77,7 +78,7 @@ class PointMass(Estimator):
         return np.minimum(self.step, np.sqrt(np.diag(problem.prior_cov)) / self.resolution)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Move, convolve and multiply the masses, epoch by epoch."""
+        """Filter one run: move, convolve and multiply the masses, epoch by epoch."""
         grid = _Grid(problem, self._first_steps(problem), self.resolution)
         n = problem.dimension
         mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
@@ -188,10 +189,10 @@ class _Grid(Lattice):
 
 
 def peak_cells(masses: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (n,) of the peak along each axis, in cells.
+    """Return the standard deviation (n,) of the density's peak along each axis, in cells.
 
-    It follows from the curvature of the log density at the largest mass; ∞ if that is at the margin
-    of the grid.
+    It is computed from the curvature of the log density at the largest mass. It is ∞ if the largest
+    mass is at the margin of the grid.
     """
     peak = np.array(np.unravel_index(masses.argmax(), masses.shape))
     out = np.full(masses.ndim, np.inf)

@@ -1,38 +1,40 @@
-"""Rao–Blackwellised particle filter: particles of the position, a Kalman filter for the rest.
+"""Rao–Blackwellised particle filter: particles of the position, Kalman filter for other states.
 
-Gravity gradients are nonlinear in the position only. Given a path of positions, the estimation of
-velocity, attitude and biases is linear. A Kalman filter solves it exactly, with one covariance for
-all particles. Particles therefore need three dimensions instead of fifteen (Schön, Gustafsson &
-Nordlund 2005; Gustafsson et al. 2002 for terrain navigation).
+Gravity gradients are nonlinear functions of the position only. Given a path of positions, the
+estimation of velocity, attitude and biases is linear, and a Kalman filter is exact, with one
+covariance for all particles. Therefore particles need three dimensions instead of fifteen (Schön,
+Gustafsson & Nordlund 2005; Gustafsson et al. 2002 for terrain navigation).
 
-This alone does not prevent the depletion of the textbook filter (see ``particle``). A particle is a
-path, a path determines its velocity and biases, and copies of a path never separate. Four measures
-prevent it:
+Rao–Blackwellisation alone does not prevent the depletion of the bootstrap filter (see
+``particle``). A particle is a path, a path determines its velocity and biases, and copies of a path
+never separate. Four measures prevent depletion:
 
 - While h is linear over the posterior, to within the measurement noise, the posterior is Gaussian.
-  A Kalman filter represents it, linearised statistically over a hundred points.
-- If h is nonlinear over the Gaussian, particles are drawn from it. The first measurement after that
-  must search the whole prior, so it uses many more particles (``start``). A measurement that would
-  leave too few particles is processed in stages (``tempering``). Metropolis–Hastings steps between
-  the stages move the particles. The stages are exact (see :mod:`ggbench.engines.annealing`).
-- While particles are used, the position has additional noise, so that copies separate (``jitter``).
+  Then a Kalman filter is used, with statistical linearisation over a hundred points.
+- If h is nonlinear over the Gaussian, particles are drawn from the Gaussian. The first measurement
+  after this must search the whole prior, so more particles are used for it (``start``). If a
+  measurement would leave too few effective particles, the update has several stages
+  (``tempering``), and Metropolis–Hastings steps between the stages move the particles. The stages
+  are exact (see :mod:`ggbench.engines.annealing`).
+- While particles are used, noise is added to the position, so that copies separate (``jitter``).
   The Kalman filter includes this noise.
 - As soon as h is linear over the particles and their distribution is Gaussian, a Gaussian of all
   states replaces them (``straight``). A Gaussian also replaces the prediction if a measurement lies
   in its tail and would leave fewer than 4 √N effective particles, because particles do not
   represent tails.
 
-Without these measures, on flights with an initial error of 100 m, its standard deviation is a tenth
-of the Cramér–Rao bound and its error is hundreds of metres.
+Without these measures, on flights with an initial error of 100 m, the reported standard deviation
+of the filter is a tenth of the Cramér–Rao bound, and its error is hundreds of metres.
 
-The posterior is exact in the limit of many particles N: jitter falls as N^{−1/2}, and the limit of
-nonlinearity (``straight``) as N^{−1}. For priors of 600 m and 1 km and two or three states, the
-mean differs from a grid's posterior by 0.03 to 0.08 standard deviations (RMS) with 4000 particles,
-and by 0.015 to 0.05 with 16,000. The rest is sampling noise. Large biases and a truth in the tail
-of the prior reduce the accuracy: with 20 E per channel and 2.5 σ on one axis the difference is
-0.09, 0.07 and 0.02 with 1000, 4000 and 16,000 particles. Single runs scatter by a factor of three
-about these figures. If modes stay equally likely for minutes, each resampling changes their weights
-at random: the weights of two valleys after 80 measurements need 30,000 particles.
+The posterior is exact in the limit of many particles N: the jitter decreases as N^{−1/2}, and the
+limit of nonlinearity (``straight``) as N^{−1}. For priors of 600 m and 1 km and two or three
+states, the mean differs from the posterior mean on a grid by 0.03 to 0.08 standard deviations (RMS)
+with 4000 particles, and by 0.015 to 0.05 with 16,000. The remaining difference is sampling noise.
+Large biases and a truth in the tail of the prior reduce the accuracy: with biases of 20 E per
+channel and an error of 2.5 σ on one axis the difference is 0.09, 0.07 and 0.02 with 1000, 4000 and
+16,000 particles. Single runs scatter by a factor of three about these numbers. If several modes
+stay equally likely for minutes, each resampling changes the weights of the modes at random: after
+80 measurements, correct weights of two valleys need 30,000 particles.
 """
 
 from __future__ import annotations
@@ -52,16 +54,17 @@ class RaoBlackwellisedFilter(CloudFilter):
 
     Parameters
     ----------
-    particles : number N of particles. Each costs 0.4 µs per epoch.
+    particles : number N of particles. A particle costs 0.4 µs per epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
-    threshold : effective sample size over N below which the cloud is resampled.
-    tempering : effective share of N below which an update of Gaussian samples is split into
-        stages; 0: no stages.
-    jitter : noise density of the position [m²/s] for 4000 particles, in proportion to N^{−1/2}.
-        The Kalman filter part includes it.
-    straight : nonlinear part of the variance of h over 4000 particles, relative to the noise, below
-        which a Gaussian replaces the particles; in proportion to N^{−1}; 0: never.
-    start : factor on N for the first measurement over which h is nonlinear.
+    threshold : effective sample size, as a fraction of N, below which the cloud is resampled.
+    tempering : smallest effective sample size, as a fraction of N, after an update of samples from
+        a Gaussian; otherwise the update is split into stages. 0: no stages.
+    jitter : noise density of the position [m²/s] for 4000 particles; it is scaled by (4000 /
+        N)^{1/2}. The Kalman filter includes this noise.
+    straight : limit for 4000 particles, scaled by 4000 / N, of the nonlinear part of the variance
+        of h over the particles, relative to the noise variance. Below this limit a Gaussian
+        replaces the particles; 0: never.
+    start : factor on N for the first measurement at which h is nonlinear over the Gaussian.
     """
 
     particles: Particles = 4000
@@ -75,9 +78,9 @@ class RaoBlackwellisedFilter(CloudFilter):
     name = "rao-blackwellised"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse measurements that are nonlinear in other states than the position."""
+        """Return a reason to skip problems nonlinear in states after the position; else None."""
         return mixing(problem)
 
     def drawn(self, problem: Problem) -> int:
-        """Return the number of sampled states: those of the position."""
+        """Return the number of sampled states, which is that of the position states."""
         return POSITION

@@ -1,13 +1,14 @@
 """Filters of two or four states, as published, for comparison with filters of all states.
 
-Much of the literature on gravity-gradient matching estimates position and velocity only, or only
-the position, and assumes that all other states are known. The model then lacks tilt and
-accelerometer biases, which cause velocity errors within minutes (Schuler period 84 minutes). A
-declared process noise replaces them, and the result depends on it. With too little noise the filter
-is overconfident. With too much noise it discards the information of earlier measurements.
+Much of the literature on gravity-gradient matching estimates only position and velocity, or only
+the position, and assumes that all other states are known. Such a model lacks tilt and accelerometer
+biases, which cause velocity errors within minutes (Schuler period 84 minutes). A declared process
+noise replaces the omitted states, and the result depends on this noise. With too little noise the
+filter is overconfident. With too much noise the filter discards the information of earlier
+measurements.
 
-The other states keep their prior, so that the estimate can be compared with estimates of all
-states.
+In the estimate the omitted states have their propagated prior, so that the estimate can be compared
+with estimates of all states.
 """
 
 from __future__ import annotations
@@ -55,13 +56,13 @@ class ReducedStates(Estimator):
         ``particle``, ``gaussian-particle``, ``unscented-particle``, or ``strong-tracking``, the
         unscented particle filter with strong tracking.
     states : ``motion``, position and velocity east and north, or only ``position``.
-    noise : density of white noise in place of the omitted states: acceleration [m²/s³] for
-        ``motion``, velocity [m²/s] for ``position``; 0 for none.
-    particles : number of particles [10,000 for ``particle``, 3000 for ``gaussian-particle``, 100
-        for the unscented filters].
-    beta : β of ``strong-tracking`` [1].
-    weights : weights of the unscented particle filters, as in :mod:`.unscented_particle`
-        [``mixture``].
+    noise : density of the white noise that replaces the omitted states: acceleration noise [m²/s³]
+        for ``motion``, velocity noise [m²/s] for ``position``; 0 for no noise.
+    particles : number of particles [default: 10,000 for ``particle``, 3000 for
+        ``gaussian-particle``, 100 for the unscented particle filters].
+    beta : β of ``strong-tracking`` [default: 1].
+    weights : weights of the unscented particle filters, as in :mod:`.unscented_particle` [default:
+        ``mixture``].
     """
 
     filter: Literal[
@@ -86,7 +87,7 @@ class ReducedStates(Estimator):
     exact_if_linear_gaussian = False  # of another problem
 
     def conflict(self) -> str | None:
-        """Refuse parameters that the filter does not have."""
+        """Return an error text if a parameter does not belong to the filter; else None."""
         if self.particles is not None and "particles" not in vars(FILTERS[self.filter]):
             return f"{self.filter} has no particles"
         if self.beta is not None and self.filter != "strong-tracking":
@@ -100,14 +101,14 @@ class ReducedStates(Estimator):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without such states, and those that the filter refuses."""
+        """Return a reason to skip problems without these states, or that the filter skips."""
         blocks = {block.name for block in problem.layout}
         if not horizontal(problem, self.states == "motion") or len(blocks) < 2:
             return "the problem has no position and velocity errors among other states"
         return self._filter().skip(self._reduction(problem).problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Filter the reduced problem, and return the estimate of all states."""
+        """Filter the problem of the reduced states, and return an estimate of all states."""
         reduction = self._reduction(problem)
         return reduction.embedded(self._filter().estimate(reduction.problem, rng))
 

@@ -1,4 +1,4 @@
-"""Parameters of robust losses, see :mod:`ggbench.engines.robust_weights`, and of gates."""
+"""Parameters of robust losses and of innovation gates."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class RobustLoss(Estimator):
 
     Parameters
     ----------
-    loss : ``huber`` or ``cauchy`` reduces the weight of components of a measurement that agree
-        neither with the prediction nor with each other.
-    threshold : residual [standard deviations of the noise] from which the loss acts; if not
-        given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    loss : ``none``, ``huber`` or ``cauchy``. A loss reduces the weight of components with a large
+        residual after the update, see :mod:`ggbench.engines.robust_weights`.
+    threshold : residual [standard deviations of the noise] above which the loss reduces weights
+        [default: 1.345 for ``huber`` and 2.385 for ``cauchy``].
     """
 
     loss: Loss = field(default="none", kw_only=True)
@@ -35,11 +35,11 @@ class RobustLoss(Estimator):
 
     @property
     def limit(self) -> float:
-        """Threshold, or the default of the loss [standard deviations]."""
+        """Threshold of the loss, or its default [standard deviations of the noise]."""
         return THRESHOLDS[self.loss] if self.threshold is None else self.threshold
 
     def conflict(self) -> str | None:
-        """Refuse a threshold without a loss."""
+        """Return an error text if a threshold is given without a loss; else None."""
         if self.loss == "none" and self.threshold is not None:
             return "threshold needs a loss: huber or cauchy"
         return None
@@ -54,9 +54,9 @@ class GatedUpdate(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    gate : probability of accepting a measurement with the assumed noise. Innovations beyond this
-        quantile of χ² are rejected. 0: no gate.
-    underweighting : β of S = (1 + β) H P Hᵀ + R, which affects only the gain; 0: optimal gain.
+    gate : probability of accepting a measurement with the assumed noise. A measurement is rejected
+        if its normalised innovation squared exceeds this quantile of χ². 0: no gate.
+    underweighting : β of S = (1 + β) H P Hᵀ + R, which is used only for the gain; 0: optimal gain.
     """
 
     gate: Annotated[float, Field(ge=0.0, lt=1.0)] = field(default=0.0, kw_only=True)
@@ -66,11 +66,11 @@ class GatedUpdate(RobustLoss, BlockEstimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Not with a gate, which rejects some good measurements, nor with an underweighted gain."""
+        """Whether neither a gate nor underweighting changes the Kalman filter's result."""
         return not self.gate and not self.underweighting
 
     def conflict(self) -> str | None:
-        """Refuse a gate or an underweighted gain together with a loss."""
+        """Return an error text if a gate or underweighting is combined with a loss; else None."""
         if (self.gate or self.underweighting) and self.loss != "none":
             name = "gate" if self.gate else "underweighting"
             return f"{name} and loss cannot be combined: choose one"

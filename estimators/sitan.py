@@ -1,24 +1,26 @@
 """SITAN: extended Kalman filters with stochastic linearisation of the map.
 
-Sandia's inertial terrain-aided navigation (Hostetler & Andreas 1983) takes the Jacobian from a
-plane fitted to the map over the uncertainty of the position, instead of the derivative at the
-estimate (stochastic linearisation). The residual of the plane is added to the noise. The filter is
-therefore cautious if the field is nonlinear within its uncertainty. Otherwise it equals the
-extended Kalman filter.
+In Sandia's inertial terrain-aided navigation (Hostetler & Andreas 1983) the Jacobian is the slope
+of a plane that is fitted to the map over the position uncertainty, instead of the derivative at the
+estimate (stochastic linearisation). The residuals of the plane are added to the noise. Therefore
+the gain is small if the field is nonlinear within the position uncertainty. If the field is linear,
+the filter equals the extended Kalman filter.
 
 One plane is valid over a region up to the width of a hill. For a wider prior, AFTI/SITAN (Boozer &
-Fellerhoff 1988) acquires with a bank of filters on a grid, each with an uncertainty over which a
-plane is valid. All run in parallel until one has residuals of the expected size, and smaller than
-those of all other positions, over some measurements. This filter then continues alone. In contrast
-to the Gaussian sum (``gaussian-sum``), filters are neither merged nor weighted: before the decision
-no filter is used, after it only the selected one. Decisions are reported as fixes. Their statistic
-is the smallest ratio of the residuals elsewhere to those of the selected filter.
+Fellerhoff 1988) acquires the position with a bank of filters on a grid; the uncertainty of each
+filter is so small that a plane is valid. All filters run in parallel until one filter has residuals
+of the expected size over several measurements, and smaller residuals than the filters at other
+positions. Then only this filter continues. Unlike in the Gaussian sum (``gaussian-sum``), filters
+are neither merged nor weighted: before the decision no filter is used for the estimate, after the
+decision only the selected filter. Decisions are reported as fixes. The statistic of a fix is the
+smallest ratio of the squared residuals at other positions to those of the selected filter.
 
-Measured over hills: with a prior of a tenth of a hill's width, a single filter equals the extended
-Kalman filter. At a third it has smaller errors in most runs. At one width it finds the position
+Measured results over hills: if the standard deviation of the prior is a tenth of the width of a
+hill, a single filter equals the extended Kalman filter. At a third of the width the single filter
+has smaller errors than the extended Kalman filter in most runs. At one width it finds the position
 more often, but in less than half of the runs. From three widths on it diverges. The bank finds the
-position as often as the Gaussian sum. The Gaussian sum has a position from the first measurements
-on, whereas the bank has none before its decision.
+position as often as the Gaussian sum. The Gaussian sum estimates the position from the first
+measurements on, whereas the bank has no estimate before its decision.
 """
 
 from __future__ import annotations
@@ -50,13 +52,15 @@ class Sitan(Estimator):
     ----------
     bank : ``none``: one filter. ``auto``: a bank that fills the prior, if the position prior is
         wider than three ``sigma_m``.
-    sigma_m : standard deviation of the position of each filter of a bank [m]. The filters are three
-        times this apart; directions in which the prior is narrower are not split.
-    most : largest number of filters; the grid is made coarser to keep it.
+    sigma_m : standard deviation of the position in each filter of a bank [m]. The distance between
+        filters is three times ``sigma_m``. The prior is not split in directions in which it is
+        narrower.
+    most : largest number of filters; the distance is increased if necessary.
     readings : number of measurements over which normalised squared residuals are smoothed. The bank
         decides after this number at the earliest.
-    largest : largest smoothed square of a channel in the chosen filter.
-    ratio : least ratio of the smoothed square in all filters elsewhere to that of the chosen one.
+    largest : largest smoothed square per channel of a filter that can be selected; 1 is expected.
+    ratio : smallest ratio of the smoothed squares of all filters at other positions to that of the
+        selected filter, for a decision.
     """
 
     bank: Literal["none", "auto"] = "none"
@@ -72,11 +76,11 @@ class Sitan(Estimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Whether there is one filter; a bank keeps one of the cells of the prior."""
+        """Whether there is only one filter; a bank uses only one cell of the prior."""
         return self.bank == "none"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Run all filters until one is selected, and that one from then on.
+        """Run all filters until one filter is selected, then only the selected filter.
 
         Before the selection the estimate is that of the INS: the propagated prior.
         """
@@ -118,7 +122,7 @@ class Sitan(Estimator):
 
 
 class SitanFilters(Bank):
-    """Filters with stochastic linearisation and their smoothed squared residuals (J,)."""
+    """J filters with stochastic linearisation, and their smoothed squared residuals (J,)."""
 
     def __init__(self, problem: Problem, spacing_m: float, most: int) -> None:
         super().__init__(problem, spacing_m, most, 1.0 / _SPACINGS)
@@ -128,9 +132,10 @@ class SitanFilters(Bank):
         self.squares, self.seen = np.zeros(len(self.means)), 0
 
     def update(self, k: int, memory: int) -> np.ndarray:
-        """Update all filters with reading k; return their squared innovations (J,).
+        """Update all filters with measurement k; return their normalised innovations squared (J,).
 
-        The squares are per available channel, and smoothed over ``memory`` measurements.
+        ``squares`` (J,) is updated: the normalised innovation squared per available channel,
+        smoothed over ``memory`` measurements.
         """
         rows, predicted, noise = self.fitted_planes(k)
         root = np.linalg.cholesky(noise)
@@ -154,8 +159,8 @@ class SitanFilters(Bank):
 
         Returns
         -------
-        H (J, m, n) with the slopes of the planes, their predictions (J, m) at the means, and the
-        noise (J, m, m) with the residuals of the planes.
+        Jacobian H (J, m, n) with the slopes of the planes; predictions (J, m) of the planes at the
+        means; noise covariance (J, m, m) including the residuals of the planes.
         """
         model, places = self.problem.model, self.places
         region = self.covs[:, places[:, None], places]
@@ -174,10 +179,11 @@ class SitanFilters(Bank):
         return rows, predicted, noise + self.problem.noise_of(k)
 
     def best(self, largest: float) -> tuple[int, float]:
-        """Return the filter with the smallest residuals, and the least ratio of others' to its own.
+        """Return the index of the filter with the smallest residuals, and the ratio of residuals.
 
-        Filters within one spacing of it do not count. The ratio is ∞ if no others are left, and −∞
-        if its own residuals are larger than allowed.
+        The ratio is that of the smallest smoothed square of the other filters to that of the best
+        filter. Filters within one spacing of the best filter are excluded. The ratio is ∞ if no
+        other filters remain, and −∞ if the smoothed square of the best filter exceeds ``largest``.
         """
         best = int(np.argmin(self.squares))
         if not self.squares[best] < largest:
@@ -187,13 +193,13 @@ class SitanFilters(Bank):
         return best, float(np.min(self.squares[away], initial=np.inf) / self.squares[best])
 
     def place(self, which: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the position (d,) of a filter [m] and its covariance (d, d)."""
+        """Return the position (d,) [m] estimated by a filter, and its covariance (d, d) [m²]."""
         chosen, unit = self.places, self.scale[self.places]
         cov = self.covs[which][np.ix_(chosen, chosen)] * np.outer(unit, unit)
         return self.means[which, chosen] * unit, cov
 
     def keep(self, chosen: int) -> None:
-        """Continue with one filter only."""
+        """Drop all filters except the filter ``chosen``."""
         only = slice(chosen, chosen + 1)
         self.weights, self.squares = self.weights[only], self.squares[only]
         self.means, self.covs = self.means[only], self.covs[only]

@@ -1,19 +1,20 @@
-"""Strong tracking: fading factor that keeps the innovations white.
+"""Strong tracking: fading factor that matches the covariance of the innovations.
 
-With a correct model and gain the innovations γ of a filter are white. With a wrong model the filter
-is overconfident and reacts too slowly. Strong tracking (Zhou, Xi & Zhang 1991; Zhou & Frank 1996)
-multiplies the propagated covariance by a fading factor λ ≥ 1, P⁻ = λ Φ P Φᵀ + Q, such that the
-predicted covariance of the innovations equals the observed one:
+With a correct model and gain the innovations γ of a filter are white and have the predicted
+covariance. With a wrong model the filter is overconfident and reacts too slowly. Strong tracking
+(Zhou, Xi & Zhang 1991; Zhou & Frank 1996) multiplies the propagated covariance by a fading factor λ
+≥ 1, P⁻ = λ Φ P Φᵀ + Q, such that the predicted covariance of the innovations equals the observed
+one:
 
     V_1 = γ_1 γ_1ᵀ,   V_k = (ρ V_{k−1} + γ_k γ_kᵀ) / (1 + ρ),
     N_k = V_k − H Q Hᵀ − β R,   M_k = H Φ P Φᵀ Hᵀ,   λ_k = max(1, tr N_k / tr M_k).
 
-ρ is a forgetting factor, and β ≥ 1 weakens the fading. λ is a scalar that depends only on the size
-of past innovations, so it cannot distinguish a wrong model from large noise.
+Here ρ is a forgetting factor, and β ≥ 1 weakens the fading. λ is a scalar that depends only on the
+size of past innovations, so it cannot distinguish a wrong model from large noise.
 
-Only the traces of N and M matter, so only the diagonal of V is kept. Measurements are whitened by
-R, so that channels of different units or noises have equal weights. With equal noises the result is
-the published factor.
+Only the traces of N and M are needed, so only the diagonal of V is computed. Measurements are
+whitened by R, so that channels of different units or noise have equal weights. If all channels have
+equal noise, the result is the published factor.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ def innovation_power(
     Parameters
     ----------
     before : (J, m) diagonals of V_{k−1}.
-    seen : (m,) channels with an earlier innovation; for the others this is the first.
-    rho : ρ, 0 to 1.
+    innovations : (J, m) whitened innovations γ_k.
+    seen : (m,) mask of channels with an earlier innovation; for other channels V_k = γ_k γ_kᵀ.
+    rho : forgetting factor ρ, 0 to 1.
     """
     squares = innovations**2
     return np.where(seen, (rho * before + squares) / (1.0 + rho), squares)
@@ -44,13 +46,14 @@ def innovation_power(
 def fading_factors(
     power: np.ndarray, spread: np.ndarray, noise_spread: np.ndarray, beta: float
 ) -> np.ndarray:
-    """Return λ_k (J,) without derivatives, from a predicted covariance that includes Q.
+    """Return the fading factors λ_k (J,), computed without derivatives of h.
 
     Parameters
     ----------
-    power : (J, m) diagonals of V_k, of the available whitened channels.
-    spread : (J, m) diagonals of P_zz without R: H (Φ P Φᵀ + Q) Hᵀ where h is linear.
-    noise_spread : (J, m) diagonals of H Q Hᵀ with Hᵀ = (ΦPΦᵀ + Q)⁻¹ P_xz.
+    power : (J, m) diagonals of V_k for the available whitened channels.
+    spread : (J, m) diagonals of the covariance P_zz of h, without R; H (Φ P Φᵀ + Q) Hᵀ for a linear
+        h.
+    noise_spread : (J, m) diagonals of H Q Hᵀ with Hᵀ = (Φ P Φᵀ + Q)⁻¹ P_xz.
     beta : β ≥ 1.
     """
     n_trace = (power - noise_spread - beta).sum(axis=1)
@@ -61,8 +64,9 @@ def fading_factors(
 
 
 def faded(cov: np.ndarray, process_cov: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Return λ Φ P Φᵀ + Q (J, n, n) of ΦPΦᵀ + Q (J, n, n), Q (n, n) and λ (J,).
+    """Return the faded covariances λ Φ P Φᵀ + Q (J, n, n).
 
-    It is computed as the given covariance plus an increment, so that λ = 1 changes no bit.
+    ``cov`` (J, n, n) is Φ P Φᵀ + Q, ``process_cov`` (n, n) is Q, and ``factors`` (J,) are λ. An
+    increment is added to ``cov``, so that λ = 1 changes no bit.
     """
     return cov + (factors - 1.0)[:, np.newaxis, np.newaxis] * (cov - process_cov)

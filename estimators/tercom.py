@@ -1,14 +1,15 @@
 """Terrain contour matching (TERCOM): the best-fitting position for a window of measurements.
 
-The oldest method of map aiding (Golden 1980; Hollowell 1990). A window of measurements is compared
-with the map along the INS track, displaced to each point of a grid. The best displacement is a fix.
-All channels of all sensors are compared at once. The criteria are in
-:mod:`ggbench.engines.window_search`.
+TERCOM is the oldest method of map aiding (Golden 1980; Hollowell 1990). A window of measurements is
+compared with the map along the INS track, displaced to each point of a grid. The best displacement
+is a position fix. All channels of all sensors are compared together.
+:mod:`ggbench.engines.window_search` defines the criteria.
 
 From the best grid points the method computes the most probable states of the whole window. The
 covariance of a fix includes the uncertainty of velocity, height, attitude and biases. A fix is
 accepted if its residuals agree with the noise and if no other position is nearly as probable.
-Otherwise the window grows. At its largest size it is discarded.
+Otherwise more measurements are added to the window. A window of the largest size without an
+accepted fix is discarded.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ class Tercom(RobustLoss):
     ----------
     criterion : cost of a position, see :class:`ggbench.engines.window_search.Search`.
     window : number of epochs with measurements before the first attempt at a fix.
-    longest : largest window. A window grows in steps of ``window`` while its fix is refused. At the
-        largest it is discarded, and the next window begins behind it.
+    longest : largest window. A window grows in steps of ``window`` while its fix is rejected. A
+        rejected window of this size is discarded, and the next window begins after it.
     fusion : use of the fixes, see :mod:`ggbench.engines.fix_fusion`.
-    spacing_m : step of the grid [m], a quarter of the field's correlation length.
-    most : largest number of grid points; the step is increased to keep it.
+    spacing_m : step of the grid [m]; a quarter of the field's correlation length is suitable.
+    most : largest number of grid points; the step is increased if necessary.
     refine : number of the best positions that are refined.
     misfit : largest χ² per measurement of an accepted fix; 1 is expected.
-    odds : least log odds of an accepted fix, of the best position against the second best.
+    odds : smallest log odds of an accepted fix: best position against second best position.
     """
 
     criterion: Criterion = "msd"
@@ -75,7 +76,7 @@ class Tercom(RobustLoss):
     _hands_over: ClassVar[bool] = False
 
     def conflict(self) -> str | None:
-        """Refuse windows that are too short for their criterion, or never grow."""
+        """Return an error text if windows are too short or never grow; else None."""
         if self.criterion in ("ncc", "nccdm") and self.window < 3:
             return f"criterion={self.criterion} needs a window of at least 3, not {self.window}"
         if self.longest < self.window:
@@ -83,11 +84,11 @@ class Tercom(RobustLoss):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems without a horizontal position, and models without kernels."""
+        """Return a reason to skip problems without horizontal position or kernels; else None."""
         return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Try one window after the other; propagate the estimate between fixes."""
+        """Match one window after the other, and propagate the estimate between fixes."""
         return by_block(problem, self._match)
 
     def _match(self, block: ProblemBlock) -> Estimate:

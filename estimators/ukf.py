@@ -1,7 +1,7 @@
-"""Unscented Kalman filter, compiled: the paper's sigma points, the scaled set, cubature points.
+"""Unscented Kalman filter, compiled, with three sets of sigma points.
 
-The sigma points are drawn again from the predicted mean and covariance before the update, so that
-the process noise is in them, as filterpy 2.0 does.
+New sigma points are computed from the predicted mean and covariance before the update, so that they
+include the process noise. filterpy 2.0 does the same.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class SigmaPoints(Estimator):
 
     Parameters
     ----------
-    points : ``julier`` for the paper's set, λ = κ; ``merwe`` for the scaled set (van der Merwe);
-        ``cubature`` for the 2n points of Arasaratnam & Haykin 2009, the paper's set with κ = 0. Its
-        centre has no weight, and no weight is negative.
-    kappa : κ [3 − n of the paper for ``julier``, 0 for ``merwe``].
-    alpha, beta : spread and prior-knowledge parameters of the scaled set.
+    points : ``julier``: set of Wang et al. 2013, λ = κ. ``merwe``: scaled set (van der Merwe).
+        ``cubature``: 2n points of Arasaratnam & Haykin 2009, equal to ``julier`` with κ = 0; the
+        central point has weight zero, and no weight is negative.
+    kappa : κ [default: 3 − n for ``julier``, as in Wang et al. 2013; 0 for ``merwe``].
+    alpha, beta : α (spread) and β (knowledge of the distribution) of the scaled set.
     """
 
     family = "sigma-point"
@@ -41,20 +41,20 @@ class SigmaPoints(Estimator):
     beta: float = 2.0
 
     def conflict(self) -> str | None:
-        """Refuse a κ of cubature points."""
+        """Return an error text if κ is given for cubature points; else None."""
         if self.points == "cubature" and self.kappa is not None:
             return "cubature points have no kappa"
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse sigma points that do not exist: their spread must be positive and finite."""
+        """Return a reason to skip problems in which the spread is not positive; else None."""
         n, kappa = problem.dimension, self.kappa_of(problem.dimension)
         if not 0.0 < n + kappa < np.inf:
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         return super().skip(problem)
 
     def kappa_of(self, n: int) -> float:
-        """Return κ, or the default of the chosen set for n states."""
+        """Return κ, or the default of κ for the chosen set and n states."""
         if self.kappa is not None:
             return self.kappa
         return 3.0 - n if self.points == "julier" else 0.0

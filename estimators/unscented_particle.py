@@ -1,35 +1,37 @@
 """Unscented particle filter, optionally with strong tracking.
 
 A bootstrap filter draws particles from the prediction and weights them by the measurement. If the
-measurement is far more precise than the prediction, nearly all particles are wasted. Here each
-particle has a covariance and its own unscented Kalman filter, which processes the measurement
-before sampling (van der Merwe, Doucet, de Freitas & Wan 2000). There are three kinds of weights, of
-which two are correct:
+measurement is far more precise than the prediction, nearly all particles are wasted. In the
+unscented particle filter each particle has a covariance and an unscented Kalman filter, which
+processes the measurement before sampling (van der Merwe, Doucet, de Freitas & Wan 2000). There are
+three kinds of weights. ``mixture`` and ``exact`` are correct, ``likelihood`` is not:
 
 ``mixture``
-    No samples are drawn. A particle is a Gaussian, weighted by its predicted density of the
-    measurement, p(z | its past). Resampling drops light particles and doubles heavy ones. For a
-    linear h every particle is a Kalman filter, and the estimate is exact for any number of them.
-    This is the Gaussian-sum particle filter of Kotecha & Djurić (2003b). It works here because the
-    posterior consists of a few narrow Gaussians: some hundreds of particles over a prior of a
-    kilometre find the position. If h is nonlinear over one particle (``width_m``), more particles
-    do not make the filter exact. With priors of 600 m and 1 km the mean differs from a grid's
-    posterior by 0.04 to 0.15 standard deviations; in one problem by 0.26, with a σ of 0.42 times
-    the correct one.
+    No samples are drawn. A particle is a Gaussian, weighted by the predicted density of the
+    measurement. Resampling drops particles of small weight and copies particles of large weight.
+    For a linear h every particle is a Kalman filter, and the estimate is exact for any number of
+    particles. This is the Gaussian-sum particle filter of Kotecha & Djurić (2003b). It is suitable
+    because the posterior consists of a few narrow Gaussians: some hundreds of particles across a
+    prior of a kilometre find the position. If h is nonlinear over one particle (``width_m``), more
+    particles do not make the filter exact. With priors of 600 m and 1 km the mean differs from the
+    posterior mean on a grid by 0.04 to 0.15 standard deviations; in one problem the difference is
+    0.26, and the reported σ is 0.42 times the correct σ.
 ``exact``
-    The weights of van der Merwe: a state is drawn from the filter's N(μ, S) and weighted by p(z |
-    x) p(x | x') / N(x; μ, S). The density p(x | x') of an INS does not exist, because its process
-    noise is singular. If it exists it is narrow: S contains the whole uncertainty, Q only that of
-    one step. The ratio scatters as tr(Q⁻¹S), until one particle has all the weight.
+    These are the weights of van der Merwe et al.: a state x is drawn from the filter's N(μ, S) and
+    weighted by p(z | x) p(x | x') / N(x; μ, S), with the previous state x'. For an INS the density
+    p(x | x') does not exist, because the process noise is singular. With additional process noise
+    the density exists but is narrow: S is the whole uncertainty, Q only the noise of one step. The
+    variation of the ratio grows with tr(Q⁻¹S), until one particle has all the weight.
 ``likelihood``
-    Weights p(z | x) without the ratio, as in many published codes. The particles stay distinct, but
-    each measurement counts twice: in the samples and in their weights. For linear h and noise of
-    full rank, the mean differs from that of the Kalman filter by a third of a standard deviation.
+    These are weights p(z | x) without the ratio, as in many published codes. The particles stay
+    distinct, but each measurement is used twice: in the samples and in the weights. For linear h
+    and process noise of full rank, the mean differs from that of the Kalman filter by a third of a
+    standard deviation.
 
-``strong_tracking`` (see :mod:`.strong_tracking`) fades the past of each particle until its
-innovations look white. This makes an overconfident filter consistent. If the model is correct, it
-reacts to random innovations and discards information, which costs far more accuracy than it can
-gain.
+``strong_tracking`` (see :mod:`.strong_tracking`) increases the predicted covariance of each
+particle until it agrees with the innovations. This makes an overconfident filter consistent. If the
+model is correct, the fading factor reacts to random innovations and discards information, which
+reduces the accuracy much more than it can improve it.
 """
 
 from __future__ import annotations
@@ -65,9 +67,9 @@ class UnscentedParticle(Estimator):
     width_m : with ``mixture``, standard deviation of a particle [m] in directions in which the
         position prior is wider; a fraction of the field's correlation length. The mixture of all
         particles then equals the prior. Otherwise each particle has the covariance of the prior.
-    kappa : κ of the sigma points (Julier & Uhlmann 2004) [3 − n].
-    strong_tracking : whether each particle has a fading factor that keeps its innovations white.
-    rho, beta : ρ and β of :mod:`.strong_tracking`.
+    kappa : κ of the sigma points (Julier & Uhlmann 2004) [default: 3 − n].
+    strong_tracking : whether each particle has a fading factor.
+    rho, beta : forgetting factor ρ, and β, of :mod:`.strong_tracking`.
     """
 
     particles: Annotated[int, Field(ge=1, le=_MOST)] = 400
@@ -84,11 +86,14 @@ class UnscentedParticle(Estimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """True for a mixture of any number of particles without fading."""
+        """Whether the filter is exact for linear problems: ``mixture`` weights without fading."""
         return self.weights == "mixture" and not self.strong_tracking
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse invalid parameters, and ``exact`` weights with a singular process noise."""
+        """Return a reason to skip the problem, or None.
+
+        Reasons are invalid parameters, and ``exact`` weights with singular process noise.
+        """
         n = problem.dimension
         if self.kappa is not None and not 0.0 < n + self.kappa < np.inf:
             return f"n + kappa must be positive and finite, and is {n} + {self.kappa:g}"
@@ -102,7 +107,7 @@ class UnscentedParticle(Estimator):
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Propagate the particles from epoch to epoch; return their mean and covariance."""
+        """Filter one run: return mean and covariance of the particles at each epoch."""
         cloud = UnscentedCloud(self, problem, rng)
         n = problem.dimension
         mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
@@ -121,10 +126,10 @@ class UnscentedParticle(Estimator):
 
 
 class UnscentedCloud:
-    """Particles: states (J, n), covariances (J, n, n), log weights (J,), in units of the prior's σ.
+    """J particles: states (J, n), covariances (J, n, n), log weights (J,).
 
-    Identical Gaussians are stored once, with their number (J,). Measurements are whitened: their
-    noise has unit variance.
+    States are in units of the prior's standard deviations. Identical Gaussians are stored once,
+    with the number of copies (J,). Measurements are whitened: their noise has unit variance.
     """
 
     def __init__(
@@ -166,13 +171,16 @@ class UnscentedCloud:
         return states, np.tile(narrow, (count, 1, 1))
 
     def predict(self, k: int) -> None:
-        """Propagate all particles to epoch k: the dynamics are linear and need no sigma points."""
+        """Propagate all particles from epoch k − 1 to epoch k.
+
+        The dynamics are linear, so no sigma points are needed.
+        """
         phi = self.transition[k]
         self.states = self.states @ phi.T
         self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
 
     def update(self, k: int, there: np.ndarray) -> None:
-        """Process measurement k, of which the channels ``there`` (m,) exist."""
+        """Update all particles with measurement k; ``there`` (m,) masks available channels."""
         predicted = self.states
         roots = self.square_roots(self.covs)
         innovation, slope, spread = self.linear_regression(k, roots)
@@ -232,12 +240,12 @@ class UnscentedCloud:
     def linear_regression(
         self, k: int, roots: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the statistical linearisation of whitened h by sigma points of N(x, L Lᵀ).
+        """Return the statistical linearisation of whitened h from the sigma points of N(x, L Lᵀ).
 
         Returns
         -------
-        Innovations γ (J, m); L⁻¹ P_xz (J, n, m), which is Lᵀ Hᵀ where h is linear; P_zz without
-        R (J, m, m).
+        Innovations γ (J, m); L⁻¹ P_xz (J, n, m), equal to Lᵀ Hᵀ for a linear h; and the covariance
+        P_zz (J, m, m) of h, without R.
         """
         n = roots.shape[1]
         scale, weight = np.sqrt(n + self.kappa), 0.5 / (n + self.kappa)
@@ -278,7 +286,7 @@ class UnscentedCloud:
         return factors
 
     def square_roots(self, covs: np.ndarray) -> np.ndarray:
-        """Return L (J, n, n) with L Lᵀ = P, or of the nearest positive definite P."""
+        """Return L (J, n, n) with L Lᵀ = P; P is repaired if it is not positive definite."""
         try:
             return np.linalg.cholesky(covs)
         except np.linalg.LinAlgError:
@@ -298,7 +306,7 @@ class UnscentedCloud:
         return shares
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (n,) and covariance (n, n) of the particles, before they are resampled."""
+        """Return mean (n,) and covariance (n, n) of the weighted particles."""
         shares = self._shares()
         mean, cov = moments(shares, self.states)
         if self.draws:
@@ -310,7 +318,7 @@ class UnscentedCloud:
         return mean, 0.5 * (cov + cov.T)
 
     def resample(self) -> None:
-        """Copy heavy particles and drop light ones, if few carry the weight."""
+        """Resample the particles if the effective sample size is too small."""
         weights = np.repeat(self._shares() / self.copies, self.copies)
         self.sizes.append(effective_size(weights))
         if self.sizes[-1] >= _RESAMPLE * len(weights):

@@ -1,21 +1,22 @@
-"""Map matching as a hidden Markov model: position cells and the most probable path.
+"""Map matching with a hidden Markov model: position cells and the most probable path.
 
-The hidden states are the cells of a grid. Between two measurements the position error moves to a
-neighbouring cell, by the drift of the INS. Each measurement has a likelihood in each cell.
-Viterbi's algorithm finds the most probable path (Li, Gilliam, Wang, Kealy, Greentree & Moran 2025).
+The hidden states are the cells of a grid. Between two measurements the position error moves to
+another cell because of INS drift. Each measurement has a likelihood in each cell. Viterbi's
+algorithm finds the most probable path of cells (Li, Gilliam, Wang, Kealy, Greentree & Moran 2025).
 A path has no covariance, so the forward-backward algorithm on the same trellis computes the
 probability of each cell.
 
-There is no linearisation, so the prior may be wide, but the state is the position only. The drift
-of an INS is a persistent velocity error. Here it is a random walk with steps of the size of that
-error, so the measurements must correct every step. A batch of all measurements bounds a drift from
-both sides; the forward pass lags behind it. Attitude, gradiometer biases and all other states count
-as noise.
+There is no linearisation, so the prior may be wide. The state is only the position. The drift of an
+INS is a persistent velocity error; the model replaces it by a random walk with steps of the size of
+this error, so the measurements must correct every step. With all measurements (batch) the drift is
+bounded from both sides, whereas a forward pass lags behind the drift. Attitude, gradiometer biases
+and all other states are treated as noise.
 
 The resolution is one cell. If a precise gradiometer resolves much less than a cell, the estimate is
 as coarse as the cells, and the variation of the field within a cell adds to the noise. A filter of
-all states is then better. Measured: this method finds the position from kilometres away, which a
-single Kalman filter does not. Its error is several times that of a filter bank of all states.
+all states is then better. In measurements this method found the position from kilometres away,
+which a single Kalman filter did not. Its error was several times that of a filter bank of all
+states.
 """
 
 from __future__ import annotations
@@ -48,14 +49,15 @@ class Viterbi(Estimator):
     Parameters
     ----------
     decode : ``path``: the most probable path given all measurements. ``marginal``: the mean of the
-        cell probabilities given all measurements. ``forward``: the mean given those up to t.
-    cell_m : side of a cell [m]; along an axis with a narrower prior, the standard deviation of the
-        prior.
-    most : largest number of cells; cells are enlarged east and north to keep it. Each takes 40
-        bytes at every epoch at which its probability is not negligible.
-    drift : factor on the steps of the INS error that follow from its prior. Steps are independent,
-        but a drift persists: with a factor of one the forward pass lags by one standard deviation
-        of a measurement.
+        cell probabilities given all measurements. ``forward``: the mean given the measurements up
+        to each epoch.
+    cell_m : side of a cell [m]; along an axis on which the prior's standard deviation is smaller,
+        the side is this standard deviation.
+    most : largest number of cells; if necessary, cells are enlarged along east and north. A cell
+        needs 40 bytes at every epoch at which its probability is not negligible.
+    drift : factor on the steps of the INS error that follow from the prior. Modelled steps are
+        independent, but a true drift persists: with a factor of one the forward pass lags by one
+        standard deviation of a measurement.
     """
 
     decode: Literal["path", "marginal", "forward"] = "path"
@@ -69,11 +71,15 @@ class Viterbi(Estimator):
 
     @property
     def causality(self) -> Causality:
-        """Batch; of the forward pass ``filter``."""
+        """Causality of the estimates: ``filter`` for ``decode=forward``, else ``batch``."""
         return "filter" if self.decode == "forward" else "batch"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse invalid cells, and problems without a position that drifts."""
+        """Return a reason to skip the problem, or None.
+
+        The problem must have errors of position and velocity, and a cell must be large compared
+        with the steps of the INS error between measurements.
+        """
         if not horizontal(problem, velocity=True):
             return "the problem has no errors of position and velocity"
         reduction = self._reduction(problem)
@@ -86,7 +92,7 @@ class Viterbi(Estimator):
         return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Sum forward over the cells, then decode."""
+        """Estimate one run: compute forward probabilities of the cells, then path or marginals."""
         reduction = self._reduction(problem)
         small = reduction.problem
         steps = cell_sides(small.prior_cov, self.cell_m, self.most)

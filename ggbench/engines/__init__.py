@@ -1,1 +1,1 @@
-"""Compiled estimators on blocks of runs, and their common components."""
+"""Compiled estimators for blocks of runs, and components that they share."""

@@ -1,13 +1,14 @@
 """Tempered measurement update of Gaussian samples.
 
-A measurement may be far more precise than the prior. Therefore it is processed by powers of its
-likelihood that increase from 0 to 1 (Neal 2001; Del Moral, Doucet & Jasra 2006). Each power leaves
-a share of the samples effective. They are resampled and moved by Metropolis–Hastings steps, which
-preserve the distribution of that power. The result is exact in the limit of many samples, for any
-number of modes.
+A measurement may be far more precise than the prior. Therefore the update has stages: stage i
+weights the samples by the likelihood to the power β_i, with β_i increasing from 0 to 1 (Neal 2001;
+Del Moral, Doucet & Jasra 2006). Each β_i is chosen such that a minimum number of samples stays
+effective. Then the samples are resampled and moved by Metropolis–Hastings steps, which preserve the
+tempered posterior. The result is exact in the limit of many samples, for any number of modes.
 
-A step is γ times the difference of two other samples, γ = 2.38 / √(2r) (ter Braak 2006). Such
-differences match the width of a mode and the distance of modes.
+A proposed step is γ times the difference of two other samples of dimension r, γ = 2.38 / √(2r) (ter
+Braak 2006). Such differences have the scale of the width of a mode or of the distance between
+modes.
 """
 
 from __future__ import annotations
@@ -29,13 +30,15 @@ _STEPS = 5
 
 
 class Whitening(NamedTuple):
-    """Coordinates y = W r of a measurement r = h(p) + C l + noise.
+    """Whitened coordinates y = W r of a residual r, for sampled states p and linear states l.
+
+    The measurement is z = h(p) + C l + noise, with noise covariance R and covariance P_l of l.
 
     Attributes
     ----------
-    rows : W (m, m), which whitens the noise.
-    linear : λ (m,), the diagonal of C P_l Cᵀ of the linear states l, diagonal in these coordinates.
-    log_noise : ln |2π R| of the noise.
+    rows : W (m, m), which whitens the noise and diagonalises C P_l Cᵀ.
+    linear : λ (m,), the diagonal of W C P_l Cᵀ Wᵀ.
+    log_noise : ln |2π R|.
     """
 
     rows: np.ndarray
@@ -44,7 +47,7 @@ class Whitening(NamedTuple):
 
 
 def whitening(noise: np.ndarray, spread: np.ndarray) -> Whitening:
-    """Return the coordinates for R (m, m) and C P_l Cᵀ (m, m)."""
+    """Return whitened coordinates for ``noise`` R (m, m) and ``spread`` C P_l Cᵀ (m, m)."""
     inverse = np.linalg.inv(np.linalg.cholesky(noise))
     linear, axes = np.linalg.eigh(inverse @ spread @ inverse.T)
     log_noise = float(np.linalg.slogdet(2.0 * np.pi * noise)[1])
@@ -52,16 +55,16 @@ def whitening(noise: np.ndarray, spread: np.ndarray) -> Whitening:
 
 
 class Annealed(NamedTuple):
-    """Samples of the posterior after a measurement, with statistics.
+    """Samples of the posterior after a measurement, with statistics of the update.
 
     Attributes
     ----------
-    normals : (N, r) samples; their prior is standard normal.
-    whitened : (N, m) y of the samples.
-    evidence : ln p(z) of the reading.
-    size : effective sample size of an update without stages.
+    normals : (N, r) samples, in coordinates in which the prior is standard normal.
+    whitened : (N, m) whitened residuals y of the samples, see :class:`Whitening`.
+    evidence : ln p(z) of the measurement z.
+    size : effective sample size that an update without stages would leave.
     stages : number of stages between prior and posterior.
-    fewest : least number of distinct samples after a resampling.
+    fewest : smallest number of distinct samples after any resampling.
     """
 
     normals: np.ndarray
@@ -103,16 +106,16 @@ def annealed(
     resampling: Resampling,
     rng: np.random.Generator,
 ) -> Annealed:
-    """Return samples of the posterior after a measurement.
+    """Return samples of the posterior after a measurement, updated in tempered stages.
 
     Parameters
     ----------
-    normals : (M, r) samples of the prior, standard normal.
-    read : returns y (·, m) of samples (·, r).
-    space : of y.
+    normals : (M, r) samples of the standard normal prior.
+    read : function that returns the whitened residuals y (·, m) of samples (·, r).
+    space : the whitened coordinates of y.
     count : number N of samples to return.
-    least : effective sample size after a stage.
-    resampling : the method.
+    least : minimum effective sample size after a stage.
+    resampling : resampling method.
     """
     whitened = read(normals)
     power, stages, evidence, fewest = 0.0, 0, -0.5 * space.log_noise, count

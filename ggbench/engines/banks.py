@@ -1,7 +1,7 @@
 """Banks of filters across a wide prior, as arrays of means and covariances.
 
-The prior is a sum of narrow Gaussians on a grid of positions, one for each filter. The estimator
-defines updates and the selection of filters.
+The prior is approximated by a sum of narrow Gaussians on a grid of positions, one for each filter.
+The estimator that uses a bank defines its updates and the selection of filters.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from . import position_grid
 
 
 class Bank:
-    """The filters: log weights (J,), means (J, n), covariances (J, n, n).
+    """J filters: log weights (J,), means (J, n), covariances (J, n, n).
 
-    Units are the prior's standard deviations, ``scale`` (n,). See :func:`split_prior`.
+    States are in units of the prior's standard deviations, ``scale`` (n,). The Gaussians of
+    :func:`split_prior` are the initial filters.
     """
 
     def __init__(self, problem: Problem, spacing_m: float, most: int, width: float) -> None:
@@ -26,7 +27,7 @@ class Bank:
         self.weights, self.means, self.covs = split_prior(problem, spacing_m, most, width)
 
     def predict(self, k: int) -> None:
-        """Propagate all filters to epoch k."""
+        """Propagate all filters from epoch k − 1 to epoch k."""
         phi = self.transition[k]
         self.means = self.means @ phi.T
         self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
@@ -35,7 +36,13 @@ class Bank:
 def mixture(
     share: np.ndarray, means: np.ndarray, covs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (n,) and covariance (n, n) of Gaussians (J, n), (J, n, n) with shares (J,)."""
+    """Return mean (n,) and covariance (n, n) of a mixture of J Gaussians.
+
+    Parameters
+    ----------
+    share : (J,) weights that sum to one.
+    means, covs : (J, n), (J, n, n).
+    """
     mean = share @ means
     off = means - mean
     return mean, np.einsum("j,jab->ab", share, covs) + (off.T * share) @ off
@@ -48,7 +55,7 @@ def updated_covs(
 
     Parameters
     ----------
-    covs : (J, n, n) before.
+    covs : (J, n, n) covariances P before the measurement.
     rows : (J, m, n) H of a whitened measurement, R = I.
     projected : (J, m, n) H P.
     s : (J, m, m) H P Hᵀ + I.
@@ -62,19 +69,20 @@ def updated_covs(
 def split_prior(
     problem: Problem, spacing_m: float, most: int, width: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return log weights (J,), means (J, n) and covariances (J, n, n) of a grid of Gaussians.
+    """Return the prior as a grid of Gaussians: log weights (J,), means (J, n), covs (J, n, n).
 
-    The grid lies along the principal axes of the prior's states in metres. Each Gaussian is the
-    prior with a smaller standard deviation along these axes; all correlations are kept. Means and
-    covariances are in units of the prior's standard deviations.
+    The grid lies along the principal axes of the position prior (all states in metres). Each
+    Gaussian is the prior with a smaller standard deviation along these axes and unchanged
+    regression of the other states on the position. Means and covariances are in units of the
+    prior's standard deviations.
 
     Parameters
     ----------
-    problem : its prior is split.
-    spacing_m : distance of the Gaussians [m]. An axis along which the prior is narrower than that
-        is not split.
+    problem : problem with the prior to split.
+    spacing_m : distance between neighbouring Gaussians [m]. An axis along which the prior's
+        standard deviation is smaller is not split.
     most : largest number of Gaussians; a grid that needs more is made coarser.
-    width : standard deviation of a Gaussian along a split axis, in units of the spacing.
+    width : standard deviation of each Gaussian along a split axis, in units of the spacing.
     """
     scale = np.sqrt(np.diag(problem.prior_cov))
     mean = problem.prior_mean / scale
@@ -93,11 +101,15 @@ def split_prior(
 
 
 def fitting_spacing(sigma: np.ndarray, spacing_m: float, most: int) -> float:
-    """Return a spacing [m], at least the requested one, of a grid with at most ``most`` points.
+    """Return a spacing [m], ``spacing_m`` or larger, with at most ``most`` grid points.
+
+    The spacing is increased in steps of 10 %.
 
     Parameters
     ----------
     sigma : (d,) standard deviations of the prior along the axes of the grid [m].
+    spacing_m : requested spacing [m].
+    most : largest number of points.
     """
     # The box around the ellipsoid has to fit in memory, too.
     while not position_grid.fits(sigma, spacing_m, 4.0 * most):

@@ -1,7 +1,8 @@
-"""Weights of a prior's Gaussians after the first epoch, for several noise levels.
+"""First epoch of Gaussian sums that differ only in the noise level.
 
-Gaussian sums that differ only in the noise share the predictions and linearisations of that epoch.
-Most Gaussians are dropped after it and need no update. A sum with a loss is screened apart.
+Gaussian sums that differ only in the noise share the predictions and linearisations of the first
+epoch. Most Gaussians have negligible weight after the first measurement: they are dropped and need
+no update. A Gaussian sum with a robust loss is screened separately.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ _MARGIN = 1e-3
 
 
 class Screened(NamedTuple):
-    """Result of the first epoch of a Gaussian sum.
+    """Result of screening the Gaussians of a wide prior at the first epoch.
 
     Attributes
     ----------
     prior : the remaining Gaussians, with their weights before the epoch.
-    evidence : of its measurements, see :func:`.extended_with_evidence`.
+    evidence : evidence of the measurements of the first epoch, see :func:`.extended_with_evidence`.
     """
 
     prior: Hypotheses
@@ -38,14 +39,15 @@ class Screened(NamedTuple):
 
 
 def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> list[Screened]:
-    """Return the result of the first epoch for each of several noise levels.
+    """Return the result of the first epoch for each of S noise levels.
 
     Parameters
     ----------
-    block : one run.
-    prior : from :func:`.prior_cells`.
-    precisions : (S, equations) factors of the measurement equations: inverse standard deviations of
-        the noise in units of the given noise.
+    block : block of one run.
+    prior : Gaussians of the prior, from :func:`.prior_cells`.
+    precisions : (S, equations) factors by which each noise level multiplies the whitened
+        measurement equations: the assumed noise standard deviation of the block over that of the
+        level.
     """
     weights = np.empty((len(precisions), len(prior.weights)))
     _screen(batch_of(block), prior, precisions, weights)
@@ -55,12 +57,12 @@ def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> 
 def screened_with_loss(
     block: ProblemBlock, prior: Hypotheses, iterations: int, loss: str, threshold: float
 ) -> tuple[Screened, int]:
-    """Return the result of the first epoch with a loss, and the number of evaluations of h.
+    """Return the result of the first epoch with a robust loss, and the number of evaluations of h.
 
     Parameters
     ----------
-    block : one run.
-    prior : from :func:`.prior_cells`.
+    block : block of one run.
+    prior : Gaussians of the prior, from :func:`.prior_cells`.
     iterations, loss, threshold : see :func:`.gaussian_sum`; at least two iterations.
     """
     rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)

@@ -1,10 +1,10 @@
-"""Particle cloud with some states in Kalman filters.
+"""Particle cloud: some states are sampled, the others are in Kalman filters.
 
-A row of the cloud is (p_i, l_i): d sampled states, and the mean of the others. Prediction, start
-and kernels sample from a Gaussian of joint covariance J over the states and condition l on the
-sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl, where G Gᵀ = J_pp has the rank of
-J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a non-zero cross-block, because the noise of an
-interval moves p and l together.
+Row i of the cloud is (p_i, l_i): the d sampled states, and the mean of the other states. Prior,
+prediction and kernels sample p from a Gaussian with joint covariance J of all states, and condition
+l on the sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl, where e is standard normal
+and G has full column rank with G Gᵀ = J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a non-zero
+cross-block J_lp, because process noise moves p and l together.
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ class _Reading(NamedTuple):
 
 
 class Cloud:
-    """N weighted particles (N, n), log weights (N,), and their common P_l (n − d, n − d).
+    """N weighted particles (N, n), log weights (N,), and one P_l (n − d, n − d) for all particles.
 
-    ``evidence`` is ln p(z) of all measurements so far, and ``total`` is ln Σ of the weights. While
-    h is linear over the posterior, the cloud is a ``gaussian`` with mean (n,) and covariance (n,
-    n).
+    P_l is the covariance of the states that are not sampled. ``evidence`` is ln p(z) of all
+    measurements so far, and ``total`` is the logarithm of the sum of the weights. While h is linear
+    over the posterior, the cloud is replaced by ``gaussian``: mean (n,) and covariance (n, n).
     """
 
     weights: np.ndarray
@@ -94,7 +94,7 @@ class Cloud:
         self.fewest, self.evidence = self.count, 0.0
 
     def predict(self, k: int) -> None:
-        """Propagate the cloud to epoch k."""
+        """Propagate the cloud from epoch k − 1 to epoch k."""
         problem, d = self.problem, self.drawn
         phi, noise = problem.transition[k], problem.process_cov[k]
         if self.gaussian:
@@ -109,7 +109,7 @@ class Cloud:
         self.x += self.rng.standard_normal((len(self.x), len(steps))) @ steps
 
     def update(self, k: int) -> float:
-        """Weight the cloud by the measurement of epoch k; return its NIS, NaN for particles."""
+        """Update the cloud with the measurement of epoch k; return the NIS (NaN for particles)."""
         reading = self._reading(k)
         exact = self.moves.tempering > 0.0 and not self.moves.blurs
         residuals = np.empty((0, len(reading.noise)))
@@ -133,12 +133,15 @@ class Cloud:
         return math.nan
 
     def moments(self) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Return mean (n,) and covariance (n, n) of the states, and whether it was repaired."""
+        """Return mean (n,) and covariance (n, n) of the states.
+
+        The third result is whether the covariance was repaired by :func:`.resampling.repaired`.
+        """
         mean, cov = self.gaussian or self._moments()
         return mean, *repaired(cov, self.problem.prior_cov)
 
     def renew_if_poor(self) -> None:
-        """Resample the cloud if too few particles carry the weight."""
+        """Resample the cloud if the effective sample size is below the threshold."""
         if self.poor and not self.gaussian:
             self._renew()
         self.poor = False

@@ -1,4 +1,4 @@
-"""Contours of a measurement in the plane, and the nearest contour points of a track."""
+"""Contours of a measured value on a map, and the contour points nearest to a track."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from ..sensors.aiding import position_error
 
 
 class Contour(NamedTuple):
-    """Contour of a field: points (P, 2) [m] and the gradient of the field (P, 2) there."""
+    """Contour of a field: points (P, 2) [m], and ``slopes`` (P, 2), the field's gradient there."""
 
     points: np.ndarray
     slopes: np.ndarray
 
 
 class Feet(NamedTuple):
-    """Nearest contour points (N, 2) of a track, and whether they exist (N,)."""
+    """Contour points (N, 2) [m] nearest to the N points of a track; ``found`` (N,): one exists."""
 
     points: np.ndarray
     found: np.ndarray
 
 
 def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) -> Contour:
-    """Return the points at which the contour of a level crosses the edges of a grid.
+    """Return the points at which the contour of a given level crosses the edges of grid cells.
 
     Parameters
     ----------
-    values : (a, b) of the field at first + cell · (i, j).
-    first : (2,).
-    cell : [m].
+    values : (a, b) field at the nodes first + cell · (i, j).
+    level : value of the field on the contour.
+    first : (2,) first node [m].
+    cell : distance between nodes [m].
     """
     slopes = np.stack(np.gradient(values, cell), axis=-1)
     off = values - level
@@ -56,9 +57,10 @@ def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) ->
 
 
 def feet(contours: Sequence[Contour], track: np.ndarray, cell: float) -> Feet:
-    """Return the point of each contour nearest to a point of the track (N, 2).
+    """Return the point of contour i nearest to point i of the track (N, 2) [m].
 
-    It is the foot on the tangent at the nearest crossing of an edge, within one cell.
+    This point is the foot of the perpendicular on the contour's tangent at the nearest contour
+    point, moved by at most one cell [m].
     """
     ends = np.cumsum([0, *(len(each.points) for each in contours)])
     points = np.concatenate([each.points for each in contours])
@@ -99,9 +101,9 @@ def fitted_transform(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A (2, 2) and t (2,) of the best transform from points x (N, 2) to y (N, 2).
 
-    It is a rotation, and for a similarity also a scale, by least squares (Umeyama 1991): with
-    centred points θ = atan2(Σ x × y, Σ x · y) and s = Σ y · R x / Σ ‖x‖². The rotation is limited
-    to ± ``most_turn`` [rad] and the scale to 1 ± ``most_stretch``.
+    y ≈ A x + t by least squares (Umeyama 1991). A is a rotation R by θ, times a scale s if
+    ``similar``: for centred points θ = atan2(Σ x × y, Σ x · y) and s = Σ y · R x / Σ ‖x‖². θ is
+    limited to ± ``most_turn`` [rad] and s to 1 ± ``most_stretch``.
     """
     middle, target = x.mean(axis=0), y.mean(axis=0)
     a, b = x - middle, y - target
@@ -116,6 +118,6 @@ def fitted_transform(
 
 
 def track_metres(track: InsSolution, last: int) -> np.ndarray:
-    """Return the INS positions (K, 2) east and north of that at an epoch [m]."""
+    """Return the INS positions (K, 2), east and north of the INS position at epoch ``last`` [m]."""
     here = np.broadcast_to(track.positions[last], track.positions.shape)
     return np.asarray(position_error(track.positions, here)[:, :2])

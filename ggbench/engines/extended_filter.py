@@ -1,10 +1,10 @@
 """Compiled extended Kalman filter for many runs: plain, iterated, robust, adaptive, gated.
 
-Tests compare the plain filter with filterpy, and the others with the same equations in filterpy and
-NumPy.
+Tests compare the plain filter with filterpy, and the other filters with the same equations in
+filterpy and NumPy.
 
-The measurement noise may be estimated from the residuals of updates: a variance for each component
-of a whitened measurement (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa 1969).
+The adaptive filter estimates the noise variance of each component of a whitened measurement from
+the residuals of updates (Mohamed & Schwarz 1999, with the fading memory of Sage & Husa 1969).
 """
 
 from __future__ import annotations
@@ -36,13 +36,15 @@ HALVINGS = 12
 
 @record
 class AdaptiveNoise:
-    """Noise estimates of eight runs.
+    """Noise estimates of eight runs, one run per lane.
 
     Attributes
     ----------
-    memory : number of measurements that count; 0 keeps the given noise.
-    variances : (1, m, lanes) of components in units of the given noise.
-    taken : (1, m, lanes) number of processed measurements, plus one for the given noise.
+    memory : number of measurements over which the variances are estimated; 0 keeps the assumed
+        noise.
+    variances : (1, m, lanes) variance of each component, relative to the assumed noise.
+    taken : (1, m, lanes) number of processed measurements of each component, plus one for the
+        assumed noise.
     """
 
     memory: int
@@ -52,7 +54,10 @@ class AdaptiveNoise:
 
 @compiled
 def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -> None:
-    """Whiten this and all later readings by the estimated noise, variances (1, m, lanes)."""
+    """Whiten a measurement (1, m, lanes) with the estimated noise.
+
+    The factors in ``reading.precision`` also apply to later measurements.
+    """
     for c in range(reading.precision.shape[1]):
         for r in range(reading.precision.shape[2]):
             reading.precision[0, c, r] = 1.0 / math.sqrt(noise.variances[0, c, r])
@@ -63,13 +68,16 @@ def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -
 def update_noise_estimate(
     noise: AdaptiveNoise, search: Search, group: np.ndarray, count: int, k: int, p: np.ndarray
 ) -> None:
-    """Update the noise estimate with residuals; their expected squares are R − H P⁺ Hᵀ.
+    """Update the noise estimate with the residuals after an update.
+
+    The expected squares of these residuals are the diagonal of R − H P⁺ Hᵀ.
 
     Parameters
     ----------
-    search : the update, with the measurement linearised after it, whitened by the given noise.
-    group, count, k : runs and epoch.
-    p : (n, n, lanes) P⁺.
+    search : the update; its measurement is linearised at the updated state and whitened by the
+        assumed noise.
+    group, count, k : runs (lanes,), number of different runs among them, epoch.
+    p : (n, n, lanes) covariance P⁺ after the update.
     """
     present, reading = search.batch.present, search.reading
     lane_algebra.products_of_rows(search.rows, search.rows.shape[0], p, search.hp)
@@ -91,14 +99,17 @@ def update_noise_estimate(
 
 
 class UpdateOptions(NamedTuple):
-    """Options of updates; the defaults are those of the plain filter.
+    """Options of measurement updates; the default values give the plain filter.
 
     Attributes
     ----------
-    iterations : most linearisations of h per epoch.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
-    noise_memory : number of measurements for the noise estimate; 0 for none.
-    gate, underweighting : see :mod:`.innovation_gating`; 0 for none. Only for plain updates.
+    iterations : largest number of linearisations of h per epoch.
+    loss, threshold : robust loss on each whitened component of a measurement, see
+        :mod:`.robust_weights`.
+    noise_memory : number of measurements over which the noise is estimated; 0 keeps the assumed
+        noise.
+    gate, underweighting : probability of the gate and β of :mod:`.innovation_gating`; 0 switches
+        them off. They apply to plain updates only.
     """
 
     iterations: int = 1
@@ -113,13 +124,13 @@ class UpdateOptions(NamedTuple):
 def scatter_evidence(
     squared: np.ndarray, lower: np.ndarray, first: int, count: int, k: int, evidence: np.ndarray
 ) -> None:
-    """Write ln p(z_k | z_0 … z_{k−1}) of a group, without the constants of the noise.
+    """Write ln p(z_k | z_0 … z_{k−1}) of a group of runs, without the noise term −½ ln |2π R|.
 
     Parameters
     ----------
-    squared : (1, 1, lanes) twice the cost of the update.
-    lower : (m, m, lanes) root of H P Hᵀ + 1, its diagonal inverted.
-    first, count, k : of the group; epoch.
+    squared : (1, 1, lanes) twice the minimum cost of the update.
+    lower : (m, m, lanes) Cholesky factor of H P Hᵀ + I with inverted diagonal.
+    first, count, k : first run and number of runs of the group, epoch.
     evidence : (R, K) output.
     """
     for r in range(count):
@@ -135,8 +146,8 @@ class Starts:
 
     Attributes
     ----------
-    means : (R, 1, n).
-    covs : (R, 1, n, n).
+    means : (R, 1, n) mean states.
+    covs : (R, 1, n, n) covariances.
     """
 
     means: np.ndarray
@@ -144,7 +155,7 @@ class Starts:
 
 
 def prior_of(block: ProblemBlock) -> Starts:
-    """Return the common prior of all runs of a block."""
+    """Return the prior of a block as the start of each run."""
     means = np.tile(block.prior_mean, (block.runs, 1, 1))
     return Starts(means, np.tile(block.prior_cov, (block.runs, 1, 1, 1)))
 
@@ -266,12 +277,14 @@ def _extended(
 
 
 def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
-    """Run the filter. The NIS is that of all measurements, with the given noise.
+    """Run the extended Kalman filter.
+
+    The NIS uses the assumed noise and includes measurements that a gate rejects.
 
     Parameters
     ----------
-    block : the runs.
-    options : of the updates.
+    block : block of R runs.
+    options : options of the measurement updates.
     """
     return _run(block, options, prior_of(block), np.empty((0, 0)))
 
@@ -279,9 +292,9 @@ def extended(block: ProblemBlock, options: UpdateOptions) -> EstimateBlock:
 def extended_with_evidence(
     block: ProblemBlock, options: UpdateOptions, starts: Starts | None = None
 ) -> tuple[EstimateBlock, np.ndarray]:
-    """Run the filter; return the estimates and the evidence of each epoch (R, K).
+    """Run the extended Kalman filter; return the estimates and the evidence of each epoch (R, K).
 
-    The evidence is ln p(z_k | z_0 … z_{k−1}), less the log density of zero noise. For an iterated
+    The evidence is ln p(z_k | z_0 … z_{k−1}) without the noise term −½ ln |2π R|. For an iterated
     update it is Laplace's approximation.
 
     Parameters

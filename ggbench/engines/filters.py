@@ -1,6 +1,6 @@
 """Compiled unscented Kalman filter for many runs.
 
-A test compares it with filterpy.
+A test compares the filter with that of filterpy.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class SigmaWeights(NamedTuple):
 
     Attributes
     ----------
-    spread : factor of the columns of the root of P.
-    centre_cov : weight of the centre in covariances.
-    weight : of every other point.
+    spread : factor on the columns of the Cholesky factor of P.
+    centre_cov : weight of the central point in covariances.
+    weight : weight of every other point, in means and covariances.
     """
 
     spread: float
@@ -246,17 +246,20 @@ def unscented(
 ) -> EstimateBlock:
     """Run the unscented Kalman filter.
 
-    Sigma points that displace the instrument by less than a centimetre (and rotate it by less than
-    1e-7 rad) are linearised: h(x) ± A B_k d, with the derivative A of h at x. The error is 5e-5 m²
-    times the second derivative of h: below 1e-10 E at 10 km height, where that is at most 1e-6 E/m²
-    (100 E changing over 10 km), and 5e-7 E at 100 m.
+    For a sigma point x ± d that moves the instrument by less than 1 cm and rotates it by less than
+    1e-7 rad, h is linearised: h(x) ± A B_k d, with A the derivative of h with respect to the
+    instrument errors B_k x. The linearisation error is at most 5e-5 m² times the second derivative
+    of h. At 10 km height this derivative is at most 1e-6 E/m² (100 E over 10 km), and the error is
+    below 1e-10 E. At 100 m the error is below 5e-7 E.
 
     Parameters
     ----------
-    block : the runs.
-    weights : of the sigma points; those in means add up to 1.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
-    gate, underweighting : see :mod:`.innovation_gating`; 0 for none. Not with a loss.
+    block : block of R runs.
+    weights : spread and weights of the sigma points; the weights of a mean add up to 1.
+    loss, threshold : robust loss on each whitened component of a measurement, see
+        :mod:`.robust_weights`.
+    gate, underweighting : probability of the gate and β of :mod:`.innovation_gating`; 0 switches
+        them off. They must be 0 with a loss.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))

@@ -1,13 +1,13 @@
-"""Fusion of a matcher's fixes with the INS, epoch by epoch, and the list of fixes.
+"""Fusion of the position fixes of a matcher with the INS.
 
-``fusion`` is one of two methods. Each uses a measurement once.
+``fusion`` names one of two methods. Both use each measurement once.
 
 ``none``    each fix has the flight's prior and the measurements of its own window: the fixes are
             independent.
 ``kalman``  a fix is an update: its prior is the propagated estimate.
 
-A matcher may hand over: its first fix ends the search, and a filter processes the later
-measurements.
+A matcher may hand over to a filter: the first accepted fix ends the search, and the filter
+processes the later measurements.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ Fusion = Literal["none", "kalman"]
 
 
 class PropagatedEstimate:
-    """An estimate that is propagated between fixes.
+    """Estimate of a flight, propagated between fixes.
 
     Attributes
     ----------
-    mean, cov : (K, n), (K, n, n), filled up to the latest epoch.
+    mean, cov : (K, n), (K, n, n) estimates, filled up to the latest epoch that was requested or
+        set.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -38,7 +39,7 @@ class PropagatedEstimate:
         self._filled = 0
 
     def at(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (n,) and covariance (n, n) at epoch ``k``; those of the start at −1."""
+        """Return mean (n,) and covariance (n, n) at epoch ``k``; epoch −1 is the prior."""
         if k < 0:
             return self.problem.prior_mean, self.problem.prior_cov
         while self._filled <= k:
@@ -51,9 +52,9 @@ class PropagatedEstimate:
         return self.mean[k], self.cov[k]
 
     def put(self, k: int, mean: np.ndarray, cov: np.ndarray) -> None:
-        """Set the estimate at epoch ``k``, from which it is propagated.
+        """Set the estimate at epoch ``k``; later epochs are propagated from it.
 
-        With (K', n) and (K', n, n) also set that of the following epochs.
+        With ``mean`` (K', n) and ``cov`` (K', n, n) set the estimates of K' epochs from ``k`` on.
         """
         self.at(k)
         stop = k + (1 if mean.ndim == 1 else len(mean))
@@ -71,7 +72,7 @@ Attempt = tuple[int, np.ndarray, np.ndarray, bool, float]
 
 
 def fixes_of(attempts: Sequence[Attempt]) -> Fixes:
-    """Return the fixes of a flight; two-dimensional ones if there are none."""
+    """Return the fixes of a flight; without attempts the arrays are empty and two-dimensional."""
     if not attempts:
         empty = np.zeros(0)
         return Fixes(
@@ -88,20 +89,20 @@ def fixes_of(attempts: Sequence[Attempt]) -> Fixes:
 
 
 class FixFusion:
-    """Estimate of a flight that is matched window by window.
+    """Estimate of a flight whose measurements are matched with the map window by window.
 
     Parameters
     ----------
-    block : the flight, one run.
-    fusion : use of the fixes.
-    position : the states that a fix contains.
+    block : block of one run.
+    fusion : method of fusion, ``none`` or ``kalman``.
+    position : indices of the position states that a fix contains.
     hands_over : whether the first accepted fix ends the search.
 
     Attributes
     ----------
-    problem : the flight.
+    problem : the problem of the run.
     found : whether the search has ended.
-    evaluations : number of evaluations of h; searches add to it.
+    evaluations : number of evaluations of h; every search increases it.
     """
 
     def __init__(
@@ -120,26 +121,27 @@ class FixFusion:
         self._position, self._last = list(position), -1
 
     def window(self, last: int, end: int) -> ProblemBlock:
-        """Return the problem of the epochs behind ``last`` up to ``end``."""
+        """Return the window of epochs after ``last`` up to and including ``end``."""
         return self.block.part(last + 1, end + 1, *self.before(last))
 
     def before(self, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the prior of a window that begins behind epoch ``last``: (n,) and (n, n).
+        """Return the prior mean (n,) and covariance (n, n) of a window that follows ``last``.
 
-        It is the estimate at ``last``; with ``fusion`` "none" the state without any fix.
+        The prior is the estimate at epoch ``last``. With ``fusion`` "none" it is the flight's
+        prior, propagated without fixes.
         """
         return (self._unaided if self.fusion == "none" else self._estimate).at(last)
 
     def add(
         self, epoch: int, mean: np.ndarray, cov: np.ndarray, accepted: bool, statistic: float
     ) -> None:
-        """Record a fix at an epoch; an accepted fix replaces the estimate.
+        """Record a fix at an epoch; an accepted fix replaces the estimate at that epoch.
 
         Parameters
         ----------
-        mean, cov : (n,), (n, n) of all states.
-        accepted : whether the fix passed its test.
-        statistic : of the test.
+        mean, cov : (n,), (n, n) mean and covariance of all states.
+        accepted : whether the fix passed the acceptance test.
+        statistic : value of the test statistic.
         """
         at = self._position
         self._attempts.append((epoch, mean[at], cov[np.ix_(at, at)], accepted, statistic))
@@ -148,7 +150,10 @@ class FixFusion:
             self.found, self._last = self._hands_over, epoch
 
     def estimate(self, behind: Callable[[ProblemBlock], EstimateBlock] | None = None) -> Estimate:
-        """Return the estimate, with a filter for the measurements after a hand-over."""
+        """Return the estimate of the flight.
+
+        After a hand-over the filter ``behind`` processes the later measurements.
+        """
         if behind is not None and self.found and self._last + 1 < self.problem.epochs:
             start = self._estimate.at(self._last)
             filtered = behind(self.block.part(self._last + 1, self.problem.epochs, *start))

@@ -1,6 +1,6 @@
-"""Compiled Gaussian-sum filter; the hypotheses of a run are its lanes.
+"""Compiled Gaussian-sum filter, with eight Gaussians of one run in parallel.
 
-A test compares it with the same equations in NumPy.
+A test compares the filter with the same equations in NumPy.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ HALVINGS = 6
 
 @record
 class Hypotheses:
-    """Gaussians of a mixture.
+    """J Gaussians of a mixture.
 
     Attributes
     ----------
-    weights : (J,) logarithms, up to a common constant.
-    means : (J, n).
-    covs : (J, n, n).
+    weights : (J,) logarithms of the weights, up to a common constant.
+    means : (J, n) mean states.
+    covs : (J, n, n) covariances, or (1, n, n) if all are equal.
     """
 
     weights: np.ndarray
@@ -84,7 +84,7 @@ def _filter(
 
 @compiled
 def start(prior: Hypotheses, now: Hypotheses) -> None:
-    """Copy hypotheses with a common covariance (1, n, n) to separate arrays."""
+    """Copy J Gaussians with a common covariance (1, n, n) into arrays with J covariances."""
     n = prior.means.shape[1]
     for j in range(len(prior.weights)):
         now.weights[j] = prior.weights[j]
@@ -108,17 +108,18 @@ def advance(
     counts: np.ndarray,
     sizes: np.ndarray,
 ) -> int:
-    """Filter the epochs of a run from ``first`` to before ``stop``.
+    """Filter the epochs ``first`` to ``stop`` − 1 of a run.
 
     Parameters
     ----------
-    now : the hypotheses; the remaining ones come first.
-    mean, cov, evidence : (K, n), (K, n, n), (K,) output; evidence of size zero if not needed.
-    counts, sizes : (1,) evaluations of h and sum of the bank sizes; both are increased.
+    now : the Gaussians; on return the remaining Gaussians are the first entries.
+    mean, cov, evidence : (K, n), (K, n, n), (K,) output; ``evidence`` is empty if it is not needed.
+    counts, sizes : (1,) number of evaluations of h, and number of Gaussians summed over the epochs;
+        both are increased.
 
     Returns
     -------
-    Number of remaining hypotheses.
+    Number of remaining Gaussians.
     """
     n, count = now.means.shape[1], len(now.weights)
     expected = lanes.moving_states(batch.transition, batch.process_cov)
@@ -352,7 +353,7 @@ def _moments(
 
 
 def prior_cells(block: ProblemBlock, spacing_m: float, most: int) -> Hypotheses:
-    """Return the prior's Gaussians, of a common covariance (1, n, n); see :func:`.split_prior`."""
+    """Return the prior as Gaussians with one covariance (1, n, n); see :func:`.split_prior`."""
     weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
     scale = np.sqrt(np.diag(block.prior_cov))
     return Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
@@ -361,14 +362,16 @@ def prior_cells(block: ProblemBlock, spacing_m: float, most: int) -> Hypotheses:
 def gaussian_sum(
     block: ProblemBlock, spacing_m: float, most: int, iterations: int, loss: str, threshold: float
 ) -> EstimateBlock:
-    """Run the filter.
+    """Run the Gaussian-sum filter.
 
     Parameters
     ----------
-    block : the runs.
-    spacing_m, most : of the prior's Gaussians, see :func:`.split_prior`.
-    iterations : linearisations of h in each update of a hypothesis.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    block : block of R runs.
+    spacing_m, most : spacing [m] and largest number of Gaussians of the prior, see
+        :func:`.split_prior`.
+    iterations : largest number of linearisations of h in each update of a Gaussian.
+    loss, threshold : robust loss on each whitened component of a measurement, see
+        :mod:`.robust_weights`.
     """
     rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
     runs, epochs, n = block.runs, block.epochs, block.dimension
@@ -391,25 +394,26 @@ def gaussian_sum(
 
 
 def space_for(prior: Hypotheses) -> Hypotheses:
-    """Return arrays for as many Gaussians as a prior has, with separate covariances."""
+    """Return arrays for the J Gaussians of a prior, with J covariances (J, n, n)."""
     most, n = prior.means.shape
     return Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
 
 
 class CarriedSum:
-    """Gaussian sum of one run that filters the epochs in parts.
+    """Gaussian-sum filter of one run that processes the epochs in several calls.
 
     Attributes
     ----------
-    mean, cov : (1, K, n), (1, K, n, n) of the epochs so far.
-    evidence : (1, K) see :func:`.extended_with_evidence`.
-    evaluations : (1,) evaluations of h.
+    mean, cov : (1, K, n), (1, K, n, n) estimates of the epochs processed so far.
+    evidence : (1, K) evidence of each epoch, see :func:`.extended_with_evidence`.
+    evaluations : (1,) number of evaluations of h.
 
     Parameters
     ----------
-    block : one run.
-    prior : from :func:`prior_cells`.
-    space : from :func:`space_for`; scratch of the first part, which sums can share.
+    block : block of one run.
+    prior : Gaussians of the prior, from :func:`prior_cells`.
+    space : scratch from :func:`space_for`, used only during the first call of :meth:`advance`;
+        several filters can share it.
     iterations, loss, threshold : see :func:`gaussian_sum`.
     """
 
@@ -429,7 +433,7 @@ class CarriedSum:
         self._rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
 
     def advance(self, stop: int) -> None:
-        """Filter the epochs before ``stop``."""
+        """Filter the remaining epochs before ``stop``."""
         if self._stop == 0:
             start(self._prior, self._now)
         left = advance(

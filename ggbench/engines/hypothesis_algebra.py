@@ -1,4 +1,4 @@
-"""Compiled propagation and update of filters with added states, without zeros of Φ and H."""
+"""Compiled propagation and update of filters with added states, omitting zeros of Φ and H."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from ..numerics.vectors import load, splat, store
 
 @record
 class Added:
-    """The added states of a group of filters at an epoch.
+    """The added states of a group of filters at one epoch, one filter per lane.
 
     Attributes
     ----------
-    base : states of the block.
-    order, processes : states of an error process; number of processes.
+    base : number n of the states of the block.
+    order, processes : number of states of each error process; number of error processes.
     coupled : see :class:`.hypothesis_bank.Families`.
-    move, drive : (1, 5, lanes) see :class:`.hypothesis_bank.Bank`.
-    variances : (1, processes, lanes).
-    coupling : (n, 4, lanes).
+    move, drive : (1, 5, lanes) transition and added variance of the processes, see ``moves`` and
+        ``drives`` of :class:`.hypothesis_bank.Bank`.
+    variances : (1, processes, lanes) stationary variances of the error processes.
+    coupling : (n, 4, lanes) block of Φ from the added states to the states of the block.
     """
 
     base: int
@@ -44,14 +45,14 @@ def predict(
     p: np.ndarray,
     turned: np.ndarray,
 ) -> None:
-    """Replace x by Φ x and P by Φ P Φᵀ + Q.
+    """Replace x by Φ x and P by Φ P Φᵀ + Q, for N states with the added ones.
 
     Parameters
     ----------
-    phi, q : (n, n, lanes) of the block's states, of which the first rows are used.
-    moving : number of these rows.
+    phi, q : (n, n, lanes) Φ and Q of the block's states; only the first ``moving`` rows are used.
+    moving : number of states that Φ changes.
     added : the added states.
-    x, p : (1, N, lanes), (N, N, lanes).
+    x, p : (1, N, lanes), (N, N, lanes) mean and covariance of all states.
     turned : (N, n, lanes) scratch.
     """
     n, size, width = added.base, p.shape[0], p.shape[2]
@@ -187,13 +188,14 @@ def _move_means(
 def multiply_rows(
     rows: np.ndarray, used: np.ndarray, used_counts: np.ndarray, p: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill H P (m, N), m being the rows of ``out``, from the states that H uses.
+    """Fill ``out`` (m, N) with H P, from the non-zero columns of H.
 
     Parameters
     ----------
     rows : H (m or more, N, lanes).
-    used, used_counts : see :class:`.hypothesis_bank.Families`, of one family.
-    p, out : (N, N, lanes), (m, N, lanes).
+    used, used_counts : the states on which each row of H depends, and their number, see
+        :class:`.hypothesis_bank.Families`.
+    p, out : (N, N, lanes) covariance P; (m, N, lanes) output.
     """
     size = p.shape[0]
     for c in range(out.shape[0]):
@@ -221,7 +223,7 @@ def project(
     hp: np.ndarray,
     s: np.ndarray,
 ) -> None:
-    """Fill H P (m, N) and the lower half of H P Hᵀ + 1 (m, m), from the states that H uses."""
+    """Fill H P (m, N) and the lower half of H P Hᵀ + I (m, m), from the non-zero columns of H."""
     multiply_rows(rows, used, used_counts, p, hp)
     for c in range(m):
         for d in range(c + 1):
@@ -242,13 +244,16 @@ def joseph(
     scratch: np.ndarray,
     change: np.ndarray,
 ) -> None:
-    """Update P (N, N, lanes) as :func:`.lane_algebra.joseph` does, from the states that H uses.
+    """Update P (N, N, lanes) in Joseph's form, from the non-zero columns of H.
+
+    The result is that of :func:`.lane_algebra.joseph`.
 
     Parameters
     ----------
     gain, hp : (m, N, lanes) Kᵀ and H P.
     rows : H (m or more, N, lanes).
-    used, used_counts : see :class:`.hypothesis_bank.Families`, of one family.
+    used, used_counts : the states on which each row of H depends, and their number, see
+        :class:`.hypothesis_bank.Families`.
     p : (N, N, lanes), replaced.
     scratch, change : (N, N, lanes), (m, N, lanes), overwritten.
     """

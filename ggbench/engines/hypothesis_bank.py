@@ -1,8 +1,10 @@
-"""Compiled bank of filters of several hypotheses; hypotheses and runs are its lanes.
+"""Compiled bank of filters of several hypotheses about model errors.
 
-The filters of a family have the same states. Added states are independent processes, so their part
-of Φ is a diagonal of small blocks. Propagation and update omit the zeros of Φ and H. A test
-compares each filter with the plain one of :mod:`.extended_filter` on a problem with dense matrices.
+Eight filters (pairs of a hypothesis and a run) are processed in parallel, one per lane. The filters
+of a family have the same states: those of the block, and added states of the hypothesis. The added
+states are independent processes, so their part of Φ is block-diagonal with small blocks.
+Propagation and update omit the zeros of Φ and H. A test compares each filter with the plain filter
+of :mod:`.extended_filter` on a problem with dense matrices.
 """
 
 from __future__ import annotations
@@ -34,26 +36,27 @@ NEGLIGIBLE = -25.0
 
 @record
 class Families:
-    """G families of filters, and their added states.
+    """G families of filters and the added states of each family.
 
     The added states are, in this order: an error process of ``orders`` states for each of c
-    channels; the unknown gravity (3), optionally followed by a state of value one; a constant error
-    of each channel.
+    channels; the unknown gravity (3 states), optionally followed by a state with the constant value
+    1; a constant error of each channel.
 
     Attributes
     ----------
-    starts : (G + 1,) first filter of each family.
-    orders : (G,) states of an error process; 0 without one.
-    coupled : (G,) states that act on those of the block: 0, 3 or 4.
+    starts : (G + 1,) index of the first filter of each family, and the number of filters.
+    orders : (G,) number of states of each error process; 0 without error processes.
+    coupled : (G,) number of added states that act on the states of the block: 0, 3 or 4.
     constants : (G,) number of constant errors.
-    losses, thresholds : (G,) see :mod:`.robust_weights`.
-    first_linear, columns, column_starts : see :class:`.ModelArrays`; (G,), concatenated, (G + 1,).
-    linears : C_k (R, K, m, N) of each family, concatenated.
+    losses, thresholds : (G,) robust losses, see :mod:`.robust_weights`.
+    first_linear, columns, column_starts : (G,), concatenated, (G + 1,) arrays of
+        :class:`.ModelArrays` for each family.
+    linears : matrices C_k (R, K, m, N) of the linear part of h for each family, concatenated.
     linear_starts : (G,) start of each family in ``linears``.
-    roots : (G,) index of the inverse root of the noise.
-    gradients : (G,) number of equations of the gradiometer.
-    used, used_counts : (G, equations, .), (G, equations) states on which a plain update's equation
-        depends.
+    roots : (G,) index into ``inverses`` of :class:`Bank`.
+    gradients : (G,) number of measurement equations of the gradiometer.
+    used, used_counts : (G, equations, .), (G, equations) indices of the states on which each
+        equation of a plain update depends, and the number of these states.
     """
 
     starts: np.ndarray
@@ -75,28 +78,31 @@ class Families:
 
 @record
 class Bank:
-    """Filters of J hypotheses on R runs, family by family.
+    """F filters of J hypotheses on R runs, ordered by family.
 
     Attributes
     ----------
-    batch : the runs, with the states of the block.
-    families : see :class:`Families`.
-    iterations : linearisations of h in each update without a loss.
-    hypotheses : (F,) the hypothesis of each filter.
-    evident, estimating : (F,) whether the evidence, and the estimates, of a filter are used.
-    scales : (F, m) factors on the standard deviations of the channels' noise.
-    heights : (F, 2) log peak of the given normal noise density less that of the filter, per
-        channel: for map-matched channels, and for all.
-    peaks : (R, K, 3) log peak of the given density without its constant; number of available
-        map-matched channels; number of available channels.
-    motions : (F,) row of ``moves`` and ``drives``.
-    moves : (., R, K, 5) transition of an error process (2, 2), and of gravity.
-    drives : (., R, K, 5) added variance over that of the process (2, 2), and that of gravity.
-    variances : (F, c) of the error processes.
+    batch : the runs, without the added states.
+    families : the families of filters.
+    iterations : largest number of linearisations of h in each update without a loss.
+    hypotheses : (F,) index of the hypothesis of each filter.
+    evident, estimating : (F,) whether the evidence of a filter is used; whether its estimates are
+        used.
+    scales : (F, m) factors on the noise standard deviations of the channels.
+    heights : (F, 2) logarithm, per channel, of the peak of the assumed normal noise density over
+        the peak of the filter's noise density: for map-matched channels, and for all channels.
+    peaks : (R, K, 3) log peak of the assumed noise density without the term in 2π; number of
+        available map-matched channels; number of available channels.
+    motions : (F,) row of ``moves`` and ``drives`` for each filter.
+    moves : (., R, K, 5) transition matrix (2, 2) of an error process, flattened, and transition
+        factor of the unknown gravity.
+    drives : (., R, K, 5) process noise covariance (2, 2) of an error process of unit variance,
+        flattened, and process noise variance of the unknown gravity.
+    variances : (F, c) stationary variances of the error processes.
     priors : (F, .) prior variances of the added states.
-    coupling : (R, K, n, 4) coupling of added states into those of the block.
-    inverses : (., 1 or K, m, m) inverse roots of noise.
-    square : zeros, with the number of elements of the largest P.
+    coupling : (R, K, n, 4) block of Φ from the coupled added states to the states of the block.
+    inverses : (., 1 or K, m, m) inverse Cholesky factors of noise covariances.
+    square : zeros, as many as the largest P has elements.
     """
 
     batch: Batch
@@ -120,12 +126,12 @@ class Bank:
 
 @record
 class Members:
-    """Filters in a stage, with their states at its beginning or end.
+    """M filters of a stage, with the states of all filters at the beginning or end of the stage.
 
     Attributes
     ----------
-    filters, runs : (M,).
-    slots : (M,) index of hypothesis and run in the results of a stage.
+    filters, runs : (M,) index of the filter; index of its run.
+    slots : (M,) index into the S pairs of :class:`Stage`.
     states : (F, R, .) mean and covariance of each filter.
     """
 
@@ -137,14 +143,14 @@ class Members:
 
 @record
 class Stage:
-    """Results of the epochs of a stage, for S pairs of a hypothesis and a run.
+    """Results of the epochs of a stage, for S pairs (hypothesis, run).
 
     Attributes
     ----------
-    first, stop : epochs.
-    mean, cov : (S, epochs, n), (S, epochs, n, n); only the lower half of a covariance.
-    evidence : (S, epochs).
-    counts : (R,) evaluations of h.
+    first, stop : first epoch of the stage, and the epoch after its last.
+    mean, cov : (S, epochs, n), (S, epochs, n, n) estimates; covariances have only the lower half.
+    evidence : (S, epochs) log evidence of each epoch.
+    counts : (R,) number of evaluations of h.
     """
 
     first: int
@@ -169,21 +175,22 @@ def follow(
     weights: np.ndarray,
     counts: np.ndarray,
 ) -> None:
-    """Fill the mixture of all hypotheses from an epoch on, for the chosen runs.
+    """Fill the mixture estimates of the chosen runs from epoch ``begin`` on.
 
-    At the end of each stage, hypotheses with negligible weight are dropped. If all hypotheses fail,
-    later results are NaN.
+    At the end of each stage, hypotheses with negligible weight are dropped. If all hypotheses of a
+    run fail, its later results are NaN.
 
     Parameters
     ----------
     bank : the filters.
-    begin, ends : first epoch; ends of the stages.
-    chosen : (R,).
-    means, covs : (R, n), (R, n, n) of the block's states before the first epoch.
-    logs : (J, R) logarithms of the weights; overwritten.
-    mean, cov : (R, K, n), (R, K, n, n) output.
-    weights : (J, R, K) output, logarithms.
-    counts : (R,) evaluations of h are added.
+    begin, ends : first epoch; epoch after the last one of each stage.
+    chosen : (R,) mask of the chosen runs.
+    means, covs : (R, n), (R, n, n) mean and covariance of the block's states before epoch
+        ``begin``.
+    logs : (J, R) log weights of the hypotheses before epoch ``begin``; overwritten.
+    mean, cov : (R, K, n), (R, K, n, n) mixture estimates, output.
+    weights : (J, R, K) log weights of the hypotheses, output.
+    counts : (R,) number of evaluations of h, increased.
     """
     n, filters, runs = means.shape[1], len(bank.hypotheses), len(chosen)
     largest = n + bank.priors.shape[1]

@@ -1,4 +1,4 @@
-"""Filters of hypotheses as the arrays of :class:`.hypothesis_bank.Bank`."""
+"""Construction of the filter bank of several hypotheses."""
 
 from __future__ import annotations
 
@@ -63,11 +63,15 @@ class _Family(NamedTuple):
 def bank_of(
     block: ProblemBlock, hypotheses: Sequence[Hypothesis], motion: Motion, iterations: int
 ) -> Bank:
-    """Return the filters of hypotheses.
+    """Return the filter bank of several hypotheses.
 
     Parameters
     ----------
-    iterations : linearisations of h in each update; a loss needs a second one.
+    block : block of R runs.
+    hypotheses : hypotheses that apply to the block.
+    motion : track data from :func:`.motion_of`.
+    iterations : largest number of linearisations of h in each update; filters with a loss use at
+        least two.
     """
     batch, of_map = batch_of(block), of_the_map(block)
     roots = np.linalg.cholesky(batch.noise_cov)
@@ -122,15 +126,16 @@ def bank_of(
 
 
 def mixed_noise(block: ProblemBlock) -> bool:
-    """Return whether noise of map-matched channels correlates with other noise."""
+    """Return whether map-matched and other channels have correlated noise."""
     of_map = of_the_map(block)
     return bool(block.noise_cov[..., of_map, :][..., ~of_map].any())
 
 
 def precisions_of(block: ProblemBlock, noises: Sequence[float]) -> np.ndarray:
-    """Return the precision (S, equations) of the equations of plain updates, for noise factors.
+    """Return the factors (S, equations) on whitened measurement equations for S noise factors.
 
-    :func:`mixed_noise` must be false.
+    The equations are those of plain updates. A noise factor multiplies the noise of map-matched
+    channels, so the factor on their equations is its inverse. :func:`mixed_noise` must be false.
     """
     model, of_map = block.model, of_the_map(block)
     g, moving = len(model.channels), moving_errors(model.instrument)

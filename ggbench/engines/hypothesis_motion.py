@@ -1,4 +1,4 @@
-"""Distances along tracks, and changes of gravity from integrated gradients."""
+"""Distances along INS tracks, and changes of gravity from integrated gradients."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _WITHOUT_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 
 class Motion(NamedTuple):
-    """Track data of a block for its hypotheses, epoch by epoch.
+    """Track data of a block at each epoch, for hypotheses with spatially correlated errors.
 
     Attributes
     ----------
-    ways : (R, K) distance from the previous epoch or the start [m]; zero without a track.
-    known : (R, K, 3) change of the uncompensated gravity since the start from integrated gradients,
-        mean since the previous epoch [m/s²] ENU; zero if not available.
-    walked : (R, K) variance of this change by gradient noise.
+    ways : (R, K) distance flown since the previous epoch or the start [m]; zero without a track.
+    known : (R, K, 3) change of the uncompensated gravity since the start, from integrated gradients
+        and averaged since the previous epoch [m/s²] ENU; zero if not available.
+    walked : (R, K) variance of ``known`` caused by gradient noise [m²/s⁴].
     """
 
     ways: np.ndarray
@@ -35,7 +35,7 @@ class Motion(NamedTuple):
 
 
 def motion_of(block: ProblemBlock) -> Motion:
-    """Return the track data of a whole flight."""
+    """Return the track data of all epochs of a block."""
     runs, epochs = block.runs, block.epochs
     known, walked = np.zeros((runs, epochs, 3)), np.zeros((runs, epochs))
     if block.tracks is None:

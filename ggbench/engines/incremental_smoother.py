@@ -2,16 +2,17 @@
 
 Each node has a linearisation point. Every epoch adds a node, linearised at the predicted state.
 Nodes whose estimate has moved from this point by a threshold or more are relinearised at the
-estimate. Then the linear problem is solved exactly. These are the rules of GTSAM's ISAM2 (Kaess et
-al. 2012) without a wildfire threshold, which remains the reference. Instead of eliminating the
-affected part of a Bayes tree, a filter restarts from the oldest relinearised node, and multipliers
-are propagated back through all nodes.
+estimate. Then the linear problem is solved exactly. GTSAM's ISAM2 (Kaess et al. 2012) has the same
+rules if its wildfire threshold is zero; tests compare with it. ISAM2 eliminates the affected part
+of a Bayes tree. Here a Kalman filter restarts from the oldest relinearised node, and the
+multipliers of :mod:`.smoother_passes` are propagated back through all nodes.
 
-In a sliding window (GTSAM's IncrementalFixedLagSmoother) a node leaves when a measurement is later
-by more than the lag. Its linearisation is final, and so is that of the oldest node of the window,
-which is coupled to it.
+In a sliding window (GTSAM's IncrementalFixedLagSmoother) a node leaves the window when it is older
+than the newest measurement by more than the lag. The linearisation of this node is then final, and
+so is that of the window's oldest node, which is coupled to it.
 
-Eight runs are processed together: the filter restarts at the oldest node that any of them needs.
+Eight runs are processed in parallel: the filter restarts at the oldest node that any of the eight
+needs.
 """
 
 from __future__ import annotations
@@ -144,19 +145,20 @@ def smoother(
     loss: str = "none",
     threshold: float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Solve the problems of every run, measurement by measurement.
+    """Smooth every run incrementally, measurement by measurement.
 
     Parameters
     ----------
-    block : the runs.
-    limits : (R, n) changes of a state from which its node is relinearised.
-    leaving : (K,) oldest node of the window at each epoch; earlier nodes are final. None: no
-        window; every newest node is final.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    block : block of R runs.
+    limits : (R, n) smallest change of each state that causes relinearisation of its node.
+    leaving : (K,) oldest node of the window at each epoch; earlier nodes are final. None means no
+        window: the output at each epoch is the newest node at that epoch.
+    loss, threshold : robust loss on each whitened component of a measurement, see
+        :mod:`.robust_weights`.
 
     Returns
     -------
-    mean (R, K, n), cov (R, K, n, n) of each final node; counters.
+    mean (R, K, n) and covariance (R, K, n, n) of each final node, and counters by name.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))

@@ -2,11 +2,11 @@
 
 A gate rejects a measurement whose normalised innovation squared yᵀ S⁻¹ y exceeds a quantile of its
 χ² distribution (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4). Underweighting uses S = (1 + β) H P
-Hᵀ + R for the gain, because with a wide prior and a nonlinear field innovations exceed H P Hᵀ + R
-(Lear 1985; Carpenter & D'Souza 2018, NASA/TP-2018-219822). The covariance after it is that of
-Joseph's form with R and this gain.
+Hᵀ + R for the gain, because with a wide prior and a nonlinear field the innovation covariance
+exceeds H P Hᵀ + R (Lear 1985; Carpenter & D'Souza 2018, NASA/TP-2018-219822). The posterior
+covariance is Joseph's form with R and this gain.
 
-With both, the gate tests the innovation against the S of the gain.
+If gating and underweighting are combined, the gate uses the underweighted S.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from ..numerics.vectors import load, splat, store
 
 @record
 class GateOptions:
-    """Gate limits and underweighting of a block's updates.
+    """Gate limits and underweighting of the updates of a block.
 
     Attributes
     ----------
-    limits : (R, K) of :func:`gate_limits`; (0, 0) without a gate.
+    limits : (R, K) largest accepted yᵀ S⁻¹ y, from :func:`gate_limits`; shape (0, 0) without a
+        gate.
     underweighting : β; 0 for none.
     """
 
@@ -35,7 +36,13 @@ class GateOptions:
 
 
 def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> GateOptions:
-    """Return the options of a block for the probability of a gate (0: none) and a β."""
+    """Return the gate options of a block.
+
+    Parameters
+    ----------
+    gate : probability of accepting a measurement with the assumed noise; 0 for no gate.
+    underweighting : β; 0 for no underweighting.
+    """
     limits = gate_limits(gate, block.present)
     return GateOptions(limits if gate else np.empty((0, 0)), underweighting)
 
@@ -43,12 +50,12 @@ def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> Gat
 def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
     """Return the largest accepted yᵀ S⁻¹ y (...) of measurements.
 
-    It is the quantile of χ² with one degree of freedom per available channel; ∞ without a channel
-    or a gate.
+    The limit is the quantile of χ² with one degree of freedom per available channel. It is ∞ if no
+    channel is available or there is no gate.
 
     Parameters
     ----------
-    gate : its probability; 0 for none.
+    gate : probability of accepting a measurement with the assumed noise; 0 for no gate.
     present : (..., m) mask of available channels.
     """
     channels = np.count_nonzero(present, axis=-1)
@@ -93,10 +100,10 @@ def reject(
     Parameters
     ----------
     squared : (1, 1, lanes) yᵀ S⁻¹ y.
-    limits : (R, K).
-    first, count, k : of a group; epoch.
+    limits : (R, K) from :func:`gate_limits`.
+    first, count, k : first run and number of runs of the group, epoch.
     half_gain : (m, n, lanes) L⁻¹ times the cross-covariance; zero where a measurement is rejected.
-    rejected : (R,) counts.
+    rejected : (R,) number of rejected measurements, increased.
     """
     for r in range(count):
         if squared[0, 0, r] > limits[first + r, k]:

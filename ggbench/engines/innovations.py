@@ -14,9 +14,10 @@ def innovations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the innovations (K, m) of a filter's estimates, and their covariances (K, m, m).
 
-    The innovation is that of the estimate at the previous epoch, predicted with Φ and Q. Only a
-    filter has innovations. At the first epoch the prior is predicted. Innovations of missing
-    measurements are zero. These evaluations of h and H are not counted in ``evaluations``.
+    The prediction is the filter's estimate at the previous epoch, propagated with Φ and Q; at the
+    first epoch it is the propagated prior. ``mean`` (K, n) and ``cov`` (K, n, n) must come from a
+    filter, not a smoother. Innovations of missing measurements are zero. The evaluations of h and H
+    are not counted in ``evaluations``.
     """
     epochs, channels = problem.measurements.shape
     last_mean = np.concatenate([problem.prior_mean[np.newaxis], mean[:-1]])
@@ -39,9 +40,9 @@ def innovations(
 
 
 def innovations_squared(problem: Problem, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return the NIS (K,) of a filter's estimates, from its own mean and covariance.
+    """Return the normalised innovation squared (K,) of a filter's estimates.
 
-    It is that of :func:`innovations`; NaN without a measurement.
+    The innovations are those of :func:`innovations`. The NIS is NaN without a measurement.
     """
     nis = np.full(problem.epochs, np.nan)
     there = problem.present.any(axis=1)

@@ -1,9 +1,9 @@
 """Compiled iterated, robust update of an extended Kalman filter for eight runs.
 
-The update minimises J(x) = ½ (x − x⁻)ᵀ P⁻¹ (x − x⁻) + Σ ρ(r(x)), with the whitened residuals r of a
-measurement, by Gauss–Newton steps (Bell & Cathey 1993) that are halved until J decreases. Every x
-is x⁻ + P λ, so P needs no inverse. A converged run of the group stays unchanged, so its result does
-not depend on its neighbours.
+The update minimises J(x) = ½ (x − x⁻)ᵀ P⁻¹ (x − x⁻) + Σ ρ(r(x)), where r are the whitened residuals
+of a measurement and ρ is a loss. Gauss–Newton steps (Bell & Cathey 1993) are halved until J
+decreases. Every x is written as x⁻ + P λ, so P is not inverted. A run that has converged stays
+unchanged while other runs of the group iterate, so its result does not depend on them.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ _CONVERGED = 1e-6
 
 @record
 class Rules:
-    """Rules of an iterated update.
+    """Options of an iterated update.
 
     Attributes
     ----------
-    iterations : largest number of linearisations. With one, the linear update computes x.
-    halvings : number of shortened steps to try.
-    loss, threshold : see :mod:`.robust_weights`; with a loss measurements are whole.
-    settled : whether the weights of a loss are converged over linear updates, instead of those of
-        the residuals at each linearisation.
+    iterations : largest number of linearisations; 1 is a linear update.
+    halvings : largest number of halvings of a step.
+    loss, threshold : robust loss, see :mod:`.robust_weights`. With a loss, measurements have
+        ``whole`` set, see :class:`.LinearisedMeasurement`.
+    settled : whether the weights of a loss are iterated to convergence at each linearisation,
+        instead of following from the residuals at the linearisation point.
     """
 
     iterations: int
@@ -44,25 +45,27 @@ class Rules:
 
 @record
 class Search:
-    """Iterated updates of eight runs at an epoch; ``rows`` and ``innovation`` define the update.
+    """Iterated updates of eight runs at an epoch, one run per lane.
 
     Attributes
     ----------
-    batch, rules : of all runs.
-    reading : linearised at x; whole with a loss.
-    start : (1, n, lanes) x⁻.
-    dual : λ with x = x⁻ + P λ.
-    step : of λ.
-    tried : λ of a trial.
-    rows, innovation : (equations, n, lanes), (1, equations, lanes) of the last linearisation,
-        divided by the noise standard deviations of a loss; relative to x⁻.
-    hp, s, white, half, gain : scratch (equations, n), (equations, equations), (1, equations); after
-        :func:`update` s is the root of H P Hᵀ + 1, as :func:`.lane_algebra.factorise` leaves it.
-    cost : (lanes,).
-    seeking, trying : (lanes,) whether a run has not converged; whether its step is being halved.
-    weights : (1, equations, lanes) weights of the equations by a loss; ones without a loss.
+    batch, rules : arrays and update rules of all runs.
+    reading : measurement, linearised at x.
+    start : (1, n, lanes) predicted state x⁻.
+    dual : (1, n, lanes) λ with x = x⁻ + P λ.
+    step : (1, n, lanes) Gauss–Newton step of λ.
+    tried : (1, n, lanes) λ of the latest shortened step.
+    rows, innovation : (equations, n, lanes), (1, equations, lanes) whitened H and innovation
+        relative to x⁻, from the last linearisation; a loss multiplies both by the roots of its
+        weights.
+    hp, s, white, half, gain : scratch. After :func:`update`, s is the Cholesky factor of H P Hᵀ + I
+        in the form of :func:`.lane_algebra.factorise`.
+    cost : (lanes,) J(x).
+    seeking, trying : (lanes,) whether a run has not converged; whether a step of the run is being
+        halved.
+    weights : (1, equations, lanes) weights of the equations by the loss; ones without a loss.
     weight : (equations,) scratch.
-    counts : (lanes, 2) of linearisations and evaluations of h so far.
+    counts : (lanes, 2) number of linearisations, and of evaluations of h, so far.
     """
 
     batch: Batch
@@ -89,7 +92,7 @@ class Search:
 
 @compiled
 def search_of(batch: Batch, rules: Rules, reading: LinearisedMeasurement) -> Search:
-    """Return unfilled arrays (1, n, lanes) for iterated updates with readings."""
+    """Return unfilled arrays (1, n, lanes), ... for iterated updates with a measurement."""
     n, equations = batch.prior_cov.shape[0], reading.rows.shape[0]
     weights = lanes(1, equations)
     weights[:] = 1.0
@@ -126,9 +129,9 @@ def minimise(
 
     Parameters
     ----------
-    out : the search; its measurement is linearised at x, and overwritten.
-    group, count, k : as in :func:`.linearise`.
-    x, p : (1, n, lanes), (n, n, lanes) of the prediction.
+    out : the search; ``out.reading`` must be linearised at x, and is overwritten.
+    group, count, k : runs (lanes,), number of different runs among them, epoch.
+    x, p : (1, n, lanes), (n, n, lanes) predicted mean and covariance; x is overwritten.
     """
     rules, m = out.rules, out.rows.shape[0]
     lane_algebra.copy(x, out.start)
@@ -159,7 +162,9 @@ def minimise(
 
 @compiled
 def update(out: Search, x: np.ndarray, p: np.ndarray, scratch: np.ndarray) -> None:
-    """Update P with the equations of a search, and x if there was one linearisation.
+    """Update the covariance P (n, n, lanes) with the equations of a search.
+
+    If the update has only one linearisation, x (1, n, lanes) is updated too.
 
     ``scratch`` (n, n, lanes) is overwritten.
     """

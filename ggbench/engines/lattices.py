@@ -1,4 +1,4 @@
-"""Lattices of positions that move with the INS error."""
+"""Lattices of position errors that are propagated like the INS error."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import numpy as np
 
 
 class Lattice:
-    """Points base + A i with integers i (d,), and masses of a Gaussian in a box of them.
+    """Lattice of points base + A i, i ∈ ℤᵈ, with probabilities of a Gaussian in a box of cells.
 
     Attributes
     ----------
-    base : (d,) first corner of the box of masses.
+    base : (d,) first corner of the box.
     axes : (d, d) A, one axis per column.
-    masses : (cells of each axis); they add up to one.
+    masses : probability of each cell of the box, with one dimension per axis; the sum is one.
 
     Parameters
     ----------
-    mean, cov : (d,), (d, d) of the Gaussian.
-    steps : (d,) distance of the points along each state.
-    reach : half side of the box in standard deviations.
+    mean, cov : (d,), (d, d) mean and covariance of the Gaussian.
+    steps : (d,) distance between neighbouring points along each state.
+    reach : half the side of the box, in standard deviations.
     """
 
     def __init__(self, mean: np.ndarray, cov: np.ndarray, steps: np.ndarray, reach: float) -> None:
@@ -38,10 +38,10 @@ class Lattice:
         return np.asarray(self.base + index @ self.axes.T)
 
     def move(self, transition: np.ndarray) -> None:
-        """Propagate the points as states, by Φ (d, d); the masses stay with their points."""
+        """Multiply the positions of all points by Φ (d, d); the probabilities are unchanged."""
         self.base, self.axes = transition @ self.base, transition @ self.axes
 
     def in_cells(self, cov: np.ndarray) -> np.ndarray:
-        """Convert a covariance (d, d) of the states to one of indices."""
+        """Convert a covariance (d, d) of the states to a covariance of the indices i."""
         back = np.linalg.inv(self.axes)
         return np.asarray(back @ cov @ back.T)

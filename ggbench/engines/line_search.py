@@ -1,14 +1,16 @@
 """Compiled Gauss–Newton searches for most probable trajectories, with halved steps.
 
-Each step linearises h about the whole trajectory and solves the linear problem with a Kalman filter
-and smoother (Bell 1994), and shortens the step until the cost decreases: the line-search iterated
-extended Kalman smoother of Särkkä & Svensson 2020.
+Each iteration linearises h about the whole trajectory and solves the linear problem with a Kalman
+filter and smoother (Bell 1994). It halves the step until the cost decreases. This is the
+line-search iterated extended Kalman smoother of Särkkä & Svensson 2020.
 
-The lanes process searches of all runs of a block together. A search that has ended stays unchanged.
+Eight searches are processed in parallel, one per lane; they may belong to different runs. A search
+that has ended stays unchanged.
 
-Between a trajectory a and the minimum b of the linear problem about it the cost of the motion, ½
-M(x, x), is quadratic, so M(a, a), M(a, b) and M(b, b) define it. At b the gradient of the linear
-problem is zero, M(b, a − b) = (y − H b)ᵀ H (a − b), so no multipliers are stored:
+The motion cost ½ M(x, x) of a trajectory x is that of the prior and of the process noise. Let b be
+the minimum of the linear problem about the trajectory a. Between a and b the motion cost is
+quadratic, so M(a, a), M(a, b) and M(b, b) define it. At b the gradient of the linear problem is
+zero, M(b, a − b) = (y − H b)ᵀ H (a − b), so no multipliers are stored:
 
     M(a, b) = M(b, b) + |y − H b|² − (y − H b)ᵀ (y − H a).
 """
@@ -57,20 +59,20 @@ CONVERGED = 1e-6
 
 @record
 class MapSearches:
-    """Trajectories of J searches for the maximum a posteriori.
+    """J searches for the trajectory of maximum posterior probability.
 
     Attributes
     ----------
-    runs : (J,) run of each search.
-    states : (J, K, n).
-    start : (J, n) λ of the state before the first epoch, prior_mean + P_0 λ.
-    motion : (J,) twice the cost of the motion.
-    about : (J, K, n) latest linearisation points.
-    cost : (J,) of the trajectory.
-    iterations : (J,) steps.
-    evaluations : (J,) of h.
-    converged : (J,) whether the last step, and the linear problem, decreased the cost by less than
-        the limit.
+    runs : (J,) index of the run of each search.
+    states : (J, K, n) trajectories.
+    start : (J, n) λ; the state before the first epoch is prior_mean + P_0 λ.
+    motion : (J,) twice the motion cost of the trajectory.
+    about : (J, K, n) trajectories of the latest linearisation.
+    cost : (J,) cost of the trajectory: negative log posterior without constants.
+    iterations : (J,) number of steps.
+    evaluations : (J,) number of evaluations of h.
+    converged : (J,) whether both the last step and the linear problem decreased the cost by less
+        than the limit of convergence.
     """
 
     runs: np.ndarray
@@ -86,13 +88,15 @@ class MapSearches:
 
 @record
 class TrialSlots:
-    """Trial steps that are evaluated together, one per lane; a search may use several lanes.
+    """Trial steps of line searches, evaluated together, one per slot.
+
+    A search may use several slots.
 
     Attributes
     ----------
-    lane, share : (lanes,) search, and share of its step.
-    group : (lanes,) runs.
-    left : (lanes,) Σ ρ of the residuals of the trial.
+    lane, share : (lanes,) lane of the search; fraction of its Gauss–Newton step.
+    group : (lanes,) run of the search.
+    left : (lanes,) sum of the losses ρ of the residuals after the trial step.
     x : (1, n, lanes) scratch.
     """
 
@@ -159,16 +163,17 @@ def _mixed_motion(path: Linearisation, costs: CostTerms, mixed: np.ndarray) -> N
 def assign_trials(
     trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: TrialSlots
 ) -> int:
-    """Assign the next shortened steps of unfinished line searches to the slots.
+    """Assign the next trial steps of unfinished line searches to evaluation slots.
 
-    Each search gets equally many slots; the shares of its step are successive halvings.
+    Each unfinished search gets the same number of slots. They hold successive halvings of its
+    Gauss–Newton step.
 
     Parameters
     ----------
-    trying : (lanes,) searches whose cost has not fallen yet.
-    halved : (lanes,) number of shares that each search has tried.
+    trying : (lanes,) mask of the searches whose cost has not decreased yet, one search per lane.
+    halved : (lanes,) number of trial steps that each search has evaluated.
     group : (lanes,) run of each search.
-    slots : ``lane``, ``share`` and ``group`` are filled; unused slots repeat the first one.
+    slots : ``lane``, ``share`` and ``group`` are filled; unused slots repeat the first slot.
 
     Returns
     -------
@@ -207,14 +212,14 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 
 @compiled
 def search(problems: BatchProblem, most: int, enough: float, found: MapSearches) -> None:
-    """Follow the searches to their ends.
+    """Run Gauss–Newton searches until they converge or reach the largest number of steps.
 
     Parameters
     ----------
-    problems : of all runs.
+    problems : problems of all runs.
     most : largest number of steps of a search.
-    enough : a search ends with a step that lowers the cost by less.
-    found : J searches; all arrays but ``runs`` are updated.
+    enough : a search has converged if a step decreases the cost by less than this.
+    found : J searches; all arrays except ``runs`` are updated.
     """
     searches, epochs, n = found.states.shape
     smoother = smoother_of(problems)
@@ -329,7 +334,7 @@ def _move(
 
 @compiled
 def undisturbed(batch: Batch, found: MapSearches) -> None:
-    """Fill ``states`` (J, K, n), propagated from prior_mean + P_0 λ, and ``motion`` (J,)."""
+    """Fill ``states`` (J, K, n) by noise-free propagation from the start, and ``motion`` (J,)."""
     n = batch.prior_cov.shape[0]
     x, moved = np.empty(n), np.empty(n)
     for job in range(found.runs.shape[0]):
@@ -352,7 +357,7 @@ def undisturbed(batch: Batch, found: MapSearches) -> None:
 
 @compiled
 def filtered_tracks(batch: Batch, found: MapSearches) -> None:
-    """Fill the smoothed tracks (J, K, n) of an extended Kalman filter for all runs."""
+    """Fill ``states`` (J, K, n) with the smoothed trajectories of an extended Kalman filter."""
     runs, epochs, n = found.states.shape
     smoother = smoother_of(BatchProblem(batch, NONE, np.inf))
     path, work = smoother.path, smoother.work
@@ -377,7 +382,10 @@ def filtered_tracks(batch: Batch, found: MapSearches) -> None:
 
 @compiled
 def answer(problems: BatchProblem, found: MapSearches, mean: np.ndarray, cov: np.ndarray) -> None:
-    """Fill mean (J, K, n) and smoothed covariance (J, K, n, n), linearised as the search was."""
+    """Fill mean (J, K, n) and smoothed covariance (J, K, n, n) of the searches' trajectories.
+
+    The covariance uses the last linearisation of each search.
+    """
     searches, last = found.states.shape[0], found.states.shape[1] - 1
     smoother = smoother_of(problems)
     path = smoother.path
@@ -405,10 +413,11 @@ def ends(
     cov: np.ndarray,
     log_width: np.ndarray,
 ) -> None:
-    """Fill mean (J, 1, n) and covariance (J, 1, n, n) of the last epochs, and log widths (J,).
+    """Fill mean (J, 1, n) and covariance (J, 1, n, n) at the last epoch, and log widths (J,).
 
-    A log width is ½ ln of the determinant of a trajectory's covariance over that of the prior, −½ Σ
-    ln det of the innovation covariances in units of the noise.
+    A log width is ½ ln (det of the posterior covariance of the whole trajectory / det of its prior
+    covariance). It equals −½ Σ ln det S_k with the innovation covariances S_k in units of the
+    noise.
     """
     searches = found.states.shape[0]
     smoother = smoother_of(problems)
@@ -448,13 +457,15 @@ def screen(
     places: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Add the losses of the residuals at some epochs to out (R, S).
+    """Add the losses of the residuals at some epochs to ``out`` (R, S), for S starts.
+
+    The states are propagated without noise from each start.
 
     Parameters
     ----------
-    along : (n, d) map from coordinates to the state before the first epoch.
-    shown : (K,) mask of these epochs.
-    places : (d, vectors, lanes) these coordinates, in the order of memory.
+    along : (n, d) matrix that maps coordinates (d,) of a start to the state before the first epoch.
+    shown : (K,) mask of the epochs.
+    places : (d, vectors, lanes) coordinates of the starts, eight starts per vector.
     """
     batch, (n, d) = problems.batch, along.shape
     runs, epochs = batch.measurements.shape[:2]

@@ -1,4 +1,4 @@
-"""Linearised problems of eight runs about their trajectories, and the arrays of a smoother."""
+"""Problems of eight runs, linearised about trajectories, and the arrays of a smoother."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .whitened_measurements import Batch, LinearisedMeasurement, linearise, read
 
 @record
 class BatchProblem:
-    """A block of runs, and the loss of whitened residuals, see :mod:`.robust_weights`."""
+    """A block of runs, and the robust loss of whitened residuals, see :mod:`.robust_weights`."""
 
     batch: Batch
     loss: int
@@ -25,12 +25,13 @@ class BatchProblem:
 
 @record
 class Updates:
-    """Data of the updates of all epochs for the backward pass.
+    """Data of the measurement updates of all epochs, for the backward pass.
 
     Attributes
     ----------
-    gains, lower, pulls : (K, m, n, lanes), (K, m, m, lanes), (K, m, 1, lanes): Kᵀ, the root of S
-        (see :func:`.lane_algebra.factorise`) and S⁻¹ y.
+    gains : (K, m, n, lanes) transposed Kalman gains.
+    lower : (K, m, m, lanes) Cholesky factors of S, see :func:`.lane_algebra.factorise`.
+    pulls : (K, m, 1, lanes) S⁻¹ y with the innovation y.
     """
 
     gains: np.ndarray
@@ -40,15 +41,17 @@ class Updates:
 
 @record
 class Linearisation:
-    """Linearised problems of a group about its trajectories, and results of the filter.
+    """Linearised problems of a group of runs, and results of the Kalman filter.
 
     Attributes
     ----------
-    moving : (K,) number of states that Φ changes.
+    moving : (K,) number of states that Φ changes; these states are the first ones.
     phi, q : (K, n, n, lanes) rows of Φ and Q of these states.
-    rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
-    states, trial : (K, 1, n, lanes) the trajectory and the trial trajectory.
-    filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
+    rows, target : (K, m, n, lanes), (K, 1, m, lanes) H and y of the linearised measurement
+        equations H x = y + noise of unit variance.
+    states, trial : (K, 1, n, lanes) the current trajectory and the trial trajectory.
+    filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes) filtered state x_f and lower
+        half of its covariance P_f.
     updates : data of the measurement updates.
     """
 
@@ -66,7 +69,7 @@ class Linearisation:
 
 @record
 class Scratch:
-    """Scratch for one epoch and measurements of m equations, named by its content."""
+    """Scratch arrays for one epoch with m measurement equations."""
 
     x: np.ndarray
     p: np.ndarray
@@ -83,15 +86,16 @@ class Scratch:
 
 @record
 class CostTerms:
-    """Sums along the trial trajectories, (1, 1, lanes) each.
+    """Terms of the cost of trial trajectories; shape (1, 1, lanes) each.
 
     Attributes
     ----------
-    unexplained : squares of the part that does not depend on the states.
-    explained : squares of the other residuals, or twice their losses.
-    weighted : their squares with the weights of a loss; without a loss equal to ``explained``.
-    promised : predicted value of these from the linear problem.
-    motion : the cost of the motion, twice.
+    unexplained : sum of squares of the part of the measurements that does not depend on the states.
+    explained : sum of squares of the other residuals; with a loss, twice the sum of losses.
+    weighted : sum of squares of these residuals with the weights of the loss; equal to
+        ``explained`` without a loss.
+    promised : value of ``weighted`` predicted by the linear problem.
+    motion : twice the motion cost, which is the cost of prior and process noise.
     """
 
     unexplained: np.ndarray
@@ -103,15 +107,15 @@ class CostTerms:
 
 @record
 class Smoother:
-    """Arrays for smoothing one group of runs after the other.
+    """Arrays of a smoother that processes groups of eight runs one after the other.
 
     Attributes
     ----------
-    problems : of all runs.
-    expected : expected number of states that change, see :func:`.lanes.gather`.
-    reading : latest linearised measurement.
-    path, costs : of the group.
-    work : scratch for the equations of readings.
+    problems : problems of all runs.
+    expected : expected number of states that Φ changes, see :func:`.lanes.gather`.
+    reading : the latest linearised measurement.
+    path, costs : linearised problems and cost terms of the current group.
+    work : scratch for measurement updates.
     """
 
     problems: BatchProblem
@@ -124,7 +128,7 @@ class Smoother:
 
 @compiled
 def scratch_of(n: int, m: int) -> Scratch:
-    """Return the scratch for n states and m equations."""
+    """Return scratch arrays for n states and m measurement equations."""
     new = lanes.lanes
     return Scratch(
         x=new(1, n),
@@ -143,7 +147,7 @@ def scratch_of(n: int, m: int) -> Scratch:
 
 @compiled
 def smoother_of(problems: BatchProblem) -> Smoother:
-    """Return unfilled arrays for a group of runs, in the shapes of :class:`Linearisation`."""
+    """Return the unfilled arrays of a smoother, in the shapes of :class:`Linearisation`."""
     batch, new = problems.batch, lanes.series
     epochs, n = batch.transition.shape[1:3]
     reading = readings_of(batch, problems.loss != NONE)
@@ -173,7 +177,7 @@ def smoother_of(problems: BatchProblem) -> Smoother:
 
 @compiled
 def gather_motion(smoother: Smoother, group: np.ndarray, k: int) -> None:
-    """Fill Φ and Q of a group of runs (lanes,) at an epoch."""
+    """Fill Φ and Q of a group of runs (lanes,) at epoch ``k``."""
     batch, path = smoother.problems.batch, smoother.path
     path.moving[k] = lanes.gather(
         transition=batch.transition,
@@ -199,8 +203,9 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
 
     Parameters
     ----------
-    smoother : ``path.trial`` is read; ``path.rows``, ``path.target`` and ``costs`` are filled.
-    group : (lanes,) runs, of which ``count`` differ.
+    smoother : ``path.trial`` is the input; ``path.rows``, ``path.target`` and ``costs`` are filled.
+    group : (lanes,) runs; unused lanes repeat a run.
+    count : number of different runs in the group.
     """
     path, costs = smoother.path, smoother.costs
     costs.unexplained[:] = 0.0
@@ -213,9 +218,10 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
 
 @compiled
 def relinearise_epoch(smoother: Smoother, k: int) -> None:
-    """Replace H (m, n) and its target (1, m) of epoch ``k`` by those about the trial trajectory.
+    """Linearise the measurement of epoch ``k`` about the trial trajectory: H (m, n), y (1, m).
 
-    Costs are added up. With a loss, each equation is multiplied by the root of its weight.
+    The terms of the cost are increased. With a loss, each equation is multiplied by the square root
+    of its weight.
     """
     problems, reading = smoother.problems, smoother.reading
     path, costs = smoother.path, smoother.costs

@@ -1,4 +1,4 @@
-"""Hypotheses about model errors: additional states, or different noise."""
+"""Hypotheses about model errors, as additional states or different noise."""
 
 from __future__ import annotations
 
@@ -22,24 +22,26 @@ _CORE = 0.7
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A deviation from the assumed model.
+    """Hypothesis that the true model deviates from the assumed model.
 
     Attributes
     ----------
-    kind : its name in a summary.
-    prior : prior weight, not normalised.
-    noise : factor on the standard deviation of gravity and gradient channels.
-    loss, threshold : of the noise, see :mod:`.robust_weights`.
-    constant : standard deviation of a constant error of each such channel [unit of the channel].
-    wander, length_m : standard deviation of a variable error of each channel, and its distance ℓ.
-        The covariance is that of a Matérn process with ν = 3/2, σ² (1 + √3 d/ℓ) exp(−√3 d/ℓ),
-        smooth as map errors.
-    rough : whether that covariance is σ² exp(−d/ℓ) instead.
-    gravity_mgal, gravity_km : standard deviation of each component of the unknown gravity, and its
-        correlation distance (1/e).
-    integrated : whether the change of gravity follows from measured gradients.
-    estimate : hypothesis for the estimates, if it differs from that for the evidence, see
-        :func:`map_error`.
+    kind : name of the hypothesis in a summary.
+    prior : prior weight; weights of several hypotheses need not sum to one.
+    noise : factor on the noise standard deviation of gravity and gradient channels.
+    loss, threshold : robust loss for noise with outliers, see :mod:`.robust_weights`.
+    constant : standard deviation of a constant error of each gravity or gradient channel [unit of
+        the channel].
+    wander, length_m : standard deviation σ [unit of the channel] and correlation length ℓ of an
+        error of each gravity or gradient channel that varies with the distance d along the track.
+        The process is a Matérn process with ν = 3/2 and covariance σ² (1 + √3 d/ℓ) exp(−√3 d/ℓ),
+        which is smooth like map errors.
+    rough : whether the covariance of the variable error is σ² exp(−d/ℓ) instead.
+    gravity_mgal, gravity_km : standard deviation of each component of the unknown gravity, and
+        distance at which the correlation is 1/e.
+    integrated : whether the change of the unknown gravity is integrated from measured gradients.
+    estimate : hypothesis of the filter for the estimates, if it differs from the filter for the
+        evidence; see :func:`map_error`.
     """
 
     kind: str
@@ -58,12 +60,12 @@ class Hypothesis:
 
     @property
     def keeps_states(self) -> bool:
-        """Whether the hypothesis has no additional states."""
+        """Whether the hypothesis adds no states."""
         return not (self.constant or self.wander or self.gravity_mgal)
 
     @property
     def words(self) -> str:
-        """Hypothesis in words."""
+        """Description of the hypothesis for summaries."""
         said, noise = [], self.noise if self.estimate is None else self.estimate.noise
         if noise != 1.0:
             said.append(f"noise {noise:.2g} times as assumed")
@@ -82,9 +84,9 @@ class Hypothesis:
 def heavy_tails(kind: str, noise: float) -> Hypothesis:
     """Return the hypothesis of noise with outliers.
 
-    The evidence uses tails heavy enough for a fifth of outliers, which give a correct size of the
-    other errors. For few outliers these tails are too heavy, so the states are estimated with the
-    usual threshold of Cauchy's loss.
+    The evidence comes from a filter with tails heavy enough for 20 % outliers, so that outliers do
+    not bias the estimated size of other model errors. These tails are too heavy if outliers are
+    few. Therefore the estimates come from a filter with the usual threshold of Cauchy's loss.
     """
     usual = Hypothesis(kind=kind, noise=noise, loss="cauchy", threshold=_THRESHOLD)
     return Hypothesis(
@@ -99,10 +101,16 @@ def heavy_tails(kind: str, noise: float) -> Hypothesis:
 def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) -> Hypothesis:
     """Return the hypothesis of map errors.
 
-    The evidence comes from a filter with a smooth process, which gives a correct size and distance
-    of the error. Its estimates are overconfident: the gradient of the map includes the gradient of
-    the error, so the gain is too large and the covariance too small. The estimates therefore come
-    from a filter with a rough process and larger steps, whose evidence would give too small a size.
+    The evidence comes from a filter with a smooth error process, which identifies size and
+    correlation length of the map error correctly. The estimates of this filter are overconfident:
+    the gradient of the map includes the gradient of its error, so the gain is too large and the
+    covariance too small. Therefore the estimates come from a filter with a rough error process and
+    larger process noise. The evidence of that second filter would favour too small a map error.
+
+    Parameters
+    ----------
+    kind : name of the hypothesis.
+    wander, length_m, constant : see :class:`Hypothesis`.
     """
     rough = Hypothesis(
         kind=kind,
@@ -146,7 +154,10 @@ def _walking_errors(block: ProblemBlock) -> bool:
 
 
 def spread(hypothesis: Hypothesis) -> float:
-    """Return ln ∫ exp(−ρ) less that of the normal density, from the tails of a loss."""
+    """Return ln (∫ exp(−ρ(r)) dr / √(2π)) of the loss ρ of a hypothesis.
+
+    It is zero without a loss.
+    """
     if hypothesis.loss == "none":
         return 0.0
     half = hypothesis.threshold**2
@@ -160,7 +171,7 @@ def spread(hypothesis: Hypothesis) -> float:
 
 
 def accelerometer(block: ProblemBlock) -> slice | None:
-    """Return the states of three accelerometer biases, or None."""
+    """Return the indices of the three accelerometer biases, or None if they are not states."""
     for part in block.layout:
         if part.name == "accelerometer bias" and part.slice.stop - part.slice.start == 3:
             return part.slice

@@ -1,4 +1,4 @@
-"""Weights of models in words: ``noise 3.1 times as assumed 62 %, outliers 30 %``."""
+"""Weights of models as a text: ``noise 3.1 times as assumed 62 %, outliers 30 %``."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _SHARE = re.compile(r"(.+?) (\d+) %(?:, |$)")
 
 
 def in_words(weights: Iterable[tuple[str, float]]) -> str:
-    """Return the heaviest models and their weights, "" if none weighs enough to be named.
+    """Return a text with the models of largest weight; "" if all weights are too small.
 
     Parameters
     ----------
-    weights : words of each model, and its weight, from 0 to 1.
+    weights : pairs of a model's description and its weight, from 0 to 1.
     """
     heaviest = sorted(weights, key=lambda item: -item[1])[:_MOST]
     return ", ".join(
@@ -24,5 +24,5 @@ def in_words(weights: Iterable[tuple[str, float]]) -> str:
 
 
 def weights_of(text: str) -> dict[str, float]:
-    """Return the weights of the models of a text of :func:`in_words`, to a hundredth."""
+    """Return the weight of each model from a text of :func:`in_words`, rounded to 0.01."""
     return {words: int(share) / 100.0 for words, share in _SHARE.findall(text)}

@@ -15,31 +15,33 @@ _USUAL = 4000.0
 
 
 class Moves(NamedTuple):
-    """Rejuvenation of a particle cloud; zero switches an option off.
+    """Options for the rejuvenation of a particle cloud; zero switches an option off.
 
     Attributes
     ----------
-    particles : N.
-    resampling : the method.
-    threshold : ESS over N below which the cloud is resampled.
-    tempering : least ESS over N after a stage; an update that would leave less is split into
-        stages. Without a kernel only updates of Gaussian samples are split, exactly
-        (:mod:`.annealing`). With a kernel all updates are split, by powers of the likelihood
-        (Oudjane & Musso 2000), with resampling between stages.
+    particles : number N of particles.
+    resampling : resampling method.
+    threshold : effective sample size (ESS), as a fraction of N, below which the cloud is resampled.
+    tempering : smallest ESS, as a fraction of N, that an update may leave; otherwise the update is
+        split into stages. Without a kernel only updates of samples from a Gaussian are split, and
+        the result is exact (:mod:`.annealing`). With a kernel any update may be split into powers
+        of the likelihood (Oudjane & Musso 2000), with resampling between stages.
     kernel : bandwidth b of the kernel after resampling, x ← m + √(1 − b²) (x − m) + b T^{1/2} e,
-        which keeps mean m and covariance T (Liu & West 2001).
-    jitter : noise density of the position [m²/s] added to Q of a cloud of 4000; in proportion to
-        N^{−1/2}.
-    straight : residual variance of h over a cloud of 4000 after a regression on the sampled states,
-        relative to the noise, below which h counts as linear; in proportion to N^{−1}. A cloud of
-        Gaussian shape is then replaced by a Gaussian in a Kalman filter, until h is nonlinear over
-        it.
-    start : factor on N until the first measurement has been processed, because that measurement
-        searches the whole prior for narrow modes.
-    roughening : K of Gordon et al. (1993): K E_j N^{−1/d} of noise in state j after resampling,
-        E_j the extent of the cloud in it.
-    regularisation : bandwidth of a Gaussian kernel on the position after resampling, over the
-        optimal one of Musso, Oudjane & Le Gland (2001): (4/5)^{1/7} N^{−1/7}.
+        which preserves the mean m and the covariance T of the cloud (Liu & West 2001); e is
+        standard normal.
+    jitter : noise density of the position [m²/s] that is added to Q, for N = 4000; it is scaled by
+        (4000 / N)^{1/2}.
+    straight : limit below which h counts as linear over the cloud, for N = 4000; it is scaled by
+        4000 / N. The limit applies to the residual variance of h after a linear regression on the
+        sampled states, relative to the noise variance. If h is linear, a cloud of Gaussian shape is
+        replaced by a Kalman filter until h is nonlinear again.
+    start : factor on N until the first measurement has been processed. More particles are needed
+        then, to find narrow modes within the whole prior.
+    roughening : K of Gordon et al. (1993). After resampling, noise with standard deviation K E_j
+        N^{−1/d} is added to state j of d sampled states, where E_j is the extent of the cloud in
+        state j.
+    regularisation : bandwidth of a Gaussian kernel on the position after resampling, relative to
+        the optimal bandwidth (4/5)^{1/7} N^{−1/7} of Musso, Oudjane & Le Gland (2001).
     """
 
     particles: int
@@ -55,22 +57,22 @@ class Moves(NamedTuple):
 
     @property
     def blurs(self) -> bool:
-        """Whether a kernel separates copies."""
+        """Whether noise is added after resampling, which separates copies of a particle."""
         return bool(self.kernel or self.roughening or self.regularisation)
 
     @property
     def noise_density(self) -> float:
-        """Return the jitter for a number of particles [m²/s]."""
+        """Return the noise density of the position for N particles [m²/s]."""
         return float(self.jitter * (_USUAL / self.particles) ** 0.5)
 
     @property
     def most_bending(self) -> float:
-        """Return the largest nonlinear variance of h that counts as linear."""
+        """Return the limit of ``straight`` for N particles."""
         return self.straight * _USUAL / self.particles
 
 
 def roughen(x: np.ndarray, drawn: int, moves: Moves, rng: np.random.Generator) -> None:
-    """Add noise to sampled states of particles (N, n), in proportion to their extent."""
+    """Add noise to the first ``drawn`` states of particles (N, n), see :class:`Moves`."""
     count = len(x)
     extent = np.ptp(x[:, :drawn], axis=0) * moves.roughening
     noise = rng.standard_normal((count, drawn))
@@ -78,7 +80,7 @@ def roughen(x: np.ndarray, drawn: int, moves: Moves, rng: np.random.Generator) -
 
 
 def regularise(x: np.ndarray, moves: Moves, rng: np.random.Generator) -> None:
-    """Add noise to positions of particles (N, n), by the kernel of Musso, Oudjane, Le Gland."""
+    """Add regularisation noise to the positions of particles (N, n), see :class:`Moves`."""
     count = len(x)
     _, cov = moments(np.full(count, 1.0 / count), x[:, :POSITION])
     root, _ = ranked_root(cov)

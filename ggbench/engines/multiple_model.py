@@ -1,6 +1,6 @@
 """Multiple-model filter: filters of several hypotheses, weighted by their evidence.
 
-The hypotheses are static (Magill 1965): the correct one does not change during a flight.
+The hypotheses are static (Magill 1965): one hypothesis is correct during a whole flight.
 """
 
 from __future__ import annotations
@@ -44,12 +44,13 @@ _ROUGHNESS: WeakKeyDictionary[GravityMap, tuple[float, float]] = WeakKeyDictiona
 
 
 class SearchOptions(NamedTuple):
-    """Options of the filters.
+    """Options of the filters of all hypotheses.
 
     Attributes
     ----------
-    spacing_m, most : of the Gaussians of a wide prior, see :func:`.split_prior`.
-    iterations : linearisations of h in each update.
+    spacing_m, most : spacing [m] and largest number of the Gaussians of a wide prior, see
+        :func:`.split_prior`.
+    iterations : largest number of linearisations of h in each update.
     """
 
     spacing_m: float
@@ -87,9 +88,9 @@ class Mixture(NamedTuple):
 
     Attributes
     ----------
-    mean, cov : (R, K, n), (R, K, n, n).
-    weights : (J, R, K) logarithms; −∞ for an inactive hypothesis.
-    counts : (R,) evaluations of h.
+    mean, cov : (R, K, n), (R, K, n, n) moments of the mixture.
+    weights : (J, R, K) log weights of the hypotheses; −∞ for an inactive hypothesis.
+    counts : (R,) number of evaluations of h.
     """
 
     mean: np.ndarray
@@ -101,10 +102,11 @@ class Mixture(NamedTuple):
 def multiple_model(
     block: ProblemBlock, hypotheses: Sequence[Hypothesis], options: SearchOptions
 ) -> EstimateBlock:
-    """Run the filter; hypotheses that do not apply to the block are omitted.
+    """Run the multiple-model filter with the hypotheses that apply to the block.
 
-    A wide prior is searched first, by Gaussian sums of the hypotheses without added states. As soon
-    as the position is known to within one spacing, all hypotheses start.
+    Hypotheses that do not apply are omitted. With a wide prior, the hypotheses without added states
+    first run as Gaussian sums. As soon as the position uncertainty is below one spacing of the
+    Gaussians, all hypotheses start.
     """
     chosen = [hypothesis for hypothesis in hypotheses if takes(hypothesis, block)]
     priors = np.log([hypothesis.prior for hypothesis in chosen])
@@ -142,10 +144,11 @@ def multiple_model(
 
 
 def cell_spacing(block: ProblemBlock) -> float:
-    """Return the spacing [m] of Gaussians for which the gradients of a map are nearly linear.
+    """Return a spacing [m] of Gaussians at which linearisation errors of the map are small.
 
-    Their derivative changes little by itself, or their second derivative is small against the
-    noise: the larger of the two spacings. Infinite without a finite map.
+    The result is the larger of two spacings. Within the first, the derivative of the gradients
+    changes little. Within the second, the second-order term of the gradients is small compared with
+    the noise. The result is infinite without a finite map.
     """
     gravity_map = block.map
     if gravity_map is None or not np.isfinite([*gravity_map.lower, *gravity_map.upper]).all():
@@ -350,13 +353,13 @@ def _with_noise(block: ProblemBlock, hypothesis: Hypothesis) -> tuple[ProblemBlo
 
 
 def log_weights(evidences: np.ndarray, logs: np.ndarray) -> np.ndarray:
-    """Return the normalised log weights of the hypotheses (J, R, K).
+    """Return the normalised log weights (J, R, K) of J hypotheses after each epoch.
 
-    They are NaN from the epoch on at which all hypotheses have failed.
+    If all hypotheses of a run have failed at an epoch, the weights are NaN from that epoch on.
 
     Parameters
     ----------
-    evidences : (J, R, K).
+    evidences : (J, R, K) log evidence of each epoch; NaN if a hypothesis has failed.
     logs : (J, R) log weights before the first epoch.
     """
     weights = np.cumsum(evidences, axis=2) + logs[:, :, np.newaxis]
@@ -368,12 +371,12 @@ def log_weights(evidences: np.ndarray, logs: np.ndarray) -> np.ndarray:
 def mix(
     weights: np.ndarray, means: np.ndarray, covs: np.ndarray, mean: np.ndarray, cov: np.ndarray
 ) -> None:
-    """Fill the moments (R, K, n), (R, K, n, n) of the mixture of estimates.
+    """Fill ``mean`` (R, K, n) and ``cov`` (R, K, n, n) with the moments of a mixture.
 
     Parameters
     ----------
-    weights : (J, R, K) logarithms.
-    means, covs : (J, R, K, n), (J, R, K, n, n).
+    weights : (J, R, K) log weights.
+    means, covs : (J, R, K, n), (J, R, K, n, n) estimates of each hypothesis.
     """
     shares = np.exp(weights)
     mean[:], cov[:] = 0.0, 0.0
@@ -392,12 +395,12 @@ def mix(
 def summaries(
     times: np.ndarray, hypotheses: Sequence[Hypothesis], shares: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return the hypotheses with significant weights at some times, in words for each run (R,).
+    """Return texts (R,) with the hypotheses of significant weight at several times.
 
     Parameters
     ----------
-    times : (K,).
-    shares : (J, R, K).
+    times : (K,) times of the epochs [s].
+    shares : (J, R, K) weights of the hypotheses, from 0 to 1.
     """
     texts_at, words = {}, [hypothesis.words for hypothesis in hypotheses]
     for k in np.unique(np.linspace(0, len(times) - 1, _SUMMARIES + 1)[1:].astype(int)):

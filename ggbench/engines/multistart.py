@@ -1,6 +1,6 @@
 """Most probable trajectories from many starts across the prior.
 
-The searches of all runs of a block go on at once (:mod:`.trajectory_search`).
+The searches of all runs of a block are processed together (:mod:`.trajectory_search`).
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ NO_RIVAL = 50.0
 
 
 def across_prior(problem: Problem, count: int) -> np.ndarray:
-    """Return λ (S, n) of positions across the prior; the first is the prior mean.
+    """Return multipliers λ (S, n) of S starts spread across the prior.
 
-    Units are the prior's standard deviations. The positions are a Halton sequence in the normal
-    distribution whose density is that of the prior to the power d / (d + 2), which minimises the
-    mean square distance to the nearest point (Zador 1982).
+    A start is the state prior_mean + P_0 λ, in units of the prior's standard deviations. The first
+    is the prior mean. The others are a Halton sequence, mapped to the normal distribution whose
+    density is proportional to the power d / (d + 2) of the prior density of the d position states.
+    This power minimises the mean square distance to the nearest start (Zador 1982).
     """
     axes = states_in_metres(problem)
     if count == 1 or not axes:
@@ -47,12 +48,12 @@ def across_prior(problem: Problem, count: int) -> np.ndarray:
 
 
 def shown_epochs(epochs: int) -> np.ndarray:
-    """Return the epochs (E,) at which the costs of starts are compared, evenly spaced."""
+    """Return evenly spaced epochs (E,) at which the costs of starts are compared."""
     return np.linspace(0, epochs - 1, min(epochs, _SCREENED)).astype(int)
 
 
 def window_end(present: np.ndarray, count: int) -> int:
-    """Return the end of the first ``count`` epochs with measurements; 0 without any.
+    """Return the epoch after the first ``count`` epochs with measurements; 0 without measurements.
 
     Parameters
     ----------
@@ -63,9 +64,10 @@ def window_end(present: np.ndarray, count: int) -> int:
 
 
 def window_search(window: Problem, spacing_m: float, loss: str) -> Search | None:
-    """Return the search of a window after all its measurements, or None if it is empty.
+    """Return the map search of a window of measurements, or None if there is nothing to search.
 
-    It is empty without epochs or a position, or with one point of the grid.
+    There is nothing to search if the window has no epochs, if the problem has no position states,
+    or if the grid has only one point.
     """
     if not window.epochs or not states_in_metres(window):
         return None
@@ -86,15 +88,17 @@ def multistart(
     loss: str,
     threshold: float,
 ) -> EstimateBlock:
-    """Find the most probable trajectory of every run; the mean is NaN if no start has a cost.
+    """Find the most probable trajectory of every run; NaN if no start has a finite cost.
 
     Parameters
     ----------
-    block : the runs.
-    count, keep : number of positions across the prior, and of refined ones.
-    window, spacing_m : of :func:`window_search`; 0 epochs for none.
-    most : limit of the steps from each start.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    block : block of R runs.
+    count, keep : number of starts across the prior, and of the best starts that are refined.
+    window, spacing_m : number of epochs with measurements, and step of the grid [m], of
+        :func:`window_search`; 0 epochs for no window search.
+    most : largest number of Gauss–Newton steps from each start.
+    loss, threshold : robust loss on each whitened component of a measurement, see
+        :mod:`.robust_weights`.
     """
     smoother = _Multistart(block, loss, threshold)
     # Kind by kind, so that those that go through the lanes together need about as many steps.

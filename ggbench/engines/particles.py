@@ -1,9 +1,9 @@
-"""Engine of all particle filters, with Kalman filters for some states.
+"""Engine of all particle filters, optionally with Kalman filters for some states.
 
-The first d states of a particle are samples. The others, l, have a Gaussian for each particle, with
-a common covariance P_l, because dynamics and measurements are linear in l (Schön, Gustafsson &
-Nordlund 2005: the Rao–Blackwellised or marginalised filter). With all states drawn, d = n, it is
-the bootstrap filter of Gordon, Salmond & Smith (1993), with none the Kalman filter.
+The first d of n states of a particle are samples. Dynamics and measurements are linear in the other
+states l. Therefore each particle has a Gaussian of l, with one covariance P_l for all particles
+(Rao–Blackwellised or marginalised filter: Schön, Gustafsson & Nordlund 2005). With d = n the filter
+is the bootstrap filter of Gordon, Salmond & Smith (1993), with d = 0 the Kalman filter.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from .moves import Moves
 
 
 def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generator) -> Estimate:
-    """Run the filter, with the first ``drawn`` of the n states as particles.
+    """Run a particle filter in which the first ``drawn`` of the n states are sampled.
 
-    h must be linear in the other states with coefficients that depend on none of them; see
+    h must be linear in the other states, with coefficients that do not depend on any state; see
     :func:`.linear_states.mixing`.
 
-    The NIS is that of the Gaussian: innovation from the mean of h, covariance of h plus R. It is
-    NaN for particles. The evidence is ln p(z) of all measurements, for the comparison of models;
-    artificial noise (``Moves``) biases it.
+    While the cloud is a Gaussian, the NIS uses the mean of h and the covariance of h plus R. For
+    particles the NIS is NaN. ``info`` contains the evidence, ln p(z) of all measurements, for the
+    comparison of models. Artificial noise (:class:`.Moves`) biases the evidence.
     """
     epochs, n = problem.epochs, problem.dimension
     mean, cov, nis = np.empty((epochs, n)), np.empty((epochs, n, n)), np.full(epochs, np.nan)

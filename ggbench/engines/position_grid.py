@@ -1,4 +1,4 @@
-"""Grids of positions across a prior: along its principal axes, within an ellipsoid."""
+"""Position grids along the principal axes of a prior, within an ellipsoid."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Axes(NamedTuple):
     Attributes
     ----------
     variances : (d,) variances of the prior along the axes [m²].
-    gain : (n, d) [1/m] regression of all states, in units of the prior's standard deviations, on
-        the coordinates along the axes.
-    states : indices of the states in metres.
-    vectors : (d, d) the axes, in columns.
+    gain : (n, d) [1/m] regression coefficients of all states, in units of the prior's standard
+        deviations, on the coordinates along the axes.
+    states : indices of the position states (all states in metres).
+    vectors : (d, d) unit vectors of the axes, in columns.
     """
 
     variances: np.ndarray
@@ -51,24 +51,26 @@ def states_in_metres(problem: Problem) -> list[int]:
 
 
 def fits(sigma: np.ndarray, spacing: float, most: float) -> bool:
-    """Return whether the box around the ellipsoid of a grid has at most ``most`` points.
+    """Return whether the bounding box of a grid's ellipsoid has at most ``most`` points.
 
     Parameters
     ----------
     sigma : (d,) standard deviations along the axes [m].
-    spacing : of the points [m].
+    spacing : distance between neighbouring points [m].
     most : largest number of points.
     """
     return bool(np.sum(np.log1p(2.0 * REACH * sigma / spacing)) <= np.log(most))
 
 
 def grid(sigma: np.ndarray, spacing: float) -> np.ndarray:
-    """Return the points (J, d) of a grid within an ellipsoid; an axis below the spacing has one.
+    """Return the points (J, d) [m] of a grid within an ellipsoid.
+
+    An axis along which σ is smaller than the spacing has one point.
 
     Parameters
     ----------
     sigma : (d,) standard deviations along the axes [m].
-    spacing : of the points [m].
+    spacing : distance between neighbouring points [m].
     """
     if not len(sigma):
         return np.zeros((1, 0))

@@ -1,10 +1,10 @@
 """Particle weights, resampling and weighted moments.
 
-Weights are stored as logarithms, because one measurement of six channels may change ratios of
-weights by factors of e^10000, beyond double precision. Resampling replaces weighted particles by
-equally weighted ones and copies heavy ones. It is unbiased: the expected number of copies of
-particle i is N W_i for all methods (Douc, Cappé & Moulines 2005). The methods differ in the
-variance of the number of copies.
+Weights are stored as logarithms: one measurement of six channels may change ratios of weights by
+factors of e^10000, beyond double precision. Resampling replaces weighted particles by equally
+weighted particles and copies particles of large weight. All methods are unbiased: the expected
+number of copies of particle i is N W_i, with the normalised weight W_i (Douc, Cappé & Moulines
+2005). The methods differ in the variance of the number of copies.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ FLOOR = 1e-14
 
 @compiled
 def normalise(log_weights: np.ndarray, weights: np.ndarray) -> float:
-    """Fill normalised weights (N,) from log weights (N,); return ln Σ exp of these.
+    """Fill normalised weights (N,) from log weights (N,); return ln Σ exp(log weights).
 
-    NaN has the weight zero. If all weights are zero, or one is infinite, all weights become equal
-    and −∞ is returned: the measurement gives no information.
+    A log weight of NaN gives the weight zero. If all weights are zero, or a weight is infinite, the
+    measurement gives no information: all weights become equal and −∞ is returned.
     """
     count = log_weights.shape[0]
     largest = -math.inf
@@ -49,7 +49,7 @@ def normalise(log_weights: np.ndarray, weights: np.ndarray) -> float:
 
 @compiled
 def effective_size(weights: np.ndarray) -> float:
-    """Return the effective sample size 1 / ΣW², 1 to N, of normalised weights (N,)."""
+    """Return the effective sample size 1 / Σ W_i² (from 1 to N) of normalised weights (N,)."""
     total = 0.0
     for i in range(weights.shape[0]):
         total += weights[i] * weights[i]
@@ -58,14 +58,16 @@ def effective_size(weights: np.ndarray) -> float:
 
 @compiled
 def strata(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
-    """Fill the particle (M,) at each of the quantiles (j + places[j or 0]) / M, j = 0..M−1.
+    """Fill ``ancestors`` (M,) by systematic or stratified resampling.
+
+    Entry j is the particle at the quantile (j + u_j) / M of the cumulated weights, j = 0 … M − 1.
 
     Parameters
     ----------
-    weights : (N,) normalised.
-    places : within 0 to 1; (1,) for systematic resampling (Carpenter, Clifford & Fearnhead 1999),
-        (M,) for stratified resampling (Kitagawa 1996).
-    ancestors : (M,) output, in ascending order; int64.
+    weights : (N,) normalised weights.
+    places : numbers u_j from 0 to 1: one number (1,) for systematic resampling (Carpenter, Clifford
+        & Fearnhead 1999), M numbers (M,) for stratified resampling (Kitagawa 1996).
+    ancestors : (M,) output: indices of particles in ascending order, int64.
     """
     count, i, reached = ancestors.shape[0], 0, weights[0]
     last = weights.shape[0] - 1
@@ -81,10 +83,10 @@ def strata(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> No
 
 @compiled
 def residues(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
-    """Fill ancestors (M,) by residual resampling (Liu & Chen 1998), in ascending order.
+    """Fill ``ancestors`` (M,) by residual resampling (Liu & Chen 1998).
 
-    Each particle is copied ⌊M W_i⌋ times; the other copies are drawn with the probabilities of the
-    remainders.
+    Particle i is copied ⌊M W_i⌋ times. The remaining copies are drawn with probabilities
+    proportional to M W_i − ⌊M W_i⌋.
 
     Parameters
     ----------
@@ -118,9 +120,16 @@ def unique(ancestors: np.ndarray) -> int:
 def resample(
     kind: Resampling, weights: np.ndarray, rng: np.random.Generator, count: int | None = None
 ) -> np.ndarray:
-    """Return the particles (M,), in ascending order, that replace those of weights (N,).
+    """Return the indices (M,) of the particles to copy, in ascending order.
 
-    The weights are normalised; the new particles have equal weights. M is ``count``, or N.
+    The new particles have equal weights.
+
+    Parameters
+    ----------
+    kind : resampling method.
+    weights : (N,) normalised weights.
+    rng : random numbers.
+    count : number M of new particles; N by default.
     """
     ancestors = np.empty(len(weights) if count is None else count, dtype=np.int64)
     if kind == "residual":
@@ -131,7 +140,7 @@ def resample(
 
 
 def moments(weights: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (n,) and covariance (n, n) of states (N, n) with weights (N,) that sum to one."""
+    """Return mean (n,) and covariance (n, n) of states (N, n) with normalised weights (N,)."""
     mean = weights @ states
     away = np.empty_like(states)
     _weighted_deviations(weights, states, mean, away)
@@ -152,8 +161,8 @@ def _weighted_deviations(
 def repaired(cov: np.ndarray, prior_cov: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return a positive definite covariance (n, n), and whether it was changed.
 
-    The covariance of few particles or of copies is singular. Eigenvalues below :data:`FLOOR`, in
-    units of the prior's variances (n, n), are set to it.
+    The covariance of few particles or of identical particles is singular. Eigenvalues of ``cov`` in
+    units of the prior's standard deviations that are below :data:`FLOOR` are set to :data:`FLOOR`.
     """
     scale = np.sqrt(np.diag(prior_cov))
     values, vectors = np.linalg.eigh(cov / np.outer(scale, scale))

@@ -1,11 +1,11 @@
 """Robust losses on the residuals of a measurement update, by iteratively reweighted noise.
 
-A loss ρ replaces half the square of each residual r, in standard deviations of the measurement
-noise. Huber's loss grows linearly beyond its threshold, Cauchy's logarithmically. Iteratively
-reweighted least squares with the weights w(r) = ρ'(r) / r minimises the sum of ρ (Huber & Ronchetti
-2009, ch. 7).
+A residual r is in standard deviations of the measurement noise. A loss ρ(r) replaces the quadratic
+cost ½ r². Huber's loss grows linearly beyond a threshold, Cauchy's loss logarithmically.
+Iteratively reweighted least squares with the weights w(r) = ρ'(r) / r minimises the sum of ρ (Huber
+& Ronchetti 2009, ch. 7).
 
-There is a version in NumPy for one measurement, and a compiled one for eight runs.
+The module contains a NumPy version for one measurement and a compiled version for eight runs.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _LEAST = 1e-12
 
 
 def number_of(loss: str, threshold: float) -> int:
-    """Return the number of a loss; with an infinite threshold that of no loss."""
+    """Return the code of a loss; an infinite threshold gives the code of no loss."""
     return LOSSES[loss] if threshold < np.inf else NONE
 
 
 @compiled
 def loss_of(residual: float, loss: int, threshold: float) -> float:
-    """Return ρ(r) of a residual in standard deviations; ½ r² without a loss."""
+    """Return the loss ρ(r) of a residual r in standard deviations; ½ r² without a loss."""
     size = abs(residual)
     if loss == HUBER and size > threshold:
         return threshold * (size - 0.5 * threshold)
@@ -44,7 +44,10 @@ def loss_of(residual: float, loss: int, threshold: float) -> float:
 
 @compiled
 def weight_of(residual: float, loss: int, threshold: float) -> float:
-    """Return ρ'(r) / r of a residual, 1 for small ones."""
+    """Return the weight ρ'(r) / r of a residual r in standard deviations of the noise.
+
+    The weight is 1 without a loss.
+    """
     if loss == HUBER:
         return threshold / max(abs(residual), threshold)
     if loss == CAUCHY:
@@ -64,16 +67,18 @@ def reweigh(
     rounds: int,
     weight: np.ndarray,
 ) -> None:
-    """Fill the weights (m,) with which a linear update of a run minimises the robust cost.
+    """Fill the weights (m,) with which a linear update of one run minimises the robust cost.
 
-    The first weights follow from the innovation in standard deviations of its own covariance.
-    Without rounds these are the result.
+    The initial weights follow from the innovation, divided by the standard deviations of the
+    innovation. With ``rounds`` 0 they are the result.
 
     Parameters
     ----------
-    spread : (m, m, lanes) of which the lower half is H P Hᵀ + 1.
-    innovation : (1, m, lanes).
-    r : the run's lane.
+    spread : (m, m, lanes) lower half of the whitened innovation covariance H P Hᵀ + I.
+    innovation : (1, m, lanes) innovations.
+    m : number of channels.
+    r : lane of the run.
+    loss, threshold : code of the loss, and threshold.
     rounds : largest number of iterations.
     weight : (m,) output.
     """
@@ -121,14 +126,15 @@ def reweigh_unwhitened(
     threshold: float,
     scratch: np.ndarray,
 ) -> None:
-    """Replace R in S = H P Hᵀ + R by the noise with the weights of a loss.
+    """Replace R in S = H P Hᵀ + R by the noise covariance reweighted by a loss.
 
     Parameters
     ----------
-    s : (m, m, lanes), the lower half.
-    innovation : (1, m, lanes).
-    noise_cov, noise_inverse : (m, m) R and the inverse of its lower root.
+    s : (m, m, lanes) lower half of S, overwritten.
+    innovation : (1, m, lanes) innovations.
+    noise_cov, noise_inverse : (m, m) R and the inverse of its lower Cholesky factor.
     count : number of runs.
+    loss, threshold : code of the loss, and threshold.
     scratch : (m + 1, m, lanes).
     """
     m = s.shape[0]
@@ -170,7 +176,7 @@ def reweigh_unwhitened(
 
 
 def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return the loss ρ(r) (...) of residuals (...) in standard deviations; ½ r² without a loss."""
+    """Return ρ(r) (...) of residuals (...) in standard deviations; ½ r² without a loss."""
     half = 0.5 * residuals**2
     if loss == "none" or threshold == np.inf:
         return half
@@ -181,7 +187,7 @@ def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
 
 
 def weights(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return the weight ρ'(r) / r (...) of residuals (...) in standard deviations."""
+    """Return the weights ρ'(r) / r (...) of residuals (...) in standard deviations of the noise."""
     if loss == "none" or threshold == np.inf:
         return np.ones_like(residuals)
     if loss == "huber":
@@ -195,9 +201,9 @@ def reweighted_noise(
     """Return the noise covariance (m, m) with which a linear update minimises the robust cost.
 
     The loss applies to each component of the residual after the update, in standard deviations of
-    the noise. An innovation that the prior explains is therefore no outlier. The first weights
-    follow from the innovation in standard deviations of its own covariance, so that the iteration
-    starts from weights that already reject outliers.
+    the noise. Therefore a large innovation is no outlier if an error of the prior explains it. The
+    initial weights follow from the innovation, divided by the standard deviations of the
+    innovation, so the iteration starts with outliers already down-weighted.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The measurement function at the sigma points of eight runs, compiled."""
+"""Compiled evaluation of the measurement function at the sigma points of eight runs."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ class SigmaPoints:
 
     Attributes
     ----------
-    shift : (moving, n, lanes) B_k d_q [m; rad].
-    odd, even : (m, n, lanes) half the difference and half the sum of h(x ± d_q) − h(x) [E].
-    far : (lanes, n) indices of the evaluated points of each run.
-    counts : (lanes,) number of evaluated pairs.
-    errors, found : (6, 2n, lanes), (g, 2n, lanes) evaluated errors B_k x, and the gradiometer's h
-        there.
+    shift : (moving, n, lanes) instrument errors B_k d_q [m; rad] of the deviations d_q.
+    odd, even : (m, n, lanes) half the difference, and half the sum, of h(x + d_q) − h(x) and h(x −
+        d_q) − h(x) [units of the channels].
+    far : (lanes, n) indices q of the pairs at which h is evaluated instead of linearised.
+    counts : (lanes,) number of these pairs.
+    errors, found : (6, 2n, lanes), (g, 2n, lanes) instrument errors B_k x of the evaluated points,
+        and the gradients h at these points.
     chosen, points : scratch.
     """
 
@@ -44,7 +45,13 @@ class SigmaPoints:
 
 @compiled
 def sigma_points_of(moving: int, n: int, m: int, g: int) -> SigmaPoints:
-    """Return the arrays for sigma points of n states and m channels, g of them gradients."""
+    """Return unfilled arrays for sigma points.
+
+    Parameters
+    ----------
+    moving : number of instrument errors, from :func:`.moving_errors`.
+    n, m, g : number of states, of channels, and of gradient channels.
+    """
     chosen = lanes(1, 2)
     size = chosen.shape[2]
     return SigmaPoints(
@@ -72,16 +79,17 @@ def read_sigma_points(
     at: Expansion,
     out: SigmaPoints,
 ) -> None:
-    """Fill h at the sigma points x ± spread · L_q.
+    """Fill ``odd`` and ``even`` of the sigma points x ± spread · L_q; L_q is column q of L.
 
     Parameters
     ----------
-    model, group, count, k : of a block, runs (lanes,) of which ``count`` differ, epoch.
-    x : (1, n, lanes).
-    lower : (n, n, lanes) root of P.
-    spread : factor of its columns.
-    at : h and its derivative at x.
-    out : output, including ``counts`` of evaluated pairs.
+    model : arrays of h.
+    group, count, k : runs (lanes,), number of different runs among them, epoch.
+    x : (1, n, lanes) mean states.
+    lower : (n, n, lanes) Cholesky factor L of P.
+    spread : factor on the columns of L.
+    at : h and its derivative at x, already filled.
+    out : output, including ``counts``.
     """
     shift, odd, even, counts = out.shift, out.odd, out.even, out.counts
     b, slope, gain = at.b, at.slope, at.context.gain

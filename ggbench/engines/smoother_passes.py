@@ -1,9 +1,10 @@
-"""Passes over the linear problems of eight runs: forwards, backwards, and for the covariances.
+"""Forward, backward and covariance passes of Kalman smoothers of eight runs.
 
-A Kalman filter forwards and multipliers backwards (Bryson & Frazier; Bierman 1973) solve a linear
-problem exactly: x = x_f + P_f r with r ← Hᵀ S⁻¹ y + (I − K H)ᵀ r at a reading and r ← Φᵀ r between
-two. Neither P nor Q is inverted, so a singular Q is exact, and the cost of the motion is that of
-the multipliers, ½ Σ rᵀ Q r.
+A forward Kalman filter and a backward pass of multipliers r (Bryson & Frazier; Bierman 1973) solve
+a linear problem exactly: the smoothed state is x = x_f + P_f r, with the filtered state x_f and its
+covariance P_f. Backwards, r ← Hᵀ S⁻¹ y + (I − K H)ᵀ r at a measurement and r ← Φᵀ r between two
+measurements. Neither P nor Q is inverted, so Q may be singular. The cost of the process noise is ½
+Σ rᵀ Q r.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def _update(
 
 @compiled
 def filter_track(smoother: Smoother) -> None:
-    """Filter the linear problems of a group: fill x_f (K, 1, n) and P_f, half of it."""
+    """Filter the linear problems of a group; fill x_f (K, 1, n, lanes) and ``half_cov``."""
     restore_filter_state(smoother, -1)
     for k in range(smoother.path.moving.shape[0]):
         filter_epoch(smoother, k)
@@ -53,7 +54,7 @@ def filter_track(smoother: Smoother) -> None:
 
 @compiled
 def filter_epoch(smoother: Smoother, k: int) -> None:
-    """Predict to epoch ``k``, update with its readings, and keep x_f (1, n) and P_f (n, n)."""
+    """Predict to epoch ``k``, update with its measurement, store x_f (1, n) and P_f (n, n)."""
     path, work = smoother.path, smoother.work
     lane_algebra.predict(path.phi[k], path.q[k], path.moving[k], work.x, work.p, work.scratch)
     _update(path.rows[k], path.target[k], path.updates, k, work.p, work)
@@ -118,7 +119,7 @@ def _back_in_time(phi: np.ndarray, moving: int, back: np.ndarray, scratch: np.nd
 
 @compiled
 def restore_filter_state(smoother: Smoother, k: int) -> None:
-    """Restore x (1, n) and P (n, n) after the update of epoch ``k``; −1 restores the prior."""
+    """Restore the filter's x (1, n) and P (n, n) after the update of epoch ``k``; −1: the prior."""
     batch, path, work = smoother.problems.batch, smoother.path, smoother.work
     if k < 0:
         lanes.broadcast(batch.prior_mean, work.x)
@@ -130,7 +131,10 @@ def restore_filter_state(smoother: Smoother, k: int) -> None:
 
 @compiled
 def smooth_back(smoother: Smoother, newest: int, oldest: int) -> None:
-    """Fill the smoothed trial states (1, n) from epoch ``newest``, the filter's, to ``oldest``."""
+    """Fill the smoothed trial states (1, n) backwards from epoch ``newest`` to ``oldest``.
+
+    At ``newest`` the smoothed state is the filtered state.
+    """
     path, work = smoother.path, smoother.work
     back = work.back
     for j in range(back.shape[1]):
@@ -156,7 +160,7 @@ def _whole(half: np.ndarray, matrix: np.ndarray) -> None:
 
 @compiled
 def backward_pass(smoother: Smoother) -> None:
-    """Fill the trial trajectories x_f + P_f r, and their motion and predicted costs."""
+    """Fill the trial trajectories x_f + P_f r, the motion costs and the predicted costs."""
     path, work = smoother.path, smoother.work
     prior_cov, costs = smoother.problems.batch.prior_cov, smoother.costs
     epochs, m, n = path.rows.shape[:3]
@@ -203,18 +207,19 @@ def covariances(
     mean: np.ndarray,
     cov: np.ndarray,
 ) -> None:
-    """Write trajectories and their covariances, given the readings of a window.
+    """Write smoothed trajectories and covariances, given the measurements of a window.
 
-    They are (P_f⁻¹ + Λ)⁻¹ = L (1 + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and Λ the information of the later
-    measurements (Fraser & Potter 1969). No covariances are subtracted, so there is no cancellation.
-    The filter must have processed these trajectories.
+    A covariance is (P_f⁻¹ + Λ)⁻¹ = L (I + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and the information matrix Λ
+    of the later measurements (Fraser & Potter 1969). No covariances are subtracted, so there is no
+    cancellation. The filter must have processed the same linearisation.
 
     Parameters
     ----------
-    states : (K, 1, n, lanes) the trajectories.
-    newest, oldest : epochs of the window.
+    path : the linearised problems, with the filter's results.
+    states : (K, 1, n, lanes) the smoothed trajectories.
+    newest, oldest : last and first epoch of the window.
     final : last epoch to write; the first is ``oldest``.
-    first, count : the runs.
+    first, count : first run and number of runs of the group.
     mean, cov : (R, K, n), (R, K, n, n) output.
     """
     n = path.rows.shape[2]

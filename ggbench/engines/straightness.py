@@ -1,4 +1,4 @@
-"""Tests of a particle cloud: Gaussian shape, and linearity of h over it."""
+"""Tests of a particle cloud for Gaussian shape, and of h for linearity over the cloud."""
 
 from __future__ import annotations
 
@@ -15,13 +15,17 @@ _NORMS = np.sqrt([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0])
 
 
 def bending(weights: np.ndarray, drawn: np.ndarray, read: np.ndarray) -> float:
-    """Return the residual variance of a measurement over a cloud after a linear regression.
+    """Return the nonlinear part of h over a cloud: the residual variance of a linear regression.
 
     Parameters
     ----------
-    weights : (N,) normalised.
-    drawn : (N, d) states of the particles.
-    read : (N, m) predicted measurements, in units of the noise.
+    weights : (N,) normalised weights.
+    drawn : (N, d) sampled states of the particles.
+    read : (N, m) predicted measurements, in standard deviations of the noise.
+
+    Returns
+    -------
+    Largest residual variance of any channel, in noise variances.
     """
     d = drawn.shape[1]
     _, joint = moments(weights, np.hstack([drawn, read]))
@@ -33,14 +37,15 @@ def bending(weights: np.ndarray, drawn: np.ndarray, read: np.ndarray) -> float:
 def is_gaussian(weights: np.ndarray, drawn: np.ndarray) -> bool:
     """Return whether a cloud has the shape of a Gaussian.
 
-    The test uses the moments of the Hermite polynomials of order 3 to 6, along the axes of the
-    states and the principal axes. They are zero for a Gaussian, with a sampling error of N^{−1/2}.
-    Order 6 detects three modes with the skewness and kurtosis of a Gaussian.
+    The test uses the weighted means of the Hermite polynomials of orders 3 to 6, along the axes of
+    the states and along the principal axes of the cloud. For a Gaussian these means are zero, with
+    a sampling error of N^{−1/2}. Order 6 detects a cloud of three modes whose skewness and kurtosis
+    equal those of a Gaussian.
 
     Parameters
     ----------
-    weights : (N,) normalised.
-    drawn : (N, d) states of the particles.
+    weights : (N,) normalised weights.
+    drawn : (N, d) sampled states of the particles.
     """
     mean, cov = moments(weights, drawn)
     axes = np.hstack([np.eye(len(cov)), np.linalg.eigh(cov)[1]])

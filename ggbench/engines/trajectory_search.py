@@ -1,6 +1,6 @@
-"""Most probable trajectories of the runs of a block, by simultaneous searches.
+"""Searches for the most probable trajectories of the runs of a block.
 
-:mod:`.line_search` runs the searches of all runs at once.
+:mod:`.line_search` processes the searches of all runs together.
 """
 
 from __future__ import annotations
@@ -19,21 +19,22 @@ _ENOUGH = 1e-5
 
 
 def chosen(searches: MapSearches, which: np.ndarray) -> MapSearches:
-    """Return the searches of a mask or of indices (J,)."""
+    """Return a subset of the searches, given by a mask or by indices (J,)."""
     return MapSearches(*(array[which] for array in fields_of(searches)))
 
 
 class TrajectorySearch:
-    """Searches of the problems of a block.
+    """Searches for the most probable trajectories of a block.
 
     Parameters
     ----------
-    block : the runs.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    block : block of R runs.
+    loss, threshold : robust loss on each whitened component of a measurement, see
+        :mod:`.robust_weights`.
 
     Attributes
     ----------
-    scale : (n,) the prior's standard deviations.
+    scale : (n,) standard deviations of the prior.
     evaluations : (R,) number of evaluations of h so far.
     """
 
@@ -45,15 +46,24 @@ class TrajectorySearch:
         self._arrays = BatchProblem(batch_of(block), number_of(loss, threshold), threshold)
 
     def from_prior(self, runs: np.ndarray, starts: np.ndarray) -> MapSearches:
-        """Return the noise-free motions of runs (J,) from prior_mean + P_0 λ of starts (J, n)."""
+        """Return searches that start at the noise-free trajectories of ``starts``.
+
+        Parameters
+        ----------
+        runs : (J,) run of each search.
+        starts : (J, n) λ; the state before the first epoch is prior_mean + P_0 λ.
+        """
         begun = self.unstarted(runs, starts)
         undisturbed(self._arrays.batch, begun)
         return begun
 
     def unstarted(self, runs: np.ndarray, starts: np.ndarray) -> MapSearches:
-        """Return searches of runs (J,) whose trajectories are not filled.
+        """Return searches whose trajectories are not filled.
 
-        ``starts`` (J, n) are λ of the state before the first epoch, prior_mean + P_0 λ.
+        Parameters
+        ----------
+        runs : (J,) run of each search.
+        starts : (J, n) λ; the state before the first epoch is prior_mean + P_0 λ.
         """
         jobs, epochs, n = len(runs), self.block.epochs, self.block.dimension
         return MapSearches(
@@ -69,12 +79,16 @@ class TrajectorySearch:
         )
 
     def search(self, searches: MapSearches, most: int, enough: float = CONVERGED) -> None:
-        """Follow Gauss–Newton steps, each halved until the cost decreases, to the minima."""
+        """Run Gauss–Newton searches, with steps halved until the cost decreases, to the minima.
+
+        At most ``most`` steps are made. A search ends when a step decreases the cost by less than
+        ``enough``.
+        """
         search(self._arrays, most, enough, searches)
         np.add.at(self.evaluations, searches.runs, searches.evaluations)
 
     def answers(self, minima: MapSearches) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (J, K, n) and covariance (J, K, n, n) given all measurements."""
+        """Return smoothed mean (J, K, n) and covariance (J, K, n, n) of each search."""
         jobs, epochs, n = minima.states.shape
         mean, cov = np.empty((jobs, epochs, n)), np.empty((jobs, epochs, n, n))
         answer(self._arrays, minima, mean, cov)
@@ -92,15 +106,16 @@ class TrajectorySearch:
 
 
 def from_the_prior(block: ProblemBlock, most: int, loss: str, threshold: float) -> EstimateBlock:
-    """Find the trajectory at which a search from the prior mean ends, for every run.
+    """Find the most probable trajectory of every run by a search from the prior mean.
 
     The mean is NaN if no step decreases the cost although the linear problem predicts a decrease.
 
     Parameters
     ----------
-    block : the runs.
-    most : limit of the steps.
-    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    block : block of R runs.
+    most : largest number of Gauss–Newton steps.
+    loss, threshold : robust loss on each whitened component of a measurement, see
+        :mod:`.robust_weights`.
     """
     smoother = TrajectorySearch(block, loss, threshold)
     searches = smoother.from_prior(smoother.runs, np.zeros((block.runs, block.dimension)))

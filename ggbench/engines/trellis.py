@@ -1,9 +1,9 @@
-"""Cells as hidden states: forward sums, best paths and backward sums on a moving lattice.
+"""Hidden Markov model of position cells: forward sums, best paths and backward sums.
 
-The transition probabilities are those of Lindeberg's discrete Gaussian (1990), e^−t I_j(t) for j
-cells along an axis, with the variance t of the noise in cells². Its variance is correct and its
-steps compose, even if they are small compared with a cell. Axes are independent: noise correlations
-between them are neglected.
+The cells belong to a lattice that is propagated like the INS error. The probability of a step by j
+cells along an axis is Lindeberg's discrete Gaussian (1990), e^−t I_j(t), where t is the variance of
+the process noise in cells². The variance of the steps is t, and two steps of variances t and u make
+a step of variance t + u, even if t is small. Noise correlations between axes are neglected.
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ _DRAWN = 64
 
 
 class Layer(NamedTuple):
-    """The cells of an epoch.
+    """The cells of an epoch, in a box of a lattice.
 
     Attributes
     ----------
-    low : (d,) index of the first cell of the box.
-    shape : (d,) of the box.
-    cells : (A,) flat indices in the box, increasing.
-    forward : (A,) probability given the measurements up to the epoch.
-    likelihood : (A,) likelihood of the measurement, relative to the largest one.
-    kernels : for each axis, probabilities of the steps to this epoch.
-    base, axes : of the lattice.
+    low : (d,) lattice index of the first cell of the box.
+    shape : (d,) number of cells of the box along each axis.
+    cells : (A,) flat indices of the stored cells within the box, increasing.
+    forward : (A,) probability of each cell, given the measurements up to the epoch.
+    likelihood : (A,) likelihood of the measurement of the epoch at each cell, up to a common
+        factor.
+    kernels : probabilities of the steps from the previous epoch, one array for each axis.
+    base, axes : corner and axes of the lattice, see :class:`.Lattice`.
     """
 
     low: np.ndarray
@@ -48,21 +49,21 @@ class Layer(NamedTuple):
     axes: np.ndarray
 
     def indices(self, which: np.ndarray) -> np.ndarray:
-        """Return the lattice indices (N, d) of cells, by their indices in the list (N,)."""
+        """Return the lattice indices (N, d) of the cells ``which`` (N,), positions in ``cells``."""
         return np.stack(np.unravel_index(self.cells[which], self.shape), axis=-1) + self.low
 
     def places(self, which: np.ndarray) -> np.ndarray:
-        """Return the states (N, d) at the centres of cells."""
+        """Return the states (N, d) at the centres of cells, given as for :meth:`indices`."""
         return np.asarray(self.base + self.indices(which) @ self.axes.T)
 
     def boxed(self, values: np.ndarray, empty: float) -> np.ndarray:
-        """Return values (A,) of the cells in their box."""
+        """Return the values (A,) of the cells as an array of the box; other cells are ``empty``."""
         box = np.full(self.shape, empty)
         box.reshape(-1)[self.cells] = values
         return box
 
     def moments(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (d,) and covariance (d, d) of cells with probabilities (A,).
+        """Return mean (d,) and covariance (d, d) of the state, for probabilities (A,) of the cells.
 
         The covariance includes the uniform distribution within a cell.
         """
@@ -73,14 +74,17 @@ class Layer(NamedTuple):
 
 
 class Trellis:
-    """Layers of cells of a problem of few states; the first is that of the prior.
+    """Layers of position cells: one for the prior and one for each epoch.
+
+    Raises FloatingPointError if no cell has a finite likelihood at an epoch.
 
     Parameters
     ----------
-    problem : of d states.
-    steps : (d,) sizes of a cell.
-    most : number of cells kept at an epoch, those of the largest probabilities.
-    extra_noise : (K, m, m) noise in place of other dependences of the measurements.
+    problem : problem with d states, for small d.
+    steps : (d,) sides of a cell.
+    most : largest number of cells at an epoch; cells with small probability are dropped.
+    extra_noise : (K, m, m) covariance added to R for measurement errors from states that are not in
+        the problem.
     """
 
     def __init__(
@@ -175,7 +179,7 @@ class Trellis:
         return np.asarray(-0.5 * (white**2).sum(axis=0))
 
     def best_path(self) -> list[int]:
-        """Return the cells of the most probable path, one of each layer (Viterbi 1967)."""
+        """Return the index of the cell in each layer on the most probable path (Viterbi 1967)."""
         with np.errstate(divide="ignore"):
             scores = np.log(self.layers[0].forward)
             before: list[np.ndarray] = []
@@ -198,7 +202,7 @@ class Trellis:
         return path[::-1]
 
     def smoothed(self) -> list[np.ndarray]:
-        """Return the probabilities (A,) of the cells of each layer, given all measurements.
+        """Return for each layer the probabilities (A,) of its cells, given all measurements.
 
         The method is the forward-backward algorithm (Baum et al. 1970).
         """
@@ -220,7 +224,11 @@ class Trellis:
 
 
 def step_probabilities(variance: float) -> np.ndarray:
-    """Return the probabilities (2r + 1,) of steps of −r to r cells; see the module."""
+    """Return the probabilities (2r + 1,) of steps of −r to r cells.
+
+    ``variance`` is the variance t of the discrete Gaussian [cells²]; r covers all steps of
+    significant probability.
+    """
     reach = int(8.0 * np.sqrt(variance)) + 4
     steps = ive(np.arange(reach + 1), variance)
     steps = steps[steps > _NEGLIGIBLE * steps[0]]
@@ -231,8 +239,9 @@ def step_probabilities(variance: float) -> np.ndarray:
 def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
     """Return the sides (d,) of cells such that at most ``most`` cells cover a prior.
 
-    Sides are increased if necessary. Along an axis with a narrower prior the side is its standard
-    deviation, which gives at least nine cells.
+    ``side`` is the requested side; it is increased if more than ``most`` cells were needed. Along
+    an axis where the prior's standard deviation is smaller, the side is this standard deviation,
+    which gives at least nine cells. ``cov`` (d, d) is the covariance of the prior.
     """
     sigma = np.sqrt(np.diag(cov))
     sides = np.minimum(side, sigma)

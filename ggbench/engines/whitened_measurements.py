@@ -28,18 +28,18 @@ _TINY = 1e-300
 
 @record
 class Batch:
-    """A block of runs as arrays for kernels.
+    """A block of R runs as arrays for compiled kernels.
 
     Attributes
     ----------
     model : arrays of h and H.
-    measurements : (R, K, m).
+    measurements : (R, K, m) measurements z.
     present : (R, K, m) mask of available measurements.
     noise_cov : (1 or K, m, m) R.
-    noise_inverse : (1 or K, m, m) inverse of the lower triangular root of R.
+    noise_inverse : (1 or K, m, m) inverse of the lower Cholesky factor of R.
     transition, process_cov : (R, K, n, n) Φ and Q.
-    prior_mean : (1, n).
-    prior_cov : (n, n).
+    prior_mean : (1, n) mean state before the first epoch.
+    prior_cov : (n, n) covariance before the first epoch.
     """
 
     model: ModelArrays
@@ -54,7 +54,7 @@ class Batch:
 
 
 def batch_of(block: ProblemBlock) -> Batch:
-    """Return the arrays of a block."""
+    """Return the arrays of a block for compiled kernels."""
     noise_cov = block.noise_cov.reshape(-1, *block.noise_cov.shape[-2:])
     return Batch(
         model=block.model,
@@ -71,20 +71,23 @@ def batch_of(block: ProblemBlock) -> Batch:
 
 @record
 class LinearisedMeasurement:
-    """Linearised measurement of eight runs at an epoch, filled by :func:`linearise`.
+    """Linearised measurement of eight runs at an epoch, one run per lane.
 
     Attributes
     ----------
-    expansion : h(x) and its derivative, in units of the channels.
-    there : (1, 1, lanes) one if any measurement is available.
+    expansion : h(x) and its derivative H, in units of the channels.
+    there : (1, 1, lanes) 1 if any channel is available, else 0.
     z : (1, m, lanes) measurements.
-    rows, innovation : (equations, n, lanes), (1, equations, lanes): H δx = innovation + noise of
-        unit variance. There are at least three equations; additional ones are zero.
-    precision : (1, equations, lanes) factors of the equations of a whole measurement: inverse
-        standard deviations of the noise in units of the given noise; ones by default.
-    squared : (1, 1, lanes) sum of squares of the part that does not depend on the states.
-    white, residual : (g, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
-    whole : whether each channel has its own equation.
+    rows, innovation : (equations, n, lanes), (1, equations, lanes) whitened H and innovation of the
+        equations H δx = innovation + noise of unit variance. There are at least three equations;
+        unused equations are zero.
+    precision : (1, equations, lanes) factors on the equations if ``whole``: assumed noise standard
+        deviation over that of an estimated noise; ones by default.
+    squared : (1, 1, lanes) sum of squares of the part of the measurement that does not depend on
+        the states.
+    white, residual : (g, moving, lanes), (1, m, lanes) whitened derivative A of the gradients with
+        respect to the instrument errors, and whitened z − h(x).
+    whole : whether each channel has its own equation; otherwise equivalent equations are merged.
     """
 
     expansion: Expansion
@@ -103,7 +106,7 @@ class LinearisedMeasurement:
 def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
     """Return unfilled arrays for the measurements of eight runs.
 
-    With ``whole`` each channel has its own equation; else equivalent ones are merged.
+    See :class:`LinearisedMeasurement` for ``whole``.
     """
     model, m, n = batch.model, batch.measurements.shape[2], batch.prior_cov.shape[0]
     moving, g = moving_errors(model.instrument), model.channels.shape[0]
@@ -126,16 +129,17 @@ def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
 
 @compiled
 def gradient_equations(channels: int, moving: int, first_linear: int, whole: bool) -> int:
-    """Return the number of equations of the gradiometer's channels.
+    """Return the number of measurement equations of the gradiometer.
 
-    Channels without a linear part determine at most ``moving`` errors.
+    Without states in the linear part of h, g channels depend on ``moving`` instrument errors only,
+    and are merged into at most ``moving`` equations.
 
     Parameters
     ----------
-    channels : number of them.
-    moving : from :func:`.moving_errors`.
+    channels : number g of gradient channels.
+    moving : number of instrument errors, from :func:`.moving_errors`.
     first_linear : see :class:`.ModelArrays`.
-    whole : see :func:`readings_of`.
+    whole : see :class:`LinearisedMeasurement`.
     """
     return channels if whole or first_linear < channels else min(channels, moving)
 
@@ -150,11 +154,12 @@ def linearise(
 
     Parameters
     ----------
-    batch : of all runs.
-    group : (lanes,) runs, of which ``count`` differ.
+    batch : arrays of all runs.
+    group : (lanes,) runs; unused lanes repeat a run.
+    count : number of different runs in the group.
     k : epoch.
-    x : (1, n, lanes).
-    out : output.
+    x : (1, n, lanes) linearisation points.
+    out : output, see :class:`LinearisedMeasurement`.
     """
     model, m, g = batch.model, out.residual.shape[1], out.white.shape[0]
     root = batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)]
@@ -222,7 +227,7 @@ def _fill_row(
 
 @inlined
 def take_readings(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasurement) -> None:
-    """Fill the measurements of a group (lanes,) at epoch ``k`` and the arrays of h."""
+    """Load the measurements of a group (lanes,) at epoch ``k``, and the parameters of h."""
     gather_row(batch.measurements, group, k, out.z)
     load_expansion(batch.model, group, k, out.expansion)
 
@@ -231,9 +236,9 @@ def take_readings(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasur
 def whiten_residuals(
     batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: LinearisedMeasurement
 ) -> None:
-    """Fill ``out.residual`` (1, m, lanes), z − h(x) whitened by R; H is not evaluated.
+    """Fill ``out.residual`` (1, m, lanes) with z − h(x), whitened by R; H is not evaluated.
 
-    :func:`take_readings` must have filled ``out``. Parameters are those of :func:`linearise`.
+    :func:`take_readings` must have filled ``out``. The parameters are those of :func:`linearise`.
     """
     predict_runs(batch.model, group, count, k, x, out.expansion)
     _whiten_residuals(batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)], out)
@@ -256,7 +261,7 @@ def _residuals_along(batch: Batch, states: np.ndarray, residuals: np.ndarray) ->
 
 
 def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
-    """Return z − h(x) (R, K, m) of a block of runs at states (R, K, n); zero for missing ones."""
+    """Return z − h(x) (R, K, m) of a block at states (R, K, n); zero for missing measurements."""
     residuals = np.empty(block.measurements.shape)
     _residuals_along(batch_of(block), read_only(np.ascontiguousarray(states)), residuals)
     return residuals
@@ -264,7 +269,7 @@ def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
 
 @compiled
 def scale_equations(out: LinearisedMeasurement) -> None:
-    """Multiply H (m, n) and the innovation (1, m) of whole readings by ``precision`` (1, m)."""
+    """Multiply H (m, n) and the innovation (1, m) by ``precision`` (1, m); needs ``whole``."""
     for c in range(out.rows.shape[0]):
         factor = load(out.precision, 0, c)
         store(out.innovation, 0, c, factor * load(out.innovation, 0, c))
@@ -337,14 +342,15 @@ def _compress(out: LinearisedMeasurement) -> None:
 def scatter_squares(
     reading: LinearisedMeasurement, first: int, count: int, k: int, nis: np.ndarray
 ) -> None:
-    """Write the normalised innovation squares of a group's first ``count`` runs.
+    """Write the normalised innovation squared of each of ``count`` runs.
 
     Parameters
     ----------
-    reading : of the group.
+    reading : linearised measurement of the group.
     first : run of the first lane.
+    count : number of runs.
     k : epoch.
-    nis : (R, K) output; NaN where no channel delivers.
+    nis : (R, K) output; NaN where no channel is available.
     """
     for r in range(count):
         there = reading.there[0, 0, r] != 0.0

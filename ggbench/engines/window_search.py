@@ -1,11 +1,12 @@
-"""Search for the start of a window of measurements, and refinement of its best positions.
+"""Map search for the position at the start of a window, and refinement of the best positions.
 
-A window is a problem of some epochs of another problem, with the estimate before them as its prior
-(:meth:`.ProblemBlock.part`). A matcher compares the measurements with the map at many displacements
-of the window's start (:class:`Search`). All other states follow the displacement by the
-correlations of the prior and the dynamics. From the best positions Gauss–Newton finds the most
-probable states of the whole window (:func:`refined`), without fixing any of them. The covariance at
-the window's end therefore includes the uncertainty of velocity, height, attitude and biases.
+A window is a problem made of some consecutive epochs of a flight; its prior is the estimate before
+these epochs (:meth:`.ProblemBlock.part`). A matcher compares the measurements with the map at many
+displacements of the window's start (:class:`Search`). The other states follow from the displacement
+by the correlations of the prior and by the dynamics. Gauss–Newton searches then start at the best
+positions and find the most probable states of the whole window (:func:`refined`); no state is
+fixed. The covariance at the window's end therefore includes the uncertainty of velocity, height,
+attitude and biases.
 """
 
 from __future__ import annotations
@@ -43,41 +44,47 @@ MOST = 1_000_000
 
 
 def unmatchable(problem: Problem) -> str | None:
-    """Return why windows of a problem cannot be searched, or None if they can."""
+    """Return the reason why windows of a problem cannot be searched; None if they can."""
     if not horizontal(problem, velocity=False):
         return "the problem has no horizontal position: two states in metres are needed"
     return without_kernels(problem)
 
 
 class Search:
-    """Fit of the measurements of a window to displacements of its start, on a grid.
+    """Comparison of a window's measurements with the map, for displacements of its start on a grid.
 
-    The grid lies along the principal axes of the prior's states in metres, to 3.5 of its standard
-    deviations; an axis narrower than a step has one point. A displacement is dropped when its track
-    leaves the map by more than a step.
+    The grid lies along the principal axes of the position prior and reaches to 3.5 standard
+    deviations. An axis whose standard deviation is smaller than a step has one point. A
+    displacement is dropped when its track leaves the map by more than a step.
 
-    Measurements are processed epoch by epoch, in standard deviations of their noise, so that
-    channels of different units are comparable. Missing ones do not count. The criteria use r = z −
-    h(d) of N measurements, and z', h' less the mean of h over the grid at that epoch (the common
-    part of all positions, for example the normal field):
+    Measurements are processed epoch by epoch and divided by the standard deviations of their noise,
+    so channels of different units are comparable. Missing measurements are ignored. Let r = z −
+    h(d) be the residuals of N measurements at the displacement d. Let z' and h' be z and h minus
+    the mean of h over the grid at the same epoch; this mean is the part common to all positions,
+    for example the normal field. The criteria are:
 
-    ``msd`` Σ r² / N. ``mad`` Σ |r| / N. ``ml`` ½ Σ r² + ½ dᵀ P⁻¹ d. ``cor`` − Σ z' h' / N. ``ncc``
-    − Σ z' h' / √(Σ z'² Σ h'²). ``nccdm`` is not defined in the literature; here it is ``ncc`` of
-    sequences less their own means, channel by channel, so it does not depend on a constant bias.
-    The least value is the best.
+    - ``msd``: Σ r² / N.
+    - ``mad``: Σ |r| / N.
+    - ``ml``: ½ Σ r² + ½ dᵀ P⁻¹ d.
+    - ``cor``: − Σ z' h' / N.
+    - ``ncc``: − Σ z' h' / √(Σ z'² Σ h'²).
+    - ``nccdm``: ``ncc`` after the means of z' and h' over the window are subtracted from each
+      channel, so a constant bias has no influence. The literature does not define it.
+
+    The smallest value is the best.
 
     Parameters
     ----------
-    problem : the window, or a problem that contains it.
+    problem : the window, or a problem that begins with the window.
     spacing_m : step of the grid [m].
-    most : largest number of its points; the step is increased to keep it.
-    criterion : for the comparison of positions.
+    most : largest number of grid points; the step is increased if necessary.
+    criterion : name of the criterion.
     points : (J, d) displacements along the axes [m] instead of a grid.
 
     Attributes
     ----------
     points : (J, d) displacements along the axes [m] within the map.
-    spacing : the step used [m].
+    spacing : step of the grid [m], at least ``spacing_m``.
     evaluations : number of evaluations of h so far.
     """
 
@@ -184,7 +191,7 @@ class Search:
             self._counts += problem.present[k]
 
     def values(self) -> np.ndarray:
-        """Return the criterion (J,) of each point; the least is the best."""
+        """Return the criterion (J,) of each point; the smallest value is the best."""
         if self.criterion == "ml":
             return 0.5 * self._sums + 0.5 * (self.points**2 / self._axes.variances).sum(axis=1)
         if self.criterion in ("msd", "mad"):
@@ -202,7 +209,10 @@ class Search:
         return np.asarray(-np.divide(total, size, out=np.zeros_like(total), where=size > 0.0))
 
     def best(self, count: int) -> list[int]:
-        """Return the indices of the best points: minima at least three steps apart, best first."""
+        """Return the indices of up to ``count`` minima of the criterion, best first.
+
+        The minima are at least three steps apart.
+        """
         values = self.values()
         if not np.isfinite(values).any():
             return []
@@ -220,8 +230,8 @@ class Search:
     def starts(self, count: int) -> list[np.ndarray]:
         """Return the multipliers λ (n,) of the best positions, see :meth:`multipliers`.
 
-        They are the lowest points of up to ``count`` minima of the criterion, each searched again
-        in finer steps.
+        The neighbourhoods of up to ``count`` minima are searched again in finer steps. The
+        positions are the lowest points of each neighbourhood.
         """
         hollows = self.points[self.best(count)]
         if not len(hollows):
@@ -249,7 +259,11 @@ class Search:
         return [self.multipliers(point) for point in within.points[minima[rank < _DEEPEST]]]
 
     def multipliers(self, point: np.ndarray) -> np.ndarray:
-        """Return the multipliers λ (n,) of a displacement, in units of the prior's σ."""
+        """Return the multipliers λ (n,) of a displacement (d,) along the axes [m].
+
+        The state prior_mean + P_0 λ has this displacement, in units of the prior's standard
+        deviations.
+        """
         start = np.zeros(self.problem.dimension)
         axes = self._axes
         start[axes.states] = axes.vectors @ (point / axes.variances)
@@ -275,15 +289,16 @@ def _lowest(steps: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Place:
-    """A position that fits a window: the state at its last epoch.
+    """A refined position of a window: the state at the last epoch of the window.
 
     Attributes
     ----------
-    mean, cov : (n,), (n, n) of the state.
-    cost : negative log of its probability density, without the constant: ½ χ² of prior, motion and
-        measurements if there is no loss.
-    log_share : log probability of all trajectories near this one, without the constant (Laplace):
-        −cost plus ½ ln of the determinant of their covariance over the prior's.
+    mean, cov : (n,), (n, n) mean and covariance of the state.
+    cost : negative logarithm of the posterior density of the trajectory, without the constant.
+        Without a loss it is ½ χ² of prior, process noise and measurements.
+    log_share : logarithm of the posterior probability of all trajectories near this trajectory,
+        without the constant (Laplace's approximation): −cost + ½ ln (det of the posterior
+        covariance / det of the prior covariance).
     """
 
     mean: np.ndarray
@@ -293,14 +308,14 @@ class Place:
 
 
 class WindowSearch(TrajectorySearch):
-    """Searches of one run's window."""
+    """Gauss–Newton searches within a window of one run."""
 
     def places(self, starts: Sequence[np.ndarray]) -> list[Place | None]:
-        """Return the position found from each start, None if its trajectory has no cost.
+        """Return the position found from each start, or None if the trajectory has no finite cost.
 
         Parameters
         ----------
-        starts : (n,) multipliers of each, see :meth:`Search.multipliers`.
+        starts : multipliers (n,) of each start, see :meth:`Search.multipliers`.
         """
         if not len(starts):
             return []
@@ -317,27 +332,31 @@ class WindowSearch(TrajectorySearch):
 
 
 def refined(window: WindowSearch, starts: Sequence[np.ndarray], apart: float) -> list[Place]:
-    """Return the positions that Gauss–Newton finds from several starts, the most probable first.
+    """Return the positions found by Gauss–Newton from several starts, the most probable first.
 
     Parameters
     ----------
-    window : of one run.
-    starts : (n,) multipliers of each, see :meth:`Search.multipliers`.
-    apart : distance [m] at the window's end below which two positions count as one.
+    window : searches within the window of one run.
+    starts : multipliers (n,) of each start, see :meth:`Search.multipliers`.
+    apart : smallest distance between returned positions [m] at the window's end; a position that is
+        closer to a more probable position is dropped.
     """
     places = [place for place in window.places(starts) if place is not None]
     return distinct(window.block.problem(0), places, apart)
 
 
 def distinct(problem: Problem, places: Sequence[Place], apart: float) -> list[Place]:
-    """Return positions without those within ``apart`` [m] of a more probable one, best first."""
+    """Return the positions that have no more probable position within ``apart`` [m], best first."""
     means = np.array([place.mean for place in places]).reshape(len(places), problem.dimension)
     costs = np.array([place.cost for place in places])
     return [places[i] for i in best_apart(problem, means, costs, apart)]
 
 
 def best_apart(problem: Problem, means: np.ndarray, costs: np.ndarray, apart: float) -> list[int]:
-    """Return states (J, n) without a better one of cost (J,) within ``apart`` [m], best first."""
+    """Return the indices of states without a better state within ``apart`` [m], best first.
+
+    ``means`` (J, n) are the states and ``costs`` (J,) their costs; a smaller cost is better.
+    """
     positions = means[:, position_grid.states_in_metres(problem)]
     found: list[int] = []
     for index in np.argsort(costs, kind="stable"):

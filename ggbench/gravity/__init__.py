@@ -1,1 +1,1 @@
-"""The gravity field and its gradient: ellipsoid, harmonics, maps as splines, terrain masses."""
+"""Gravity field and its gradient: normal field, harmonics, gridded maps, terrain masses."""

@@ -1,17 +1,18 @@
-"""Coloured noise of the gradiometer's channels: a vector autoregression, and its whitening.
+"""Coloured noise of gradiometer channels as a vector autoregression, and whitening of it.
 
-n_k = Σ_i A_i n_{k−i} + e_k, where the e_k are independent with a covariance Σ across the channels.
-A measurement z_k = h_k + n_k is whitened by the predicted noise,
+The noise is n_k = Σ_i A_i n_{k−i} + e_k (i = 1 … p), where the e_k are independent and have the
+covariance Σ across the channels. A measurement z_k = h_k + n_k of the gradient h_k is whitened by
+subtraction of the predicted noise,
 
     w_k = V (z_k − Σ_i A_i z_{k−i}) = V (h_k − Σ_i A_i h_{k−i}) + V e_k,
 
-with V = D C⁻¹, Σ = C Cᵀ (Cholesky) and D the diagonal of C. The noise of w has the covariance D² at
-every measurement: each channel keeps its unit, and its correlation with the channels before it is
-removed. At the start and after a gap some of the p earlier measurements are missing. The best
-linear predictor from the last p available measurements then replaces the A_i, and the root of its
-error covariance replaces C. Both follow from the autocovariance. Without gaps, or for p ≤ 1, the
-likelihood of w equals that of z. With gaps and p > 1, earlier measurements would add a little
-information.
+where Σ = C Cᵀ (Cholesky), D is the diagonal of C and V = D C⁻¹. The noise of w_k has the diagonal
+covariance D²: the unit of each channel is unchanged, and correlations between channels are removed.
+At the start and after a gap some of the p earlier measurements are missing. Then the best linear
+predictor from the last p available measurements replaces the A_i, and the Cholesky factor of the
+prediction error covariance replaces C. Predictor and covariance follow from the autocovariance.
+Without gaps, or for p ≤ 1, the likelihood of w equals that of z. With gaps and p > 1, measurements
+before the last p available ones would add a little information, which is lost.
 """
 
 from __future__ import annotations
@@ -47,16 +48,18 @@ _REACH = _MOST_ORDER
 
 
 class ColouredNoiseError(GGBenchError):
-    """A model of coloured noise is invalid, or its file cannot be read."""
+    """A model of coloured noise is invalid, or its file cannot be read or written."""
 
 
 class Whitening(NamedTuple):
-    """The whitening of G measurements of m channels, each with up to p earlier ones.
+    """Whitening of G measurements of m channels; each uses up to p earlier measurements.
 
     Attributes
     ----------
-    weights : (G, p + 1, m, m) of a measurement and of those before it; zero for missing ones.
-    lags : (G, p + 1) lags of these measurements, including missing ones; −1 if there is none.
+    weights : (G, p + 1, m, m) matrices that multiply each measurement and the p measurements before
+        it; zero for missing measurements.
+    lags : (G, p + 1) lags of these p + 1 measurements, counted in measurements and including
+        missing ones; −1 if there is no such measurement.
     """
 
     weights: np.ndarray
@@ -68,7 +71,7 @@ class Whitening(NamedTuple):
         return np.asarray(self.weights.sum(axis=1))
 
     def apply(self, readings: np.ndarray) -> np.ndarray:
-        """Return w (..., G, m) of measurements (..., G, m)."""
+        """Return the whitened measurements w (..., G, m) of measurements z (..., G, m)."""
         white = np.zeros(readings.shape)
         for weights, lags in zip(self.weights.swapaxes(0, 1), self.lags.T, strict=True):
             at = np.flatnonzero(lags >= 0)
@@ -84,13 +87,13 @@ class VectorAutoregression:
     Attributes
     ----------
     components : names of the channels.
-    interval : between readings [s].
-    coefficients : (p, m, m) A_i; p may be 0.
-    innovation_cov : (m, m) Σ [E²].
+    interval : time between measurements [s].
+    coefficients : (p, m, m) matrices A_i; p = 0 is noise without memory.
+    innovation_cov : (m, m) covariance Σ of e_k [E²].
     provenance : source of the model, in words.
 
-    Raises ColouredNoiseError if shapes are inconsistent, Σ is no covariance, or the process is
-    unstable.
+    Raises ColouredNoiseError if shapes are inconsistent, Σ is not positive definite, or the process
+    is unstable.
     """
 
     components: tuple[str, ...]
@@ -125,7 +128,7 @@ class VectorAutoregression:
 
     @property
     def order(self) -> int:
-        """Order p."""
+        """Order p of the autoregression."""
         return len(self.coefficients)
 
     @cached_property
@@ -138,7 +141,7 @@ class VectorAutoregression:
 
     @cached_property
     def spectral_radius(self) -> float:
-        """The largest modulus of the process's poles; below 1 it is stable."""
+        """Largest modulus of the poles of the process, which is stable if this is below 1."""
         if self.order == 0:
             return 0.0
         if not np.isfinite(self.coefficients).all():
@@ -146,7 +149,7 @@ class VectorAutoregression:
         return float(np.abs(np.linalg.eigvals(self._companion)).max())
 
     def autocovariance(self, lags: int) -> np.ndarray:
-        """Return Γ_l = E[n_k n_{k−l}ᵀ] (lags + 1, m, m) [E²] up to a lag."""
+        """Return the autocovariances Γ_l = E[n_k n_{k−l}ᵀ] (lags + 1, m, m) [E²], l = 0 … lags."""
         m, p = len(self.components), self.order
         covariances = np.zeros((max(lags + 1, p), m, m))
         if p == 0:
@@ -175,7 +178,7 @@ class VectorAutoregression:
 
     @cached_property
     def deviations(self) -> np.ndarray:
-        """Standard deviations D (m,) of whitened readings [E]."""
+        """Noise standard deviations D (m,) of whitened measurements [E]."""
         return frozen(np.diag(np.linalg.cholesky(self.innovation_cov)))
 
     @cached_property
@@ -197,10 +200,11 @@ class VectorAutoregression:
         return np.concatenate([scaled[np.newaxis], -scaled @ predictor])
 
     def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening:
-        """Return the whitening of measurements at times (G,) [s], some of them missing (G,).
+        """Return the whitening of measurements at times (G,) [s]; ``missing`` (G,) is a mask.
 
-        A measurement is predicted from the last p available ones, at most 64 intervals earlier.
-        There is no prediction across a gap that is no multiple of the interval.
+        The noise of a measurement is predicted from the last p available measurements that are at
+        most 64 intervals older. There is no prediction across a gap that is not a multiple of the
+        interval.
         """
         m, taps = len(self.components), self.order + 1
         weights, lags = np.zeros((len(times), taps, m, m)), np.full((len(times), taps), -1)
@@ -250,10 +254,10 @@ class VectorAutoregression:
 
 
 def read_noise(path: Path) -> VectorAutoregression:
-    """Return the model of a JSON file; the last few are cached.
+    """Return the noise model of a JSON file; recently read files are cached.
 
-    Raises ColouredNoiseError with a sentence that states the file, the value and the allowed
-    values.
+    Raises ColouredNoiseError if the file cannot be read or a value is invalid; the message states
+    the file, the value and the allowed values.
     """
     try:
         status = path.stat()

@@ -1,4 +1,4 @@
-"""Datums of grids: WGS 84 coordinates, and the reference surface of heights."""
+"""Datums of grids: tests for WGS 84, and the zero level of heights."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ _ELLIPSOIDAL = re.compile(r'AXIS\["(?:ellipsoidal height|h\b)[^"]*"', re.IGNOREC
 
 
 def name_of(crs: Any) -> str:
-    """Return the name of a reference system of rasterio."""
+    """Return the name of a coordinate reference system of rasterio."""
     match = re.search(r'"([^"]+)"', crs.to_wkt())
     return match[1] if match else str(crs)
 
 
 def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
-    """Return whether a geographic system differs from WGS 84 at a position, in its degrees.
+    """Return whether a geographic coordinate system ``crs`` differs from WGS 84 at a position.
+
+    ``longitude`` and ``latitude`` [deg] are coordinates of ``crs``.
 
     Raises TerrainError if rasterio is not installed.
     """
@@ -39,7 +41,11 @@ def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
 
 
 def vertical(crs: Any) -> tuple[str, bool]:
-    """Return the zero level of a system's heights, or "", and whether they count downwards."""
+    """Return the zero level of heights in a coordinate reference system, and their direction.
+
+    The zero level is a text for remarks, "" if the system states none. The direction is True if
+    heights are positive down.
+    """
     if crs is None:
         return "", False
     wkt = crs.to_wkt()
@@ -56,8 +62,8 @@ def require_wgs84(
 ) -> None:
     """Raise TerrainError if a variable of a netCDF file names another datum than WGS 84.
 
-    ``variables`` are those of the file, among them the grid mapping; ``place`` is a longitude and
-    latitude in the grid [deg].
+    ``variables`` are all variables of the file, including the grid mapping. ``place`` is the
+    longitude and latitude of a point within the grid [deg].
     """
     name = variable.attrs.get("grid_mapping", variable.encoding.get("grid_mapping"))
     mapping = variables.get(name) if isinstance(name, str) else None

@@ -1,7 +1,7 @@
-"""Maps with declared errors, for a model that differs from the truth.
+"""Maps with added errors, so that the assumed field differs from the true field.
 
-Real maps have four errors: limited resolution, a wrong density of the terrain, white noise of the
-nodes, and noise that is correlated over the spacing of the survey.
+Four errors of real maps can be added: limited resolution, a wrong density of the terrain, white
+noise of the nodes, and noise that is correlated over the line spacing of a survey.
 """
 
 from __future__ import annotations
@@ -29,20 +29,22 @@ field is three times as large there, and grows quickly below."""
 
 @dataclass(frozen=True)
 class MapDegradation:
-    """Errors given to a map. The same seed gives the same errors.
+    """Errors to add to a map. The same seed gives the same errors.
 
     Attributes
     ----------
     resolution_m : standard deviation of a horizontal Gaussian that smooths the map; 0 for none.
-    density_factor : factor of the whole disturbing field, as of the density of its masses.
-    white_noise_eotvos : RMS of noise in each component at each node, all independent [E].
+    density_factor : factor on the whole disturbing field, equivalent to a factor on the density of
+        its masses.
+    white_noise_eotvos : RMS of white noise in each tensor component at each node [E]; all values
+        are independent.
     correlated_noise_eotvos : RMS of Γ_UU of a random field at the lowest nodes [E]. The field is
-        harmonic: one random potential, continued upwards, gives all components and the gravity
-        disturbance, so that curl and Laplacian stay zero. In the valleys of a draped map it is
-        larger than above its summits.
-    correlation_m : distance at which the correlation of that Γ_UU has fallen to 1/e [m], at the
+        harmonic: all tensor components and the gravity disturbance come from one random potential,
+        continued upwards, so curl and Laplacian stay zero. In a draped map the random field is
+        larger in valleys than above summits.
+    correlation_m : distance at which the correlation of Γ_UU of the random field is 1/e [m], at the
         mean height of the lowest nodes.
-    seed : of the noise.
+    seed : seed of the random numbers.
     """
 
     resolution_m: float = 0.0
@@ -56,8 +58,8 @@ class MapDegradation:
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     """Return a map with errors: smoothed and scaled first, then with noise.
 
-    Raises MapError if the map is too small for the smoothing or the correlation length, or its
-    nodes are too far apart for it.
+    Raises MapError if the map is too small for the smoothing or the correlation length, or if its
+    nodes are too far apart for one of the two.
     """
     _check(right, degradation)
     tensor = np.asarray(right.tensor, dtype=float)

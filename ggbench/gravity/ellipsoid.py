@@ -1,12 +1,14 @@
-"""WGS84: the ellipsoid, its normal gravity and its normal gravity-gradient tensor.
+"""WGS84 ellipsoid: radii of curvature, normal gravity, normal gravity-gradient tensor.
 
-One sum of the even zonal harmonics J2..J12 gives the normal potential's derivatives. They reproduce
-the closed forms of normal gravity to 1e-13 and the normal gradient to 1e-10 E (J14 is below 2e-19),
-so gravity, its derivative in the mechanization and the measured gradient are always consistent.
+All derivatives of the normal potential come from one sum of the even zonal harmonics J2..J12, so
+normal gravity, the gravity gradient in the INS error model and the measured gradient are
+consistent. The sum reproduces the closed forms of normal gravity to a relative error of 1e-13 and
+the normal gradient to 1e-10 E (J14 is below 2e-19).
 
-Angles in rad, heights in m above the ellipsoid, gravity in m/s², gradients in E (1 E = 1e-9 s⁻²).
-The gradient is the *gravitational* part only: a gradiometer without rotation in inertial space does
-not measure the centrifugal potential; normal gravity includes it.
+Latitudes are geodetic. Angles are in rad, heights in m above the ellipsoid, gravity in m/s²,
+gradients in E (1 E = 1e-9 s⁻²). The gradient is the *gravitational* part only: a gradiometer
+without rotation in inertial space does not measure the centrifugal potential; normal gravity
+includes it.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ EVEN_ZONALS = _dynamical_form_factors(6)
 
 @inlined
 def radii_of_sine(sine: float) -> tuple[float, float]:
-    """Return :func:`radii_of_curvature` at the latitude of a sine."""
+    """Return the radii (R_M, R_N) [m] of :func:`radii_of_curvature`, given sin L."""
     w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
     prime_vertical = SEMI_MAJOR_AXIS / math.sqrt(w2)
     return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / w2, prime_vertical
@@ -67,12 +69,14 @@ def radii_of_curvature(latitude: float) -> tuple[float, float]:
 
 @inlined
 def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
-    """Return metres per radian of latitude and longitude, R_M + h and (R_N + h) cos L [m/rad].
+    """Return metres per radian of latitude and of longitude, given sin L and cos L [m/rad].
+
+    The values are R_M + h and (R_N + h) cos L, with the radii of curvature R_M and R_N.
 
     Parameters
     ----------
-    sine, cosine : of the latitude.
-    height : above the ellipsoid [m].
+    sine, cosine : sin L and cos L of the latitude L.
+    height : height h above the ellipsoid [m].
     """
     meridian, prime_vertical = radii_of_sine(sine)
     return meridian + height, (prime_vertical + height) * cosine
@@ -91,7 +95,11 @@ def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
 
 @compiled
 def metres_along(positions: np.ndarray) -> np.ndarray:
-    """Return metres per radian of longitude and of latitude (N, 2) at positions (N, 3)."""
+    """Return metres per radian of longitude and of latitude (N, 2) [m/rad] at N positions.
+
+    Note the order: east, then north. ``positions`` (N, 3) are latitude, longitude [rad], height
+    [m].
+    """
     out = np.empty((positions.shape[0], 2))
     for k in range(positions.shape[0]):
         out[k, 1], out[k, 0] = metres_per_radian(positions[k])
@@ -100,7 +108,7 @@ def metres_along(positions: np.ndarray) -> np.ndarray:
 
 @inlined
 def radii_derivatives_of(sine: float, cosine: float) -> tuple[float, float]:
-    """Return dR_M/dL and dR_N/dL [m/rad], given sin L and cos L."""
+    """Return the derivatives dR_M/dL and dR_N/dL of the radii [m/rad], given sin L and cos L."""
     meridian, prime_vertical = radii_of_sine(sine)
     ratio = ECCENTRICITY_SQUARED * sine * cosine / (1.0 - ECCENTRICITY_SQUARED * sine * sine)
     return 3.0 * meridian * ratio, prime_vertical * ratio
@@ -227,9 +235,10 @@ def _geocentric_gravity(r: float, s: float, c: float) -> tuple[float, float, flo
 
 @inlined
 def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float, float, float]:
-    """Return :func:`normal_gravity`, given sin L and cos L.
+    """Return γ, ∂γ/∂L and ∂γ/∂h as :func:`normal_gravity` does, given sin L and cos L.
 
-    Since γ = |g|, dγ = g·dg/γ with dg from the gradient tensor.
+    The derivatives of γ = |g| are g·dg/γ, where dg, the derivative of the gravity vector, follows
+    from the gradient tensor.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     north, up, north_north, north_up, up_up = _geocentric_gravity(r, s, c)
@@ -245,10 +254,13 @@ def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float,
 
 @inlined
 def normal_gravity_vector_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
-    """Return normal gravity to the geodetic north and up [m/s²]; the east component is zero.
+    """Return normal gravity (north, up) in geodetic axes [m/s²], given sin L and cos L.
 
-    Plumb lines of the normal field are curved: above the ellipsoid gravity has a part to the south,
-    −8.08e-9 h sin 2L (Heiskanen & Moritz 1967, sec. 5-6), 4 mGal at 5 km and 45°.
+    The east component is zero.
+
+    Plumb lines of the normal field are curved. Therefore gravity above the ellipsoid has the north
+    component −8.08e-9 h sin 2L m/s² (h in m; Heiskanen & Moritz 1967, sec. 5-6): 4 mGal to the
+    south at 5 km and 45° north.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     north, up, _, _, _ = _geocentric_gravity(r, s, c)
@@ -259,9 +271,11 @@ def normal_gravity_vector_of(sine: float, cosine: float, height: float) -> tuple
 def normal_gravity_slopes_of(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float]:
-    """Return ∂g_N/∂L, ∂g_N/∂h, ∂g_U/∂L, ∂g_U/∂h of :func:`normal_gravity_vector_of`.
+    """Return ∂g_N/∂L, ∂g_N/∂h, ∂g_U/∂L, ∂g_U/∂h of normal gravity (g_N, g_U).
 
-    They follow from the gradient tensor and the rotation of the axes over (R_M + h) dL.
+    The vector is that of :func:`normal_gravity_vector_of`; derivatives are per rad and per m. The
+    derivatives follow from the gradient tensor and from the rotation of the axes by dL over the
+    distance (R_M + h) dL.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     north, up, north_north, north_up, up_up = _geocentric_gravity(r, s, c)
@@ -279,14 +293,14 @@ def normal_gravity_slopes_of(
 def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]:
     """Return normal gravity γ [m/s²], ∂γ/∂L [m/s²/rad] and ∂γ/∂h [s⁻²] at a geodetic position.
 
-    γ is the magnitude of gravity: gravitation and centrifugal acceleration.
+    γ is the magnitude of normal gravity, the sum of gravitation and centrifugal acceleration.
     """
     return normal_gravity_of(math.sin(latitude), math.cos(latitude), height)
 
 
 @compiled
 def normal_gravity_along(positions: np.ndarray) -> np.ndarray:
-    """Return normal gravity (N,) [m/s²] at positions (N, 3)."""
+    """Return normal gravity γ (N,) [m/s²] at positions (N, 3) [rad, rad, m]."""
     out = np.empty(positions.shape[0])
     for k in range(positions.shape[0]):
         out[k] = normal_gravity(positions[k, 0], positions[k, 2])[0]
@@ -297,11 +311,11 @@ def normal_gravity_along(positions: np.ndarray) -> np.ndarray:
 def normal_gradient_of(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float]:
-    """Return EE, NN, NU, UU [E] of the normal gradient; EN and EU are zero.
+    """Return the components EE, NN, NU, UU of the normal gradient [E]; EN and EU are zero.
 
-    ``sine`` and ``cosine`` are those of the geodetic latitude, ``height`` is in m. The spherical
-    components of a zonal potential V(r, s) (e.g. Hofmann-Wellenhof & Moritz) are rotated by ψ = L −
-    φ' about the east axis.
+    ``sine`` and ``cosine`` are sin L and cos L of the geodetic latitude, ``height`` is in m. The
+    components in spherical axes of a zonal potential V(r, sin φ') (e.g. Hofmann-Wellenhof & Moritz
+    2006) are rotated about the east axis by ψ = L − φ', with the geocentric latitude φ'.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
@@ -321,10 +335,11 @@ def normal_gradient_of(
 def normal_gradient_slopes_of(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return the derivatives of EE, NN, NU, UU to the north, then upwards [E/m].
+    """Return the derivatives of EE, NN, NU, UU northwards, then the four upwards [E/m].
 
-    They follow by the chain rule through r(L, h), φ'(L, h), ψ(L, h) of :func:`normal_gradient_of`,
-    with axes that move with the point. Derivatives to the east are zero.
+    The components are those of :func:`normal_gradient_of`, in axes that move with the point. The
+    chain rule uses the radius r(L, h), the geocentric latitude φ'(L, h) and ψ(L, h) = L − φ'.
+    Eastward derivatives are zero.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)

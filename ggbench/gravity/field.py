@@ -1,10 +1,10 @@
-"""The gravity-gradient tensor at a point: normal field plus a map of the disturbing field.
+"""Gravity-gradient tensor at a point: normal field plus disturbing field of a map.
 
 A :class:`Field` interpolates a :class:`~.gradient_map.GradientMap` by a tensor-product cubic
 B-spline in latitude, longitude and height (:mod:`.spline`) and adds the exact normal field.
 
-Tensor components are ordered [EE, EN, EU, NN, NU, UU] (x = east, y = north, z = up), in E;
-derivatives are for a displacement of one metre east, north and up, with axes that move along.
+Tensor components are ordered [EE, EN, EU, NN, NU, UU] (east, north, up), in E. Derivatives are per
+metre to the east, to the north and upwards, in axes that move with the point.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class OutsideMapError(GGBenchError):
 
 @record
 class DisturbanceMap:
-    """The gravity disturbance of a map as arrays for kernels, see :class:`Field`."""
+    """Gravity disturbance of a map as arrays for compiled kernels, see :class:`Field`."""
 
     origin: np.ndarray
     step: np.ndarray
@@ -61,15 +61,16 @@ def gradient_of(
     values: Tensor,
     along: tuple[Tensor, Tensor, Tensor],
 ) -> tuple[Tensor, tuple[Tensor, Tensor, Tensor], float, float]:
-    """Return the full tensor [E], its derivatives, and metres per radian to north and east.
+    """Return the full tensor [E], its derivatives [E/m], and metres per radian of L and λ.
 
-    The derivatives [E/m] are to the east, to the north and upwards.
+    The full tensor is normal field plus disturbing field. The derivatives are to the east, to the
+    north and upwards. Metres per radian are those of :func:`.metres_per_radian_of`.
 
     Parameters
     ----------
     sine, cosine, height : sine and cosine of the latitude; height [m].
-    values, along : the disturbing tensor [E], and its derivatives by latitude, longitude [E/rad]
-        and height [E/m].
+    values, along : the disturbing tensor [E], and its derivatives with respect to latitude,
+        longitude [E/rad] and height [E/m].
     """
     ee, nn, nu, uu = normal_gradient_of(sine, cosine, height)
     slopes = normal_gradient_slopes_of(sine, cosine, height)
@@ -108,10 +109,11 @@ def gradients_and_slopes(
     values: np.ndarray,
     derivatives: np.ndarray,
 ) -> None:
-    """Fill the full tensors (N, 6) [E] and derivatives (N, 6, 3) [E/m east, north, up] at N points.
+    """Fill the full tensors (N, 6) [E] and their derivatives (N, 6, 3) [E/m] at N points.
 
-    ``positions`` (N, 3) are latitudes, longitudes [rad] and heights [m]. ``coefficients`` of size
-    zero mean the normal field alone. The map is as in :func:`vector_at`.
+    The last axis of the derivatives is east, north, up. ``positions`` (N, 3) are latitude,
+    longitude [rad] and height [m]. ``origin``, ``step``, ``coefficients`` and ``base`` are the map,
+    as in :func:`.vector_at`; ``coefficients`` of size zero mean the normal field alone.
     """
     s, work = np.zeros(24), np.empty(TENSOR_WORK)
     for n in range(positions.shape[0]):
@@ -150,13 +152,14 @@ def gradients(
     base: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill the full tensors (6, N) [E] at N points, without derivatives.
+    """Fill ``out`` (6, N) with the full tensors [E] at N points, without derivatives.
 
     Parameters
     ----------
     positions : (3, N) latitudes, longitudes [rad], heights [m].
-    origin, step, coefficients, base : the map, as in :func:`vector_at`; of size zero for none.
-    out : (6, N) output; NaN where a position is.
+    origin, step, coefficients, base : the map, as in :func:`.vector_at`; ``coefficients`` of size
+        zero mean the normal field alone.
+    out : (6, N) output; NaN at NaN positions.
     """
     count = positions.shape[1]
     if coefficients.size == 0:
@@ -216,10 +219,13 @@ class Field:
     origin, step : (3,) first node and spacing of the map in latitude, longitude [rad], height [m];
         of a draped map the third coordinate is the height above its base surface.
     tensor_coefficients : (n0, n1, n2, 6) B-spline coefficients [E]; size 0 for no map.
-    disturbance_coefficients : (n0, n1, n2, 3) of the gravity disturbance vector, ENU [m/s²].
-    constant_disturbance : (3,) ENU [m/s²], added to the disturbance everywhere.
-    standard_error : (9,) of tensor [E] and disturbance [m/s²] as stated by the map; NaN: unknown.
-    base_coefficients : (n0, n1) of the base surface of a draped map [m]; size 0 for level layers.
+    disturbance_coefficients : (n0, n1, n2, 3) B-spline coefficients of the gravity disturbance
+        vector, ENU [m/s²].
+    constant_disturbance : (3,) vector added to the gravity disturbance everywhere, ENU [m/s²].
+    standard_error : (9,) standard errors of tensor [E] and gravity disturbance [m/s²], as stated by
+        the map; NaN: unknown.
+    base_coefficients : (n0, n1) B-spline coefficients of the base surface of a draped map [m]; size
+        0 for level layers.
     """
 
     origin: np.ndarray
@@ -267,19 +273,19 @@ class Field:
 
     @property
     def disturbance_map(self) -> DisturbanceMap:
-        """The map's gravity disturbance as arrays; of size zero without a map."""
+        """Gravity disturbance of the map as arrays for kernels; of size zero without a map."""
         return DisturbanceMap(
             self.origin, self.step, self.disturbance_coefficients, self.base_coefficients
         )
 
     @property
     def lower(self) -> np.ndarray:
-        """First node (3,) of the map in its coordinates [rad, rad, m]; −∞ without a map."""
+        """First node (3,) of the map in map coordinates [rad, rad, m]; −∞ without a map."""
         return self.origin if self.has_map else np.full(3, -np.inf)
 
     @property
     def upper(self) -> np.ndarray:
-        """Last node (3,) of the map in its coordinates [rad, rad, m]; ∞ without a map."""
+        """Last node (3,) of the map in map coordinates [rad, rad, m]; ∞ without a map."""
         if not self.has_map:
             return np.full(3, np.inf)
         cells = np.array(self.tensor_coefficients.shape[:3]) - 3
@@ -287,13 +293,14 @@ class Field:
 
     @property
     def is_draped(self) -> bool:
-        """Whether the map's third coordinate is the height above its base surface."""
+        """Whether the third map coordinate is the height above a base surface (draped map)."""
         return self.base_coefficients.size > 0
 
     def base(self, positions: np.ndarray) -> np.ndarray:
         """Return the height (...) of the base surface at positions (..., 3) [m]; 0 for level maps.
 
-        Outside the map the height of the border continues.
+        Positions are latitude, longitude [rad], height [m]. Outside the map the height at the
+        border is used.
         """
         heights = np.zeros(positions.shape[:-1])
         if self.is_draped:
@@ -304,9 +311,10 @@ class Field:
         return heights
 
     def coordinates(self, positions: np.ndarray) -> np.ndarray:
-        """Return positions (..., 3) in the coordinates of the map's nodes.
+        """Return positions (..., 3) [rad, rad, m] in map coordinates.
 
-        For a draped map the third coordinate is the height above the base surface.
+        The third map coordinate is the height above the base surface for a draped map, and above
+        the ellipsoid for other maps.
         """
         if not self.is_draped:
             return positions
@@ -317,11 +325,11 @@ class Field:
     def over_nodes(
         self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return latitude, longitude [rad] and ellipsoidal height [m] of map coordinates.
+        """Convert map coordinates to latitude, longitude [rad] and ellipsoidal height [m].
 
         Parameters
         ----------
-        latitude, longitude : [rad], of shapes that broadcast to (...), as all results.
+        latitude, longitude : [rad], of shapes that broadcast to (...), the shape of each result.
         third : height above the map's base surface [m].
         """
         axes = np.broadcast_arrays(*(np.asarray(a, float) for a in (latitude, longitude, third)))
@@ -329,13 +337,13 @@ class Field:
         return positions[..., 0], positions[..., 1], positions[..., 2] + self.base(positions)
 
     def flattened(self) -> Field:
-        """Return the map with level layers; heights above the base count from the ellipsoid."""
+        """Return the field with level layers: heights above the base become heights above zero."""
         return replace(self, base_coefficients=np.zeros((0, 0)))
 
     def covers(self, positions: np.ndarray, slack: float) -> np.ndarray:
-        """Return the positions (..., 3) within the map, as a mask; all without a map.
+        """Return a mask (...) of the positions (..., 3) within the map; True without a map.
 
-        ``slack`` is a tolerance outside the border, in node distances.
+        ``slack`` is a tolerance outside the border, in units of the distance between nodes.
         """
         if not self.has_map:
             return np.ones(positions.shape[:-1], dtype=bool)
@@ -345,17 +353,22 @@ class Field:
         return np.asarray(inside.all(axis=-1))
 
     def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
-        """Return the gradient tensor (..., 6) [E] at positions of any (broadcast) shape.
+        """Return the gradient tensor (..., 6) [E] at geodetic positions [rad, rad, m].
 
-        Raises OutsideMapError if a position lies outside the map; the message names it and the
-        map's bounds.
+        The shapes of the arguments broadcast to (...).
+
+        Raises OutsideMapError if a position lies outside the map; the message states the position
+        and the bounds of the map.
         """
         positions, shape = self._positions(latitude, longitude, height)
         self.require_inside(positions)
         return self.continued_tensor(positions).reshape(*shape, 6)
 
     def continued_tensor(self, positions: np.ndarray) -> np.ndarray:
-        """Return the tensor (..., 6) [E] at positions (..., 3); the border continues outside."""
+        """Return the tensor (..., 6) [E] at positions (..., 3) [rad, rad, m], also outside the map.
+
+        Outside the map the disturbing field at the border is used.
+        """
         tensor = np.empty((6, math.prod(positions.shape[:-1])))
         gradients(
             np.ascontiguousarray(positions.reshape(-1, 3).T), self.origin, self.step,
@@ -368,8 +381,8 @@ class Field:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the tensor (..., 6) [E] and its derivative (..., 6, 3) [E/m east, north, up].
 
-        Raises OutsideMapError if a position lies outside the map; the message names it and the
-        map's bounds.
+        Raises OutsideMapError if a position lies outside the map; the message states the position
+        and the bounds of the map.
         """
         positions, shape = self._positions(latitude, longitude, height)
         values = np.empty((len(positions), 6))
@@ -389,7 +402,7 @@ class Field:
     def vertical_disturbance(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
     ) -> np.ndarray:
-        """Return Γ_UU [E] (...) of the map alone.
+        """Return Γ_UU (...) [E] of the map's disturbing field, without the normal field.
 
         Parameters
         ----------
@@ -403,7 +416,10 @@ class Field:
     def gravity_disturbance(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
     ) -> np.ndarray:
-        """Return the gravity disturbance vector (..., 3), ENU [m/s²]: the map's and the constant.
+        """Return the gravity disturbance vector (..., 3), ENU [m/s²].
+
+        It is the sum of the map's disturbance and ``constant_disturbance``. Latitude, longitude
+        [rad] and height [m] have shapes that broadcast to (...).
 
         Raises OutsideMapError if a position lies outside the map.
         """
@@ -425,7 +441,7 @@ class Field:
         return np.stack([axis.ravel() for axis in axes], axis=-1), axes[0].shape
 
     def require_inside(self, positions: np.ndarray) -> None:
-        """Raise OutsideMapError if one of positions (n, 3) lies outside the map."""
+        """Raise OutsideMapError if a position (n, 3) [rad, rad, m] lies outside the map."""
         inside = self.covers(positions, _ROUNDING)
         if inside.all():
             return

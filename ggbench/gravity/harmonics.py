@@ -1,13 +1,13 @@
 """Synthesis of a gravitational potential and its derivatives from spherical harmonics.
 
 The Cartesian derivative of a solid spherical harmonic is again a sum of solid spherical harmonics,
-one degree higher (Cunningham 1970; Petrovskaya and Vershkov 2010). So each Cartesian component of
-gravity vector and gradient tensor is a series with its own coefficients and the same Legendre
-functions. The synthesis needs no derivatives of Legendre functions and no division by
+one degree higher (Cunningham 1970; Petrovskaya and Vershkov 2010). Therefore each Cartesian
+component of the gravity vector and gradient tensor is a series with the same Legendre functions and
+other coefficients. The synthesis needs no derivatives of Legendre functions and no division by
 cos(latitude), so poles are no special case. Legendre functions come from the standard forward
-column recursion. Above about degree 1900 it would underflow near the poles (Holmes and Featherstone
-2002). Therefore numbers below double precision have an additional exponent (Fukushima 2012), and
-the synthesis is valid to any degree.
+column recursion. Above about degree 1900 this recursion underflows near the poles in double
+precision (Holmes and Featherstone 2002). Therefore small values have an additional exponent
+(Fukushima 2012), and the synthesis is valid to any degree.
 """
 
 from __future__ import annotations
@@ -58,11 +58,11 @@ class HarmonicCoefficients:
 
     @property
     def degree(self) -> int:
-        """The highest degree."""
+        """Highest degree of the coefficients."""
         return len(self.cosine) - 1
 
     def between(self, lowest: int, highest: int) -> HarmonicCoefficients:
-        """Return the coefficients from degree ``lowest`` to ``highest``."""
+        """Return the coefficients of the degrees ``lowest`` to ``highest``; the others are zero."""
         size = min(highest, self.degree) + 1
         cosine, sine = self.cosine[:size, :size].copy(), self.sine[:size, :size].copy()
         cosine[:lowest], sine[:lowest] = 0.0, 0.0
@@ -70,9 +70,10 @@ class HarmonicCoefficients:
 
 
 def without_normal_field(coefficients: HarmonicCoefficients) -> HarmonicCoefficients:
-    """Coefficients of the disturbing potential: less the even zonals J2..J12 of WGS84.
+    """Return coefficients minus the normal field: those of the disturbing potential.
 
-    Degrees 0 and 1 become zero: the normal field has the Earth's mass and its centre.
+    The even zonal coefficients J2..J12 of WGS84 are subtracted. Degrees 0 and 1 become zero,
+    because the normal field has the mass and the centre of mass of the Earth.
     """
     cosine, sine = coefficients.cosine.copy(), coefficients.sine.copy()
     scale = GM / coefficients.gm
@@ -86,11 +87,11 @@ def without_normal_field(coefficients: HarmonicCoefficients) -> HarmonicCoeffici
 def potential(
     coefficients: HarmonicCoefficients, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
 ) -> Array:
-    """Potential (n_lat, n_lon, n_h) [m²/s²] on the grid latitude x longitude x height.
+    """Return the potential (n_lat, n_lon, n_h) [m²/s²] on a grid of positions.
 
     Parameters
     ----------
-    coefficients : of the potential.
+    coefficients : coefficients of the potential.
     latitude, longitude : geodetic, shapes (n_lat,) and (n_lon,) [rad].
     height : above the WGS84 ellipsoid, shape (n_h,) [m].
     """
@@ -102,13 +103,13 @@ def potential(
 def gravity_and_gradient(
     coefficients: HarmonicCoefficients, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
 ) -> tuple[Array, Array]:
-    """First and second derivatives of the potential on the grid of :func:`potential`.
+    """Return first and second derivatives of the potential on the grid of :func:`potential`.
 
     Returns
     -------
-    The vector, shape (n_lat, n_lon, n_h, 3) [m/s²], components E, N, U; and the tensor, shape
-    (n_lat, n_lon, n_h, 6) [E], components EE, EN, EU, NN, NU, UU; both in the axes of the
-    geodetic (not the geocentric) local level.
+    Gravity vector (n_lat, n_lon, n_h, 3) [m/s²], components E, N, U, and gradient tensor (n_lat,
+    n_lon, n_h, 6) [E], components EE, EN, EU, NN, NU, UU. The axes are those of the geodetic, not
+    the geocentric, local level.
     """
     c = _complex(coefficients)
     size = len(c) + 2

@@ -1,7 +1,7 @@
 """Longitudes modulo whole turns, and areas that may cross the date line.
 
-Longitudes of 275.7° and −84.3° are equal, and so are 181° and −179°. Before a comparison
-:func:`turns` shifts longitudes to within half a turn of each other.
+Longitudes of 275.7° and −84.3° are equal, as are 181° and −179°. Before a comparison, :func:`turns`
+gives the whole turns that shift longitudes to within half a turn of each other.
 """
 
 from __future__ import annotations
@@ -18,29 +18,35 @@ _REGULAR = 0.02  # of a step: more than coordinates in single precision are off
 
 
 def turns(longitude: ArrayLike, about: ArrayLike, turn: float = 360.0) -> Any:
-    """Return the whole turns that shift longitudes to within half a turn of others.
+    """Return the multiple of a turn that shifts ``longitude`` to within half a turn of ``about``.
 
-    Both are in degrees, or in the unit of ``turn``. For NaN the result is 0.
+    Arguments and result are in degrees, or in the unit of ``turn``. For NaN the result is 0.
     """
     count = np.rint((np.asarray(about) - longitude) / turn)
     return turn * np.where(np.isfinite(count), count, 0.0)[()]
 
 
 def eastern(west: float, east: float) -> float:
-    """Return an eastern bound counted from a western one [deg]: 181 for 179 and −179.
+    """Return an eastern bound [deg] in the turn east of a western bound: 181 for 179 and −179.
 
-    A bound more than half a turn further is unchanged: the two were exchanged, or go around the
-    Earth.
+    An eastern bound more than half a turn east of the western bound is unchanged: the bounds were
+    exchanged, or the area goes around the Earth.
     """
     further = east - 360.0 * np.floor((east - west) / 360.0)
     return float(further) if 0.0 < further - west <= 180.0 else east
 
 
 def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array, float]:
-    """Return values (n_lat, n_lon) around the Earth, cut opposite to a meridian [deg].
+    """Return a global grid (n_lat, n_lon), rolled so that it is cut opposite to a meridian.
 
-    The second result is their first longitude. Values that do not go around the Earth are
+    The second result is the new first longitude [deg]. Grids that do not go around the Earth are
     unchanged.
+
+    Parameters
+    ----------
+    values : (n_lat, n_lon) values of the grid.
+    west, step : first longitude and spacing of the columns [deg].
+    about : longitude of the meridian [deg].
     """
     around = round(360.0 / step)
     if values.shape[1] < around or abs(around * step - 360.0) > _REGULAR * step:
@@ -50,7 +56,7 @@ def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array
 
 
 class Area(NamedTuple):
-    """Bounds of an area [deg], longitudes in any turn; None: no limit."""
+    """Bounds of an area [deg]; longitudes may be in any turn; None: no limit."""
 
     south: float | None = None
     north: float | None = None
@@ -58,7 +64,7 @@ class Area(NamedTuple):
     east: float | None = None
 
     def about(self, longitude: float) -> Area:
-        """Return the area with its western and eastern side in the turn of a longitude [deg]."""
+        """Return the area with western and eastern bounds in the turn of a longitude [deg]."""
         west, east = self.west, self.east
         if west is not None and east is not None:
             east = eastern(west, east)
@@ -68,14 +74,14 @@ class Area(NamedTuple):
         return self._replace(west=west, east=east)
 
     def widened(self, latitude: float, longitude: float) -> Area:
-        """Return the area enlarged on all sides [deg]."""
+        """Return the area enlarged to north and south, and to east and west, by margins [deg]."""
         added = (-latitude, latitude, -longitude, longitude)
         return Area(*(s if s is None else s + a for s, a in zip(self, added, strict=True)))
 
     def within(self, latitude: Array, longitude: Array) -> Area:
-        """Return the area, cut to the bounding box of positions (N,) [deg].
+        """Return the intersection of the area with the bounding box of positions (N,) [deg].
 
-        A side without a limit becomes that of the box.
+        A side without a limit becomes the side of the bounding box.
         """
         bounds = latitude.min(), latitude.max(), longitude.min(), longitude.max()
         pick = (max, min, max, min)
@@ -87,12 +93,12 @@ class Area(NamedTuple):
         )
 
     def holds(self, latitude: Array, longitude: Array) -> NDArray[np.bool_]:
-        """Return the positions in the area (...), as a mask.
+        """Return a mask (...) of the positions within the area.
 
         Parameters
         ----------
-        latitude, longitude : of shapes that broadcast to (...) [deg]; longitudes in the turn of the
-            area, see :meth:`about`.
+        latitude, longitude : positions [deg], with shapes that broadcast to (...); longitudes in
+            the turn of the area, see :meth:`about`.
         """
         inside = np.ones(np.broadcast(latitude, longitude).shape, dtype=bool)
         for values, low, high in ((latitude, *self[:2]), (longitude, *self[2:])):

@@ -1,4 +1,4 @@
-"""Optional packages, imported when a file needs them."""
+"""Import of optional packages that a file format needs."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from .terrain import TerrainError
 
 
 def imported(module: str, path: Path) -> Any:
-    """Return an optional module.
+    """Import and return an optional module.
 
-    Raises TerrainError if the module is not installed.
+    Raises TerrainError if the module is not installed; the message names the file ``path``.
     """
     try:
         return importlib.import_module(module)

@@ -1,24 +1,26 @@
-"""Gravity and its gradient above a terrain by Parker's (1973) series of Fourier transforms.
+"""Gravity and gravity gradient above a terrain, by Parker's (1973) series of Fourier transforms.
 
-The masses lie between the zero level and the terrain: rock above it, and below it, at sea, water in
-the place of rock. Their attraction at the height z is, in the wavenumber domain,
+The masses lie between the zero level and the terrain: rock on land, and the density deficit of
+water at sea. Their attraction at the height z is, in the wavenumber domain,
 
     F[g_U] = −2πG exp(−k (z − z₀)) Σₙ kⁿ⁻¹/n! F[Σ ρ (s − z₀)ⁿ],
 
-with the surfaces s of the land and of the sea floor, the density ρ below each of them, and z₀
-midway between their lowest and highest point (Parker 1973, eq. 4). All other components follow by
-multiplication with the wavenumbers. The series converges above the highest ground only.
+where s is the surface of the land or of the sea floor, ρ the density contrast of each, and z₀ the
+height midway between the lowest and the highest point of both surfaces (Parker 1973, eq. 4). All
+other components follow by multiplication with the wavenumbers. The series converges only above the
+highest ground.
 
-Beyond its edges the terrain is continued by its own mirror image, which fades within a tenth of its
-longer side into the mean height of its edge; at that level the ground goes on for ever. The real
-ground there is unknown and has an effect: ground that is 100 m higher beyond the distance D changes
-the field by 4 E · (10 km / D), smoothly. Details as small as the height above the ground are
-correct from a few such heights inside the edge.
+Beyond its edges the terrain is continued by its mirror image, which fades into the mean height of
+the edge over a tenth of the terrain's longer side. Farther away the ground is level at this mean
+height. The true ground beyond the edges is unknown and has an effect: ground that is 100 m higher
+beyond the distance D changes the field by 4 E · (10 km / D), smoothly. Short wavelengths, of the
+size of the height above the ground, are correct at distances of a few such heights from the edge.
 
-The Earth is flat, in a conformal map. This neglects mainly the rotation of the axes with the
-position: U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU, with the Earth's radius R. These
-are 0.16 and 0.31 E for an attraction of 1e-3 m/s² (100 mGal). For a mountain range of 2.4 km, 40 E
-and 100 mGal RMS, 150 km wide, the remaining error is 0.06 E and 0.5 mGal RMS.
+The Earth is flat, in a conformal map projection. The flat Earth neglects mainly the rotation of the
+axes with the position. For an attraction (E, N, U) and the Earth's radius R the neglected terms are
+U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU. For 1e-3 m/s² (100 mGal) they are 0.16 E
+(U/R) and 0.31 E (2U/R). For a mountain range that is 2.4 km high, 150 km wide and causes 40 E and
+100 mGal RMS, the remaining error is 0.06 E and 0.5 mGal RMS.
 """
 
 from __future__ import annotations
@@ -57,14 +59,14 @@ _EDGE = 0.5  # cells beyond the outermost nodes that belong to the terrain
 
 @dataclass(frozen=True)
 class TerrainOptions:
-    """Densities of a terrain, and order of its series.
+    """Densities of a terrain, and order of Parker's series.
 
     Attributes
     ----------
-    density : of the ground [kg/m³].
-    water_density : of the sea, which fills all ground below the zero level [kg/m³].
-    order : least order of the series, at least 6; up to 80 orders are summed, until the remainder
-        is below 1e-4 E RMS at the lowest height.
+    density : density of the ground [kg/m³].
+    water_density : density of water [kg/m³], which fills all ground below the zero level.
+    order : minimum order of the series, 6 to 80. Higher orders, up to 80, are added until the
+        remainder is below 1e-4 E RMS at the lowest height.
 
     Raises TerrainError for a density outside 0 to 10000 kg/m³ or an order outside 6 to 80.
     """
@@ -94,27 +96,27 @@ def terrain_layers(
     geoid_height: float = 0.0,
     dtype: DTypeLike = np.float32,
 ) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
-    """Yield the field of a terrain's masses, height by height, to limit memory.
+    """Yield the field of a terrain's masses at one height after the other, to limit memory.
 
     Parameters
     ----------
     terrain : heights above the zero level.
-    latitude, longitude : positions on the terrain, shapes (n_lat,), (n_lon,) [rad].
-    height : above the ellipsoid and the highest ground, shape (n_h,) [m].
+    latitude, longitude : grid of positions within the terrain, shapes (n_lat,), (n_lon,) [rad].
+    height : heights above the ellipsoid, shape (n_h,) [m], all above the highest ground.
     options : densities and order; by default those of :class:`TerrainOptions`.
-    geoid_height : of the terrain's zero level above the ellipsoid [m].
-    dtype : float64, or float32 for half the memory at an error of some 1e-5 E.
+    geoid_height : height of the terrain's zero level above the ellipsoid [m].
+    dtype : float64, or float32 for half the memory and an error of about 1e-5 E.
 
     Yields
     ------
-    For each height the tensor, (n_lat, n_lon, 6) [E], and the gravity vector, (n_lat, n_lon, 3)
-    [m/s²], both in geodetic ENU axes. The tensor is the gradient of the vector on a flat Earth.
+    Tensor (n_lat, n_lon, 6) [E] and gravity vector (n_lat, n_lon, 3) [m/s²] for each height, in
+    geodetic ENU axes. The tensor is the gradient of the gravity vector on a flat Earth.
 
     Raises
     ------
-    TerrainError : with the first layer, for positions outside the terrain or no numbers; a height
-        at or below the highest ground, or so close above it that the series or the Fourier grid
-        grows too long; a terrain too wide for a plane.
+    TerrainError : at the first height, if a position is outside the terrain or not finite; if a
+        height is below the highest ground, or so close above it that the series or the Fourier grid
+        becomes too large; if the terrain is too wide for a plane.
     """
     lat, lon, heights = (
         _axis(values, name)
@@ -146,9 +148,10 @@ def terrain_layers(
 
 
 def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
-    """Return the height above the highest ground for a Fourier grid of a given size [m].
+    """Return the smallest clearance above the highest ground for a limited Fourier grid [m].
 
-    Its nodes are a quarter of that height apart, but no farther than those of the terrain.
+    ``nodes`` is the largest number of nodes of the Fourier grid. The nodes must be at most a
+    quarter of the clearance apart, and not farther apart than the nodes of the terrain.
 
     Raises TerrainError for a terrain that is too wide for a plane.
     """
@@ -159,7 +162,10 @@ def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
 
 
 def converging_clearance(terrain: Terrain) -> float:
-    """Return the approximate height above the highest ground that needs the largest order [m]."""
+    """Return the clearance above the highest ground at which the series needs order 80 [m].
+
+    The value is approximate.
+    """
     return _CLEARANCE_PER_HALF_RELIEF * 0.5 * float(np.ptp(terrain.height_m))
 
 
@@ -348,18 +354,18 @@ class _Series:
 def density_layers(
     surface: NDArray, edge: float, options: TerrainOptions
 ) -> list[tuple[NDArray, float, float]]:
-    """Split terrain into a layer of rock above the zero level and one below it.
+    """Split a terrain into a layer of rock above the zero level and a layer of water below it.
 
     Parameters
     ----------
-    surface : (n_y, n_x) heights of the ground [m]; below zero there is water.
-    edge : height at which the ground goes on beyond the edge [m].
+    surface : (n_y, n_x) heights of the ground [m]; negative heights are the sea floor.
+    edge : constant height of the ground beyond the edge [m].
     options : densities of rock and water.
 
     Returns
     -------
-    One or two layers: its surface (n_y, n_x) [m], its height beyond the edge [m], and the density
-    between it and the zero level [kg/m³].
+    One or two layers, each with its surface (n_y, n_x) [m], the height of this surface beyond the
+    edge [m], and the density contrast between surface and zero level [kg/m³].
     """
     below = options.density - options.water_density
     lowest, highest = min(surface.min(), edge), max(surface.max(), edge)

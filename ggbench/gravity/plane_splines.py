@@ -1,6 +1,6 @@
-"""Cubic splines between the grid of a terrain, a grid of the plane and positions, compiled.
+"""Compiled cubic-spline interpolation from a terrain to a plane grid, and to positions.
 
-Coefficients are those of B-splines (``scipy.ndimage.spline_filter``).
+Coefficients are B-spline coefficients (``scipy.ndimage.spline_filter``).
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ def resample(
     step: np.ndarray,
     surface: np.ndarray,
 ) -> None:
-    """Fill ``surface`` (n_y, n_x) with the terrain, continued beyond its edges.
+    """Fill ``surface`` (n_y, n_x) of a plane grid with a terrain, continued beyond its edges.
 
-    Between nodes it is a cubic spline, limited to the heights of the 16 nodes around it to avoid
-    overshoot at cliffs. Beyond the edges it is the mirror image, faded into ``edge`` over
-    ``border``.
+    Between nodes the surface is a cubic spline, limited to the range of the heights of the 16
+    surrounding nodes, so that it does not overshoot at cliffs. Beyond the edges it is the mirror
+    image of the terrain, faded into the height ``edge`` [m] over the distance ``border`` [m].
     """
     rows, columns = ground.shape
     near_row, near_column = np.empty(4, np.int64), np.empty(4, np.int64)
@@ -119,7 +119,10 @@ def evaluate(
     tensor: np.ndarray,
     vector: np.ndarray,
 ) -> None:
-    """Fill tensor (n_lat, n_lon, 6) and vector (n_lat, n_lon, 3), ENU, from plane axes."""
+    """Fill tensor (n_lat, n_lon, 6) and vector (n_lat, n_lon, 3) at geodetic positions, ENU.
+
+    The field is the sum of the splines on a fine and on a coarse grid of the plane.
+    """
     value = np.empty(8)
     for i in range(latitude.size):
         for j in range(longitude.size):

@@ -1,4 +1,4 @@
-"""The field of point masses: gradient and attraction, on a plane."""
+"""Gravity gradient and attraction of point masses, on a flat Earth."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ def _field(dx: float, dy: float, dz: float) -> tuple[float, ...]:
 
 @compiled
 def fields(points: np.ndarray, places: np.ndarray, masses: np.ndarray, out: np.ndarray) -> None:
-    """Fill the field of point masses at points, (n, 9).
+    """Fill ``out`` (n, 9) with the field of point masses at n points.
 
     Parameters
     ----------
-    points, places : east, north, up of the points (3, n) and the masses (3, m) [m].
-    masses : (m,) [1e9 kg].
-    out : [EE, EN, EU, NN, NU, UU] [E] and the attraction east, north, up [m/s²].
+    points, places : east, north and up coordinates of the points (3, n) and of the masses (3, m)
+        [m].
+    masses : (m,) masses [1e9 kg].
+    out : (n, 9) EE, EN, EU, NN, NU, UU [E] and attraction east, north, up [m/s²].
     """
     for p in range(points.shape[1]):
         for k in range(9):
@@ -49,13 +50,15 @@ def fields(points: np.ndarray, places: np.ndarray, masses: np.ndarray, out: np.n
 
 @compiled
 def responses(points: np.ndarray, places: np.ndarray, weights: np.ndarray, out: np.ndarray) -> None:
-    """Fill sums of the nine components of unit masses of 1e9 kg, (c, n, m).
+    """Fill ``out`` (c, n, m) with c weighted sums of the field components of unit masses.
+
+    The unit of mass is 1e9 kg.
 
     Parameters
     ----------
     points, places : as in :func:`fields`.
-    weights : of the nine components in each sum, (c, 9).
-    out : (c, n, m), in the units of :func:`fields`.
+    weights : (c, 9) weights of the nine field components in each sum.
+    out : (c, n, m) contribution of mass m to sum c at point n; field units as in :func:`fields`.
     """
     for p in range(points.shape[1]):
         for s in range(places.shape[1]):

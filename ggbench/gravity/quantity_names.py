@@ -39,13 +39,13 @@ _REASONS = {
 
 
 def named_quantities(text: str) -> set[str]:
-    """Return the quantities in a text, in the words of messages."""
+    """Return the gravity-field quantities that a text names, in the words of messages."""
     plain = text.casefold()
     return {quantity for quantity, pattern in _PATTERNS.items() if pattern.search(plain)}
 
 
 def contradiction(kind: str, text: str) -> str:
-    """Return why a name or description contradicts a kind of input; "" if it does not.
+    """Return the contradiction between a kind of input and its description; "" if none.
 
     Parameters
     ----------

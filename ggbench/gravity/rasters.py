@@ -1,4 +1,4 @@
-"""Rasters of one band, in formats of GDAL with all values in one file.
+"""Reader of single-band rasters, in GDAL formats with all values in one file.
 
 Rasterio is an optional package, imported when needed.
 """
@@ -47,13 +47,13 @@ _GEOSOFT_ELEMENTS = {1, 2, 4, 8, 1025, 1026, 1028, 1032}  # bytes, and with comp
 
 
 def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
-    """Return the values of a raster of one band, in degrees or projected.
+    """Return the values of a single-band raster, in geographic or projected coordinates.
 
     ``area`` is the area in which values are needed; None: everywhere.
 
-    Raises TerrainError if GDAL cannot read the file, or its format differs from that of its suffix.
-    GDAL reads no network and no other files, except ``.prj``, ``.tfw`` and ``.aux.xml`` with the
-    name of the raster.
+    Raises TerrainError if GDAL cannot read the file, or if the file's format differs from the
+    format of its suffix. GDAL does not access the network. The only other files that it reads are
+    ``.prj``, ``.tfw`` and ``.aux.xml`` with the name of the raster.
     """
     rasterio = imported("rasterio", path)
     driver = _driver(path)

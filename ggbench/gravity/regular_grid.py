@@ -1,4 +1,4 @@
-"""Values on a grid regular in latitude and longitude, from rows and columns in any order."""
+"""Grids regular in latitude and longitude, made from rows and columns in any order."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _NETCDF = (b"CDF", b"\x89HDF")
 
 
 class Grid(NamedTuple):
-    """Values from south to north and west to east, without voids.
+    """Values on a regular grid, from south to north and from west to east, without voids.
 
     Attributes
     ----------
     south, west : the first node [deg].
-    latitude_step, longitude_step : between nodes, positive [deg].
+    latitude_step, longitude_step : distances between nodes, positive [deg].
     values : (n_lat, n_lon), in SI units.
-    remarks : on changes of the values.
+    remarks : texts on changes that were made to the values.
     """
 
     south: float
@@ -47,14 +47,15 @@ def regular_grid(
     remarks: Sequence[str],
     area: Area | None,
 ) -> Grid:
-    """Return the grid of rows and columns in any order, with its voids filled.
+    """Return a grid from rows and columns in any order, with voids filled.
 
     Parameters
     ----------
-    latitude, longitude : of rows (n_lat,) and of columns (n_lon,) [deg].
-    values : (n_lat, n_lon); voids are NaN or one of the usual marks.
-    name : of the file.
-    remarks : on earlier changes of the values; empty ones are omitted.
+    latitude, longitude : latitudes of the rows (n_lat,) and longitudes of the columns (n_lon,)
+        [deg].
+    values : (n_lat, n_lon); voids are NaN or a common void value such as 99999.
+    name : name of the file, for messages.
+    remarks : texts on earlier changes of the values; empty texts are omitted.
     area : area in which values are needed; None: everywhere.
 
     Raises
@@ -104,15 +105,15 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
 
 
 def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
-    """Return values (n_lat, n_lon) and their first longitude [deg], with the area in one piece.
+    """Return a grid (n_lat, n_lon) in which the area is in one piece, and its first longitude.
 
-    Values that go around the Earth are cut opposite to the area if their edge crosses it.
+    A grid around the Earth is cut opposite to the area if the edge of the grid crosses the area.
 
     Parameters
     ----------
-    values : (n_lat, n_lon).
+    values : (n_lat, n_lon) values of the grid.
     west, step : first longitude and spacing of the columns [deg].
-    area : needed.
+    area : area in which values are needed.
     """
     width = step * (values.shape[1] - 1)
     placed = area.about(west + 0.5 * width)
@@ -126,7 +127,7 @@ def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[
 
 
 def check_size(name: str, shape: tuple[int, ...]) -> None:
-    """Raise TerrainError if a grid has too many cells."""
+    """Raise TerrainError if a grid of this shape has too many cells."""
     if np.prod(shape, dtype=float) > _MOST_CELLS:
         raise TerrainError(
             f"{name} has {' x '.join(map(str, shape))} cells; at most {_MOST_CELLS:.0g} are "
@@ -135,13 +136,16 @@ def check_size(name: str, shape: tuple[int, ...]) -> None:
 
 
 def is_netcdf(path: Path) -> bool:
-    """Return whether a file begins like netCDF version 3 or 4."""
+    """Return whether a file has the signature of netCDF version 3 or 4."""
     with path.open("rb") as file:
         return file.read(4).startswith(_NETCDF)
 
 
 def refuse_old_gmt(dataset: Any, name: str) -> None:
-    """Raise TerrainError if an open netCDF file is a grid of GMT's version 3, a row of values."""
+    """Raise TerrainError if an open netCDF file is a grid of GMT version 3.
+
+    Such grids store all values in one row.
+    """
     if {"x_range", "y_range", "dimension", "z"} <= set(map(str, dataset.variables)):
         raise TerrainError(
             f"{name} is a grid in the format of GMT 3, without coordinates; convert it with "

@@ -1,12 +1,12 @@
-"""The disturbing field of a gravity grid, by remove, compute and restore.
+"""Disturbing field of a gravity grid by the remove-compute-restore method.
 
 The steps (Hofmann-Wellenhof and Moritz 2006, ch. 8):
 
-1. a geoid becomes the disturbing potential by Bruns' formula; gravity stays as it is;
+1. a geoid is converted to the disturbing potential by Bruns' formula; gravity is not converted;
 2. the synthesis of harmonic coefficients of low degree is removed;
-3. the residual is continued upwards as a Fourier series in latitude and longitude; each wave has
-   the degree n that its wavelength has on the sphere, and with it the potential
-   T_n = δg_n r / (n + 1) of a gravity disturbance (Hotine) or Δg_n r / (n - 1) of a gravity
+3. the residual is continued upwards as a Fourier series in latitude and longitude; the wavelength
+   of each term on the sphere defines its degree n, and n defines its potential:
+   T_n = δg_n r / (n + 1) for a gravity disturbance (Hotine) or Δg_n r / (n - 1) for a gravity
    anomaly (Stokes);
 4. the coefficients of low degree are restored exactly at altitude.
 
@@ -46,7 +46,7 @@ class GravityGrid:
     values : (n_lat, n_lon), from south to north, undulation [m] or gravity [m/s²].
     height_m : height of the values above the ellipsoid [m]; 0 for a geoid.
     is_height_anomaly : whether the file of a geoid states that it contains height anomalies.
-    remarks : assumptions and changes of the reader.
+    remarks : texts on assumptions and changes that the reader of the file made.
     """
 
     kind: str
@@ -61,20 +61,20 @@ class GravityGrid:
 
     @property
     def latitude_deg(self) -> Array:
-        """Latitudes (n_lat,) [deg]."""
+        """Latitudes (n_lat,) of the rows [deg]."""
         return self.south_deg + self.latitude_step_deg * np.arange(self.values.shape[0])
 
     @property
     def longitude_deg(self) -> Array:
-        """Longitudes (n_lon,) [deg]."""
+        """Longitudes (n_lon,) of the columns [deg]."""
         return self.west_deg + self.longitude_step_deg * np.arange(self.values.shape[1])
 
 
 class Residual:
-    """The disturbing field of a grid beyond the coefficients, as a Fourier series.
+    """Disturbing field of a grid without the low degrees, as a Fourier series.
 
-    The coefficients are those of the disturbing potential of low degree. ``taper_deg`` is the width
-    of the taper along the edges of the grid [deg].
+    The low degrees are those of the harmonic coefficients that are removed. ``taper_deg`` is the
+    width of the taper along the edges of the grid [deg].
     """
 
     def __init__(
@@ -106,9 +106,13 @@ class Residual:
         longitude: Array,
         height: Array,
     ) -> None:
-        """Add the field to a tensor and a gravity disturbance on latitude x longitude x height.
+        """Add the residual field to the tensor and gravity disturbance of a map.
 
-        Shapes (n_lat, n_lon, n_h, 6) [E] and (n_lat, n_lon, n_h, 3) [m/s²].
+        Parameters
+        ----------
+        tensor : (n_lat, n_lon, n_h, 6) [E], increased.
+        gravity_disturbance : (n_lat, n_lon, n_h, 3) [m/s²], increased.
+        latitude, longitude, height : (n_lat,), (n_lon,) [rad], (n_h,) [m].
         """
         band = math.radians(_BAND_DEG)
         first, last = math.floor(latitude.min() / band), math.floor(latitude.max() / band) + 1
@@ -124,12 +128,12 @@ class Residual:
     def field(
         self, latitude: Array, longitude: Array, height: Array, centre: float
     ) -> tuple[Array, Array]:
-        """Return the gravity vector and the gradient tensor on a grid, ENU.
+        """Return the gravity vector and the gradient tensor of the residual field on a grid, ENU.
 
         Parameters
         ----------
         latitude, longitude, height : (n_lat,), (n_lon,) [rad], (n_h,) [m].
-        centre : latitude of which the meridians' convergence is taken [rad].
+        centre : latitude at which the convergence of the meridians is evaluated [rad].
 
         Returns
         -------
@@ -137,12 +141,12 @@ class Residual:
 
         Notes
         -----
-        The horizontal Laplacian of a wave on the sphere of radius R is -n(n+1)/R²; that gives
-        its degree n, not a whole number, and with it the continuation (R/(R+h))^(n+1), the
-        vertical derivative -(n+1)/(R+h), and so all derivatives. For n -> infinity this is the
-        flat Earth's exp(-kh), whose tensor is one or two per cent off at degree 120.
-        Second derivatives are covariant: in axes that turn with the position, gravity itself
-        enters the tensor (Hofmann-Wellenhof and Moritz 2006).
+        The horizontal Laplacian multiplies a wave on the sphere of radius R by -n(n+1)/R². This
+        defines its degree n, which need not be an integer. The degree gives the upward continuation
+        (R/(R+h))^(n+1) and the vertical derivative -(n+1)/(R+h). For n -> infinity the continuation
+        is exp(-kh) of the flat Earth, which has an error of one to two per cent in the tensor at
+        degree 120. Second derivatives are covariant: the axes rotate with the position, so gravity
+        itself contributes to the tensor (Hofmann-Wellenhof and Moritz 2006).
         """
         meridian, prime_vertical = radii_of_curvature(centre)
         radius = math.sqrt(meridian * prime_vertical)
@@ -203,14 +207,14 @@ def height_anomaly(geoid: Array, elevation: Array) -> Array:
 
     Parameters
     ----------
-    geoid : (...) its height above the ellipsoid [m].
-    elevation : (...) of land above the sea [m]; 0 at sea.
+    geoid : (...) height of the geoid above the ellipsoid [m].
+    elevation : (...) height of the land above sea level [m]; 0 at sea.
     """
     return geoid + _GEOID_TO_HEIGHT_ANOMALY * elevation**2
 
 
 def linear_weights(nodes: Array, points: Array) -> Array:
-    """Matrix (n_points, n_nodes) of linear interpolation between ascending nodes."""
+    """Return the matrix (n_points, n_nodes) of linear interpolation between ascending nodes."""
     nodes = np.asarray(nodes, dtype=float)
     left = np.clip(np.searchsorted(nodes, points, side="right") - 1, 0, nodes.size - 2)
     fraction = (points - nodes[left]) / (nodes[left + 1] - nodes[left])

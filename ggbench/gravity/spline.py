@@ -1,10 +1,11 @@
-"""Tensor-product cubic B-splines on a grid regular in latitude, longitude and height, compiled.
+"""Compiled tensor-product cubic B-splines on a grid of latitude, longitude and height.
 
-Coefficients interpolate the values at the nodes; the ends are not-a-knot.
+The grid is regular along each axis. The spline interpolates the values at the nodes and has
+not-a-knot end conditions.
 
-The third coordinate of a draped grid is the height above a base surface, which is a spline on the
-nodes of the first two axes: F(φ, λ, h) = S(φ, λ, h − B(φ, λ)). Derivatives are those of F, by the
-chain rule. A base of size zero means level layers.
+The third coordinate of a draped grid is the height above a base surface B, a spline on the nodes of
+the first two axes. The value is F(φ, λ, h) = S(φ, λ, h − B(φ, λ)) with the spline S, and
+derivatives are those of F, by the chain rule. A base of size zero means level layers.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     """Return uniform cubic B-spline coefficients that interpolate values along an axis.
 
     Values d (..., n, ...), n >= 4, give coefficients c (..., n + 2, ...) in the same unit. They
-    fulfil c[i−1] + 4 c[i] + c[i+1] = 6 d[i], a tridiagonal system. The two end conditions are
-    not-a-knot: the third derivative is continuous across the second and the last but one node, so
-    that c[2] = (8 d[2] − d[1] − d[3]) / 6, and its mirror image.
+    fulfil c[i−1] + 4 c[i] + c[i+1] = 6 d[i], a tridiagonal system. The end conditions are
+    not-a-knot: the third derivative is continuous across the second and the last but one node. This
+    gives c[2] = (8 d[2] − d[1] − d[3]) / 6 and the mirrored equation at the other end.
     """
     n = values.shape[axis]
     before, after = math.prod(values.shape[:axis]), math.prod(values.shape[axis + 1 :])
@@ -174,18 +175,21 @@ def vector_at(
     value: np.ndarray,
     derivative: np.ndarray,
 ) -> None:
-    """Evaluate a spline of three components at one (latitude, longitude, height).
+    """Evaluate a spline of three components and its derivatives at one position.
 
-    Outside the grid the value of the border continues, and the derivative across the border is
-    zero. Trial points of estimators need a value there, and this one is continuous.
+    Outside the grid the value at the border is used, and the derivative across the border is zero.
+    This extrapolation is continuous and gives estimators a value at trial points outside the map.
 
     Parameters
     ----------
-    position, origin, step : (3,) in the units of the grid's three axes.
-    coefficients : (n0 + 2, n1 + 2, n2 + 2, 3).
-    base : (n0 + 2, n1 + 2) coefficients of the base surface, of size zero for level layers.
+    position, origin, step : (3,) position, first node and spacing of the grid: latitude, longitude
+        [rad], height [m].
+    coefficients : (n0 + 2, n1 + 2, n2 + 2, 3) B-spline coefficients.
+    base : (n0 + 2, n1 + 2) B-spline coefficients of the base surface [m]; of size zero for level
+        layers.
     value : (3,) output.
-    derivative : (3, 3) output, per unit of each axis.
+    derivative : (3, 3) output: derivative of each component with respect to latitude, longitude
+        [1/rad] and height [1/m].
     """
     work, flat = np.empty(_SUMS + 36), coefficients.reshape(-1)
     start, row, column, base_north, base_east = _weigh(
@@ -293,14 +297,17 @@ def spline_tensor_slopes(
     work: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill (24, N): tensors and the three derivatives of each component, at some of N positions.
+    """Fill ``out`` (24, N) with tensors and their derivatives at some of N positions.
+
+    The rows are six tensor components [E] and their derivatives with respect to latitude, longitude
+    [E/rad] and height [E/m].
 
     Parameters
     ----------
-    positions : (3, N), of which the first ``count`` are evaluated.
-    origin, step, coefficients, base : as in :func:`vector_at`, of six components.
+    positions : (3, N) [rad, rad, m], of which the first ``count`` are evaluated.
+    origin, step, coefficients, base : as in :func:`vector_at`, with six components.
     work : (:data:`TENSOR_WORK`,) scratch.
-    out : output.
+    out : (24, N) output.
     """
     flat = coefficients.reshape(-1)
     for p in range(count):
@@ -341,7 +348,8 @@ def spline_tensors(
 ) -> None:
     """Fill the tensors (6, N) at the first ``count`` of N positions (3, N), without derivatives.
 
-    They are NaN for NaN positions; outside the grid see :func:`vector_at`.
+    A NaN position gives NaN. Outside the grid the value at the border is used, as in
+    :func:`vector_at`.
     """
     flat, work = coefficients.reshape(-1), np.empty(_SUMS + 24)
     for p in range(count):
@@ -367,7 +375,10 @@ def spline_tensors(
 def surface_heights(
     positions: np.ndarray, origin: np.ndarray, step: np.ndarray, base: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill heights (N,) of a base surface at positions (N, 3); the border continues outside."""
+    """Fill ``out`` (N,) with heights of a base surface [m] at positions (N, 3).
+
+    Outside the grid the height at the border is used.
+    """
     work = np.empty(16)
     for p in range(positions.shape[0]):
         i, t_0, _ = _locate(positions[p, 0], origin[0], step[0], base.shape[0])

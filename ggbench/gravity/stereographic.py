@@ -1,9 +1,10 @@
-"""The oblique stereographic map of WGS84: a conformal plane for a few hundred kilometres.
+"""Oblique stereographic projection of WGS84: a conformal plane for a few hundred kilometres.
 
-Angles are preserved, and lengths on the plane exceed true ones by ρ²/(4R²) at the distance ρ from
-the centre (8e-5 at 110 km), so that one Fourier series serves a region without bands of latitude.
-Equations: Snyder (1987), Map Projections, eqs. 3-1, 21-24, 21-25 and 21-27; plane axes x = east and
-y = north at the centre.
+The projection preserves angles. At the distance ρ from the centre, lengths on the plane exceed true
+lengths by the fraction ρ²/(4R²), with the Earth's radius R (8e-5 at 110 km). Therefore one Fourier
+series can cover a whole region, without a division into bands of latitude. Equations: Snyder
+(1987), Map Projections, eqs. 3-1, 21-24, 21-25 and 21-27; plane axes x = east and y = north at the
+centre.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ class Plane(NamedTuple):
 
     Attributes
     ----------
-    longitude : of the centre [rad].
-    sine, cosine : of the conformal latitude of the centre.
-    diameter : of the sphere that the plane touches [m].
+    longitude : longitude of the centre [rad].
+    sine, cosine : sine and cosine of the conformal latitude of the centre.
+    diameter : diameter of the sphere that the plane touches [m].
     """
 
     longitude: float
@@ -37,7 +38,7 @@ class Plane(NamedTuple):
 
 
 def plane_at(latitude: float, longitude: float) -> Plane:
-    """Return the plane that touches the ellipsoid at a point [rad]."""
+    """Return the stereographic plane that touches the ellipsoid at a position [rad]."""
     sine = _conformal_sine(latitude)
     cosine = math.sqrt(1.0 - sine * sine)
     _, prime_vertical = radii_of_curvature(latitude)
@@ -52,7 +53,10 @@ def _conformal_sine(latitude: float) -> float:
 
 @compiled
 def to_plane(latitude: float, longitude: float, plane: Plane) -> tuple[float, float, float, float]:
-    """Return x, y [m] and the x and y components of the local unit vector east."""
+    """Project a position [rad] to the plane: x, y [m] and the direction of east on the plane.
+
+    The direction is the x and y component of the unit vector to the east.
+    """
     sine = _conformal_sine(latitude)
     cosine = math.sqrt(1.0 - sine * sine)
     sin_l, cos_l = math.sin(longitude - plane.longitude), math.cos(longitude - plane.longitude)
@@ -70,7 +74,10 @@ def to_plane(latitude: float, longitude: float, plane: Plane) -> tuple[float, fl
 
 @compiled
 def from_plane(x: float, y: float, plane: Plane) -> tuple[float, float]:
-    """Return latitude and longitude [rad]; the longitude within pi of the centre's."""
+    """Return latitude and longitude [rad] of a point (x, y) [m] of the plane.
+
+    The longitude is within π of the longitude of the centre.
+    """
     rho = math.hypot(x, y)
     if rho == 0.0:
         sine, difference = plane.sine, 0.0
@@ -87,7 +94,7 @@ def from_plane(x: float, y: float, plane: Plane) -> tuple[float, float]:
 
 
 def scale_factor(latitude: float, longitude: float, plane: Plane) -> float:
-    """Return the ratio of a length on the plane to the true length at a point [rad]."""
+    """Return the ratio of a length on the plane to the true length, at a position [rad]."""
     sine = _conformal_sine(latitude)
     cosine = math.sqrt(1.0 - sine * sine)
     denominator = (

@@ -23,7 +23,10 @@ class TerrainError(GGBenchError):
 
 
 def require_latitudes(name: str, south: float, north: float) -> None:
-    """Raise TerrainError if a grid reaches beyond a pole [deg]; ``name`` begins the sentence."""
+    """Raise TerrainError if a grid reaches beyond a pole; ``south`` and ``north`` are in deg.
+
+    ``name`` is the subject of the message.
+    """
     if -90.0 <= south < north <= 90.0 + 1e-9:
         return
     hint = ""
@@ -41,14 +44,14 @@ class Terrain:
 
     Attributes
     ----------
-    south_deg, west_deg : the first node, which is the centre of a cell [deg].
+    south_deg, west_deg : latitude and longitude of the first node, the centre of a cell [deg].
     latitude_step_deg, longitude_step_deg : distances between nodes, positive [deg].
     height_m : heights above the zero level, shape (n_lat, n_lon), south to north and west to east,
         negative for the sea floor [m].
     name : source of the heights, in words.
 
-    Raises TerrainError for fewer than 4 nodes per axis, a node beyond a pole, more than a turn of
-    longitude, or heights that are no numbers or outside -12000 to 9000 m.
+    Raises TerrainError for fewer than 4 nodes per axis, a node beyond a pole, more than 360° of
+    longitude, or heights that are not finite or outside -12000 to 9000 m.
     """
 
     south_deg: float
@@ -98,7 +101,9 @@ class Terrain:
         return self.west_deg + self.longitude_step_deg * steps
 
     def crop(self, south_deg: float, north_deg: float, west_deg: float, east_deg: float) -> Terrain:
-        """Return the smallest part that covers these bounds [deg], within the terrain.
+        """Return the smallest part of the terrain that covers the bounds [deg].
+
+        Bounds outside the terrain are moved to its edges.
 
         Raises TerrainError if the bounds are in the wrong order, or fewer than 4 rows or columns
         of the terrain lie between them.

@@ -1,14 +1,15 @@
-"""Field of a terrain's columns at points between and above its summits, compiled.
+"""Compiled field of a terrain's columns, at points between and above summits.
 
-Each cell of a terrain is a column between a base level and its height. Columns near a point are
-prisms, by the kernels of choclo. Columns farther away are vertical lines of mass with a dipole at
-each end; blocks of 2 x 2, 4 x 4, ... cells are also such columns. The dipoles represent all second
-moments of a block: its width, and the variance and slope of its heights. choclo has no kernel for a
-line, and its prism takes twenty times as long.
+Each cell of a terrain is a column between a base level and the height of the cell. Columns near a
+point are prisms, by the kernels of choclo. Columns farther away are vertical line masses with a
+dipole at each end; blocks of 2 x 2, 4 x 4, ... cells are also represented by such line masses. The
+dipoles represent all second moments of a block: its width, and the variance and slope of its
+heights. choclo has no kernel for a line mass, and its prism kernel takes twenty times as long.
 
-With e, n, z the offset of a line's end, ρ² = e² + n², r² = ρ² + z² and s = z / r, the integrals
-over the line are ∫dz/r³ = [s] / ρ² and ∫dz/r⁵ = [s − s³/3] / ρ⁴ (Blakely 1995, sec. 3.2.3). They
-are written to avoid cancellation directly above a column.
+Let (e, n, z) be the offset of a point of the line mass, ρ² = e² + n², r² = ρ² + z² and s = z / r.
+The integrals over the line are ∫dz/r³ = [s] / ρ² and ∫dz/r⁵ = [s − s³/3] / ρ⁴, with the brackets
+evaluated at both ends (Blakely 1995, sec. 3.2.3). The code avoids cancellation directly above a
+column.
 """
 
 from __future__ import annotations
@@ -32,14 +33,16 @@ class Columns:
 
     Attributes
     ----------
-    blocks : (M, 4) blocks of all levels, the cells first: mean height above the base [m], mean of
-        height times place to the east and to the north [m, places in widths of the block], variance
-        of the heights [m²].
-    first : (L,) number of the first block of each level.
-    shape : (L, 2) blocks of each level in latitude and longitude.
-    south_west, steps : (2,) first cell, and distances of cells, latitude and longitude [rad].
-    base : level at which all columns begin [m].
-    density : density of the columns above the base, and density deficit below it [kg/m³].
+    blocks : (M, 4) blocks of all levels, beginning with the cells: mean height above the base [m];
+        mean of height times east coordinate and of height times north coordinate [m; coordinates
+        from the centre in widths of the block]; variance of the heights [m²].
+    first : (L,) index of the first block of each level.
+    shape : (L, 2) number of blocks of each level along latitude and longitude.
+    south_west, steps : (2,) first cell, and distances between cells, in latitude and longitude
+        [rad].
+    base : height of the lower end of all columns [m].
+    density : density of columns that rise above the base; density deficit of columns below the base
+        [kg/m³].
     """
 
     blocks: np.ndarray
@@ -53,7 +56,7 @@ class Columns:
 
 @compiled
 def fill_parents(children: np.ndarray, rows: int, columns: int, parents: np.ndarray) -> None:
-    """Fill blocks (rows / 2 · columns / 2, 4) with the moments of four children each."""
+    """Fill ``parents`` (rows / 2 · columns / 2, 4) with the moments of blocks of 2 x 2 children."""
     for j in range(rows // 2):
         for i in range(columns // 2):
             at = j * (columns // 2) + i
@@ -125,10 +128,11 @@ def _add_dipole(
 
 @compiled
 def add_prism(bounds: np.ndarray, factor: float, out: np.ndarray, p: int) -> None:
-    """Add ``factor`` times the kernels of a prism (west, east, south, north, bottom, top).
+    """Add ``factor`` times the field of a prism at one point to ``out`` (N, 9), row p.
 
-    Bounds are offsets from the point [m]. The vertical gradient is that of Laplace's equation, and
-    the attraction follows from the gradient by Euler's theorem, as both are homogeneous.
+    ``bounds`` (west, east, south, north, bottom, top) are offsets from the point [m]. The vertical
+    gradient follows from Laplace's equation, and the attraction from the gradient by Euler's
+    theorem on homogeneous functions.
     """
     for i in range(2):
         e = bounds[i]
@@ -153,15 +157,16 @@ def add_prism(bounds: np.ndarray, factor: float, out: np.ndarray, p: int) -> Non
 
 @compiled
 def add_columns(columns: Columns, points: np.ndarray, ratio: float, out: np.ndarray) -> None:
-    """Add the field of columns, over the gravitational constant, to ``out`` (N, 9).
+    """Add the field of columns, divided by the gravitational constant, to ``out`` (N, 9).
 
     The components are EE, EN, EU, NN, NU, UU [kg/m³] and E, N, U [kg/m²] in the axes of each point.
     Around each point the Earth is flat.
 
     Parameters
     ----------
-    points : (N, 3) latitude, longitude [rad], level [m].
-    ratio : least distance of a line of mass over the width of its block.
+    points : (N, 3) latitude, longitude [rad], height above the zero level [m].
+    ratio : smallest ratio of the distance of a block to its width at which the block is a line
+        mass.
     """
     top_level = columns.first.shape[0] - 1
     levels, rows, places = np.empty((3, _DEEPEST), np.int64)

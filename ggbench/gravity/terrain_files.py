@@ -191,25 +191,25 @@ def read_terrain(path: Path, area: Area | None = None, voids: Sequence[float] = 
     Parameters
     ----------
     path : by its suffix, a raster (``.tif``, ``.tiff``, ``.asc``), a tile (``.hgt``), a CF or GMT
-        netCDF grid (``.nc``, ``.grd``), a grid of Surfer (``.grd``) or a NumPy archive (``.npz``)
-        with the arrays of a :class:`Terrain`, or ``lat``, ``lon`` and ``z``, or ``elevation``,
-        ``xmin``, ``ymax``, ``dx`` and ``dy``.
-    area : area in which heights are needed. Voids elsewhere are filled with the nearest cell,
-        whatever their number. A grid around the Earth is cut opposite to the area. None:
-        everywhere.
-    voids : further values in the file that mark voids.
+        netCDF grid (``.nc``, ``.grd``), a Surfer grid (``.grd``) or a NumPy archive (``.npz``). An
+        archive has the arrays of a :class:`Terrain`; or ``lat``, ``lon`` and ``z``; or
+        ``elevation``, ``xmin``, ``ymax``, ``dx`` and ``dy``.
+    area : area in which heights are needed; None: everywhere. Voids outside the area are filled
+        with the nearest cell, however many there are. A grid around the Earth is cut opposite to
+        the area.
+    voids : additional values in the file that mark voids.
 
     Returns
     -------
-    The terrain. Projected rasters are resampled to latitude and longitude, feet become metres,
-    depths become negative heights, and voids of less than one per cent of the cells are filled; its
-    name states these changes.
+    The terrain. Projected rasters are resampled to latitude and longitude, feet are converted to
+    metres, depths become negative heights, and voids in less than one per cent of the cells are
+    filled. The name of the terrain states these changes.
 
     Raises
     ------
-    TerrainError : a file missing, damaged or of another kind, an optional package missing, a grid
-        that is not regular in latitude and longitude, voids of one per cent or more of the area, an
-        unknown unit, heights outside -12000 to 9000 m.
+    TerrainError : if the file is missing, damaged or of another kind; if an optional package is
+        missing; if the grid is not regular in latitude and longitude; if voids cover one per cent
+        or more of the area; if a unit is unknown; if heights are outside -12000 to 9000 m.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())

@@ -1,12 +1,13 @@
-"""Gravity and its gradient of a terrain anywhere above its ground, by prisms and columns.
+"""Gravity and gravity gradient of a terrain, at any point above the ground.
 
 Parker's series (:mod:`.parker`) converges only above the highest summit. Sums over the columns of
-:mod:`.terrain_columns` are valid at every point above the ground. The masses are those of the
+:mod:`.terrain_columns` are valid at every point above the ground. The masses are those of Parker's
 series: each cell of the terrain has the height of its node, and beyond the edges the terrain is
-continued by its mirror image, which fades within a tenth of the longer side into the mean height of
-the edge. Without continuation only the masses of the file count.
+continued by its mirror image, which fades into the mean height of the edge over a tenth of the
+terrain's longer side. Without continuation there are no masses beyond the edges.
 
-Around each point the Earth is flat. The docstring of :mod:`.parker` gives the size of that error.
+Around each point the Earth is flat. The docstring of :mod:`.parker` states the error of this
+approximation.
 """
 
 from __future__ import annotations
@@ -43,14 +44,14 @@ _EDGE = 0.5
 
 @dataclass(frozen=True)
 class TerrainMasses:
-    """Masses of a terrain, ready for sums at points above the ground.
+    """Masses of a terrain, for sums at points above the ground.
 
     Attributes
     ----------
     terrain : heights above the zero level.
-    layers : columns of land, and of the density deficit of the sea, relative to the level of the
-        edge.
-    geoid_height : of the terrain's zero level above the ellipsoid [m].
+    layers : columns of the land, and columns of the density deficit of the sea, relative to the
+        mean height of the edge.
+    geoid_height : height of the terrain's zero level above the ellipsoid [m].
     """
 
     terrain: Terrain
@@ -71,13 +72,13 @@ class TerrainMasses:
         ----------
         terrain : heights above the zero level.
         options : densities; by default those of :class:`.parker.TerrainOptions`.
-        geoid_height : of the terrain's zero level above the ellipsoid [m].
+        geoid_height : height of the terrain's zero level above the ellipsoid [m].
         continued : whether the ground is continued beyond the edges of the terrain.
 
         Raises
         ------
         TerrainError
-            If the geoid height is no finite number.
+            If the geoid height is not finite.
         """
         if not math.isfinite(geoid_height):
             raise TerrainError(f"geoid_height = {geoid_height} must be a finite number.")
@@ -101,14 +102,15 @@ class TerrainMasses:
         Parameters
         ----------
         points : (N, 3) latitude, longitude [rad], height above the ellipsoid [m].
-        ratio : least distance of a line of mass over the width of its block.
+        ratio : smallest ratio of the distance of a block to its width at which the block is a line
+            mass.
 
         Raises
         ------
         TerrainError
-            If a point is not above the ground of the terrain; the message names it.
+            If a point is not above the ground; the message states the point.
         KeyboardInterrupt
-            If the process is asked to end.
+            If the user interrupts the computation.
         """
         points = self._above_ground(points)
         out = np.zeros((len(points), 9))
@@ -128,10 +130,11 @@ class TerrainMasses:
         return out[:, :6] / EOTVOS, out[:, 6:]
 
     def ratio_for(self, points: Array, tolerance: float) -> tuple[float, float]:
-        """Return the smallest ratio that keeps a tolerance [E], and its error [E].
+        """Return the smallest ``ratio`` for :meth:`field` with errors within a tolerance [E].
 
-        The error is the largest of all components at some of the points (N, 3), against a sum with
-        prisms up to 24 widths away. Without a ratio that keeps the tolerance, the largest is used.
+        The second result is the error [E]: the largest difference of any tensor component, at a
+        sample of the points (N, 3), from a sum with prisms up to 24 block widths away. If no ratio
+        of :data:`RATIOS` has errors within the tolerance, the largest ratio is returned.
         """
         some = points[np.linspace(0, len(points) - 1, min(_SAMPLES, len(points))).astype(int)]
         exact, _ = self.field(some, _REFERENCE)
@@ -143,7 +146,7 @@ class TerrainMasses:
         return ratio, error
 
     def ground(self, latitude: Array, longitude: Array) -> Array:
-        """Return the height of the cell at positions (N,) [rad], above the ellipsoid [m].
+        """Return the height of the ground (N,) above the ellipsoid [m] at positions (N,) [rad].
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Names of units in files: their quantity and their factor to SI units."""
+"""Names of units in files, with the quantity and the factor to SI units."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Unit(NamedTuple):
-    """A unit: its quantity, and SI units per unit."""
+    """Unit of a quantity, with the factor to the SI unit."""
 
     quantity: str
     factor: float
@@ -101,10 +101,10 @@ _NAMES = {
 
 
 def unit_named(text: str) -> Unit | None:
-    """Return the unit of a text; None if it is unknown.
+    """Return the unit that a text names, or None if the unit is unknown.
 
-    A number before the unit is a factor: ``1e-7 deg``. In ``meters above mean sea level`` the first
-    word is the unit.
+    A number before the unit is a factor: ``1e-7 deg``. A zero level after the unit is ignored:
+    ``meters above mean sea level``.
     """
     for each in (text, _ZERO_LEVEL.sub("", text.strip().casefold())):
         if unit := _NAMES.get(_plain(each)):
@@ -116,14 +116,14 @@ def unit_named(text: str) -> Unit | None:
 
 
 def has_zero_level(text: str) -> bool:
-    """Return whether a unit states a zero level, as ``meters above mean sea level``."""
+    """Return whether a unit states a zero level, as in ``meters above mean sea level``."""
     return _ZERO_LEVEL.search(text.strip().casefold()) is not None
 
 
 def factor_to_key(unit: str, key: str) -> float | None:
-    """Return the factor from a unit to that of a key (by its suffix); None for other quantities.
+    """Return the factor from a unit to the unit of a key, or None for another quantity.
 
-    Example: ``1000.0`` for ``km`` and ``height_m``.
+    The suffix of a key states its unit. Example: the factor is 1000.0 from ``km`` to ``height_m``.
     """
     quantity, factor = base_of(key)
     named = unit_named(unit)
@@ -131,17 +131,17 @@ def factor_to_key(unit: str, key: str) -> float | None:
 
 
 def base_of(key: str) -> Unit:
-    """Return the unit of a key, from its suffix."""
+    """Return the unit that the suffix of a key states."""
     return next(base for end, base in _BASE.items() if key.endswith(end))
 
 
 def examples_for(key: str) -> str:
-    """Return some units that the column of a key may have, for a message."""
+    """Return examples of units that a column for a key may have, for a message."""
     return ", ".join(names.split("|")[0] for names in _UNITS[base_of(key).quantity].values())
 
 
 def unit_in_brackets(text: str) -> str:
-    """Return the last unit in brackets in a text; "" without one.
+    """Return the last unit in brackets within a text; "" if there is none.
 
     Brackets without a unit, as in ``gravity (EGM2008)``, are ignored.
     """

@@ -1,4 +1,4 @@
-"""Units and signs of grids of heights, geoid and gravity."""
+"""Units and signs of the values of height, geoid and gravity grids."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _DEPTH = re.compile(r"(water|sea.?floor|ocean|bottom)?[ _]?depths?(?![a-z])")
 
 @dataclass(frozen=True)
 class Units:
-    """Allowed units of grids of one quantity, and its limits.
+    """Allowed units, and limits, of the values of grids of one quantity.
 
     Attributes
     ----------
     what : name of the quantity in messages.
     quantity : name of the quantity in :mod:`.unit_names`.
     allowed : names of the units in messages.
-    assumed : unit of a file that names none.
-    lowest, highest : limits of the quantity on the Earth [SI units].
+    assumed : unit that is assumed if a file names none.
+    lowest, highest : smallest and largest value of the quantity on the Earth [SI units].
     says_assumed : whether a remark says that the unit was assumed.
-    voids : further values in the file that mark voids.
-    kind : kind of a grid of the gravity field, see :func:`.quantity_names.contradiction`.
+    voids : additional values in the file that mark voids.
+    kind : kind of input, see :func:`.quantity_names.contradiction`.
     """
 
     what: str
@@ -47,21 +47,21 @@ class Units:
     kind: str = ""
 
     def require_named(self, described: str, name: str) -> None:
-        """Raise TerrainError if the description of a file's values is of another quantity.
+        """Raise TerrainError if the description of a file's values names another quantity.
 
-        If the description names no quantity, the name of the file counts.
+        If the description names no quantity, the name of the file is checked instead.
         """
         text = described.strip() if named_quantities(described) else Path(name).stem
         if self.kind and (reason := contradiction(self.kind, text)):
             raise TerrainError(f"{name} holds {text!r}: {reason}.")
 
     def factor(self, unit: str, name: str, described: str = "") -> tuple[float, str]:
-        """Return SI units per unit of a file, and a remark on it.
+        """Return the factor from a file's unit to the SI unit, and a remark on the unit.
 
-        ``unit`` is the unit stated by the file. If it is empty, brackets in the description count,
-        as in GMT's ``faa (mGal)``.
+        ``unit`` is the unit stated by the file. If it is empty, the unit comes from brackets in the
+        description, as in GMT's ``faa (mGal)``.
 
-        Raises TerrainError, with the name of the file, for a unit of another quantity.
+        Raises TerrainError if the unit belongs to another quantity; the message names the file.
         """
         stated = unit.strip() or unit_in_brackets(described)
         usual = unit_named(self.assumed)
@@ -95,19 +95,19 @@ def upward(
 ) -> tuple[Array, str]:
     """Return heights (...), positive up, and a remark ("" if the values are unchanged).
 
-    Depths are negated: values whose attribute ``positive`` is ``down``; values with a depth's
-    standard name of the CF conventions; values that are named depth and are nowhere negative.
+    Depths are negated. Values are depths if their attribute ``positive`` is ``down``, if their CF
+    standard name is that of a depth, or if they are named depth and are nowhere negative.
 
     Parameters
     ----------
-    values : (...) heights or depths, in any unit; NaN for missing ones.
-    attributes : of the variable.
-    variable, name : of the variable and of the file, for remarks and messages.
+    values : (...) heights or depths in any unit; NaN for missing values.
+    attributes : attributes of the netCDF variable.
+    variable, name : names of the variable and of the file, for remarks and messages.
 
     Raises
     ------
     TerrainError
-        If the direction of the values is not clear.
+        If it is unclear whether the values are heights or depths.
     """
     positive = str(attributes.get("positive", "")).strip().lower()
     if positive == "down":

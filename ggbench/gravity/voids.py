@@ -1,4 +1,4 @@
-"""Void cells of an elevation model, and their interpolation."""
+"""Detection and interpolation of void cells of a grid."""
 
 from __future__ import annotations
 
@@ -26,15 +26,17 @@ _SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
 
 
 def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, str]:
-    """Return values with NaN for marks of voids that the file does not declare, and a remark.
+    """Return values with undeclared void values replaced by NaN, and a remark.
 
-    Marks are those of the units, and the usual ones where no value of the quantity is as large.
+    Void values are those of ``units`` and common void values, such as -9999 always and 32767
+    outside the limits of the quantity. The remark names the common void values that were replaced;
+    "" if there are none.
 
     Parameters
     ----------
     written : (...) numbers in the file.
-    values : (...) the same in SI units.
-    units : marks of voids and limits of the quantity.
+    values : (...) the same numbers in SI units.
+    units : additional void values, and limits of the quantity.
     """
     marked = np.zeros(np.shape(written), dtype=bool)
     for mark in units.voids:
@@ -57,17 +59,17 @@ def without_voids(
     to_degrees: Callable[[NDArray[Any], NDArray[Any]], tuple[Array, Array]],
     area: Area | None,
 ) -> tuple[Array, str]:
-    """Return heights with few voids filled, and a remark ("" without voids).
+    """Return heights with voids filled by interpolation, and a remark ("" without voids).
 
     Parameters
     ----------
     heights : (rows, columns) [m]; voids are not finite.
-    name : of the file, for messages.
-    to_degrees : returns latitudes and longitudes (N,) [deg] of rows and columns (N,).
-    area : in which voids are counted; voids outside it are filled, whatever their number. None:
-        everywhere.
+    name : name of the file, for messages.
+    to_degrees : function that returns latitudes and longitudes (N,) [deg] of rows and columns (N,).
+    area : area in which voids are counted; None: everywhere. Voids outside the area are filled,
+        however many there are.
 
-    Raises TerrainError if one per cent of the area's cells, or more, are voids.
+    Raises TerrainError if one per cent or more of the cells in the area are voids.
     """
     void = ~np.isfinite(heights)
     if not void.any():

@@ -1,1 +1,1 @@
-"""Inertial navigation: mechanization, inertial sensors, the linear error model with Φ and Q."""
+"""Inertial navigation: mechanization, inertial sensors, linear error model with Φ and Q."""

@@ -1,9 +1,10 @@
-"""Adjoint of the INS error model over one IMU interval, for a group of runs.
+"""Adjoint of the INS error model over one IMU interval, for eight runs at once.
 
-A row y of Φ, as a column, obeys y' = Fᵀ y backwards in time: one sparse product per order of a
-Taylor series. Over the interval y is a polynomial. The contribution of noise to Q = ∫ Φ G q Gᵀ Φᵀ
-ds is an integral of products of polynomials, a sum over their first Legendre coefficients. The run
-is the last axis of arrays, see :mod:`ggbench.numerics.lanes`.
+A row y of Φ, written as a column, obeys y' = Fᵀ y backwards in time. A Taylor series solves this
+equation, with one sparse product per order, so y is a polynomial within the interval. The
+contribution of noise to Q = ∫ Φ G q Gᵀ Φᵀ ds is an integral of products of polynomials, computed as
+a sum over the first Legendre coefficients of the polynomials. The last axis of arrays is the run
+(lane), see :mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -62,15 +63,15 @@ _HEIGHT = STATES + 3
 
 @copied
 def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
-    """Return whether :func:`propagate_short_series` is accurate for all intervals.
+    """Return whether :func:`propagate_short_series` is accurate enough for all intervals.
 
-    The result is false if biases or the gravity disturbance change, or an altimeter damps the INS.
+    The result is False if biases or the gravity disturbance vary, or if an altimeter damps the INS.
 
     Parameters
     ----------
-    entries : (N, ENTRIES, LANES) of F, of each interval.
+    entries : (N, ENTRIES, LANES) non-zero entries of F in each interval.
     dt : length of an interval [s].
-    noise : of the INS.
+    noise : process noise of the INS.
     """
     if noise.damped or noise.wandering or noise.disturbance.shape[0] > 0:
         return False
@@ -173,7 +174,7 @@ def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
 
 @compiled
 def scaled_entries(f: np.ndarray, n: int, time: float, out: np.ndarray) -> None:
-    """Fill ``out`` (1, SCALED, LANES) with F over a time [s], of the entries ``f[n]``."""
+    """Fill ``out`` (1, SCALED, LANES) with the entries ``f[n]`` of F, multiplied by a time [s]."""
     for i in range(ENTRIES):
         store(out, 0, i, time * load(f, n, i))
     store(out, 0, DRIVEN, load(f, n, DRIVEN))
@@ -197,7 +198,7 @@ def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> No
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an unfilled array (6, 19, LANES) for the terms of a series, a row for each order."""
+    """Return an unfilled array (6, 19, LANES) for the terms of a Taylor series, one per order."""
     return unfilled(_LAST + 1, STATES + 4)
 
 
@@ -248,23 +249,24 @@ def _put(factors: np.ndarray, row: int, i: int, root: float, terms: np.ndarray, 
 def propagate(
     f: np.ndarray, noise: Noise, columns: np.ndarray, terms: np.ndarray, factors: np.ndarray
 ) -> int:
-    """Propagate columns (C, 15 or 18, LANES) back over an interval, y ← exp(Fᵀ dt) y.
+    """Propagate C columns y backwards over an interval, y ← exp(Fᵀ dt) y.
 
     Parameters
     ----------
-    f : (1, SCALED, LANES), of :func:`scaled_entries`.
-    noise : over the interval.
-    columns : changed in place.
-    terms : of :func:`series_terms`, overwritten.
-    factors : (MOST_FACTORS, C, LANES) output: with W the returned number of rows, the noise of the
-        interval adds WᵀW to Q. The rows are Legendre coefficients b_0 and b_1 of velocity and b_0
-        to b_2 of attitude; with an altimeter also b_0 to b_2 of its noise and b_2 of velocity; for
-        variable biases and the gravity disturbance b_0 to b_2. Higher ones are negligible, because
-        the chain noise → position ends there.
+    f : (1, SCALED, LANES) F dt from :func:`scaled_entries`.
+    noise : process noise accumulated over the interval.
+    columns : (C, 15 or 18, LANES) columns y, changed in place.
+    terms : scratch from :func:`series_terms`.
+    factors : (MOST_FACTORS, C, LANES) output. The rows up to the returned number form a matrix W,
+        and the noise of the interval adds WᵀW to Q. The rows contain Legendre coefficients b_0,
+        b_1, ... of y times noise roots: b_0 and b_1 of velocity, and b_0 to b_2 of attitude; with
+        an altimeter also b_0 to b_2 of altimeter noise and b_2 of velocity; b_0 to b_2 of variable
+        biases and of the gravity disturbance. Higher coefficients are negligible, because the chain
+        from noise to position has no more integrations.
 
     Returns
     -------
-    Number of factors.
+    Number of filled rows of ``factors``.
     """
     count = 0
     for i in range(columns.shape[0]):
@@ -300,9 +302,10 @@ def propagate(
 
 @compiled
 def forward(f: np.ndarray, columns: np.ndarray, terms: np.ndarray) -> None:
-    """Propagate columns (C, 15, LANES) over an interval, y ← exp(Fᵀ dt) y, for any sensors.
+    """Propagate C columns (C, 15, LANES) over an interval, y ← exp(Fᵀ dt) y, without noise.
 
-    With ``f`` of :func:`scaled_entries` for a negative time, the propagation is forward.
+    ``f`` from :func:`scaled_entries` with a negative time propagates forwards in time. ``terms`` is
+    scratch from :func:`series_terms`.
     """
     for i in range(columns.shape[0]):
         _series(f, columns, i, terms)
@@ -351,22 +354,22 @@ def _put_sums(
 def propagate_short_series(
     f: np.ndarray, noise: Noise, columns: np.ndarray, factors: np.ndarray
 ) -> int:
-    """Propagate as :func:`propagate`, to a lower order, where :func:`is_slow` allows it.
+    """Propagate as :func:`propagate` does, with a series of lower order.
 
-    The series has the third order, and the fourth in the attitude, where the chain position ←
-    velocity ← attitude ends. Biases are constant and gain the means of velocity and attitude:
-    y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
+    This requires :func:`is_slow`. The series has third order, and fourth order in the attitude,
+    where the chain position ← velocity ← attitude ends. Biases are constant, so their columns
+    change by the means of velocity and attitude: y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
 
     Parameters
     ----------
-    f : (1, SCALED, LANES), of :func:`scaled_entries`.
-    noise : over the interval.
-    columns : (C, 15, LANES), changed in place.
-    factors : (MOST_FACTORS, C, LANES) output, as of :func:`propagate`.
+    f : (1, SCALED, LANES) F dt from :func:`scaled_entries`.
+    noise : process noise accumulated over the interval.
+    columns : (C, 15, LANES) columns y, changed in place.
+    factors : (MOST_FACTORS, C, LANES) output, as in :func:`propagate`.
 
     Returns
     -------
-    Number of factors.
+    Number of filled rows of ``factors``.
     """
     for i in range(columns.shape[0]):
         p_0, v_0, a_0 = three(columns, i, 0), three(columns, i, 3), three(columns, i, 6)

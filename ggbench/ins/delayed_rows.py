@@ -1,4 +1,4 @@
-"""Rows that propagate an INS error back from an epoch to a delayed measurement."""
+"""Propagation of an INS error back from an epoch to the time of a delayed measurement."""
 
 from __future__ import annotations
 
@@ -30,16 +30,17 @@ def delayed_rows_lanes(
     transition: np.ndarray,
     rows: np.ndarray,
 ) -> None:
-    """Fill B: position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
+    """Fill B_k: position error [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
 
-    They are rows of Φ(t_k, t_k − τ_k)⁻¹. Process noise within the delay (millimetres) is neglected.
+    B_k consists of rows of Φ(t_k, t_k − τ_k)⁻¹, where τ_k is the delay. Process noise within the
+    delay (millimetres) is neglected.
 
     Parameters
     ----------
     track, increments, epochs, dt, constant, gravity : as in :func:`.transitions.transitions_lanes`.
-    delays : (K,) [s].
-    transition : (R, K, n, n) Φ between the epochs.
-    rows : (R, K, 6, 15) output.
+    delays : (K,) delays τ_k [s].
+    transition : (R, K, n, n) Φ from the previous epoch to each epoch.
+    rows : (R, K, 6, 15) output, B_k.
     """
     group = group_members(0, transition.shape[0])
     columns, terms, f = lanes(len(MOVED), STATES), series_terms(), lanes(1, SCALED)
@@ -126,7 +127,7 @@ def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
 
 @compiled
 def intervals_of(delay: float, epoch: int, dt: float) -> tuple[int, float, int]:
-    """Return the IMU intervals that a delay before an epoch spans.
+    """Return the IMU intervals within a delay before an epoch.
 
     Parameters
     ----------
@@ -135,8 +136,8 @@ def intervals_of(delay: float, epoch: int, dt: float) -> tuple[int, float, int]:
 
     Returns
     -------
-    The first interval, the part of it within the delay [s], and the sample nearest to the start of
-    the delay.
+    Index of the first interval, the part of this interval within the delay [s], and the IMU sample
+    nearest to the start of the delay.
     """
     steps = delay / dt
     whole = math.ceil(steps - 1e-9)

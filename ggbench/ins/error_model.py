@@ -1,14 +1,14 @@
-"""The linear error model of the strapdown INS: F, and Φ and Q between two measurements.
+"""Linear error model of a strapdown INS: F, and Φ and Q between two measurements.
 
-Fifteen states: position, velocity and attitude error (φ: C̃_nb = (I − [φ×]) C_nb), gyro bias ε_b
-and accelerometer bias ∇_b; error = indicated − true, measured = true + bias. F uses the textbook
-variables (δL, δλ, δh) and the exact derivative of the radii of curvature, so it is the exact
-Jacobian of :mod:`.ins.strapdown`. Φ and Q of this module belong to the state of the benchmark, with
-the position error (δr_E, δr_N, δr_U) in metres::
+There are fifteen states: errors of position, velocity and attitude (φ, with C̃_nb = (I − [φ×])
+C_nb), gyro biases ε_b and accelerometer biases ∇_b. An error is indicated − true, and a bias is
+measured − true. F uses the textbook variables (δL, δλ, δh) and the exact derivative of the radii of
+curvature, so it is the exact Jacobian of :mod:`ggbench.ins.strapdown`. Φ and Q refer to the states
+of the benchmark, with the position error (δr_E, δr_N, δr_U) in metres::
 
     δr_E = (R_N + h) cos L δλ,   δr_N = (R_M + h) δL,   δr_U = δh
 
-They depend only on the INS solution, so all estimators of a run share them.
+Φ and Q depend only on the INS solution, so all estimators of a run share them.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ def navigation_errors(
     attitudes: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill position [m], velocity [m/s] and attitude [rad] errors of INS states against the truth.
+    """Fill errors of position [m], velocity [m/s] and attitude [rad] of INS states.
 
     Parameters
     ----------
-    states : (R, K, 15) position, velocity and C_nb, row by row, of the INS in R runs.
-    positions, velocities, attitudes : (K, 3), (K, 3), (K, 3, 3) of the truth.
-    out : (R, K, n) output, of which the first nine elements are filled.
+    states : (R, K, 15) indicated position, velocity and C_nb (row by row) in R runs.
+    positions, velocities, attitudes : (K, 3), (K, 3), (K, 3, 3) true values.
+    out : (R, K, n) output; the first nine states are filled.
     """
     turn = np.empty((3, 3))
     c_bn = np.empty((3, 3))
@@ -63,9 +63,11 @@ def navigation_errors(
 
 
 def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
-    """Return G q Gᵀ (15, 15) of white sensor noise [(m/s²)²/Hz, (rad/s)²/Hz].
+    """Return G q Gᵀ (15, 15) of white accelerometer and gyro noise.
 
-    w_a enters δv' and w_g enters φ' through C_nb; equal axes make G q Gᵀ diagonal.
+    The PSDs are in (m/s²)²/Hz and (rad/s)²/Hz. Accelerometer noise drives the velocity error and
+    gyro noise the attitude error, both through C_nb. G q Gᵀ is diagonal because the three axes have
+    equal PSDs.
     """
     noise = np.zeros((STATES, STATES))
     noise[VELOCITY, VELOCITY] = accelerometer_psd * np.eye(3)
@@ -76,16 +78,16 @@ def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
 def added_by(
     imu: Imu, altimeter: tuple[tuple[float, float], float] | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the contributions of sensors to F (ENTRIES,) and to G q Gᵀ (15, 15).
+    """Return contributions of biases and altimeter to F (ENTRIES,) and G q Gᵀ (15, 15).
 
-    They come from Gauss–Markov biases, b' = −b/T + w, and from an altimeter of noise e that damps
-    the vertical channel, δh' −= k₁ (δh − e), δv_U' −= k₂ (δh − e).
+    Gauss–Markov biases obey b' = −b/T + w. An altimeter with noise e damps the vertical channel: it
+    adds −k₁ (δh − e) to δh' and −k₂ (δh − e) to δv_U'.
 
     Parameters
     ----------
     imu : the inertial sensors.
     altimeter : gains k₁ [1/s], k₂ [1/s²], from :func:`ggbench.ins.strapdown.altimeter_gains`, and
-        the PSD of e [m²/Hz]; None without one.
+        the PSD of e [m²/Hz]; None without an altimeter.
     """
     entries = np.zeros(ENTRIES)
     noise = noise_psd(imu.accelerometer_root_psd**2, imu.gyro_root_psd**2)

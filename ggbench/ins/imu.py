@@ -1,4 +1,4 @@
-"""Errors of the inertial sensors, added to error-free increments."""
+"""Inertial sensors: errors that are added to error-free increments."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ from ..numerics.lanes import group_members
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Unmodelled errors of a sensor triad: σ of errors drawn once per run.
+    """Standard deviations of the constant errors of a sensor triad, drawn once per run.
+
+    Estimators do not model these errors.
 
     Attributes
     ----------
-    scale_factor : relative, per axis.
-    misalignment : of each axis towards each of the other two [rad].
+    scale_factor : relative scale-factor error of each axis.
+    misalignment : misalignment of each axis towards each of the other two axes [rad].
     """
 
     scale_factor: float = 0.0
     misalignment: float = 0.0
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the matrix (3, 3) from true to measured quantities of a triad."""
+        """Return a random matrix (3, 3) that maps true to measured values of the triad."""
         draws = rng.standard_normal((3, 3))
         diagonal = np.eye(3, dtype=bool)
         errors = np.where(diagonal, self.scale_factor * draws, self.misalignment * draws)
@@ -34,18 +36,18 @@ class SensorErrors:
 
 @dataclass(frozen=True)
 class Imu:
-    """Inertial measurement unit: biases drawn per run, constant or Gauss–Markov, and white noise.
+    """Inertial measurement unit with white noise and constant or Gauss–Markov biases.
 
     Attributes
     ----------
-    gyro_bias, accelerometer_bias : standard deviation per axis [rad/s], [m/s²].
-    gyro_root_psd : white noise [rad/s/√Hz].
-    accelerometer_root_psd : [m/s²/√Hz].
-    fixed_biases : whether biases are ±σ with a random sign per run and axis, instead of draws from
-        N(0, σ²).
-    gyro_bias_time, accelerometer_bias_time : correlation time of a bias that is a first-order
-        Gauss–Markov process [s]; infinite for a constant one.
-    gyro_errors, accelerometer_errors : scale factors and misalignments.
+    gyro_bias, accelerometer_bias : standard deviation σ of the bias of each axis [rad/s], [m/s²].
+    gyro_root_psd : root PSD of the gyros' white noise [rad/s/√Hz].
+    accelerometer_root_psd : root PSD of the accelerometers' white noise [m/s²/√Hz].
+    fixed_biases : whether a bias is +σ or −σ with a random sign for each run and axis, instead of a
+        random number from N(0, σ²).
+    gyro_bias_time, accelerometer_bias_time : correlation time T of a bias that is a first-order
+        Gauss–Markov process [s]; infinite for a constant bias.
+    gyro_errors, accelerometer_errors : scale-factor errors and misalignments of the two triads.
     """
 
     gyro_bias: float
@@ -61,7 +63,7 @@ class Imu:
     def draw_biases(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Return the gyro (3,) [rad/s] and accelerometer (3,) [m/s²] biases at the start of a run.
 
-        They are draws from the stationary distribution.
+        The biases are random, with the stationary distribution of the process.
         """
         draws = rng.standard_normal((2, 3))
         if self.fixed_biases:
@@ -75,9 +77,11 @@ class Imu:
         dt: float,
         rng: np.random.Generator,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the biases (count + 1, 3) at the IMU samples, from the initial ones.
+        """Return gyro and accelerometer biases (count + 1, 3) at the IMU samples of a run.
 
-        b_{n+1} = e^(−dt/T) b_n + √(1 − e^(−2dt/T)) σ w_n, exact for a Gauss–Markov process.
+        The first sample has the given ``biases``. Then b_{n+1} = e^(−dt/T) b_n + √(1 − e^(−2dt/T))
+        σ w_n with w_n ~ N(0, 1), which is exact for a Gauss–Markov process. ``dt`` is the IMU
+        interval [s].
         """
         histories = []
         laws = (
@@ -98,18 +102,18 @@ class Imu:
 
     @property
     def wanders(self) -> bool:
-        """Whether a bias varies."""
+        """Whether any bias varies with time."""
         return math.isfinite(self.gyro_bias_time) or math.isfinite(self.accelerometer_bias_time)
 
     @property
     def distorts(self) -> bool:
-        """Whether there are scale factors or misalignments."""
+        """Whether there are scale-factor errors or misalignments."""
         return (self.gyro_errors, self.accelerometer_errors) != (SensorErrors(), SensorErrors())
 
     def distort(
         self, delta_angles: np.ndarray, delta_velocities: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the increments (N, 3) with the scale factors and misalignments of a run."""
+        """Return increments (N, 3) with random scale-factor errors and misalignments."""
         gyro, accelerometer = self.gyro_errors.draw(rng), self.accelerometer_errors.draw(rng)
         return delta_angles @ gyro.T, delta_velocities @ accelerometer.T
 
@@ -121,18 +125,20 @@ class Imu:
         dt: float,
         out: np.ndarray,
     ) -> None:
-        """Fill the measured increments (N, 6, LANES) of several runs.
+        """Fill ``out`` (N, 6, LANES) with the measured increments of a group of runs.
 
-        Measured = true + error. White noise of root PSD σ over an interval dt adds σ √dt to each
-        increment.
+        White noise with root PSD σ adds a random number of standard deviation σ √dt to each
+        increment over the interval dt.
 
         Parameters
         ----------
-        exact : (R or 1, N, 6) error-free angles and velocities, common to all runs or not.
-        biases : (R, B, 6) of gyros and accelerometers, constant (B = 1) or at each sample (B = N).
-        noise : (R, 2, N, 3) standard normal numbers, of angles and of velocities.
-        dt : [s].
-        out : output, of a group of runs.
+        exact : (R or 1, N, 6) error-free increments of angle and velocity; R = 1 if all runs have
+            equal increments.
+        biases : (R, B, 6) biases of gyros and accelerometers, constant (B = 1) or at each sample (B
+            = N).
+        noise : (R, 2, N, 3) standard normal numbers, for angles and for velocities.
+        dt : IMU interval [s].
+        out : (N, 6, LANES) output.
         """
         roots = np.repeat([self.gyro_root_psd, self.accelerometer_root_psd], 3) * math.sqrt(dt)
         _measure(exact, biases * dt, noise, roots, out)

@@ -1,14 +1,14 @@
-"""Gravity disturbance in a mechanization, from a map or integrated gradients.
+"""Gravity disturbance that a mechanization adds, from a map or from integrated gradients.
 
-A gradiometer needs no map: over a motion v dt the disturbance changes by T v dt, with the
-disturbing gradient T, and the local level rotates. The initial disturbance remains unknown, and
-measurement noise adds a random walk (Jekeli 2006, Precision free-inertial navigation with gravity
-compensation by an onboard gradiometer)::
+With a gradiometer no map is needed: during the motion v dt the disturbance changes by T v dt, where
+T is the disturbing gradient, and by the rotation of the local level. The initial disturbance
+remains unknown, and measurement noise adds a random walk (Jekeli 2006, Precision free-inertial
+navigation with gravity compensation by an onboard gradiometer)::
 
     δĝ' = T̂ v̂ − ω_en × δĝ,   T̂ = Γ̂ − Γ_normal(p̂),   δĝ(0) = 0
 
-Between two measurements T̂ is the last one; at the next measurement the trapezoidal rule replaces
-it.
+Here ω_en is the transport rate and a hat marks indicated or measured values. After a measurement T̂
+is held constant; at the next measurement the trapezoidal rule corrects the integral.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ COMPONENT = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 @record
 class GradientReadings:
-    """Measured gradients of a group of runs, ENU, and their integral.
+    """Measured gradients (ENU) of a group of runs, and the integrated gravity disturbance.
 
     Attributes
     ----------
-    tensors : (G, 6, LANES) [EE, EN, EU, NN, NU, UU], E; NaN for missing ones.
-    latest : (N + 1,) number of measurements up to each INS sample.
-    held : (G + 1, 6, LANES) output, latest disturbing gradient [s⁻²] after each number of
+    tensors : (G, 6, LANES) measured EE, EN, EU, NN, NU, UU [E]; NaN if missing.
+    latest : (N + 1,) number of measurements up to and including each INS sample.
+    held : (G + 1, 6, LANES) output: element g is the disturbing gradient [s⁻²] after g
         measurements.
-    total : (N + 1, 3, LANES) output, δĝ at each sample, ENU [m/s²].
+    total : (N + 1, 3, LANES) output: disturbance δĝ at each INS sample, ENU [m/s²].
     """
 
     tensors: np.ndarray
@@ -49,12 +49,14 @@ class GradientReadings:
 
 @record
 class KnownGravity:
-    """Gravity that a mechanization adds to normal gravity: from a map, integrated, or none.
+    """Gravity disturbance that a mechanization adds to normal gravity.
+
+    It comes from a map or from integrated gradients, or is zero.
 
     Attributes
     ----------
-    map : evaluated at the indicated position.
-    readings : integrated along the indicated track.
+    map : map of the disturbance, evaluated at the indicated position.
+    readings : measured gradients, integrated along the indicated track.
     """
 
     map: DisturbanceMap
@@ -68,17 +70,17 @@ NORMAL_GRAVITY = KnownGravity(NO_MAP, _NO_READINGS)
 
 
 def of_map(disturbance: DisturbanceMap) -> KnownGravity:
-    """Return the gravity of a mechanization with a map."""
+    """Return the gravity disturbance of a mechanization with a map."""
     return KnownGravity(disturbance, _NO_READINGS)
 
 
 def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGravity:
-    """Return the gravity of a mechanization that integrates gradients.
+    """Return the gravity disturbance of a mechanization that integrates gradients.
 
     Parameters
     ----------
-    tensors : (G, 6, LANES) [E], as in :class:`GradientReadings`.
-    samples : (G,) INS samples of the measurements.
+    tensors : (G, 6, LANES) measured gradients [E], as in :class:`GradientReadings`.
+    samples : (G,) index of the INS sample of each measurement.
     count : number of INS samples, N + 1.
     """
     latest = np.searchsorted(samples, np.arange(count), side="right")
@@ -88,13 +90,13 @@ def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGr
 
 @compiled
 def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
-    """Hold the gradients that are read at sample ``n``, if any; a missing one keeps the last.
+    """Hold the gradients measured at sample ``n``, if any; a missing one keeps its last value.
 
     Parameters
     ----------
-    readings : their ``held`` [s⁻²], without normal gradients, is filled.
-    track : (N + 1, TRACK, LANES) indicated, of which sample ``n`` is known.
-    n : sample of the INS.
+    readings : ``held`` [s⁻²] is filled with measured minus normal gradients.
+    track : (N + 1, TRACK, LANES) indicated track, filled up to sample ``n``.
+    n : index of the INS sample.
     """
     now = readings.latest[n]
     if now == 0 or (n > 0 and now == readings.latest[n - 1]):
@@ -113,7 +115,7 @@ def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
 
 @compiled
 def receive_all(readings: GradientReadings, track: np.ndarray) -> None:
-    """Hold the measured gradients along a track (N + 1, TRACK, LANES)."""
+    """Hold the measured gradients at all samples of a track (N + 1, TRACK, LANES)."""
     for n in range(track.shape[0]):
         receive(readings, track, n)
 
@@ -127,9 +129,9 @@ def extrapolate(
     moved: np.ndarray,
     disturbance: np.ndarray,
 ) -> None:
-    """Fill δĝ (1, 3, LANES) half a step beyond sample ``n``.
+    """Fill δĝ (1, 3, LANES) [m/s²] at half a step after sample ``n``.
 
-    ``moved`` (3, 3, LANES): see :func:`integrate`.
+    ``dt`` is the INS interval [s]; ``moved`` (3, 3, LANES) is the state of :func:`integrate`.
     """
     known = readings.latest[n]
     for r in range(track.shape[2]):
@@ -159,14 +161,15 @@ def _turn(
 def integrate(
     readings: GradientReadings, track: np.ndarray, n: int, dt: float, moved: np.ndarray
 ) -> None:
-    """Propagate δĝ from sample ``n`` of a track to the next one.
+    """Propagate δĝ from sample ``n`` of a track to sample n + 1.
 
     Parameters
     ----------
-    readings, track : as above.
-    dt : between two samples [s].
-    moved : (3, 3, LANES), state of the integration: displacement since the last measurement, ENU
-        [m]; δĝ at that measurement, rotated since [m/s²]; and whether there was a measurement.
+    readings, track : as in :func:`receive`.
+    dt : INS interval [s].
+    moved : (3, 3, LANES) state of the integration: displacement since the last measurement, ENU
+        [m]; δĝ at the last measurement, in present local-level axes [m/s²]; whether there was a
+        measurement.
     """
     before, now = readings.latest[n], readings.latest[n + 1]
     receive(readings, track, n + 1)

@@ -1,4 +1,4 @@
-"""Rotation rate of the local-level frame and rate of change of a position."""
+"""Rotation rates of the local-level frame, and rate of change of a position."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ def place_of(latitude: float, height: float) -> Place:
 def frame_rates_of(
     place: Place, v_e: float, v_n: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the earth rate ω_ie (N, U; E is zero), the transport rate ω_en (E, N, U) [rad/s]."""
+    """Return the Earth rate ω_ie (N, U) and the transport rate ω_en (E, N, U) [rad/s].
+
+    The east component of ω_ie is zero. ``v_e`` and ``v_n`` are velocities [m/s].
+    """
     sine, cosine, r_m, r_n = place
     en_n = v_e / r_n
     return ROTATION_RATE * cosine, ROTATION_RATE * sine, -v_n / r_m, en_n, en_n * sine / cosine
@@ -32,6 +35,6 @@ def frame_rates_of(
 
 @inlined
 def position_rate_of(place: Place, v_e: float, v_n: float) -> tuple[float, float]:
-    """Return L' and λ' [rad/s]."""
+    """Return the rates L' and λ' of latitude and longitude [rad/s]."""
     _, cosine, r_m, r_n = place
     return v_n / r_m, v_e / (r_n * cosine)

@@ -13,17 +13,18 @@ from .system_matrix import NAVIGATION_STATES
 
 @record
 class Noise:
-    """Process noise of the error model: square roots of G q Gᵀ.
+    """Process noise of the INS error model, as square roots of G q Gᵀ.
 
     Attributes
     ----------
-    roots : (15,) of the diagonal, without the altimeter's part.
-    altimeter : (2,) coupled noise of δh and δv_U.
-    damped : whether there is an altimeter.
+    roots : (15,) square roots of the diagonal, without the altimeter's noise.
+    altimeter : (2,) factors of the altimeter's noise in δh and in δv_U, which are correlated.
+    damped : whether an altimeter damps the vertical channel.
     wandering : whether biases vary.
-    disturbance : (3,) noise of the gravity disturbance ENU, empty if it is no state: √2 σ [m/s²],
-        for the PSD 2 σ² |v|/D; with integrated gradients the root PSD per speed [s⁻¹˙⁵] of a random
-        walk.
+    disturbance : (3,) noise of the gravity disturbance, ENU; empty if the disturbance is no state.
+        With a map it is √2 σ [m/s²], for a process with standard deviation σ, correlation distance
+        D and PSD 2 σ² |v|/D at the speed |v|. With integrated gradients it is the root PSD of a
+        random walk per speed [s⁻¹˙⁵].
     """
 
     roots: np.ndarray
@@ -33,7 +34,7 @@ class Noise:
     disturbance: np.ndarray
 
     def over(self, interval: float) -> Noise:
-        """Return the noise accumulated over an interval [s]."""
+        """Return the noise with roots scaled to an interval [s]."""
         root = math.sqrt(interval)
         return replace(
             self,
@@ -44,7 +45,7 @@ class Noise:
 
 
 def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:
-    """Return the square roots of G q Gᵀ (15, 15), diagonal except for the altimeter.
+    """Return the square roots of G q Gᵀ (15, 15), which is diagonal except for the altimeter.
 
     ``decaying`` states whether biases decay in F; ``disturbance`` is :attr:`Noise.disturbance`.
     """

@@ -1,15 +1,16 @@
-"""Strapdown mechanization in the local-level East-North-Up frame, and its exact inverse.
+"""Strapdown mechanization in the local-level East-North-Up frame, and exact inverse of it.
 
-State: geodetic latitude L, longitude λ [rad], ellipsoidal height h [m], velocity v^n (ENU) [m/s]
-and C_nb, which maps the body frame (right-forward-up) to n::
+The state consists of geodetic latitude L, longitude λ [rad], ellipsoidal height h [m], velocity v
+(ENU) [m/s] and C_nb, which maps the body frame b (right-forward-up) to the local-level frame n::
 
     L' = v_N/(R_M+h)     λ' = v_E/((R_N+h) cos L)     h' = v_U
     v' = C_nb f − (2ω_ie + ω_en) × v + g        g = (0, g_N(L, h), g_U(L, h)) + disturbance
     C_nb' = C_nb [ω_ib×] − [(ω_ie + ω_en)×] C_nb
 
-Each step takes the increments of an IMU over the step, ∫ω_ib dt and ∫f dt in body axes, and is of
-second order (all rates at the midpoint). :func:`error_free_increments` is its exact inverse. The
-truth is reproduced to rounding, because truth and mechanization use the same rule for the position.
+A step uses the increments of an IMU, ∫ω_ib dt and ∫f dt in body axes, and is of second order (all
+rates at the midpoint). :func:`error_free_increments` is the exact inverse of the step. Without
+sensor errors the mechanization reproduces the truth to rounding, because the truth uses the same
+rule for the position.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ TRACK = 15
 
 @inlined
 def velocity_rate_of(place: Place, height: float, v: Vector, f: Vector) -> Vector:
-    """Return v' [m/s²] for a specific force in n axes: f^n − (2ω_ie + ω_en) × v + (0, g_N, g_U)."""
+    """Return v' = f − (2ω_ie + ω_en) × v + (0, g_N, g_U) [m/s²], with specific force f in ENU."""
     ie_n, ie_u, x, en_n, en_u = frame_rates_of(place, v[0], v[1])
     y, z = 2.0 * ie_n + en_n, 2.0 * ie_u + en_u
     north, up = normal_gravity_vector_of(place[0], place[1], height)
@@ -52,7 +53,11 @@ def velocity_rate_of(place: Place, height: float, v: Vector, f: Vector) -> Vecto
 
 @inlined
 def advance_position_of(position: Vector, v: Vector, next_v: Vector, dt: float) -> Vector:
-    """Return the position after a step with the mean of the two velocities (midpoint rule)."""
+    """Return the position after a step, moved with the mean of two velocities.
+
+    ``v`` and ``next_v`` are the velocities before and after the step of ``dt`` seconds (midpoint
+    rule).
+    """
     v_e, v_n, v_u = 0.5 * (v[0] + next_v[0]), 0.5 * (v[1] + next_v[1]), 0.5 * (v[2] + next_v[2])
     north, _ = position_rate_of(place_of(position[0], position[2]), v_e, v_n)
     middle = place_of(position[0] + 0.5 * dt * north, position[2] + 0.5 * dt * v_u)
@@ -62,7 +67,10 @@ def advance_position_of(position: Vector, v: Vector, next_v: Vector, dt: float) 
 
 @inlined
 def frame_turn(place: Place, v: Vector, time: float) -> Matrix:
-    """Return the inverse rotation of the n frame in inertial space over a time [s]."""
+    """Return the inverse rotation matrix of the local-level frame in inertial space.
+
+    The rotation takes place during ``time`` [s].
+    """
     ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
     return small_turn(-time * en_e, -time * (ie_n + en_n), -time * (ie_u + en_u))
 
@@ -79,14 +87,14 @@ def step(
 ) -> tuple[Vector, Vector, Matrix]:
     """Return the navigation state (position, velocity, C_nb) after an IMU interval.
 
-    Arguments are numbers, or vectors of a group of runs.
+    Arguments are numbers, or vectors of eight runs.
 
     Parameters
     ----------
-    position, v, c_nb : [rad, rad, m], ENU [m/s], attitude.
-    angle, dv : increments in body axes [rad], below π, and [m/s].
-    disturbance : gravity disturbance, ENU [m/s²] (zero in an INS without a map).
-    dt : interval [s].
+    position, v, c_nb : position [rad, rad, m], velocity ENU [m/s] and attitude matrix.
+    angle, dv : increments of angle [rad] (below π) and of velocity [m/s], in body axes.
+    disturbance : gravity disturbance, ENU [m/s²]; zero in an INS without gravity compensation.
+    dt : IMU interval [s].
     """
     # Body attitude halfway, from half the increment and half the turn of n at the old rates.
     latitude, _, height = position
@@ -112,10 +120,10 @@ def step(
 
 
 def steady_force(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-    """Return the specific force (..., 3), ENU [m/s²], of constant velocity in normal gravity.
+    """Return the specific force (..., 3), ENU [m/s²], at constant velocity in normal gravity.
 
-    It is (2ω_ie + ω_en) × v − (0, g_N, g_U), at positions (..., 3) [rad, rad, m], velocities ENU
-    [m/s].
+    It is (2ω_ie + ω_en) × v − (0, g_N, g_U). Positions (..., 3) are in [rad, rad, m] and velocities
+    (..., 3) are ENU [m/s].
     """
     places, speeds = (np.ascontiguousarray(a, float) for a in (positions, velocities))
     return _steady_forces(places.reshape(-1, 3), speeds.reshape(-1, 3)).reshape(places.shape)
@@ -161,9 +169,10 @@ def _numbers(vector: np.ndarray) -> Vector:
 
 
 def altimeter_gains(time_constant: float) -> tuple[float, float]:
-    """Return k₁ [1/s], k₂ [1/s²] for two poles of the vertical channel at −1/T.
+    """Return the gains k₁ [1/s], k₂ [1/s²] that put two poles of the vertical channel at −1/T.
 
-    Without damping δh'' = (2g/R) δh, so k₁ = 2/T and k₂ = 1/T² + 2g/R.
+    T is ``time_constant`` [s]. Without damping the height error obeys δh'' = (2g/R) δh, so k₁ = 2/T
+    and k₂ = 1/T² + 2g/R.
     """
     return 2.0 / time_constant, 1.0 / time_constant**2 + 2.0 * 9.80665 / 6378137.0
 
@@ -179,20 +188,22 @@ def navigate(
     gains: tuple[float, float] = (0.0, 0.0),
     gravity: KnownGravity = NORMAL_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run the mechanization open loop over N increments, in normal gravity or with a disturbance.
+    """Run the mechanization open loop over N increments.
 
-    An altimeter damps the vertical channel by h' −= k₁ (h − h_a) and v_U' −= k₂ (h − h_a)
-    (Titterton and Weston 2004, sec. 12.3), integrated by the trapezoidal rule. A correction only at
-    the end of a step would lag, and the error model does not include this lag.
+    An altimeter with the measured height h_a damps the vertical channel: it adds −k₁ (h − h_a) to
+    h' and −k₂ (h − h_a) to v_U' (Titterton and Weston 2004, sec. 12.3), integrated by the
+    trapezoidal rule. A correction only at the end of a step would add a lag that the error model
+    does not include.
 
     Parameters
     ----------
     position, velocity, c_nb : initial state, as in :func:`step`.
-    delta_angles, delta_velocities : (N, 3) [rad], [m/s].
+    delta_angles, delta_velocities : (N, 3) increments [rad], [m/s] in body axes.
     dt : IMU interval [s].
-    heights : (N,) of the altimeter, mean over each interval [m]; none without one.
+    heights : (N,) height of the altimeter, averaged over each interval [m]; None without an
+        altimeter.
     gains : k₁ [1/s], k₂ [1/s²], from :func:`altimeter_gains`.
-    gravity : gravity added to normal gravity.
+    gravity : gravity disturbance that is added to normal gravity.
 
     Returns
     -------
@@ -224,17 +235,18 @@ def navigate_lanes(
     gravity: KnownGravity,
     track: np.ndarray,
 ) -> None:
-    """Run :func:`navigate` for a group of runs at once.
+    """Run the mechanization of :func:`navigate` for a group of eight runs.
 
     Parameters
     ----------
-    initial : (1, TRACK, LANES) position, velocity and C_nb (row by row) at the start.
-    increments : (N, 6, LANES) angles and velocities.
+    initial : (1, TRACK, LANES) initial position, velocity and C_nb (row by row).
+    increments : (N, 6, LANES) increments of angle [rad] and velocity [m/s].
     dt : IMU interval [s].
-    heights : (N, 1, LANES) of the altimeters; (0, 1, LANES) without.
-    gains : of the altimeter.
-    gravity : gravity added to normal gravity; held and integrated gradients are output.
-    track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
+    heights : (N, 1, LANES) heights of the altimeters [m]; (0, 1, LANES) without altimeters.
+    gains : k₁ [1/s], k₂ [1/s²] of the altimeter.
+    gravity : gravity disturbance that is added to normal gravity; held and integrated gradients are
+        filled.
+    track : (N + 1, TRACK, LANES) output: position, velocity and C_nb (row by row).
     """
     copy(initial, track)
     disturbance, moved = lanes(1, 3), lanes(3, 3)
@@ -335,16 +347,18 @@ def error_free_increments(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the IMU increments for which :func:`navigate` follows the truth.
 
-    They come from a fixed-point iteration on the step. A change of the increments changes the
-    result by almost the same amount, so six corrections reach rounding in any manoeuvre. Each step
-    starts from the result of the earlier increments, not from the truth. Otherwise a systematic
-    rounding error would grow in the vertical channel by e^(t √(2g/R)), to kilometres in four hours.
+    A fixed-point iteration on each step finds the increments. A change of the increments changes
+    the result of the step by almost the same amount, so six corrections reach rounding accuracy in
+    any manoeuvre. Each step starts from the result of the previous step, not from the truth:
+    otherwise systematic rounding errors would grow in the vertical channel by e^(t √(2g/R)), to
+    kilometres in four hours.
 
     Parameters
     ----------
-    positions, velocities, attitudes : (N + 1, ...) truth, in the form of :func:`navigate`.
+    positions, velocities, attitudes : (N + 1, 3), (N + 1, 3), (N + 1, 3, 3) truth, as returned by
+        :func:`navigate`.
     disturbances : (N, 3) gravity disturbance of each interval, ENU [m/s²].
-    dt : interval [s].
+    dt : IMU interval [s].
 
     Returns
     -------

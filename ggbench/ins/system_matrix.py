@@ -1,6 +1,6 @@
-"""F of the INS error model by its non-zero entries, for a group of runs.
+"""System matrix F of the INS error model, stored as non-zero entries of eight runs.
 
-The run is the last axis of arrays, see :mod:`ggbench.numerics.lanes`.
+The last axis of arrays is the run (lane), see :mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ENTRIES = 62
 
 @inlined
 def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, z: float) -> float:
-    """Return the dot product of the entries j, j + stride, j + 2 stride of F and (x, y, z)."""
+    """Return the dot product of entries j, j + stride, j + 2 stride of ``f[n]`` and (x, y, z)."""
     return load(f, n, j) * x + load(f, n, j + stride) * y + load(f, n, j + 2 * stride) * z
 
 
@@ -131,13 +131,14 @@ def entries_between(
     Parameters
     ----------
     track : (N + 1, TRACK, LANES) navigation states.
-    increments : (N, 6, LANES) of angle, and of velocity [m/s].
+    increments : (N, 6, LANES) increments of angle [rad] and velocity [m/s].
     dt : IMU interval [s].
-    first, last : the samples.
-    constant : (ENTRIES,) added to F; only damping and decay may differ from zero; at ``DISTANCE``
-        −1/D [1/m], which is multiplied by the speed.
-    gravity : gravity added by the mechanization, after :func:`.receive_all`.
-    out : (., ENTRIES, LANES) output, ``last - first`` intervals.
+    first, last : indices of the two samples.
+    constant : (ENTRIES,) constants added to F: damping by an altimeter, decay of biases and, at
+        ``DISTANCE``, −1/D [1/m] of the gravity disturbance, which is multiplied by the speed. Other
+        entries are zero.
+    gravity : gravity disturbance that the mechanization adds, after :func:`.receive_all`.
+    out : (., ENTRIES, LANES) output; the first ``last - first`` elements are filled.
     """
     rate = 1.0 / dt
     for n in range(first, last):

@@ -1,8 +1,9 @@
-"""Φ and Q along INS tracks, for several runs at once.
+"""Transition matrix Φ and process noise Q along INS tracks, for eight runs at once.
 
-The error model x' = F x + w of :mod:`.ins.error_model` is integrated over the IMU intervals between
-two measurements by its adjoint, backwards from unit vectors at the end (:mod:`.ins.adjoint`). The
-run is the last axis of arrays, see :mod:`ggbench.numerics.lanes`.
+The error model x' = F x + w of :mod:`ggbench.ins.error_model` is integrated over the IMU intervals
+between two measurements by the adjoint equation, backwards from unit vectors at the end
+(:mod:`ggbench.ins.adjoint`). The last axis of arrays is the run (lane), see
+:mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
 
 @compiled
 def metres_at(track: np.ndarray, n: int, out: np.ndarray) -> None:
-    """Fill ``out`` (1, 2, LANES) with metres per radian of δL and δλ at a sample of a track."""
+    """Fill ``out`` (1, 2, LANES) with metres per radian of latitude and longitude at sample n."""
     sine, cosine = sine_cosine(load(track, n, 0))
     north, east = metres_per_radian_of(sine, cosine, load(track, n, 2))
     store(out, 0, 0, north)
@@ -40,7 +41,11 @@ def metres_at(track: np.ndarray, n: int, out: np.ndarray) -> None:
 
 @compiled
 def unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (len(which), n, LANES) with rows of the identity, positions in metres."""
+    """Fill ``out`` (len(which), n, LANES) with the rows ``which`` of the identity matrix.
+
+    Position errors in the rows are in metres, those in ``out`` in radians, see
+    :func:`metres_at`.
+    """
     out[:] = 0.0
     for i, j in enumerate(which):
         if j < 2:
@@ -51,12 +56,13 @@ def unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None
 
 @compiled
 def as_row(columns: np.ndarray, i: int, metres: np.ndarray, r: int, out: np.ndarray) -> None:
-    """Fill a row of Φ of run ``r`` with column ``i``; position errors ENU in metres.
+    """Fill a row of Φ of run ``r`` from column ``i``, with position errors ENU in metres.
 
     Parameters
     ----------
-    columns : (rows, n, LANES) of :func:`unit_columns`, propagated; positions in radians.
-    metres : (1, 2, LANES) [m/rad] of :func:`metres_at`.
+    columns : (rows, n, LANES) propagated columns of :func:`unit_columns`, with position errors in
+        radians.
+    metres : (1, 2, LANES) metres per radian from :func:`metres_at`.
     out : (n,) output.
     """
     out[0] = columns[i, 1, r] / metres[0, 1, r]
@@ -75,16 +81,17 @@ def compose(
     transition: np.ndarray,
     process_cov: np.ndarray,
 ) -> None:
-    """Fill Φ and Q over successive IMU intervals, for the state in metres.
+    """Fill Φ and Q over successive IMU intervals, with position errors in metres.
 
     Parameters
     ----------
-    entries : (count, ENTRIES, LANES) of F in the intervals.
-    dt : one of them [s].
-    noise : that drives the state, over an IMU interval.
-    start, end : (1, 2, LANES) metres per radian of latitude and longitude at the ends.
-    transition, process_cov : (R, n, n) of the group's R runs, output; states after those of INS and
-        gravity disturbance are unchanged.
+    entries : (count, ENTRIES, LANES) non-zero entries of F in each interval.
+    dt : IMU interval [s].
+    noise : process noise accumulated over one IMU interval.
+    start, end : (1, 2, LANES) metres per radian of latitude and longitude at the start and at the
+        end.
+    transition, process_cov : (R, n, n) output, Φ and Q of the R runs of the group. Rows and columns
+        of states beyond INS and gravity disturbance are not changed.
     """
     # A bias that does not wander does not change: its rows are those of the identity.
     moving = STATES if noise.wandering else NAVIGATION_STATES
@@ -119,7 +126,10 @@ def compose(
 
 @compiled
 def entries_of(epochs: np.ndarray) -> np.ndarray:
-    """Return an array for the entries of F (N, ENTRIES, LANES) between any two of the epochs."""
+    """Return an array (N, ENTRIES, LANES) for the entries of F between successive epochs.
+
+    N is the largest number of IMU intervals between two of the ``epochs`` (K,).
+    """
     longest = epochs[0]
     for k in range(1, epochs.shape[0]):
         longest = max(longest, epochs[k] - epochs[k - 1])
@@ -142,14 +152,14 @@ def transitions_lanes(
 
     Parameters
     ----------
-    track : (N + 1, TRACK, LANES) from :func:`ggbench.ins.strapdown.navigate_lanes`.
-    increments : (N, 6, LANES) of the IMU.
+    track : (N + 1, TRACK, LANES) indicated track from :func:`ggbench.ins.strapdown.navigate_lanes`.
+    increments : (N, 6, LANES) increments of the IMU.
     epochs : (K,) increasing indices of IMU samples.
     dt : IMU interval [s].
-    constant : (ENTRIES,) added to F.
-    gravity : gravity added to normal gravity.
-    noise : that drives the state, over an IMU interval.
-    transition, process_cov : (R, K, n, n) of R runs, output, see :func:`compose`.
+    constant : (ENTRIES,) constants added to F, see :func:`.entries_between`.
+    gravity : gravity disturbance that the mechanization adds to normal gravity.
+    noise : process noise accumulated over one IMU interval.
+    transition, process_cov : (R, K, n, n) output, Φ and Q of R runs, see :func:`compose`.
     """
     entries, start, end = entries_of(epochs), lanes(1, 2), lanes(1, 2)
     first = 0

@@ -1,6 +1,7 @@
-"""Gravity-gradient maps: built from shipped data, read from files and written to them.
+"""Gravity-gradient maps: built from shipped data, read from files and written to files.
 
-``ggbench map build`` builds a map from users' data. Names of this module are loaded at first use.
+The command ``ggbench map build`` builds a map from users' data. The names of this module are
+imported at first use.
 """
 
 from __future__ import annotations

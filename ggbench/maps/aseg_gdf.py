@@ -1,8 +1,8 @@
-"""Tables of ASEG-GDF2: a ``.dat`` file and its definitions.
+"""Reader of ASEG-GDF2 tables: a ``.dat`` file of rows and a ``.dfn`` file of definitions.
 
-ASEG-GDF2, a standard for point located data exchange, revision 4 (Australian Society of Exploration
-Geophysicists, 2003). Agencies write fields in the widths of their definitions, or
-separated by blanks, tabs or commas; both are read.
+The standard is revision 4 of ASEG-GDF2 for point located data (Australian Society of Exploration
+Geophysicists, 2003). Both layouts in use are read: fields of the widths that are defined, and
+fields separated by blanks, tabs or commas.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ _OTHER_RECORDS = ("COMM", "PROJ")
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a record: ``count`` columns of ``width`` characters.
+    """Field of a record: ``count`` columns of ``width`` characters each.
 
     Attributes
     ----------
-    name, count, width : of the field.
-    number : whether its format is numeric.
-    description : rest of its definition.
+    name, count, width : name, number of columns, and characters per column.
+    number : whether the columns are numeric.
+    description : rest of the field's definition, such as unit and comment.
     """
 
     name: str
@@ -45,16 +45,18 @@ class Field:
 
     @property
     def labels(self) -> list[str]:
-        """Names of its columns."""
+        """Names of the columns of the field."""
         if self.count == 1:
             return [self.name]
         return [f"{self.name}[{number}]" for number in range(self.count)]
 
 
 def read_gdf2(path: Path, text: str) -> SurveyTable:
-    """Return the table of a ``.dat`` file; its ``.dfn`` file is in the same folder.
+    """Return the table of a ``.dat`` file with the content ``text``.
 
-    Raises MapError if the definitions are missing, or the rows do not follow them.
+    The ``.dfn`` file must be in the same folder.
+
+    Raises MapError if the definitions are missing, or if rows differ from the definitions.
     """
     fields = _fields(path, text)
     columns = [(label, field) for field in fields for label in field.labels]

@@ -30,7 +30,10 @@ _HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
 
 def require_size(what: str, shape: tuple[int, ...], most: int) -> None:
-    """Raise MapError for more than ``most`` nodes; ``what`` is the subject of the sentence."""
+    """Raise MapError if a map of this shape has more than ``most`` nodes.
+
+    ``what`` is the subject of the message.
+    """
     nodes = math.prod(map(int, shape))
     if nodes > most:
         raise MapError(
@@ -46,8 +49,11 @@ def require_possible(
 ) -> None:
     """Raise MapError if the values of a map are impossible for a disturbing field.
 
-    They are a tensor (..., 6) [E] and a gravity disturbance (..., 3) [m/s²], finite; ``what`` names
-    the map, the subject of the sentence.
+    Parameters
+    ----------
+    what : the map, as subject of the message.
+    tensor : (..., 6) disturbing tensor [E].
+    disturbance : (..., 3) gravity disturbance [m/s²].
     """
     largest = _largest(tensor)
     if largest > LARGEST_GRADIENT:

@@ -1,7 +1,8 @@
-"""Draped layers of a map: their base surface, and fields at equal heights above it.
+"""Draped layers of a map: base surface, and fields at constant heights above it.
 
-The base is the upper envelope of the terrain, smoothed to the map's spacing. It is nowhere below
-the ground, so a height above it is at most the height above ground.
+The base surface is the upper envelope of the terrain, smoothed over the distance between the map's
+nodes. It is nowhere below the ground, so a height above the base surface is at most the height
+above ground.
 """
 
 from __future__ import annotations
@@ -41,10 +42,12 @@ _LEAST_REACH_M = 2000.0
 def base_surface(
     terrain: Terrain, geoid_height_m: float, latitude_deg: Array, longitude_deg: Array
 ) -> NDArray[np.float64]:
-    """Return heights of the base surface above the ellipsoid at nodes, (n_lat, n_lon) [m].
+    """Return heights (n_lat, n_lon) of the base surface above the ellipsoid [m] at the nodes.
 
-    The terrain's highest cell within half a spacing, or within one cell if that is more, averaged
-    over the same width. Nodes are raised if the spline through them would lie below a cell.
+    The height is the highest cell of the terrain within half the distance between nodes (or within
+    one cell, if that is more), averaged over the same width. Nodes are raised where the spline
+    through the nodes would lie below a cell. ``geoid_height_m`` is the height of the terrain's zero
+    level above the ellipsoid.
     """
     steps = terrain.latitude_step_deg, terrain.longitude_step_deg
     nodes = latitude_deg, longitude_deg
@@ -115,13 +118,13 @@ def _raise_needed(
 
 @dataclasses.dataclass(frozen=True)
 class DrapedTerrain:
-    """The field of a terrain's masses on draped layers.
+    """Map part: the field of a terrain's masses on draped layers.
 
     Attributes
     ----------
-    masses : of the terrain.
-    ratio : see :meth:`TerrainMasses.field`.
-    smooth : smoothed terrain whose field is subtracted, on level layers; None: no subtraction.
+    masses : masses of the terrain.
+    ratio : accuracy of the sums, see :meth:`.TerrainMasses.field`.
+    smooth : smoothed terrain whose field is subtracted; None: no subtraction.
     """
 
     masses: TerrainMasses
@@ -132,9 +135,15 @@ class DrapedTerrain:
     def of(
         cls, part: TerrainPart, nodes: Nodes, tolerance: float, continued: bool = True
     ) -> tuple[DrapedTerrain, float]:
-        """Return the terrain part for draped nodes, and the error of its lines of mass [E].
+        """Return a terrain part for draped nodes, and the error of approximating columns [E].
 
-        The nodes have a base; the tolerance [E] is that of :meth:`TerrainMasses.ratio_for`.
+        Parameters
+        ----------
+        part : the terrain, and the degree from which its field is used.
+        nodes : nodes of a draped map, with the height of the base surface.
+        tolerance : largest error from line masses in place of columns [E], see
+            :meth:`.TerrainMasses.ratio_for`.
+        continued : whether the ground is continued beyond the edges of the terrain.
         """
         from ..gravity.terrain_masses import TerrainMasses  # compiled, as a cached map needs not
 
@@ -146,7 +155,7 @@ class DrapedTerrain:
         return cls(masses, ratio, SmoothTerrain.of(part, nodes)), error
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield the field."""
+        """Yield tensor and gravity disturbance of each draped layer, from the lowest up."""
         smooth_layers = (
             None if self.smooth is None else on_levels(self.smooth, nodes, self.smooth.floor_m)
         )
@@ -163,12 +172,12 @@ class DrapedTerrain:
 
 @dataclasses.dataclass(frozen=True)
 class SmoothTerrain:
-    """A smoothed terrain on level layers, above its own summits.
+    """Map part: the field of a smoothed terrain on level layers above its highest point.
 
     Attributes
     ----------
     part : the smoothed terrain.
-    floor_m : lowest height at which its series converges quickly [m].
+    floor_m : lowest height at which Parker's series converges quickly [m].
     """
 
     part: TerrainPart
@@ -176,7 +185,7 @@ class SmoothTerrain:
 
     @classmethod
     def of(cls, part: TerrainPart, nodes: Nodes) -> SmoothTerrain | None:
-        """Return the smoothed terrain that a part subtracts; None without subtraction."""
+        """Return the smoothed terrain whose field ``part`` subtracts; None without subtraction."""
         from .ground import Ground
 
         if part.above_degree is None:
@@ -192,7 +201,10 @@ class SmoothTerrain:
 
 
 def points_of(nodes: Nodes, height: float) -> NDArray[np.float64]:
-    """Return latitude, longitude [rad] and height [m] of the nodes of a layer, (N, 3)."""
+    """Return latitude, longitude [rad], ellipsoidal height [m] of the nodes (N, 3) of a layer.
+
+    ``height`` is the height of the layer above the base surface [m].
+    """
     assert nodes.base_m is not None
     lat, lon = np.meshgrid(
         np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), indexing="ij"
@@ -201,17 +213,18 @@ def points_of(nodes: Nodes, height: float) -> NDArray[np.float64]:
 
 
 def draped(part: Part, nodes: Nodes) -> Iterator[Layer]:
-    """Yield the layers of a part on the nodes of a draped map."""
+    """Yield the layers of a map part on the nodes of a draped map."""
     return part.layers(nodes) if isinstance(part, DrapedTerrain) else on_levels(part, nodes)
 
 
 def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[Layer]:
-    """Yield a field on draped layers by polynomials in the height through level layers.
+    """Yield a field on draped layers, interpolated between level layers.
 
-    The level layers lie at Chebyshev's points. If the floor lies above the lowest node, the field
-    is continued downwards from the layers above the floor. Only a smooth field allows this.
+    The interpolation is a polynomial in the height through level layers at Chebyshev points. If
+    ``floor`` [m] is above the lowest node, the level layers lie above the floor and the field is
+    extrapolated downwards, which is accurate only for a smooth field.
 
-    Raise MapError if a layer has too many nodes.
+    Raises MapError if a layer has too many nodes.
     """
     assert nodes.base_m is not None
     lowest = float(nodes.base_m.min() + nodes.height_m[0])

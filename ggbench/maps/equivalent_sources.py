@@ -1,9 +1,10 @@
-"""Point masses that reproduce survey lines, by damped least squares.
+"""Equivalent sources: point masses fitted to survey lines by damped least squares.
 
 The masses lie on a regular grid at one depth below the flights (Dampney 1969,
-doi:10.1190/1.1439996). Their field is harmonic above them, so all components of a map are
+doi:10.1190/1.1439996). Their field is harmonic above the masses, so all components of a map are
 consistent. Each line and component has an unknown constant, because processed gradients have zero
-mean along a line. The constants are eliminated: both sides are deviations from the mean of a line.
+mean along a line. The constants are eliminated: measurements and modelled values are deviations
+from their means over a line.
 
 The area is assumed to be flat: over 50 km the Earth deviates by 50 m from a plane, over 20 km by 8
 m.
@@ -41,7 +42,11 @@ _NEAREST = 16  # samples whose mean height is that of the flights above a mass
 
 
 class Settings(NamedTuple):
-    """Depth of the masses below the flights, their spacing [m], and the relative damping."""
+    """Settings of a fit: depth and spacing of the point masses [m], relative damping.
+
+    The depth is below the flights. The damping is relative to the mean of the diagonal of the
+    normal equations.
+    """
 
     depth_m: float
     spacing_m: float
@@ -56,14 +61,17 @@ class Settings(NamedTuple):
 
 @dataclass(frozen=True)
 class Plane:
-    """East and north [m] from a point, on a plane that touches the ellipsoid there."""
+    """Plane that touches the ellipsoid at a point, with east and north coordinates [m]."""
 
     latitude_deg: float
     longitude_deg: float
 
     @classmethod
     def under(cls, lines: SurveyLines) -> Plane:
-        """Return the plane under the middle of lines. Raises MapError if they extend too far."""
+        """Return the plane at the middle of survey lines.
+
+        Raises MapError if the lines extend too far for a plane.
+        """
         middles = [0.5 * (v.min() + v.max()) for v in (lines.latitude_deg, lines.longitude_deg)]
         plane = cls(*map(float, middles))
         widest = max(float(np.ptp(axis)) for axis in plane.metres(lines)[:2])
@@ -76,7 +84,7 @@ class Plane:
 
     @property
     def metres_per_degree(self) -> tuple[float, float]:
-        """Metres per degree of latitude and longitude."""
+        """Metres per degree of latitude and per degree of longitude."""
         meridian, prime_vertical = radii_of_curvature(math.radians(self.latitude_deg))
         cosine = math.cos(math.radians(self.latitude_deg))
         return math.radians(meridian), math.radians(prime_vertical * cosine)
@@ -84,7 +92,7 @@ class Plane:
     def place(
         self, latitude_deg: NDArray[np.floating], longitude_deg: NDArray[np.floating]
     ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Return east and north of positions [m]; all arrays have the same shape (...)."""
+        """Return east and north coordinates [m] of positions; all arrays have the shape (...)."""
         north, east = self.metres_per_degree
         return (
             (longitude_deg - self.longitude_deg) * east,
@@ -92,24 +100,24 @@ class Plane:
         )
 
     def metres(self, lines: SurveyLines) -> Array:
-        """Return east, north and height of samples, (3, N) [m]."""
+        """Return east, north and height (3, N) [m] of the samples of survey lines."""
         return np.array([*self.place(lines.latitude_deg, lines.longitude_deg), lines.height_m])
 
 
 @dataclass(frozen=True)
 class EquivalentSources:
-    """Point masses (m,) [1e9 kg] below an area, at places east, north, up (3, m) [m] on a plane."""
+    """Map part: m point masses (m,) [1e9 kg] at places (3, m), east, north, up [m] on a plane."""
 
     plane: Plane
     places: Array
     masses: Array
 
     def along(self, lines: SurveyLines, samples: NDArray[np.int64]) -> Array:
-        """Return the components of the field of the masses at some samples, (n, components)."""
+        """Return the measured components (n, components) of the masses' field at n samples."""
         return self._fields(self.plane.metres(lines)[:, samples]) @ weights_of(lines).T
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield tensor [E] and gravity disturbance [m/s²] on latitude x longitude per height."""
+        """Yield tensor (n_lat, n_lon, 6) and gravity disturbance (n_lat, n_lon, 3) per layer."""
         east, north = self.plane.place(nodes.latitude_deg, nodes.longitude_deg)
         for height in nodes.height_m:
             points = np.array([axis.ravel() for axis in np.meshgrid(east, north, height)])
@@ -123,7 +131,7 @@ class EquivalentSources:
 
 
 def weights_of(lines: SurveyLines) -> Array:
-    """Return weights (c, 9) of measured components in six gradients [E] and gravity [m/s²]."""
+    """Return weights (c, 9) that map six gradients [E] and gravity [m/s²] to c components."""
     weights = np.zeros((len(lines.components), 9))
     if lines.quantity == "disturbance":
         weights[0, 8] = -_MGAL
@@ -133,9 +141,9 @@ def weights_of(lines: SurveyLines) -> Array:
 
 
 class Equations:
-    """Normal equations of each line, for masses at one depth and spacing.
+    """Normal equations of survey lines, for J masses at one depth and spacing.
 
-    Samples are averaged over blocks of three tenths of the depth.
+    Samples are averaged over blocks with a length of three tenths of the depth.
 
     Raises MapError if there are too many masses.
     """
@@ -149,7 +157,10 @@ class Equations:
         self._block_m = _BLOCK * depth_m
 
     def of(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """Return the normal equations of some lines: upper triangle (J, J), right side (J,)."""
+        """Return the summed normal equations of the lines with indices ``chosen``.
+
+        The results are the matrix (J, J), only its upper triangle, and the right side (J,).
+        """
         count = self.places.shape[1]
         matrix, right = np.zeros((count, count), order="F"), np.zeros(count)
         weights = weights_of(self.lines)
@@ -169,11 +180,12 @@ class Equations:
         return matrix, right
 
     def solved(self, matrix: Array, right: Array, damping: float) -> EquivalentSources:
-        """Return the masses (J,) from normal equations (J, J), (J,).
+        """Return the J masses that solve damped normal equations.
 
-        ``damping`` is relative to the mean of the diagonal.
+        ``matrix`` (J, J) and ``right`` (J,) are the equations of :meth:`of`. ``damping`` is
+        relative to the mean of the diagonal.
 
-        Raise MapError if the damping leaves the masses undetermined.
+        Raises MapError if the damping is too small to determine the masses.
         """
         damped = matrix.copy(order="F")
         damped[np.diag_indices_from(damped)] += damping * np.trace(matrix) / len(matrix)
@@ -188,14 +200,14 @@ class Equations:
 
 
 def residuals(sources: EquivalentSources, lines: SurveyLines, index: int) -> Array:
-    """Return measurement minus map of a line, less the mean of the line, (n, components)."""
+    """Return measurement minus map (n, components) of line ``index``, less the line's mean."""
     samples = lines.samples(index)
     differences: Array = lines.values[samples] - sources.along(lines, samples)
     return differences - differences.mean(axis=0)
 
 
 def metres_along(lines: SurveyLines, index: int) -> Array:
-    """Return the distance (N,) of each sample of a line from the first, along the track [m]."""
+    """Return the distance (N,) of each sample of line ``index`` from its start, along track [m]."""
     east, north, _ = Plane.under(lines).metres(lines)[:, lines.samples(index)]
     steps = np.hypot(np.diff(east), np.diff(north))
     distance: Array = np.concatenate([[0.0], np.cumsum(steps)])

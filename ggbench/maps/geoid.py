@@ -1,4 +1,4 @@
-"""Heights above sea level as heights above the ellipsoid, by the shipped part of EGM2008."""
+"""Geoid heights from the shipped part of EGM2008, to convert heights above sea level."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _STEP_DEG, _MARGIN_DEG, _FEWEST_NODES = 0.5, 0.05, 4
 def geoid_heights(latitude: Array, longitude: Array) -> Array:
     """Return heights of the geoid above the ellipsoid (N,) [m] along a track (N,) [deg].
 
-    Bruns' formula with EGM2008 to degree 120: within 1 m over flat land, and a few metres in
-    mountains, where short waves are missing.
+    The method is Bruns' formula with EGM2008 to degree 120. Without higher degrees the error is up
+    to 1 m over flat land, and a few metres in mountains.
     """
     rows = np.arange(len(latitude))
     nodes = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_NODES)).round())
@@ -37,9 +37,10 @@ def geoid_heights(latitude: Array, longitude: Array) -> Array:
 
 
 def geoid_over(latitude: Array, longitude: Array) -> Array:
-    """Return heights of the geoid above the ellipsoid (N,) [m] at places (N,) [deg].
+    """Return heights of the geoid above the ellipsoid (N,) [m] at positions (N,) [deg].
 
-    As :func:`geoid_heights`, between nodes of a grid over the places.
+    The heights are computed as in :func:`geoid_heights` at the nodes of a grid that covers the
+    positions, and interpolated.
     """
     axes = [_axis(places) for places in (latitude, longitude)]
     heights = np.array([[_geoid_height(lat, lon) for lon in axes[1]] for lat in axes[0]])

@@ -1,8 +1,9 @@
-"""Coefficients that vary with time, reduced to an epoch: gfct, trnd, acos and asin of ICGEM.
+"""Reduction of time-variable coefficients of ICGEM (gfct, trnd, acos, asin) to an epoch.
 
-G(t) = G(t0) + trnd (t − t0) + Σ acos cos(2π (t − t0)/p) + asin sin(2π (t − t0)/p), with t in years;
-Ince et al., Earth System Science Data 11 (2019) 647. Format icgem2.0 has an interval t0, t1 on each
-line, of which the one that holds the epoch counts; the format before has t0 on lines gfct.
+G(t) = G(t0) + trnd (t − t0) + Σ acos cos(2π (t − t0)/p) + asin sin(2π (t − t0)/p), with time t,
+reference epoch t0 and period p in years (Ince et al., Earth System Science Data 11 (2019) 647). In
+the format icgem2.0 each line has an interval of validity t0 to t1, and lines whose interval
+contains the epoch are used. In the older format each ``gfct`` line has the reference epoch t0.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ class _Coefficient:
 
 
 def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None) -> bytes:
-    """Return the lines of coefficients, with time-variable ones reduced to an epoch.
+    """Return the lines of a file's coefficients, reduced to an epoch.
 
-    ``body`` are the lines below the header of a file; ``intervals`` states whether lines have an
-    interval of validity (icgem2.0).
+    ``body`` contains the lines below the header of a file. ``intervals`` states whether the lines
+    have an interval of validity (icgem2.0).
 
-    Raises MapError if coefficients vary but there is no epoch, or an epoch but no varying
-    coefficients; if a line cannot be read, or the epoch lies outside all intervals.
+    Raises MapError if coefficients are time-variable and no epoch is given, or the reverse; if a
+    line cannot be read; if the epoch lies outside all intervals.
     """
     lines = [match[0].decode("latin-1") for match in _VARYING.finditer(body)]
     if not lines:

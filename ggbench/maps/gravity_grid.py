@@ -45,27 +45,29 @@ def read_grid(
     area: Area | None = None,
     voids: Sequence[float] = (),
 ) -> GravityGrid:
-    """Return the grid in a netCDF file (also GMT's), a raster, a ``.gdf`` or an ``.npz`` file.
+    """Return the grid of a netCDF file (CF or GMT), raster, ``.gdf`` or ``.npz`` file.
 
-    A netCDF file has one variable on latitude x longitude. Its attribute ``units``, and the unit of
-    a raster's band, is m for a geoid and mGal, µGal, Gal or m/s² for gravity; without a unit mGal
-    is assumed. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or Surfer grid, identified by
-    its suffix. A ``.gdf`` file of ICGEM's calculation service states its quantity, unit and height.
-    An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m`` [1e-4 m], a geoid.
+    A netCDF file has one variable on latitude x longitude. The unit of this variable (attribute
+    ``units``) or of a raster's band is m for a geoid and mGal, µGal, Gal or m/s² for gravity;
+    without a unit mGal is assumed. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or Surfer
+    grid, as its suffix indicates. A ``.gdf`` file of ICGEM's calculation service states its
+    quantity, unit and height. An ``.npz`` file contains a geoid: ``lat0``, ``lon0``, ``step`` [deg]
+    and ``N_1e4m`` [1e-4 m].
 
     Parameters
     ----------
-    path : of the file.
+    path : path of the file.
     kind : ``geoid``, ``anomaly`` or ``disturbance``.
     height_m : height of the values above the ellipsoid [m].
-    area : area in which values are needed. A grid with gaps is cut to it. A grid around the Earth
-        is cut opposite to it, unless its own edges suit. None: everywhere.
-    voids : further values in the file that mark gaps.
+    area : area in which values are needed; None: everywhere. A grid with gaps is cropped to the
+        area. A grid around the Earth is cut opposite to the area if the edge of the grid crosses
+        the area.
+    voids : additional values in the file that mark gaps.
 
     Raises
     ------
     MapError
-        If the file cannot be read, has gaps in the area, an irregular grid, other units, or
+        If the file cannot be read, has gaps in the area, is not regular, has other units, or has
         impossible values.
     """
     units = dataclasses.replace(_UNITS[kind], voids=tuple(voids), kind=kind)
@@ -127,9 +129,10 @@ def read_grid(
 
 
 def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
-    """Return the land heights (n_lat, n_lon) at the nodes of a grid [m], 0 at sea.
+    """Return the land heights (n_lat, n_lon) [m] at the nodes of a grid; 0 at sea.
 
-    A terrain finer than the grid is averaged first, by a Gaussian of half the grid's step.
+    A terrain finer than the grid is smoothed first, by a Gaussian with a standard deviation of half
+    the grid's step.
 
     Raises MapError if the terrain does not cover the grid.
     """

@@ -1,7 +1,7 @@
-"""Global gravity field models: files of spherical harmonic coefficients.
+"""Reader of global gravity field models: files of spherical harmonic coefficients.
 
-The ``.gfc`` files of the International Centre for Global Earth Models (Barthelmes and Förste 2011),
-plain or packed with gzip, zip or tar, and the shipped ``.npz`` file.
+The formats are ``.gfc`` files of the International Centre for Global Earth Models (Barthelmes and
+Förste 2011), plain or packed with gzip, zip or tar, and the shipped ``.npz`` file.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _SUFFIX = ".gfc"
 
 @dataclass(frozen=True)
 class GravityModel:
-    """A model's name, and its whole potential to a degree, fully normalised and tide-free."""
+    """Name of a model, and coefficients of its whole potential (fully normalised, tide-free)."""
 
     name: str
     coefficients: HarmonicCoefficients
@@ -59,15 +59,15 @@ class GravityModel:
 def read_model(
     path: Path, highest: int | None = None, epoch: datetime.date | None = None
 ) -> GravityModel:
-    """Return the model of a ``.gfc`` file, also packed, or of an ``.npz`` file.
+    """Return the model of a ``.gfc`` file (plain or packed) or of an ``.npz`` file.
 
-    An ``.npz`` file holds ``cs``, rows (C, S) for n = 0... and, within n, m = 0..n, ``gm`` [m³/s²]
-    and ``r`` [m]. Degrees above the ``highest`` are left out; an ``epoch`` is for coefficients that
-    vary with time.
+    An ``.npz`` file contains ``gm`` [m³/s²], ``r`` [m] and ``cs``: rows (C, S) in the order of
+    degree n = 0, 1, ... and, within a degree, order m = 0..n. Degrees above ``highest`` are
+    omitted. Time-variable coefficients are reduced to ``epoch``.
 
-    Raises MapError if the file cannot be read, has another format, duplicate or missing
-    coefficients, or a lower degree; if its coefficients vary with time but there is no epoch, or
-    the reverse.
+    Raises MapError if the file cannot be read or has another format; if coefficients are duplicate
+    or missing; if its degree is below ``highest``; if coefficients are time-variable and no epoch
+    is given, or the reverse.
     """
     content = content_of(path, MapError, "the coefficients ")
     if path.suffix == ".npz":

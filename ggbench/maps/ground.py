@@ -1,7 +1,7 @@
 """Highest ground of a terrain, the lower limit of a map of level layers.
 
-Parker's series is valid only above the highest ground, so over a valley the map begins as high as
-over the summit. Layers of :mod:`.drape` follow the ground.
+Parker's series is valid only above the highest ground, so over valleys the lowest layer is as high
+as over the summit. Draped layers (:mod:`.drape`) follow the ground instead.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _DRAPE_M = 200.0  # height of a flight above the ground, of which is said where 
 
 @dataclass(frozen=True)
 class Ground:
-    """The highest ground of a terrain; heights are above the ellipsoid [m].
+    """Highest ground of a terrain. Heights are above the ellipsoid [m].
 
     Attributes
     ----------
@@ -58,10 +58,11 @@ class Ground:
         return float(self.terrain.latitudes_deg[row]), float(self.terrain.longitudes_deg[column])
 
     def lowest_m(self) -> float:
-        """Default height of the lowest layer.
+        """Return the default height of the lowest layer of a map.
 
-        It is limited by the spacing of the terrain, the convergence of the series, and the size of
-        the Fourier grid. It is at most the height of the planned flight over the summit.
+        The spacing of the terrain, the convergence of Parker's series and the size of the Fourier
+        grid set the clearance above the summit. The layer is at most as high as the planned flight
+        over the summit.
         """
         from ..gravity.parker import converging_clearance, least_clearance
 
@@ -75,7 +76,7 @@ class Ground:
         return max(self.floor_m(), min(lowest, self.highest_m + self.clearance_m))
 
     def floor_m(self) -> float:
-        """Lowest possible height of a map."""
+        """Return the lowest possible height of a map."""
         from ..gravity.parker import least_clearance
 
         return math.ceil(self.highest_m + least_clearance(self.terrain))
@@ -93,7 +94,8 @@ class Ground:
     def beyond(self, nodes: Nodes, density: float) -> list[str]:
         """Return a remark on the effect of unknown ground beyond the terrain, if it is large.
 
-        A half-plane of the thickness t from the distance D on has the gradient 2 G ρ t / D.
+        The estimate uses a half-plane of thickness t and density ρ beyond the distance D: its
+        gradient is 2 G ρ t / D, with the gravitational constant G. ``density`` is ρ [kg/m³].
         """
         from ..gravity.parker import GRAVITATIONAL_CONSTANT  # compiled, as the series below
 
@@ -127,7 +129,7 @@ class Ground:
         ]
 
     def remark(self, nodes: Nodes) -> str:
-        """Effect of the lowest layer on a flight that follows the ground."""
+        """Return a remark on the area over which terrain-following flights are inside the map."""
         lowest = float(nodes.height_m[0])
         lat, lon = nodes.latitude_deg, nodes.longitude_deg
         around = self.terrain.crop(lat[0], lat[-1], lon[0], lon[-1]).height_m

@@ -1,4 +1,4 @@
-"""Grid files of ICGEM's calculation service."""
+"""Reader of grid files (``.gdf``) of ICGEM's calculation service."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _KINDS = {
 
 
 class ReadGrid(NamedTuple):
-    """Content of a file.
+    """Content of a grid file.
 
     Attributes
     ----------
-    latitude, longitude : of the nodes (n_lat,), (n_lon,) [deg], in any order.
+    latitude, longitude : coordinates of the nodes (n_lat,), (n_lon,) [deg], in any order.
     values : (n_lat, n_lon), NaN for gaps.
-    remarks : on the content.
-    height_m : height of the values above the ellipsoid; None if the file does not state it.
-    is_height_anomaly : whether the file states this.
+    remarks : texts on assumptions about the content.
+    height_m : height of the values above the ellipsoid; None if not stated.
+    is_height_anomaly : whether the file states that its values are height anomalies.
     """
 
     latitude: Array
@@ -44,9 +44,10 @@ class ReadGrid(NamedTuple):
 
 
 def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
-    """Return the ``geoid``, ``anomaly`` or ``disturbance`` in a ``.gdf`` file, and its unit.
+    """Return the grid of a ``.gdf`` file and the unit of its values.
 
-    The unit is empty if the header names none.
+    ``kind`` is ``geoid``, ``anomaly`` or ``disturbance``. The unit is empty if the header states
+    none.
 
     Raises MapError if the file has another format, or its header states another quantity.
     """

@@ -1,8 +1,8 @@
-"""Gravity-gradient maps as self-describing netCDF files (CF conventions 1.11).
+"""Writer of gravity-gradient maps as self-describing netCDF files (CF conventions 1.11).
 
-One variable per component of the tensor and of the gravity disturbance, each on height x latitude x
-longitude, so that any program for netCDF grids can draw them. A file is written layer by layer,
-without the whole map in memory. Equal maps give equal bytes.
+Each component of the tensor and of the gravity disturbance is one variable on height x latitude x
+longitude, so programs for netCDF grids can draw it. A file is written layer by layer, without the
+whole map in memory. Equal maps give files with equal bytes.
 """
 
 from __future__ import annotations
@@ -89,10 +89,10 @@ _CRS = {
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes of a map: ascending and regular latitudes, longitudes [deg] and heights [m].
+    """Nodes of a map: ascending and regular latitudes, longitudes [deg] and heights [m].
 
-    For a draped map ``height_m`` are heights above its base surface, and ``base_m`` (n_lat, n_lon)
-    is the height of the base above the ellipsoid; None: level layers.
+    For a draped map, ``height_m`` are heights above the base surface, and ``base_m`` (n_lat, n_lon)
+    are heights of the base surface above the ellipsoid. ``base_m`` is None for level layers.
     """
 
     latitude_deg: Array
@@ -102,7 +102,7 @@ class Nodes:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Numbers of latitudes, longitudes and heights."""
+        """Number of latitudes, of longitudes and of heights."""
         return self.latitude_deg.size, self.longitude_deg.size, self.height_m.size
 
     def map_of(
@@ -112,13 +112,14 @@ class Nodes:
         provenance: str,
         errors: Errors | None = None,
     ) -> GradientMap:
-        """Return the map of a field on these nodes.
+        """Return a map of a disturbing field on these nodes.
 
         Parameters
         ----------
         tensor : (n_lat, n_lon, n_h, 6) disturbing gradient [E].
         gravity_disturbance : (n_lat, n_lon, n_h, 3) [m/s²].
-        provenance, errors : of the map.
+        provenance, errors : source of the map in words; standard errors and error distances, if
+            known.
         """
         axes = self.latitude_deg, self.longitude_deg, self.height_m
         latitude_step, longitude_step, height_step = map(step_of, axes)
@@ -140,14 +141,14 @@ class Nodes:
 
 
 def axes_of(draped: bool) -> dict[str, dict[str, Any]]:
-    """Return the axes of a file, in its order, with their attributes."""
+    """Return the names of the axes, in the order of the file, with their attributes."""
     if not draped:
         return AXES
     return {CLEARANCE: _CLEARANCE, **{name: AXES[name] for name in ("latitude", "longitude")}}
 
 
 def step_of(axis: Array) -> float:
-    """Return the distance between nodes of a regular axis (N,)."""
+    """Return the distance between the nodes (N,) of a regular axis."""
     return float((axis[-1] - axis[0]) / (axis.size - 1))
 
 
@@ -160,16 +161,16 @@ def write_layers(
     compression: int = 1,
     errors: Errors | None = None,
 ) -> None:
-    """Write a map atomically.
+    """Write a map layer by layer; the file appears only when it is complete.
 
     Parameters
     ----------
-    path : of the file; a missing folder is created.
-    nodes : of the map.
-    layers : one per height, from the lowest up.
+    path : path of the file; a missing folder is created.
+    nodes : nodes of the map.
+    layers : tensor and gravity disturbance of each layer, from the lowest up.
     attributes : global attributes: title, source, history, ...
-    dtype : ``float32`` (1e-5 E on a field of 100 E) or ``float64``.
-    compression : of zlib, 0 (none) to 9.
+    dtype : ``float32`` (rounding error 1e-5 E in a field of 100 E) or ``float64``.
+    compression : level of zlib, 0 (none) to 9.
     errors : standard errors of the map, if known.
 
     Raises
@@ -222,9 +223,9 @@ def write_layers(
 
 
 def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None:
-    """Write a map from memory.
+    """Write a map from memory to a netCDF file.
 
-    Longitudes are shifted by whole turns, so that the middle of the map is within ±180°.
+    Longitudes are shifted by a multiple of 360° such that the middle of the map is within ±180°.
 
     Raises
     ------
@@ -300,7 +301,7 @@ def _ahead(layers: Iterable[Layer]) -> Iterator[Layer]:
 
 
 def variables() -> dict[str, dict[str, str]]:
-    """Return the names of the nine components in a file, with their attributes."""
+    """Return the variable names of the nine components in a file, with their attributes."""
     words = {"e": "east", "n": "north", "u": "up"}
     gradients = {
         f"gradient_{name}": {
@@ -322,5 +323,5 @@ def variables() -> dict[str, dict[str, str]]:
 
 
 def described(items: Mapping[str, Any]) -> str:
-    """Return a mapping as one line of JSON, for an attribute."""
+    """Return a mapping as one line of JSON, for an attribute of a file."""
     return json.dumps(dict(items), ensure_ascii=False, default=str)

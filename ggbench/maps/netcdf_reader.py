@@ -52,10 +52,11 @@ _LIMITS = {"height": (-12e3, 1e6), "latitude": (-90.0, 90.0), "longitude": (-360
 def read(path: Path, crop: Area | None = None) -> GradientMap:
     """Return the map of a netCDF file in the format of this package.
 
-    Dimensions may be in any order, latitudes and heights may descend. With ``crop`` only the nodes
-    of this region and a small margin are read.
+    Dimensions may be in any order, and latitudes and heights may descend. With ``crop`` only the
+    nodes of this area and of a small margin are read.
 
-    Raises MapError if the file does not exist or is no complete map; the message states the fault.
+    Raises MapError if the file does not exist or is not a complete map; the message states the
+    fault.
     """
     with _opened(path) as file:
         nodes, slices = _read_nodes(path, file)
@@ -75,9 +76,10 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
 
 
 def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
-    """Return nodes, attributes and, one at a time, the layers of a file, from the lowest up.
+    """Return the nodes, the attributes and an iterator over the layers of a file.
 
-    Raises MapError as :func:`read`; faults of values are raised with their layer.
+    Layers are read one at a time, from the lowest up. Raises MapError in the cases of :func:`read`.
+    Invalid values raise MapError when the iterator reaches their layer.
     """
     with _opened(path) as file:
         nodes, descends = _read_nodes(path, file)
@@ -94,7 +96,7 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
 
 
 def source_files(path: Path) -> dict[str, str]:
-    """Return names and SHA-256 of the files from which a map was made.
+    """Return the name and SHA-256 of each file from which a map was made.
 
     The result is empty if the map does not state them. Raises MapError if the file does not exist.
     """

@@ -1,4 +1,4 @@
-"""Nodes of a map: requested by the user, or the finest that the inputs support."""
+"""Choice of the nodes of a map: a user's request, or the finest that the inputs support."""
 
 from __future__ import annotations
 
@@ -50,21 +50,21 @@ class GridRequest:
 
     @property
     def area(self) -> Area:
-        """Requested bounds."""
+        """Requested bounds in latitude and longitude."""
         return Area(self.south_deg, self.north_deg, self.west_deg, self.east_deg)
 
 
 @dataclasses.dataclass
 class SourceExtent:
-    """Valid area and heights of a source.
+    """Valid area and heights of a source of the field.
 
     Attributes
     ----------
     bounds : limits south, north, west, east [deg].
-    good : the same without the edges, where the field is less accurate.
-    floor_m : heights must be above this [m].
-    lowest_m : lowest height by default [m].
-    sources_m : height of the sources [m]; the distance to them limits the spacing.
+    good : the same limits without the edges, where the field is less accurate.
+    floor_m : lowest valid height [m].
+    lowest_m : default of the lowest height [m].
+    sources_m : height of the masses [m]; the distance from the masses limits the node spacing.
     ground : description of the highest ground; "" for other sources.
     """
 
@@ -79,12 +79,12 @@ class SourceExtent:
 def nodes_for(
     extents: list[SourceExtent], request: GridRequest, drape: tuple[float, float] | None = None
 ) -> tuple[Nodes, list[str]]:
-    """Return the nodes, within the limits of all sources, and remarks on them.
+    """Return nodes within the limits of all sources, and remarks on the choice of nodes.
 
-    ``drape`` are the heights of the lowest and highest layer of a draped map above its base [m];
-    the base itself is not set yet.
+    ``drape`` contains the heights of the lowest and highest layer of a draped map above its base
+    surface [m]. The base surface of the result is not set.
 
-    Raise MapError if a request lies outside of the inputs or is too large.
+    Raises MapError if the request lies outside the sources or has too many nodes.
     """
     remarks: list[str] = []
     inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
@@ -272,7 +272,11 @@ def _horizontal(request: GridRequest, across: float, distance: float, remarks: l
 
 
 def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
-    """Return largest horizontal and vertical node distances at a distance from the sources [m]."""
+    """Return the largest horizontal and vertical distances between nodes [m].
+
+    ``distance`` is the distance from the masses [m]; ``ground`` states whether the masses are
+    ground.
+    """
     quarter = _SPACING_PER_HEIGHT * distance
     if not ground:
         return quarter, quarter

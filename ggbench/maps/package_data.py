@@ -1,4 +1,4 @@
-"""NumPy archives among the data files of the package."""
+"""Reader of NumPy archives among the data files of the package."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from ..gravity.gradient_map import MapError
 
 
 def data_bytes(name: str) -> bytes:
-    """Return the content of a data file. Raises MapError if it cannot be read."""
+    """Return the content of a data file of the package.
+
+    Raises MapError if the file cannot be read.
+    """
     try:
         return (importlib.resources.files("ggbench.scenarios") / "data" / name).read_bytes()
     except (OSError, ModuleNotFoundError) as error:
@@ -22,7 +25,10 @@ def data_bytes(name: str) -> bytes:
 
 
 def data_arrays(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Return arrays of a data file. Raises MapError if it is missing or damaged."""
+    """Return the arrays ``keys`` of a data file of the package.
+
+    Raises MapError if the file is missing or damaged.
+    """
     content = data_bytes(name)
     try:
         return read_arrays(content, MapError, "it", keys)
@@ -31,7 +37,7 @@ def data_arrays(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
 
 
 def damaged(name: str, keys: tuple[str, ...], error: Exception) -> MapError:
-    """Return the error for a data file with unusable arrays."""
+    """Return a MapError for a data file without usable arrays ``keys``."""
     return MapError(
         f"Data file {name} of ggbench.scenarios is damaged ({text_of(error)}; arrays needed: "
         f"{', '.join(keys)}): install the package again."

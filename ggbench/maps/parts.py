@@ -1,9 +1,9 @@
-"""Parts of a map, and their sum without double counting.
+"""Parts of a map, and the sum of parts without double counting.
 
 Spherical harmonics represent the field up to a degree N. A terrain adds shorter wavelengths: its
-field less that of the terrain smoothed to degree N, which the harmonics contain already (residual
-terrain modelling, Forsberg 1984). The smoothing is a Butterworth filter of the terrain's spectrum
-and acts on masses: water counts with its density deficit.
+field minus the field of the same terrain smoothed to degree N, which the harmonics already contain
+(residual terrain modelling, Forsberg 1984). The smoothing is a Butterworth filter of the spectrum
+of the terrain's masses; water is a density deficit.
 
 Every part yields, for each height of a map, the tensor (n_lat, n_lon, 6) [E] and the gravity
 disturbance (n_lat, n_lon, 3) [m/s²].
@@ -45,18 +45,18 @@ _WIDEST_DEG = 11.0  # of a terrain, in degrees of arc: its field is computed on 
 
 
 class Part(Protocol):
-    """One of the fields that make up a map."""
+    """Part of a map: a field that is added to other parts."""
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield tensor and gravity disturbance on latitude x longitude for each height.
+        """Yield tensor (n_lat, n_lon, 6) and gravity disturbance (n_lat, n_lon, 3) of each height.
 
-        Callers may change the arrays.
+        The units are E and m/s². Callers may change the arrays.
         """
         ...
 
 
 def summed(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
-    """Yield the sum of all parts for each height."""
+    """Yield the sum of all parts for each height of a map with level layers."""
     first, *others = (part.layers(nodes) for part in parts)
     for tensor, disturbance in first:
         for layers in others:  # one after the other, and in place: a layer may be large
@@ -68,20 +68,21 @@ def summed(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
 
 @dataclasses.dataclass(frozen=True)
 class HarmonicPart:
-    """The field of spherical harmonics, of the disturbing potential.
+    """Map part: the field of spherical harmonics of the disturbing potential.
 
     Attributes
     ----------
-    coefficients : of the disturbing potential.
-    nodes_per_half_wave : largest number of nodes per half wave of the highest degree at which the
-        series is summed; a spline of degree 5 fills denser nodes. Infinite: every node.
+    coefficients : coefficients of the disturbing potential.
+    nodes_per_half_wave : density of nodes, per half wavelength of the highest degree, up to which
+        the series is summed at every node. If the map is denser, a spline of degree 5 interpolates
+        between summed nodes. Infinite: no interpolation.
     """
 
     coefficients: HarmonicCoefficients
     nodes_per_half_wave: float = _NODES_PER_HALF_WAVE
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield the synthesis, by a spline where nodes are far denser than waves."""
+        """Yield the field of the harmonics for each height."""
         finest = 180.0 / self.coefficients.degree / self.nodes_per_half_wave
         latitude, to_latitude = _coarser(nodes.latitude_deg, finest, 89.999)
         # Towards the poles waves get shorter in longitude; orders, which bound them, do not.
@@ -104,12 +105,12 @@ class HarmonicPart:
 
 @dataclasses.dataclass(frozen=True)
 class ResidualPart:
-    """The field of a gravity grid beyond the harmonics that were removed from it."""
+    """Map part: the residual field of a gravity grid, without the harmonics removed from it."""
 
     residual: Residual
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield the residual field, continued upwards from the grid."""
+        """Yield the residual field, continued upwards from the grid to each height."""
         latitude, longitude = np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg)
         for height in nodes.height_m:
             tensor = np.zeros((latitude.size, longitude.size, 1, 6))
@@ -120,14 +121,14 @@ class ResidualPart:
 
 @dataclasses.dataclass(frozen=True)
 class TerrainPart:
-    """The field of a terrain, or only its wavelengths shorter than those of a degree.
+    """Map part: the field of a terrain, or only its wavelengths shorter than those of a degree.
 
     Attributes
     ----------
     terrain, options : see :mod:`ggbench.gravity.parker`.
     above_degree : subtract the field of the terrain smoothed to this degree; None: no subtraction.
-    geoid_height_m : of the terrain's zero level above the ellipsoid [m].
-    dtype : of the field; ``float32`` causes errors of about 1e-5 E.
+    geoid_height_m : height of the terrain's zero level above the ellipsoid [m].
+    dtype : type of the field's values; ``float32`` causes errors of about 1e-5 E.
     """
 
     terrain: Terrain
@@ -137,7 +138,7 @@ class TerrainPart:
     dtype: str = "float32"
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield the field."""
+        """Yield the terrain's field for each height."""
         from ..gravity.parker import terrain_layers
 
         axes = (np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m)
@@ -158,7 +159,7 @@ class TerrainPart:
 
 
 def terrain_about(terrain: Terrain, nodes: Nodes) -> Terrain:
-    """Return the terrain, or its part around the map if it is too wide for a plane."""
+    """Return the terrain; if it is too wide for a plane, return the part around the map."""
     middle = 0.5 * (nodes.latitude_deg[0] + nodes.latitude_deg[-1])
     half = np.array([_WIDEST_DEG, _WIDEST_DEG / math.cos(math.radians(middle))]) / 2.0
     spans = np.ptp(terrain.latitudes_deg), np.ptp(terrain.longitudes_deg)
@@ -173,8 +174,8 @@ def terrain_about(terrain: Terrain, nodes: Nodes) -> Terrain:
 def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
     """Return the terrain without wavelengths shorter than those of a degree.
 
-    A Butterworth filter of order 8: a wave of degree n keeps 1 / (1 + (n/degree)^16) of its
-    amplitude. The terrain is continued by its mirror image at its edges.
+    The filter is a Butterworth filter of order 8: it multiplies the amplitude of a wave of degree n
+    by 1 / (1 + (n/degree)^16). Beyond its edges the terrain is continued by its mirror image.
 
     Raises MapError if the terrain is smaller than one wavelength of the degree, or if its ground is
     not denser than water.

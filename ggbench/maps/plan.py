@@ -1,4 +1,4 @@
-"""Plan of a map from users' files: parts, nodes and description."""
+"""Plan of a map from users' files: parts, nodes and attributes."""
 
 from __future__ import annotations
 
@@ -51,23 +51,26 @@ _INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them 
 
 @dataclasses.dataclass(frozen=True)
 class Inputs:
-    """Inputs of a map; see ``ggbench map build --help``.
+    """Inputs of a map from users' files; see ``ggbench map build --help``.
 
     Attributes
     ----------
-    terrain, coefficients, grid, land_correction : files.
+    terrain, coefficients, grid, land_correction : paths of files; None if not used.
     grid_kind : ``geoid``, ``anomaly`` or ``disturbance``.
     grid_height_m : height of the grid's values above the ellipsoid [m].
-    min_degree, max_degree : of the coefficients.
+    min_degree, max_degree : lowest and highest degree of the coefficients that is used.
     epoch : epoch of time-variable coefficients.
-    terrain_from_degree : degree up to which the other files contain the field.
-    density, water_density, order : of the terrain; see :mod:`ggbench.gravity.parker`.
-    geoid_height_m : of the terrain's zero level above the ellipsoid [m]; None: EGM2008 for a draped
-        map, 0 for a level one.
-    voids : further values that mark voids in terrains and grids.
+    terrain_from_degree : degree up to which the other files contain the field; the terrain adds
+        shorter wavelengths.
+    density, water_density, order : densities [kg/m³] and order of the series of the terrain; see
+        :mod:`ggbench.gravity.parker`.
+    geoid_height_m : height of the terrain's zero level above the ellipsoid [m]; None: EGM2008 for a
+        draped map, 0 for a map of level layers.
+    voids : additional values that mark voids in terrains and grids.
     clearance_m : planned height of the flight above the ground; None if unknown.
-    drape : lowest and highest layer above the ground of a draped map [m]; None: layers are level.
-    tolerance_eotvos : of the field of a draped map's terrain.
+    drape : heights of the lowest and highest layer above the base surface of a draped map [m];
+        None: level layers.
+    tolerance_eotvos : largest error from approximating the terrain's masses in a draped map [E].
     continued : whether the terrain of a draped map is continued beyond its edges.
     """
 
@@ -97,7 +100,7 @@ LayersFor = Callable[[Nodes, float], tuple[float, float]]
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """A map that can be computed, with its standard errors if they are known."""
+    """Map that can be computed, with standard errors if they are known."""
 
     parts: tuple[Part, ...]
     nodes: Nodes
@@ -119,11 +122,11 @@ def plan(
 
     Parameters
     ----------
-    inputs, request : of the map.
-    command : the user's command, for the history of the file.
-    layers_for : chooses the lowest and the highest layer of a draped map [m above its base], from
-        nodes with their base and the terrain's zero level [m above the ellipsoid]. The layers of
-        the inputs are then a first guess.
+    inputs, request : files and options; requested nodes.
+    command : the user's command, for the ``history`` attribute of the file.
+    layers_for : function that chooses the lowest and the highest layer of a draped map [m above the
+        base surface]. Its arguments are nodes with a base surface, and the height of the terrain's
+        zero level [m above the ellipsoid]. The layers of the inputs are then a first guess.
 
     Raises MapError or TerrainError if a file is invalid, files contradict each other, or bounds are
     outside the inputs.
@@ -479,7 +482,7 @@ class _Sources:
 
 
 class LayersWithRms:
-    """Layers of a map and the RMS of their components, while they are written."""
+    """Iterator over the layers of a map that also stores the RMS of each layer's components."""
 
     def __init__(self, layers: Iterator[Layer]) -> None:
         self._layers = layers

@@ -1,6 +1,6 @@
-"""Recipes of maps from shipped data, and the cache of these maps.
+"""Recipes of maps from shipped data, and the cache of built maps.
 
-:mod:`.maps.shipped` defines the sources. Maps exclude the normal field, which
+:mod:`ggbench.maps.shipped` defines the sources. Maps exclude the normal field, which
 :mod:`.gravity.ellipsoid` computes exactly. Tensor components are ordered [EE, EN, EU, NN, NU, UU],
 x = east, y = north, z = up.
 """
@@ -45,29 +45,31 @@ _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolatio
 
 @dataclass(frozen=True)
 class MapRecipe:
-    """Recipe of a map: equal recipes give equal maps.
+    """Recipe of a map from shipped data; equal recipes give equal maps.
 
-    Nodes start at the south-western, lowest corner; the last ones lie on the other bounds, or
-    beyond them by less than one spacing.
+    The first node is the south-western, lowest corner. The last nodes lie on the northern, eastern
+    and upper bounds, or beyond these bounds by less than one spacing.
 
     Attributes
     ----------
     source : a key of :data:`ggbench.maps.shipped.SOURCES`.
     south_deg, north_deg, west_deg, east_deg : bounds [deg], longitudes in any turn.
     min_height_m, max_height_m : bounds [m above the ellipsoid].
-    spacing_arcmin : in latitude and in longitude. At most a quarter of the height above the
-        sources (on land, above the ellipsoid) in all but the two lowest layers of nodes; the error
-        of a cubic spline is then below 1e-3 E.
-        Of a terrain: at most 0.6 of the height above its highest ground there; the error at a
-        tenth of a kilometre above it is then 0.01 E rms.
-    height_spacing_m : at most a quarter of the lowest height above half the sources' depth; of a
-        terrain, at most the lowest height above its highest ground.
-    land_correction : whether to turn the geoid into the height anomaly with the topography.
-    relief_smoothing_deg : standard deviation of a Gaussian that smooths the topography before;
-        0, no smoothing, is the field that the benchmark declares. At most 1.
-    density_kg_m3 : of the ground of a terrain.
-    drape : whether heights are above the base surface of a terrain's ground (:mod:`.drape`), and
-        nodes at most as far apart as they are above it, in all but the two lowest layers.
+    spacing_arcmin : distance between nodes in latitude and in longitude. In all but the two lowest
+        layers it must be at most a quarter of the height above the masses (on land, above the
+        ellipsoid); the error of a cubic spline is then below 1e-3 E. For a terrain it must be at
+        most 0.6 of the height above the highest ground in these layers; the error 100 m above the
+        highest ground is then 0.01 E RMS.
+    height_spacing_m : distance between layers. It must be at most a quarter of the lowest height
+        above half the depth of the masses; for a terrain, at most the lowest height above the
+        highest ground.
+    land_correction : whether to convert the geoid to the height anomaly with the topography.
+    relief_smoothing_deg : standard deviation of a Gaussian that smooths topography or terrain
+        before use; 0 (no smoothing) to 1. The benchmark uses 0.
+    density_kg_m3 : density of the ground of a terrain.
+    drape : whether heights count from the base surface of a terrain (:mod:`.drape`). In all but the
+        two lowest layers the distance between nodes must then be at most the height above the base
+        surface.
     """
 
     source: str
@@ -88,11 +90,11 @@ class MapRecipe:
 def load_or_build(recipe: MapRecipe) -> GradientMap:
     """Return the map of a recipe from the cache, or build and cache it.
 
-    The cache is a folder of netCDF files. Their names are hashes of recipe, data and code, so they
-    are never outdated. A damaged file is replaced. If the folder cannot be written, maps are built
-    again each time. :data:`ggbench.numerics.cache.CACHE_VARIABLE` sets the folder.
+    The cache is a folder of netCDF files. The name of a file is a hash of recipe, data and code, so
+    an outdated file is never used. A damaged file is replaced. If the folder is not writable, maps
+    are built each time. :data:`ggbench.numerics.cache.CACHE_VARIABLE` sets the folder.
 
-    Raises MapError as :func:`build` does.
+    Raises MapError in the cases of :func:`build`.
     """
     recipe = checked(recipe)
     path = cached_path(recipe)
@@ -113,8 +115,9 @@ def build(recipe: MapRecipe) -> GradientMap:
 
     Raises
     ------
-    MapError : unknown source; bounds in the wrong order or outside the source; a spacing too wide
-        for the height; a smoothing outside 0 to 1 deg; a data file missing or damaged.
+    MapError : if the source is unknown; if bounds are in the wrong order or outside the source; if
+        a spacing is too wide for the height; if the smoothing is outside 0 to 1 deg; if a data file
+        is missing or damaged.
     """
     recipe = checked(recipe)
     source, nodes, options = SOURCES[recipe.source], nodes_of(recipe), options_of(recipe)
@@ -131,7 +134,7 @@ def build(recipe: MapRecipe) -> GradientMap:
 
 
 def nodes_of(recipe: MapRecipe) -> Nodes:
-    """Return the nodes of a map; the recipe must be from :func:`checked`."""
+    """Return the nodes of a map; ``recipe`` must be a result of :func:`checked`."""
     step = recipe.spacing_arcmin / 60.0
     n_lat, n_lon, n_h = _node_counts(recipe)
     latitude = recipe.south_deg + step * np.arange(n_lat)
@@ -157,7 +160,7 @@ def _draped(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
 
 
 def options_of(recipe: MapRecipe) -> PartOptions:
-    """Return the keys of a recipe that change the parts of its source."""
+    """Return the options of a recipe that change the parts of its source."""
     return PartOptions(recipe.land_correction, recipe.relief_smoothing_deg, recipe.density_kg_m3)
 
 
@@ -201,14 +204,14 @@ def _keep(path: Path, nodes: Nodes, gradient_map: GradientMap) -> None:
 
 
 def cached_path(recipe: MapRecipe) -> Path:
-    """Return the path of a recipe's map in the cache; the recipe must be from :func:`checked`."""
+    """Return the path of a map in the cache; ``recipe`` must be a result of :func:`checked`."""
     return cache_folder() / "maps" / f"{content_key(recipe)}.nc"
 
 
 def checked(recipe: MapRecipe) -> MapRecipe:
-    """Return a recipe with longitudes in the turn of its source.
+    """Return a valid recipe with longitudes in the turn of its source.
 
-    Raises MapError as :func:`build` if the recipe is impossible.
+    Raises MapError in the cases of :func:`build`.
     """
     # Comparisons are such that NaN fails.
     if recipe.source not in SOURCES:
@@ -330,12 +333,14 @@ def content_key(recipe: MapRecipe) -> str:
 
 
 def read(path: Path | str, crop: Area | None = None) -> GradientMap:
-    """Return the map of a netCDF file; with ``crop`` only the nodes of this area and a margin.
+    """Return the map of a netCDF file.
+
+    With ``crop`` only the nodes of this area and of a margin are read.
 
     Raises
     ------
     MapError
-        If the file does not exist or is no complete map; the message states the fault.
+        If the file does not exist or is not a complete map; the message states the fault.
     """
     return netcdf_reader.read(Path(path), crop)
 

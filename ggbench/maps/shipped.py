@@ -1,8 +1,8 @@
 """Shipped sources of maps, declared in ``shipped.toml``.
 
-A source is a list of parts of the same kinds as in users' maps. A field rebuilt from the EGM2008
-geoid differs from the field of EGM2008: over the Qinling mountains by some tenths of an E RMS, at
-sea by 0.03 E (README of the data).
+A source is a list of parts of the same kinds as in users' maps. A field that is computed from the
+EGM2008 geoid differs from the field of EGM2008 by some tenths of an E RMS over the Qinling
+mountains and by 0.03 E at sea (README of the data).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Limits(NamedTuple):
 
     Attributes
     ----------
-    latitudes, longitudes, heights : from and to [deg], [m above the ellipsoid].
-    spacing : the rule of the spacings.
+    latitudes, longitudes, heights : lower and upper limits [deg], [m above the ellipsoid].
+    spacing : rule of the largest distance between nodes.
     """
 
     latitudes: tuple[float, float]
@@ -39,13 +39,13 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True)
 class ShippedSource:
-    """A source of maps among the package's data.
+    """Source of maps among the data files of the package.
 
     Attributes
     ----------
     provenance : source of the data, in words.
     highest_m : highest height of a map above the ellipsoid [m].
-    parts : parts of the field, which are added.
+    parts : parts of the field; the field is their sum.
     declaration : entry of the source in ``shipped.toml``.
     """
 
@@ -56,30 +56,36 @@ class ShippedSource:
 
     @property
     def options(self) -> frozenset[str]:
-        """Fields of :class:`PartOptions` that affect a part."""
+        """Names of the fields of :class:`PartOptions` that affect a part of the source."""
         return frozenset().union(*(part.options for part in self.parts))
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the data files, each once."""
+        """Names of the data files of all parts, without duplicates."""
         return tuple(dict.fromkeys(name for part in self.parts for name in part.files))
 
     @property
     def errors(self) -> Errors | None:
-        """Standard errors of a map of one part, if known; those of a sum are unknown."""
+        """Standard errors of a map, if known; they are unknown for a sum of several parts."""
         return self.parts[0].errors() if len(self.parts) == 1 else None
 
     def loaded(self, options: PartOptions) -> tuple[Part, ...]:
-        """Return the parts of a map. Raises MapError for data that are missing or damaged."""
+        """Load the data and return the parts of a map.
+
+        Raises MapError if data are missing or damaged.
+        """
         return tuple(part.part(options) for part in self.parts)
 
     def described(self, options: PartOptions) -> str:
-        """Return the provenance of a map, in words."""
+        """Return a text on the source of a map's data, with the effect of the options."""
         notes = (part.note(options) for part in self.parts)
         return "; ".join(filter(None, (self.provenance, *notes)))
 
     def limits(self) -> Limits:
-        """Return the limits of all parts. Raises MapError as :meth:`loaded` does."""
+        """Return the region in which all parts are valid, and the limits of the node spacing.
+
+        Raises MapError if data are missing or damaged.
+        """
         extents = [part.extent() for part in self.parts]
         inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
         bounds = (inner * np.max([inner * e.bounds for e in extents], axis=0)).tolist()

@@ -1,7 +1,7 @@
-"""Map parts of shipped data.
+"""Map parts from shipped data.
 
-Each kind is a class in :data:`KINDS`. It converts the keys of a part in ``shipped.toml`` to a
-:class:`.parts.Part`, as for users' data.
+Each kind of part is a class in :data:`KINDS`. The class converts the keys of a part in
+``shipped.toml`` to a :class:`.parts.Part`, the class that is also used for users' data.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ _LEAST_CLEARANCE = 0.25  # of the depth of the masses: below, each of them is se
 
 @dataclasses.dataclass(frozen=True)
 class PartOptions:
-    """Keys of a recipe that change the parts of its source.
+    """Options of a recipe that change the parts of its source.
 
     Attributes
     ----------
-    land_correction : whether to turn a geoid into the height anomaly with the topography.
+    land_correction : whether to convert a geoid to the height anomaly with the topography.
     relief_smoothing_deg : standard deviation, in latitude and in longitude, of a Gaussian that
         smooths a topography or terrain before it is used; 0: none.
-    density_kg_m3 : of the ground of a terrain.
+    density_kg_m3 : density of the ground of a terrain.
     """
 
     land_correction: bool = True
@@ -71,7 +71,7 @@ class PartOptions:
 
     @property
     def relief(self) -> str:
-        """Smoothing of the relief, in words."""
+        """Description of the smoothing of topography or terrain."""
         if self.relief_smoothing_deg > 0.0:
             return f"relief smoothed by {self.relief_smoothing_deg} deg"
         return "relief not smoothed"
@@ -79,13 +79,14 @@ class PartOptions:
 
 @dataclasses.dataclass(frozen=True)
 class SpacingRule:
-    """Rule of the largest node distances.
+    """Rule of the largest distances between nodes.
 
     Attributes
     ----------
-    share, vertical_share : of the heights above ``ground_m`` and ``vertical_ground_m``.
+    share, vertical_share : largest horizontal and vertical distance, as a fraction of the height
+        above ``ground_m`` and above ``vertical_ground_m``.
     ground_m, vertical_ground_m : reference levels of these heights [m].
-    words, vertical_words : the rule, for the end of a message.
+    words, vertical_words : descriptions of the rule, for the end of a message.
     """
 
     share: float
@@ -97,79 +98,85 @@ class SpacingRule:
 
 
 class ShippedPart(Protocol):
-    """One part of a shipped source."""
+    """Declaration of one part of a shipped source."""
 
     options: ClassVar[frozenset[str]]
     """Fields of :class:`PartOptions` that this kind of part follows."""
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the data files."""
+        """Names of the data files of the part."""
         ...
 
     def part(self, options: PartOptions) -> Part:
-        """Return the part. Raises MapError for data that are missing or damaged."""
+        """Load the data and return the part.
+
+        Raises MapError if data are missing or damaged.
+        """
         ...
 
     def extent(self) -> SourceExtent:
-        """Return the valid region of the part. Raises MapError as :meth:`part`."""
+        """Return the region in which the part is valid.
+
+        Raises MapError if data are missing or damaged.
+        """
         ...
 
     def spacing(self) -> SpacingRule | None:
-        """Return the rule of spacings; None: that of another part."""
+        """Return the rule of the node spacing; None if another part sets the rule."""
         ...
 
     def errors(self) -> Errors | None:
-        """Return the standard errors of a map of this part, if they are known."""
+        """Return the standard errors of a map of this part alone; None if unknown."""
         ...
 
     def note(self, options: PartOptions) -> str:
-        """Return the effect of the options on the part, in words; "" for none."""
+        """Return a text on the effect of the options on the part; "" if there is none."""
         ...
 
 
 @dataclasses.dataclass(frozen=True)
 class ShippedHarmonics:
-    """Spherical harmonics, summed at every node."""
+    """Spherical harmonics of a shipped model, summed at every node."""
 
     options: ClassVar[frozenset[str]] = frozenset()
     file: str
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The file of the coefficients."""
+        """Name of the file of the coefficients."""
         return (self.file,)
 
     def part(self, options: PartOptions) -> Part:
-        """Return the part, free of interpolation."""
+        """Return the part, without interpolation between nodes."""
         return HarmonicPart(disturbing_coefficients(self.file), nodes_per_half_wave=math.inf)
 
     def extent(self) -> SourceExtent:
-        """Return the whole Earth."""
+        """Return the whole Earth as the valid region."""
         return SourceExtent(EVERYWHERE, EVERYWHERE, -math.inf, -math.inf, -math.inf)
 
     def spacing(self) -> None:
-        """Return no rule: residuals have the shorter waves."""
+        """Return None: a residual part has shorter wavelengths and sets the rule."""
 
     def errors(self) -> None:
-        """Return None: they are unknown."""
+        """Return None: the standard errors are unknown."""
 
     def note(self, options: PartOptions) -> str:
-        """Return ""."""
+        """Return an empty text: no option has an effect."""
         return ""
 
 
 @dataclasses.dataclass(frozen=True)
 class ShippedGeoid:
-    """A geoid less harmonics, with a topography for the land correction.
+    """Shipped geoid minus harmonics, with a topography for the land correction.
 
     Attributes
     ----------
     file, coefficients, topography : names of the data files.
     lowest_m : lowest height above the ellipsoid for which the resolution of the data is adequate
         [m].
-    source_depth_m : depth below the ellipsoid of sources whose field would be as smooth [m]. Zero
-        for land; at sea, half of the shortest wavelength of the data.
+    source_depth_m : depth below the ellipsoid [m] of masses whose field would be as smooth as the
+        data: zero for land; at sea, half the shortest wavelength of the data.
     """
 
     SHARE: ClassVar[float] = 0.25
@@ -182,11 +189,11 @@ class ShippedGeoid:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The files of the geoid, the topography and the coefficients."""
+        """Names of the files of the geoid, the topography and the coefficients."""
         return self.file, self.topography, self.coefficients
 
     def part(self, options: PartOptions) -> Part:
-        """Return the field of the geoid beyond the harmonics."""
+        """Return the residual field of the geoid, without the harmonics."""
         geoid = self.grid()
         if options.land_correction:
             elevation = self.elevation(geoid, options.relief_smoothing_deg)
@@ -203,9 +210,10 @@ class ShippedGeoid:
         return SourceExtent(bounds, bounds, self.lowest_m, self.lowest_m, -self.source_depth_m)
 
     def spacing(self) -> SpacingRule:
-        """Return a quarter of the height above the sources, at which splines err by 1e-3 E.
+        """Return the rule: at most a quarter of the height above the masses.
 
-        Vertically above half their depth: the error is largest in the lowest layer, where a spline
+        Spline errors are then 1e-3 E. For the vertical distance the height counts from half the
+        depth of the masses, because the error is largest in the lowest layer, where the spline
         ends.
         """
         words = "a quarter of that height"
@@ -223,23 +231,23 @@ class ShippedGeoid:
         )
 
     def errors(self) -> None:
-        """Return None: they are unknown."""
+        """Return None: the standard errors are unknown."""
 
     def note(self, options: PartOptions) -> str:
-        """Return the correction that turns the geoid into the height anomaly."""
+        """Return a text on the correction that converts the geoid to the height anomaly."""
         if not options.land_correction:
             return "without land correction"
         return f"with land correction, {options.relief}"
 
     def grid(self) -> GravityGrid:
-        """Return the geoid."""
+        """Return the geoid as a grid."""
         grid = data_arrays(self.file, _GEOID_KEYS)
         step = float(grid["step"])
         values = 1e-4 * grid["N_1e4m"]
         return GravityGrid("geoid", float(grid["lat0"]), float(grid["lon0"]), step, step, values)
 
     def elevation(self, geoid: GravityGrid, smoothing_deg: float) -> Array:
-        """Return the land heights (n_lat, n_lon) at the nodes of the geoid [m], 0 at sea."""
+        """Return the land heights (n_lat, n_lon) [m] at the nodes of the geoid; 0 at sea."""
         topography = data_arrays(self.topography, ("lat", "lon", "z"))
         land = np.maximum(topography["z"], 0.0)
         if smoothing_deg > 0.0:
@@ -255,13 +263,13 @@ class ShippedGeoid:
 
 @dataclasses.dataclass(frozen=True)
 class ShippedTerrain:
-    """The masses of a terrain, by Parker's series.
+    """Masses of a shipped terrain; the field is computed by Parker's series.
 
     Attributes
     ----------
     file : name of the data file.
-    clearance_m : least height of a map above the highest ground [m]; below it Parker's series has
-        too many terms. It increases with the relief.
+    clearance_m : smallest height of a map above the highest ground [m]. At lower heights Parker's
+        series has too many terms. The clearance increases with the relief.
     """
 
     SHARE: ClassVar[float] = 0.6  # 0.01 E rms at a tenth of a kilometre above the highest ground
@@ -271,7 +279,7 @@ class ShippedTerrain:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The file of the heights."""
+        """Name of the file of the heights."""
         return (self.file,)
 
     def part(self, options: PartOptions) -> Part:
@@ -290,7 +298,7 @@ class ShippedTerrain:
         return TerrainPart(terrain, density, dtype="float64")
 
     def extent(self) -> SourceExtent:
-        """Return the area of the terrain, from its clearance up."""
+        """Return the area of the terrain, and heights above ``clearance_m`` over the summit."""
         terrain = self.terrain()
         sides = (terrain.latitudes_deg, terrain.longitudes_deg)
         bounds = np.array([limit for side in sides for limit in (side[0], side[-1])])
@@ -299,7 +307,7 @@ class ShippedTerrain:
         return SourceExtent(bounds, bounds, lowest, lowest, highest)
 
     def spacing(self) -> SpacingRule:
-        """Return shares of the height above the highest ground."""
+        """Return the rule, in fractions of the height above the highest ground."""
         highest = float(self.terrain().height_m.max())
         words = f"the height above the highest ground, {highest:g} m"
         return SpacingRule(
@@ -312,22 +320,25 @@ class ShippedTerrain:
         )
 
     def errors(self) -> None:
-        """Return None: they are unknown."""
+        """Return None: the standard errors are unknown."""
 
     def note(self, options: PartOptions) -> str:
-        """Return the density and the smoothing of the relief."""
+        """Return a text on the density and the smoothing of the terrain."""
         return f"{options.density_kg_m3:g} kg/m³, {options.relief}"
 
     def terrain(self) -> Terrain:
-        """Return the terrain. Raises MapError if its file is missing or damaged."""
+        """Load and return the terrain.
+
+        Raises MapError if the file is missing or damaged.
+        """
         return shipped_terrain(self.file)
 
 
 @dataclasses.dataclass(frozen=True)
 class ShippedMasses:
-    """The point masses of a survey's lines.
+    """Point masses that were fitted to the lines of a survey.
 
-    ``studies/measured_surveys`` fits them to the lines, as ``ggbench map build --lines``.
+    ``studies/measured_surveys`` makes the fit with the method of ``ggbench map build --lines``.
     """
 
     SHARE: ClassVar[float] = 0.35  # 0.1 E rms
@@ -336,17 +347,17 @@ class ShippedMasses:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The file of the masses."""
+        """Name of the file of the masses."""
         return (self.file,)
 
     def part(self, options: PartOptions) -> EquivalentSources:
-        """Return the masses."""
+        """Load and return the point masses."""
         stored = _masses(self.file)
         plane = Plane(*map(float, stored["plane"]))
         return EquivalentSources(plane, stored["places"], stored["masses"])
 
     def extent(self) -> SourceExtent:
-        """Return the area of the lines with a margin, above the masses."""
+        """Return the area of the survey lines with a margin, with heights above the masses."""
         stored = _masses(self.file)
         bounds = stored["bounds"] + _LINES_MARGIN_DEG * np.array([-1.0, 1.0, -1.0, 1.0])
         highest = self._highest_m
@@ -354,7 +365,7 @@ class ShippedMasses:
         return SourceExtent(bounds, bounds, lowest, lowest, highest)
 
     def spacing(self) -> SpacingRule:
-        """Return a share of the height above the highest mass."""
+        """Return the rule, as a fraction of the height above the highest point mass."""
         highest = self._highest_m
         words = f"{self.SHARE:g} of the height above the highest point mass, {highest:.0f} m"
         return SpacingRule(
@@ -367,12 +378,12 @@ class ShippedMasses:
         )
 
     def errors(self) -> Errors:
-        """Return the standard errors of the map and the distances of their correlation."""
+        """Return standard errors (9,) of the map, and correlation distances (9,) [m]."""
         stored = _masses(self.file)
         return stored["standard_error"], stored["error_distance"]
 
     def note(self, options: PartOptions) -> str:
-        """Return ""."""
+        """Return an empty text: no option has an effect."""
         return ""
 
     @property
@@ -390,7 +401,7 @@ KINDS: dict[str, type] = {
 
 
 def disturbing_coefficients(name: str) -> HarmonicCoefficients:
-    """Return the coefficients of a data file, less those of the normal field."""
+    """Return the coefficients of a data file, minus those of the normal field."""
     data = data_arrays(name, ("cs", "gm", "r"))
     size = math.isqrt(2 * len(data["cs"]))
     cosine, sine = np.zeros((2, size, size))
@@ -402,12 +413,12 @@ def disturbing_coefficients(name: str) -> HarmonicCoefficients:
 
 @lru_cache(maxsize=4)
 def shipped_terrain(file: str) -> Terrain:
-    """Return the terrain of a data file of the package.
+    """Return the terrain stored in a data file of the package.
 
     Raises
     ------
     GGBenchError
-        If the file holds no terrain.
+        If the file is missing, damaged or contains no terrain.
     """
     arrays = data_arrays(file, _TERRAIN_KEYS)
     try:

@@ -1,4 +1,4 @@
-"""Axis conventions of the gradients of survey lines."""
+"""Search for the axis convention of the gradients of survey lines."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _DIRECTIONS = ("east", "north", "up", "west", "south", "down")
 
 
 def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
-    """Return the axes that fit lines better than the stated ones; "" if there are none.
+    """Return a text with the axes that fit the lines better than the stated axes, or "".
 
-    Held-back lines are compared with maps of the others, in each of the eight conventions.
+    In each of eight conventions, held-back lines are compared with maps of the other lines.
 
     Parameters
     ----------
-    survey_fit : a map that hardly predicts held-back lines.
+    survey_fit : fit of the lines in the stated axes.
     axes : axes of the file as stated by the user, a key of :data:`.survey_lines.AXES`.
     """
     lines = survey_fit.lines

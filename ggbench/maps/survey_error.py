@@ -1,17 +1,19 @@
-"""Standard error of a map of survey lines, and its correlation along a track.
+"""Standard error of a map of survey lines, and correlation of the error along a track.
 
-Lines in the map and held-back lines have equal noise, with the autocovariance N:
+Lines that the map was fitted to ("fitted lines") and held-back lines have noise with the same
+autocovariance N:
 
-- the residuals of held-back lines have N plus the autocovariance of the map error there;
-- those of lines in the map have N less that of the map error, because the map has fitted part of
-  the noise (exact for an optimal map: Rasmussen & Williams 2006, section 2.2).
+- the residuals of held-back lines have the autocovariance N + E, where E is the autocovariance of
+  the map error;
+- the residuals of fitted lines have N − E, because the map has fitted part of the noise (exact for
+  an optimal map: Rasmussen & Williams 2006, section 2.2).
 
-Half of the difference is free of noise. It is the mean autocovariance of the map error, over the
-lines of the survey and positions one line spacing away. The correlation distance is that at which
-it falls to 1/e.
+Half the difference of the two is an estimate of E without noise, averaged over the lines of the
+survey and positions one line spacing away. At the correlation distance, E is 1/e of its value at
+zero.
 
-Components that no line measured get the error of an isotropic field, in which the variances of EE,
-EN, EU, NN, NU and UU are as 3 : 1 : 4 : 3 : 4 : 8.
+The errors of tensor components that were not measured follow from an isotropic field, in which the
+variances of EE, EN, EU, NN, NU and UU have the ratio 3 : 1 : 4 : 3 : 4 : 8.
 
 If the difference is not positive, the error is unknown. Residuals have zero mean along a line, so
 the error excludes the unknown constant of each line.
@@ -45,11 +47,11 @@ def _isotropic() -> Array:
 
 
 def map_error(fit: SurveyFit) -> tuple[Array, Array]:
-    """Return the standard error of the nine components of a map, and its correlation distance.
+    """Return the standard errors of the nine components of a map, and correlation distances.
 
-    The error is (9,), of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; the
-    distance is (9,) [m]. Gravity is NaN if gradients were measured, and vice versa. Both are NaN if
-    the residuals of held-back lines are no larger than those of lines in the map.
+    The errors (9,) are those of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; the
+    distances are (9,) [m]. Values of gravity are NaN if gradients were measured, and vice versa.
+    All are NaN if the residuals of held-back lines are not larger than those of fitted lines.
     """
     measured = weights_of(fit.lines)
     basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured

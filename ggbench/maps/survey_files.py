@@ -1,4 +1,4 @@
-"""Reader of survey lines in Geosoft XYZ, ASEG-GDF2 and CSV files."""
+"""Reader of survey lines from Geosoft XYZ, ASEG-GDF2 and CSV files."""
 
 from __future__ import annotations
 
@@ -65,29 +65,30 @@ def read_lines(
     voids: Sequence[float] = (),
     crs: str | None = None,
 ) -> SurveyLines:
-    """Return the lines of a survey.
+    """Return the survey lines of a file.
 
-    Units that the file states are converted: a ``.dfn`` file's ``UNIT``, and units in brackets
-    behind a column's name. Free-air anomalies become disturbances by the geoid of EGM2008 to degree
-    120. Missing values are those that the file or the user declares, and marks such as −9999.999.
+    Values are converted from the units that the file states (``UNIT`` in a ``.dfn`` file, or a unit
+    in brackets after a column's name). Free-air anomalies are converted to gravity disturbances
+    with the EGM2008 geoid to degree 120. A value is missing if it is one that the file or the user
+    declares as missing, or a common mark such as −9999.999.
 
     Parameters
     ----------
     path : ``*.xyz`` (Geosoft), ``*.dat`` with its ``*.dfn`` (ASEG-GDF2), ``*.csv``; or any ``.gz``.
-    columns : names in the file of ``line``, ``kind``, the :data:`REQUIRED`, the :data:`PROJECTED`
-        and the components; a unit in brackets after a name, as in ``Alt [ft]``, replaces that of
-        the file.
-    components : to use; none: all in the file.
-    axes : of the file's tensor, a key of :data:`AXES`.
+    columns : the file's column names, by key: ``line``, ``kind``, keys in :data:`REQUIRED` and
+        :data:`PROJECTED`, and components. A unit in brackets after a name, as in ``Alt [ft]``,
+        replaces the unit of the file.
+    components : components to use; empty: all components in the file.
+    axes : axes of the file's tensor, a key of :data:`.survey_lines.AXES`.
     quantity : ``gradient`` [E], ``disturbance`` or ``anomaly`` (free-air) [mGal].
-    voids : values in the file that mark missing ones.
-    crs : reference system of the coordinates, such as ``EPSG:32754``; None: WGS 84.
+    voids : values in the file that mark missing values.
+    crs : coordinate reference system, such as ``EPSG:32754``; None: WGS 84.
 
     Raises
     ------
     MapError
-        If the file cannot be read, lacks a column, or a column has another quantity; the message
-        states the fault.
+        If the file cannot be read, a column is missing, or a column has another quantity; the
+        message states the fault.
     """
     table = _table(path)
     unknown = sorted(set(columns or {}) - set(_KEYS))

@@ -1,7 +1,8 @@
-"""Cross-validation of a map of survey lines: settings and residuals of held-back lines.
+"""Cross-validation of maps of survey lines: best settings, residuals of held-back lines.
 
-Whole lines are held back, every fifth at a time, because neighbouring samples share their noise.
-Ties are never held back, because they cross and level the other lines.
+In each of five folds every fifth line is held back from the fit. Whole lines are held back, because
+neighbouring samples have correlated noise. Tie lines are never held back, because they cross the
+other lines and level them.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _DAMPINGS = (0.03, 0.1, 0.3, 1.0)
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Settings requested by a user; None: chosen by cross-validation."""
+    """Settings of a fit; None: chosen by cross-validation."""
 
     depth_m: float | None = None
     spacing_m: float | None = None
@@ -50,10 +51,10 @@ class SurveyFit:
 
     Attributes
     ----------
-    lines : of the survey.
-    settings, sources : of the map of all lines.
-    held_back : measurement minus map of each line except ties, less its mean, by the index of the
-        line; the map excludes the line.
+    lines : lines of the survey.
+    settings, sources : settings, and point masses, of the fit to all lines.
+    held_back : residuals of each line except ties, by index of the line: measurement minus map,
+        less its mean over the line. The map is a fit without this line.
     scores : RMS residual of held-back lines, for each tested setting.
     """
 
@@ -65,7 +66,7 @@ class SurveyFit:
 
     @cached_property
     def fitted(self) -> dict[int, Array]:
-        """Measurements minus the map of all lines, (N, components) for each held-back line."""
+        """Measurement minus the map of all lines, (N, components), for each held-back line."""
         return {index: residuals(self.sources, self.lines, index) for index in self.held_back}
 
     @cached_property
@@ -80,9 +81,9 @@ class SurveyFit:
 def fit(
     lines: SurveyLines, options: FitOptions, progress: Callable[[str], None] = lambda _: None
 ) -> SurveyFit:
-    """Return the map of all lines, with the settings of least residuals on held-back lines.
+    """Return a fit to all lines, with the settings that predict held-back lines best.
 
-    ``progress`` is called with a sentence for each setting.
+    ``progress`` is called with a message for each tested setting.
 
     Raises MapError if fewer than two lines can be held back.
     """

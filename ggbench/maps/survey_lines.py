@@ -1,7 +1,7 @@
-"""Lines of an airborne gravity survey in axes of ggbench, and their selection.
+"""Lines of an airborne gravity survey in east-north-up axes, and selection of lines.
 
-:mod:`.survey_files` reads them. Components have the names of the gradiometer's channels: ``xx`` is
-east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.
+:mod:`.survey_files` reads the lines. Components are named like the channels of the gradiometer:
+``xx`` is east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.
 """
 
 from __future__ import annotations
@@ -58,14 +58,18 @@ class SurveyLines:
 
     Attributes
     ----------
-    names, kinds : of the lines; a kind is ``primary``, ``tie``, ``repeat`` or a word of the file.
-    line : index of each sample's line, (N,).
-    time_s : of each sample, (N,).
-    latitude_deg, longitude_deg, height_m : of each sample, (N,); above the ellipsoid.
-    components : names, see :data:`COMPONENTS`, or only :data:`DISTURBANCE`.
-    values : (N, len(components)) [E], axes east, north, up; or [mGal].
+    names, kinds : name and kind of each line; a kind is ``primary``, ``tie``, ``repeat`` or another
+        word from the file.
+    line : (N,) index of the line of each sample.
+    time_s : (N,) time of each sample.
+    latitude_deg, longitude_deg, height_m : (N,) position of each sample; heights are above the
+        ellipsoid.
+    components : names of measured components, keys of :data:`COMPONENTS`, or only
+        :data:`DISTURBANCE`.
+    values : (N, len(components)) measured gradients [E] in east-north-up axes, or gravity
+        disturbances [mGal].
     dropped : number of samples omitted because of a missing value.
-    remarks : on units and missing values.
+    remarks : texts on units and missing values.
     """
 
     names: tuple[str, ...]
@@ -82,20 +86,20 @@ class SurveyLines:
 
     @property
     def quantity(self) -> Quantity:
-        """Measured quantity."""
+        """Measured quantity: gradient or disturbance."""
         return "disturbance" if self.components == (DISTURBANCE,) else "gradient"
 
     @property
     def unit(self) -> str:
-        """Unit of the values."""
+        """Unit of ``values``."""
         return "mGal" if self.quantity == "disturbance" else "E"
 
     def samples(self, index: int) -> NDArray[np.int64]:
-        """Return the indices (N,) of the samples of a line."""
+        """Return the indices (N,) of the samples of the line ``index``."""
         return np.flatnonzero(self.line == index)
 
     def only(self, lines: Sequence[int]) -> SurveyLines:
-        """Return only some of the lines, in the same order."""
+        """Return a survey of only the lines with these indices, in the same order."""
         numbers = sorted(lines)
         samples = np.isin(self.line, numbers)
         return dataclasses.replace(
@@ -111,9 +115,11 @@ class SurveyLines:
         )
 
     def chosen(self, patterns: Sequence[str]) -> list[int]:
-        """Return the lines of patterns: a name, a pattern such as ``*.1``, or a kind.
+        """Return the indices of the lines that match any of the patterns.
 
-        Raises MapError if a pattern names no line.
+        A pattern is the name of a line, a wildcard pattern such as ``*.1``, or a kind of line.
+
+        Raises MapError if a pattern matches no line.
         """
         numbers: set[int] = set()
         for pattern in patterns:
@@ -131,9 +137,9 @@ class SurveyLines:
         return sorted(numbers)
 
     def without(self, patterns: Sequence[str]) -> SurveyLines:
-        """Return the lines that match no pattern, see :meth:`chosen`.
+        """Return a survey without the lines that match a pattern, see :meth:`chosen`.
 
-        Raises MapError if a pattern names no line, or no line remains.
+        Raises MapError if a pattern matches no line, or if no line remains.
         """
         out = self.chosen(patterns)
         if len(out) == len(self.names):
@@ -142,19 +148,19 @@ class SurveyLines:
 
 
 def in_our_axes(component: str, axes: str) -> tuple[str, int]:
-    """Return name and sign of a component of a file in axes of ggbench; see :func:`turned`.
+    """Return the east-north-up name, and the sign, of a component given in the axes of a file.
 
-    In axes north, east, down ``xz`` is ``yz`` with the opposite sign, and ``xx-yy`` changes its
-    sign.
+    ``axes`` is a key of :data:`AXES`. Example: ``xz`` in the axes north, east, down is ``yz`` with
+    the opposite sign, and ``xx-yy`` is ``xx-yy`` with the opposite sign.
     """
     return turned(component, AXES[axes])
 
 
 def turned(component: str, turn: Turn) -> tuple[str, int]:
-    """Return name and sign of a component in other axes.
+    """Return the name and the sign of a component in rotated or reflected axes.
 
-    ``turn`` contains, for each axis of the file, the parallel axis of the other system and its
-    sign.
+    ``turn`` maps each axis of the file to the parallel axis of the new system and the sign of the
+    direction.
     """
     if "-" in component:
         first, second = (f"{turn[pair[0]][0]}" * 2 for pair in component.split("-"))
@@ -165,9 +171,10 @@ def turned(component: str, turn: Turn) -> tuple[str, int]:
 
 
 def axes_in_words(turn: Turn, names: tuple[str, str, str, str, str, str]) -> str:
-    """Return axes in words, as in ``x north, y east, z down``.
+    """Return a description of axes, such as ``x north, y east, z down``.
 
-    ``names`` contains the directions of x, y and z, then the three opposite directions.
+    ``names`` contains the names of the directions of x, y and z, then the names of the opposite
+    directions.
     """
     order = "xyz"
     return ", ".join(

@@ -1,9 +1,8 @@
-"""Coloured noise of a survey: a vector autoregression of held-back lines.
+"""Coloured noise of a survey: vector autoregression of the residuals of held-back lines.
 
-The residuals of held-back lines contain the noise of the measurements and the map error. Their
-model is n_k = Σ A_i n_{k−i} + e_k, e ~ N(0, C), fitted by least squares to all lines at once
-(Lütkepohl 2005, section 3.2). The order maximises the likelihood of lines that are held back from
-this fit.
+The residuals n_k of held-back lines contain measurement noise and map error. The model n_k = Σ A_i
+n_{k−i} + e_k, e_k ~ N(0, C), is fitted by least squares to all lines together (Lütkepohl 2005,
+section 3.2). The chosen order maximises the likelihood of lines that are excluded from this fit.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _GAP = 1.5  # intervals: a longer one ends a series
 
 
 def innovations(model: VectorAutoregression, series: Array) -> Array:
-    """Return e_k of a series (n, m), from its sample p on, (n − p, m)."""
+    """Return the innovations e_k (n − p, m) of a series (n, m), from sample p on."""
     lagged = _lagged(series, model.order)
     white: Array = series[model.order :] - lagged @ np.concatenate(
         [a.T for a in model.coefficients]
@@ -38,9 +37,9 @@ def innovations(model: VectorAutoregression, series: Array) -> Array:
 def autoregression(
     series: Sequence[Array], order: int, components: Sequence[str], interval: float = 1.0
 ) -> VectorAutoregression:
-    """Return the autoregression of an order that fits some series (n, m) best.
+    """Return the least-squares autoregression of a given order for several series (n, m).
 
-    Raises ColouredNoiseError if it is not stationary, or there are too few samples.
+    Raises ColouredNoiseError if the autoregression is not stationary or there are too few samples.
     """
     usable = [rows for rows in series if len(rows) > order]
     lagged = np.concatenate([_lagged(rows, order) for rows in usable])
@@ -57,11 +56,11 @@ def autoregression(
 
 
 def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
-    """Return the noise of held-back lines, and a score of each order.
+    """Return the noise model of held-back lines, and the score of each tested order.
 
-    The score is the mean log-likelihood per sample of lines outside the fit.
+    The score is the mean log-likelihood per sample of lines that are excluded from the fit.
 
-    Raises MapError if the samples are too few, too irregular, or the noise is not stationary.
+    Raises MapError if samples are too few or irregular in time, or if the noise is not stationary.
     """
     interval = _interval(fit)
     series = {index: _series(fit, index, interval) for index in fit.held_back}

@@ -1,4 +1,4 @@
-"""Numbers of the columns of survey files: units, missing values and limits."""
+"""Conversion of columns of survey files to numbers: units, missing values and limits."""
 
 from __future__ import annotations
 
@@ -41,23 +41,23 @@ _LEAST = 1e-3
 
 
 class Column(NamedTuple):
-    """A used column of a table: its name, and its unit or ""."""
+    """Column of a table that is used: name, and unit ("" if not stated)."""
 
     name: str
     unit: str
 
 
 class Numbers(NamedTuple):
-    """The numbers of a column in the unit of its key, NaN where missing, and remarks."""
+    """Numbers of a column in the unit of a key (NaN where missing), and remarks."""
 
     values: Array
     remarks: tuple[str, ...]
 
 
 def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[float]) -> Numbers:
-    """Return the numbers of a column in the unit of its key.
+    """Return the numbers of a column, converted to the unit of ``key``.
 
-    Raise MapError, with the line, if a cell is no number.
+    Raises MapError if a cell is not a number; the message states the line of the file.
     """
     cells = [cell.strip() for cell in table.columns[column.name]]
     if key == "time_s" and any(_CLOCK.fullmatch(cell) for cell in cells[:1]):
@@ -138,7 +138,10 @@ def _undeclared(
 def require_limits(
     table: SurveyTable, values: Mapping[str, Array], rows: NDArray[np.int64]
 ) -> None:
-    """Raise MapError if a value is beyond its limits; ``rows`` (N,) are samples of the values."""
+    """Raise MapError if a value is outside the limits of its key.
+
+    ``rows`` (N,) are the indices of the samples in the table, for the message.
+    """
     for key, column in values.items():
         low, high = _LIMITS[key]
         off = (column < low) | (column > high)
@@ -157,7 +160,7 @@ def require_limits(
 
 
 def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity) -> None:
-    """Raise MapError if values (N,) without a stated unit are too small for any field.
+    """Raise MapError if values (N,) without a stated unit are too small for the assumed unit.
 
     This detects gradients in s⁻² and gravity in m/s².
     """

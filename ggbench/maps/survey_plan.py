@@ -32,10 +32,10 @@ class SurveyInputs:
     Attributes
     ----------
     lines : file of the survey.
-    columns, components, axes, quantity : of the file, see :func:`.survey_files.read_lines`.
+    columns, components, axes, quantity : content of the file, see :func:`.survey_files.read_lines`.
     leave_out : names, patterns or kinds of lines to exclude.
-    voids, crs : of the file, see :func:`.survey_files.read_lines`.
-    fit_options : fixed settings.
+    voids, crs : missing values and coordinate system, see :func:`.survey_files.read_lines`.
+    fit_options : settings that the user fixes.
     """
 
     lines: Path
@@ -50,7 +50,7 @@ class SurveyInputs:
 
 
 def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyFit:
-    """Return the map of a survey's lines, without the excluded ones.
+    """Return the fit to the lines of a survey, without the excluded lines.
 
     Raises MapError if the file is invalid, or an excluded line does not exist.
     """
@@ -110,10 +110,11 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
 
 
 def doubts(fit: SurveyFit, axes: str) -> str:
-    """Return a warning if the map hardly predicts held-back lines, else "".
+    """Return a warning if the map predicts held-back lines badly, else "".
 
-    With wrong axes, or noise larger than the field, the residuals reach the RMS of the
-    measurements. ``axes`` are those stated by the user; the warning names axes that fit better.
+    The prediction is bad if the RMS of the residuals is close to the RMS of the measurements.
+    Causes are wrong axes, or noise that is larger than the field. ``axes`` are the axes stated by
+    the user; the warning names axes that fit better.
     """
     unit = fit.lines.unit
     doubtful = ", ".join(
@@ -162,7 +163,7 @@ def _with_heights(fit: SurveyFit, request: GridRequest) -> GridRequest:
 
 
 def provenance_of(inputs: SurveyInputs, fit: SurveyFit, order: int) -> str:
-    """Return a sentence on the data to which a noise model was fitted."""
+    """Return a sentence on the lines to which a noise model of an order was fitted."""
     left_out: Sequence[str] = inputs.leave_out
     return (
         f"ggbench {VERSION}: vector autoregression of order {order}, chosen and fitted on "

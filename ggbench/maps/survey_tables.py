@@ -1,4 +1,4 @@
-"""Tables of survey files as texts: CSV and Geosoft XYZ."""
+"""Readers of survey tables with cells as texts: CSV and Geosoft XYZ."""
 
 from __future__ import annotations
 
@@ -46,16 +46,16 @@ _RULES = {"=", "-"}  # what a line below the names is made of
 
 @dataclass(frozen=True)
 class SurveyTable:
-    """The samples of a survey file as texts, a column for each name.
+    """Table of the samples of a survey file, with cells as texts.
 
     Attributes
     ----------
-    path : of the file.
-    columns : cells (N,) of each column; an empty cell is a missing value.
+    path : path of the file.
+    columns : cells (N,) of each column, by name; an empty cell is a missing value.
     rows : (N,) line number of each sample in the file.
-    units : stated units, by column.
-    descriptions : stated descriptions, by column.
-    voids : declared marks of missing values, by column.
+    units : units stated by the file, by column.
+    descriptions : descriptions stated by the file, by column.
+    voids : values that the file declares as missing, by column.
     cut : whether an incomplete last row was omitted.
     """
 
@@ -68,9 +68,9 @@ class SurveyTable:
     cut: bool = False
 
     def named(self, name: str) -> str:
-        """Return the column of a name; "" if it does not exist.
+        """Return the full name of a column; "" if it does not exist.
 
-        Case and a unit in brackets are ignored.
+        The comparison ignores case and a unit in brackets.
         """
         if name in self.columns:
             return name
@@ -89,12 +89,15 @@ class SurveyTable:
         return self.units.get(name) or without_unit(name)[1]
 
     def error(self, row: int, sentence: str) -> MapError:
-        """Return an error about a sample, by its number from 0."""
+        """Return a MapError about the sample ``row``, counted from 0."""
         return MapError(f"{self.path}: line {self.rows[row]}: {sentence}.")
 
 
 def text_in(path: Path, content: bytes) -> str:
-    """Return the text of a survey; raises MapError if it is not UTF-8."""
+    """Return the text of a survey file.
+
+    Raises MapError if the content is not UTF-8.
+    """
     try:
         text = content.decode("utf-8-sig")
         bad = text.find("\0")
@@ -111,12 +114,14 @@ def text_in(path: Path, content: bytes) -> str:
 
 
 def read_csv(path: Path, text: str) -> SurveyTable:
-    """Return the table of a CSV text: commas, semicolons or tabs; lines with a # are remarks.
+    """Return the table of a CSV text.
 
-    The first other line names the columns, unless it contains numbers and the remark above names as
-    many columns (format of numpy.savetxt).
+    Cells are separated by commas, semicolons or tabs. Lines that begin with # are comments.
 
-    Raises ValueError or MapError if the text is no table.
+    The first line that is no comment names the columns. If this line contains numbers, the comment
+    before it must name the columns (format of ``numpy.savetxt``).
+
+    Raises ValueError or MapError if the text is not a table.
     """
     rows = text.splitlines()
     filled = [n for n, row in enumerate(rows) if row.strip() and row.lstrip()[:1] != "#"]
@@ -180,11 +185,11 @@ def _frame(
 def read_xyz(path: Path, text: str) -> SurveyTable:
     """Return the table of a Geosoft XYZ text.
 
-    The last comment with as many words as a row names the columns. A heading before each line names
-    it, in any of the forms ``Line 1000``, ``L1000``, ``LINE:1000`` and ``Line 1000 2008/07/03``.
-    ``*`` is a missing value.
+    The last comment with as many words as a row has cells names the columns. A heading before each
+    survey line names the line, in any of the forms ``Line 1000``, ``L1000``, ``LINE:1000`` and
+    ``Line 1000 2008/07/03``. ``*`` is a missing value.
 
-    Raises ValueError or MapError if the text is no table.
+    Raises ValueError or MapError if the text is not a table.
     """
     comments: list[list[str]] = []
     cells: list[list[str]] = []
@@ -262,12 +267,12 @@ def _is_rule(words: Sequence[str]) -> bool:
 
 
 def missing_line(table: SurveyTable, column: str) -> None:
-    """Raise MapError if a cell of a column of texts is empty, with the number of its line."""
+    """Raise MapError if a cell of a text column is empty; the message states the line."""
     for row, cell in enumerate(table.columns[column]):
         if not str(cell).strip():
             raise table.error(row, f"{column} is empty; every sample needs a value")
 
 
 def unreadable(path: Path, ending: str, error: BaseException) -> MapError:
-    """Return the reason why a reader cannot read a file, for a message."""
+    """Return a MapError that states why a file cannot be read."""
     return MapError(f"{path} is not a {ending} file: {text_of(error)}.")

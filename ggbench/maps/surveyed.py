@@ -1,4 +1,4 @@
-"""Survey lines behind shipped maps, declared in ``surveyed.toml``, and distances from them."""
+"""Survey lines of shipped maps, declared in ``surveyed.toml``, and distances to them."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _SPEC = importlib.resources.files(__package__) / "surveyed.toml"
 
 
 class Surveyed(NamedTuple):
-    """The survey lines of which a shipped map is made.
+    """Declaration of the survey lines from which a shipped map was made.
 
     Attributes
     ----------
     survey : name of the file of lines.
-    leave_out : names, patterns or kinds of lines that the map does not know.
+    leave_out : names, patterns or kinds of the lines that were excluded from the map.
     quantity : measured quantity.
     """
 
@@ -34,7 +34,7 @@ class Surveyed(NamedTuple):
 
 
 def surveyed() -> dict[str, Surveyed]:
-    """Return the declarations of shipped maps of survey lines, by the name of the map."""
+    """Return the declarations of all shipped maps from survey lines, by name of the map."""
     tables = tomllib.loads(_SPEC.read_text("utf-8"))
     return {
         name: Surveyed(
@@ -45,9 +45,9 @@ def surveyed() -> dict[str, Surveyed]:
 
 
 def lines_behind(source: str) -> SurveyLines | None:
-    """Return the survey lines of which a shipped map is made; None if it is not of lines.
+    """Return the survey lines from which a shipped map was made; None for other maps.
 
-    Raises MapError if their file cannot be read.
+    Raises MapError if the file of the lines cannot be read.
     """
     survey = surveyed().get(source)
     if survey is None:
@@ -65,14 +65,15 @@ def _lines_of(survey: str, quantity: Quantity) -> SurveyLines:
 
 
 def next_line(positions: Array, lines: SurveyLines) -> tuple[str, float]:
-    """Return the line next to a track, and its distance.
+    """Return the name of the survey line closest to a track, and its distance from the track [m].
 
-    The distance is the median, over the positions, of the horizontal distance from the line, whose
-    samples are joined by straight segments.
+    The distance is the median of the horizontal distances of the positions from the line. Between
+    its samples a line is straight.
 
     Parameters
     ----------
-    positions : (N, 3) latitude, longitude [rad] and height [m].
+    positions : (N, 3) latitude, longitude [rad] and height [m] of the track.
+    lines : the survey lines.
     """
     scale = metres_per_radian(np.median(positions, axis=0))
     track = positions[:, :2] * scale
@@ -86,7 +87,7 @@ def next_line(positions: Array, lines: SurveyLines) -> tuple[str, float]:
 
 
 def distances_from(line: Array, points: Array) -> Array:
-    """Return the distances (N,) of points (N, 2) from a line through points (M, 2)."""
+    """Return the distances (N,) of points (N, 2) from a polygonal line through (M, 2)."""
     starts, steps = line[:-1], np.diff(line, axis=0)
     lengths = np.maximum(np.sum(steps**2, axis=1), np.finfo(float).tiny)
     off = points[:, np.newaxis] - (starts if len(starts) else line)

@@ -1,1 +1,1 @@
-"""Matching suitability of the cells of a map, before any flight."""
+"""Matching suitability of map cells, without simulated flights."""

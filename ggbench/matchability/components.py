@@ -1,7 +1,7 @@
-"""Index of matching suitability by principal components, as in the literature.
+"""Index of matching suitability from principal components, as in the literature.
 
-The index represents the variation over the cells of a study. It is not fitted to position errors,
-so it need not predict them.
+The index represents the variation of map statistics over the cells of a study. It is not fitted to
+position errors and need not predict them.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ GRADES = ("lowest third", "middle third", "highest third")
 
 @dataclass(frozen=True)
 class Components:
-    """Principal components of statistics over cells.
+    """Principal components of the statistics of N cells.
 
     Attributes
     ----------
-    explained : (p,) shares of the variance, falling.
-    vectors : (p, p), a component in each column, in the order of :data:`ORIENTATION`.
+    explained : (p,) fraction of the variance of each component, decreasing.
+    vectors : (p, p) components in columns; the rows are in the order of :data:`ORIENTATION`.
     kept : number of components in the index.
-    index : (N,) Σ λ_k/Σλ v_kᵀx of the cells; NaN for an omitted cell.
+    index : (N,) index of each cell, Σ_k (λ_k / Σ λ) v_kᵀ x over the kept components, with variances
+        λ_k, vectors v_k and standardised statistics x; NaN for an omitted cell.
     """
 
     explained: Array
@@ -51,10 +52,10 @@ class Components:
 def principal_components(statistics: Mapping[str, Array]) -> Components | None:
     """Return the principal components of the statistics (N,) named in :data:`ORIENTATION`.
 
-    The inputs are the logarithms of the statistics, with signs such that larger is better,
-    standardised. The sign of a component is chosen such that it correlates positively with the
-    standard deviation. A cell with a statistic that is not positive, for example in a flat map, is
-    omitted. The result is None if fewer than six cells remain, or a statistic is equal in all.
+    The inputs x are logarithms of the statistics, standardised, with signs such that larger is
+    better. The sign of a component is chosen such that it correlates positively with the standard
+    deviation of the field. A cell is omitted if a statistic is not positive, for example in a flat
+    map. The result is None if fewer than six cells remain, or if a statistic is equal in all cells.
     """
     columns = np.stack([np.asarray(statistics[name], float) for name in ORIENTATION], axis=1)
     usable = np.all(np.isfinite(columns) & (columns > 0.0), axis=1)
@@ -78,7 +79,7 @@ def principal_components(statistics: Mapping[str, Array]) -> Components | None:
 
 
 def grades(index: Array) -> list[str]:
-    """Return the grade of each cell, by thirds of the index (N,); the lowest for NaN."""
+    """Return the grade of each cell, by thirds of the index (N,); NaN gives the lowest grade."""
     finite = index[~np.isnan(index)]
     if finite.size == 0:
         return [GRADES[0]] * index.size

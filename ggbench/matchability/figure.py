@@ -1,4 +1,4 @@
-"""Figure of a scored map: classes of its cells, accuracy of a track, ambiguity."""
+"""Figure of a scored map: grades of the cells, accuracy of tracks, ambiguity."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TICK = 0.35  # half the length of a heading's line, in sides of a cell
 
 @styled()
 def map_score(scored: Scored, source: str) -> Drawing:
-    """Draw the cells of a scored map in three panels; ``source`` is in words."""
+    """Draw the cells of a scored map in three panels; ``source`` is the map's name."""
     table = scored.table
     south, north = table["south_deg"].min(), table["north_deg"].max()
     west, east = table["west_deg"].min(), table["east_deg"].max()

@@ -1,9 +1,9 @@
-"""Information on the position in measurements of a field: Fisher information and ambiguity.
+"""Position information in measurements of a field: Fisher information and ambiguity.
 
-The instrument holds a local level, and its noise is white. h are its measurements in units of the
-noise, H their derivatives for a metre to the east and to the north. Heights, velocities and
-attitudes are assumed known, so the results depend only on position and track. The bound of a flight
-includes all of them.
+The instrument has local-level axes and white noise. h are the noise-free measurements in units of
+the noise standard deviation, and H are the derivatives of h per metre to the east and to the north.
+Height, velocity and attitude are assumed known, so the results depend only on position and track.
+The error bound of a simulated flight does not make this assumption.
 """
 
 from __future__ import annotations
@@ -34,12 +34,13 @@ _APART_M = 20.0
 
 @dataclass(frozen=True)
 class Instrument:
-    """The instrument that measures the field.
+    """Instrument that measures the field.
 
     Attributes
     ----------
-    kind : ``tensor``, all six components; ``uu``, the vertical gradient; ``gravity``, a gravimeter.
-    noise : standard deviation of a measurement, per channel [E; for a gravimeter mGal].
+    kind : ``tensor`` for all six tensor components, ``uu`` for the vertical gradient, ``gravity``
+        for a gravimeter.
+    noise : noise standard deviation of each channel [E; for a gravimeter mGal].
     """
 
     kind: Kind = "tensor"
@@ -53,18 +54,19 @@ class Instrument:
 
     @property
     def unit(self) -> str:
-        """Unit of the measurements."""
+        """Unit of the measurements: E or mGal."""
         return "mGal" if self.kind == "gravity" else "E"
 
     def readings(self, field: Field, positions: Array) -> Array:
         """Return h (N, c), in units of the noise, at positions (N, 3) [rad, rad, m].
 
-        For a gravimeter h is normal gravity plus the disturbance.
+        h has c channels. For a gravimeter it is normal gravity plus gravity disturbance.
 
         Raises
         ------
         OutsideMapError
-            If a gravimeter is outside the map; for a gradiometer the values of the border continue.
+            If a position of a gravimeter is outside the map. For a gradiometer, values at the
+            border are used outside the map.
         """
         if self.kind == "gravity":
             disturbance = field.gravity_disturbance(*positions.T)[:, 2:]
@@ -93,7 +95,7 @@ class Instrument:
 
 
 def moved(positions: Array, offset: Array) -> Array:
-    """Return positions (..., 3) displaced by offsets (..., 2) [m] to the east and north."""
+    """Return positions (..., 3), displaced by offsets (..., 2) [m] to the east and to the north."""
     metres = metres_along(positions.reshape(-1, 3)).reshape(*positions.shape[:-1], 2)
     angles = offset / metres
     out = np.empty((*np.broadcast_shapes(angles.shape[:-1], positions.shape[:-1]), 3))
@@ -103,34 +105,42 @@ def moved(positions: Array, offset: Array) -> Array:
 
 
 def information(jacobians: Array) -> Array:
-    """Return Fisher's information J = Σ HᵀH (2, 2) [1/m²] of measurements with H (N, c, 2)."""
+    """Return the Fisher information J = Σ HᵀH (2, 2) [1/m²] of measurements with H (N, c, 2)."""
     rows = jacobians.reshape(-1, 2)
     return np.asarray(rows.T @ rows)
 
 
 def accuracy(info: Array) -> float:
-    """Return √tr J⁻¹ [m] of the information J (2, 2), the bound of unbiased positions; or ∞."""
+    """Return the Cramér–Rao bound √tr J⁻¹ [m] of the position; ∞ for a singular J (2, 2).
+
+    J is the Fisher information on the horizontal position.
+    """
     determinant = float(np.linalg.det(info))
     return float(np.sqrt(np.trace(info) / determinant)) if determinant > 0.0 else np.inf
 
 
 def isotropy(info: Array) -> float:
-    """Return λ_min / λ_max of J (2, 2): 1 if isotropic, 0 if a direction is unobserved; or NaN."""
+    """Return the ratio λ_min / λ_max of the eigenvalues of J (2, 2).
+
+    It is 1 for isotropic information, 0 if one direction is unobservable, and NaN for J = 0.
+    """
     low, high = np.linalg.eigvalsh(info)
     return float(low / high) if high > 0.0 else np.nan
 
 
 def offsets(reach_m: float, step_m: float) -> Array:
-    """Return a grid (s, s, 2) of offsets to the east and north [m], with zero in its middle."""
+    """Return a square grid (s, s, 2) of offsets to the east and north [m], centred at zero."""
     side = np.arange(-np.ceil(reach_m / step_m), np.ceil(reach_m / step_m) + 1) * step_m
     return np.stack(np.meshgrid(side, side), axis=-1)
 
 
 def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -> Array:
-    """Return A(d) = ½ Σ ‖h(p) − h(p + d)‖² (s, s) of a track (N, 3) moved by offsets (s, s, 2).
+    """Return the ambiguity A(d) = ½ Σ ‖h(p) − h(p + d)‖² (s, s) of a track (N, 3).
 
-    It is half of the squared distance of the two hypotheses, the mean difference of their log
-    likelihoods. It is NaN in the corners of the grid, beyond the length of its axes, and if the
+    The sum is over the positions p of the track; ``grid`` (s, s, 2) contains the offsets d.
+
+    A(d) is the expected difference of the log likelihoods of the true track and the track displaced
+    by d. It is NaN in the corners of the grid, where |d| exceeds the length of the axes, and if the
     displaced track leaves the map.
     """
     flat = grid.reshape(-1, 2)
@@ -146,12 +156,13 @@ def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -
 
 
 def least(ambiguities: Array, grid: Array, right_m: float, reach_m: float) -> float:
-    """Return A_min, the least A(d) over r₀ < |d| ≤ reach; NaN if there is none.
+    """Return A_min, the smallest A(d) over r₀ < |d| ≤ reach; NaN without such an offset.
 
     Parameters
     ----------
-    ambiguities, grid : (s, s), (s, s, 2) of :func:`ambiguity`.
-    right_m : r₀, largest error of a right fix [m].
+    ambiguities, grid : A (s, s) and offsets (s, s, 2), see :func:`ambiguity`.
+    right_m : r₀, largest error of a correct fix [m].
+    reach_m : largest offset [m].
     """
     beyond = ambiguities[_ring(grid, right_m, reach_m) & ~np.isnan(ambiguities)]
     return float(beyond.min()) if beyond.size else np.nan
@@ -160,15 +171,18 @@ def least(ambiguities: Array, grid: Array, right_m: float, reach_m: float) -> fl
 def false_fix_bound(
     ambiguities: Array, grid: Array, right_m: float, reach_m: float, sigma_m: float = np.inf
 ) -> float:
-    """Return the union bound Σ Q(√(A(d)/2)) of the share of false fixes, at most 1.
+    """Return the union bound Σ Q(√(A(d)/2)) on the probability of a false fix, at most 1.
 
-    Two hypotheses are √(2A) standard deviations apart. The wrong one wins if the noise exceeds half
-    of this distance. The sum is over basins, the minima of A that lie beyond r₀.
+    Q is the tail probability of the standard normal distribution. The measurements of the true and
+    the displaced track differ by √(2A) standard deviations. The wrong track is more likely if the
+    noise exceeds half this distance. The sum is over the minima of A with |d| > r₀.
 
     Parameters
     ----------
-    ambiguities, grid, right_m, reach_m : (s, s), (s, s, 2), as in :func:`least`.
-    sigma_m : standard deviation of the position prior, per axis. It adds |d|²/2σ² to A. ∞ for none.
+    ambiguities, grid, right_m, reach_m : A (s, s), offsets (s, s, 2) and limits, as in
+        :func:`least`.
+    sigma_m : standard deviation σ of the position prior, per axis; it adds |d|²/2σ² to A. ∞: no
+        prior.
     """
     total = ambiguities + np.sum(grid**2, axis=-1) / (2.0 * sigma_m**2)
     total = np.where(np.isnan(total), np.inf, total)
@@ -179,10 +193,11 @@ def false_fix_bound(
 
 
 def spill(info: Array, right_m: float, sigma_m: float = np.inf) -> float:
-    """Return the share of fixes in the right basin with an error above r₀.
+    """Return the probability that a fix near the correct minimum has an error above r₀.
 
-    P(|e| > r₀) of e ~ N(0, (J + I/σ²)⁻¹), in polar coordinates. :func:`false_fix_bound` does not
-    include these fixes; they matter if the information J (2, 2) is small.
+    The result is P(|e| > r₀) for an error e ~ N(0, (J + I/σ²)⁻¹), where ``info`` (2, 2) is the
+    Fisher information J, and σ = ``sigma_m`` the prior. :func:`false_fix_bound` does not include
+    these fixes; their number is large if J is small.
     """
     inverse = info + np.eye(2) / sigma_m**2
     if np.linalg.det(inverse) <= 0.0:

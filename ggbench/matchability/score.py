@@ -1,4 +1,4 @@
-"""Matching suitability of map cells: statistics, Fisher information, ambiguity, an index."""
+"""Matching suitability of map cells: statistics, Fisher information, ambiguity, index."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _ROUNDING = 1e-6
 
 
 class Bounds(NamedTuple):
-    """Bounds of the cells [deg]; None: limits of the map."""
+    """Bounds of the area that is divided into cells [deg]; None: limits of the map."""
 
     south: float | None = None
     north: float | None = None
@@ -56,26 +56,27 @@ class Cell(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Latitude and longitude [deg]."""
+        """Latitude and longitude of the centre [deg]."""
         return 0.5 * (self.south + self.north), 0.5 * (self.west + self.east)
 
 
 @dataclass(frozen=True)
 class Design:
-    """Requirements on each cell. None: derived from the size of the cells.
+    """Sizes of the cells, instrument and tracks. None: derived from the size of the cells.
 
     Attributes
     ----------
-    height_m : of the flights above the ellipsoid, over a draped map above its base surface [m]; by
-        default that of the map's lowest nodes.
+    height_m : height of the flights above the ellipsoid [m], or above the base surface of a draped
+        map; by default the height of the map's lowest nodes.
     cell_deg : side of a cell [deg].
-    instrument : for the measurements.
-    spacing_m : between the nodes of the statistics; by default a fiftieth of the cell.
-    per_km2 : measurements per square kilometre, for the information.
-    track_m : length of straight tracks through the centre; by default the shortest side of a cell.
+    instrument : instrument that measures the field.
+    spacing_m : distance between the nodes of the statistics; by default a fiftieth of the cell.
+    per_km2 : number of measurements per square kilometre, for the Fisher information.
+    track_m : length of straight tracks through the centre of a cell; by default the shortest side
+        of a cell.
     readings : number of measurements on a track, including its ends.
     sigma_m : standard deviation of the position prior, per axis.
-    right_m : r₀, largest error of a right fix; by default half of ``sigma_m``.
+    right_m : r₀, largest error of a correct fix; by default half of ``sigma_m``.
     """
 
     height_m: float | None = None
@@ -116,19 +117,19 @@ class Design:
 
     @property
     def right(self) -> float:
-        """r₀ [m]."""
+        """Largest error r₀ of a correct fix [m]."""
         return 0.5 * self.sigma_m if self.right_m is None else self.right_m
 
 
 @dataclass(frozen=True)
 class Scored:
-    """The cells of a map, scored.
+    """Scores of the cells of a map.
 
     Attributes
     ----------
     design : complete design, without None.
-    table : a row for each cell; see :func:`score`.
-    components : the principal components behind its index; None with too few cells.
+    table : one row for each cell; see :func:`score`.
+    components : principal components that define the index; None with too few cells.
     draped : whether the map is draped.
     """
 
@@ -139,7 +140,7 @@ class Scored:
 
     @property
     def height(self) -> str:
-        """Height of the flights, in words."""
+        """Description of the height of the flights."""
         above = ABOVE_BASE if self.draped else ""
         return f"{self.design.height_m:g} m{above}"
 
@@ -147,39 +148,41 @@ class Scored:
 def score(
     field: Field, design: Design, bounds: Bounds | None = None, name: str = "the map"
 ) -> Scored:
-    """Score all cells that fit into a map together with their surroundings.
+    """Score all cells of a map whose surroundings are also within the map.
 
-    Heights of a draped map are those above its base surface, and tracks follow it.
+    Heights in a draped map count from the base surface, and tracks follow this surface.
 
     Parameters
     ----------
-    field : of the map.
-    design : requirements.
-    bounds : of the cells.
-    name : of the map, for messages.
+    field : field of the map.
+    design : cells, instrument and tracks.
+    bounds : area of the cells.
+    name : name of the map, for messages.
 
     Returns
     -------
-    A table of these columns, u being E, or mGal of a gravimeter:
+    A table with these columns; the unit u is E, or mGal for a gravimeter:
 
     ``south_deg``, ``north_deg``, ``west_deg``, ``east_deg``
         the cell;
     ``deviation``, ``span``, ``slope_deviation``, ``roughness``, ``entropy``, ``correlation_m``
-        :class:`~.statistics.Statistics` of Γ_UU, or of a gravimeter the disturbance [u, u/m, m];
+        :class:`~.statistics.Statistics` of Γ_UU, or of the disturbance for a gravimeter [u, u/m,
+        m];
     ``fractal_dimension``
-        of the same on 64 × 64 nodes;
+        fractal dimension of the same quantity on 64 × 64 nodes;
     ``information_m``, ``isotropy``
-        √tr J⁻¹ of a square kilometre's readings, and λ_min/λ_max of J, from the cell's mean;
+        √tr J⁻¹ of the measurements within a square kilometre, and λ_min/λ_max of J, with the mean J
+        of the cell;
     ``track_m``, ``best_track_m``, ``best_heading_deg``
-        √tr J⁻¹ of the readings of a track: over the headings the root mean square, the least, and
-        the heading of that;
+        √tr J⁻¹ of the measurements along a track: root mean square over all headings, smallest
+        value, and heading of the smallest value;
     ``ambiguity``, ``ambiguity_heading_deg``
-        A_min, the least over the headings, and the heading of that;
+        smallest A_min over all headings, and the heading of this track;
     ``false_fix``
-        the union bound of the share of false fixes and what spills over r₀ from the right one; the
-        mean over the headings;
+        union bound of the probability of a false fix plus the probability of
+        :func:`~.information.spill`, averaged over the headings;
     ``index``, ``grade``
-        by principal components; NaN and empty with too few cells.
+        index and grade from principal components; NaN and empty with too few cells.
 
     Raises
     ------
@@ -200,14 +203,14 @@ def score(
 
 
 def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
-    """Return the cells of a map, row by row from the south, and the complete design.
+    """Return the cells of a map, row by row from the south, and the design without None.
 
-    The map extends beyond them by the largest displacement of a track.
+    The map extends beyond the cells by the largest displacement of a track.
 
     Raises
     ------
     MapError
-        As :func:`score` does.
+        In the cases of :func:`score`.
     """
     if not field.has_map:
         raise MapError("the normal field has no map to score")
@@ -218,10 +221,10 @@ def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[l
 def cells_between(
     lower: Array, upper: Array, design: Design, bounds: Bounds, name: str, above: str = ""
 ) -> tuple[list[Cell], Design]:
-    """Return :func:`cells_of` for a map given by its first and last node (3,) [rad, rad, m].
+    """Return the cells, as :func:`cells_of`, between a map's first and last node (3,).
 
-    ``above`` names the reference of heights in messages. Raise MapError if the height or the cells
-    do not fit in the map.
+    ``lower`` and ``upper`` are these nodes [rad, rad, m]. ``above`` names the reference of heights
+    in messages. Raises MapError if the height or the cells are not within the map.
     """
     height = float(lower[2]) if design.height_m is None else design.height_m
     if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
@@ -283,7 +286,7 @@ def _completed(design: Design, side: float) -> Design:
 
 
 def score_cell(field: Field, cell: Cell, design: Design) -> dict[str, float]:
-    """Return the row of one cell without the index; ``design`` must be complete."""
+    """Return the scores of one cell, without index and grade; ``design`` must be complete."""
     assert design.spacing_m is not None
     assert design.height_m is not None
     nodes, east_m, north_m = _nodes(cell, design.height_m, design.spacing_m)
@@ -324,7 +327,7 @@ def _along_tracks(field: Field, cell: Cell, design: Design) -> dict[str, float]:
 
 
 def tracks(cell: Cell, design: Design) -> Iterator[tuple[float, Array]]:
-    """Yield headings [deg] and positions (N, 3) [rad, rad, m] of straight tracks."""
+    """Yield heading [deg] and positions (N, 3) [rad, rad, m] of straight tracks in a cell."""
     assert design.track_m is not None
     assert design.height_m is not None
     along = np.linspace(-0.5, 0.5, design.readings)[:, np.newaxis] * design.track_m

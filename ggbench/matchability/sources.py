@@ -1,4 +1,4 @@
-"""Maps by name: a file, or a shipped region, terrain or survey."""
+"""Maps for scoring by name: a file, or a shipped region, terrain or survey."""
 
 from __future__ import annotations
 
@@ -27,22 +27,20 @@ _STRETCH = 1.01
 
 
 def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, float]:
-    """Return a map by its name, and the height for its score [m].
+    """Return a map by its name, and the height of the flights for its score [m].
 
     Parameters
     ----------
     name : str
         Path of a map, ``*.nc``, or the name of a shipped region or terrain.
-    design : Design
-        Requirements on the cells. The default height is that of a file's lowest nodes, or the
-        lowest that a shipped region allows.
-    bounds : Bounds
-        Bounds of the cells; a shipped region is built no larger than the cells need.
+    design : Design Cells, instrument and tracks. The default height is that of the lowest nodes of
+        a file, or the lowest height of a shipped region.
+    bounds : Bounds Area of the cells; a map of a shipped region is built only as large as needed.
 
     Raises
     ------
     MapError
-        If the map does not exist, or a shipped region has no map of that height or size.
+        If the map does not exist, or a shipped region does not allow this height or size.
     """
     if name not in SOURCES:
         if not name.endswith((".nc", ".npz")):

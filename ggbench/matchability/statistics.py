@@ -1,7 +1,7 @@
-"""Statistics of a map cell that the literature uses to choose matching areas.
+"""Statistics of map cells that the literature uses to choose matching areas.
 
-A cell is an array g (m, n) of a scalar at m rows of nodes from south to north and n columns from
-west to east. The statistics do not depend on the sensor noise or on the direction of a track.
+A cell is an array g (m, n) of a scalar field at m rows of nodes from south to north and n columns
+from west to east. The statistics do not depend on sensor noise or on the direction of a track.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ _ROUNDING = 1e-13
 
 
 class Statistics(NamedTuple):
-    """Statistics of one cell; u is the unit of the scalar.
+    """Statistics of one cell of a scalar field with the unit u.
 
     Attributes
     ----------
-    deviation, span : standard deviation and range [u], less the best plane.
-    slope_deviation : standard deviation of the slope [u/m], with the plane.
-    roughness : RMS difference of neighbours [u/m], with the plane.
-    entropy : of the deviations, over its largest value: 0 to 1; small if few nodes deviate.
-    correlation_m : distance at which the autocorrelation falls to 1/e [m], less the best plane.
+    deviation, span : standard deviation and range [u] after subtraction of the best-fitting plane.
+    slope_deviation : standard deviation of the slope [u/m]; the plane is not subtracted.
+    roughness : RMS difference of neighbouring nodes [u/m]; the plane is not subtracted.
+    entropy : entropy of the deviations from the mean, relative to its largest value: 0 to 1, small
+        if few nodes deviate.
+    correlation_m : distance at which the autocorrelation is 1/e [m], after subtraction of the
+        plane.
     """
 
     deviation: float
@@ -44,10 +46,12 @@ class Statistics(NamedTuple):
 
 
 def statistics(g: Array, east_m: float, north_m: float) -> Statistics:
-    """Return the statistics of a cell (m, n) with given node distances [m].
+    """Return the statistics of a cell g (m, n).
 
-    The best plane is removed from statistics that would otherwise measure the size of the cell, and
-    kept in the others.
+    ``east_m`` and ``north_m`` are the distances between nodes [m].
+
+    The best-fitting plane is subtracted for those statistics that would otherwise depend mainly on
+    the size of the cell.
     """
     rest = without_plane(g)
     lengths = correlation_length(rest, east_m), correlation_length(rest.T, north_m)
@@ -62,7 +66,7 @@ def statistics(g: Array, east_m: float, north_m: float) -> Statistics:
 
 
 def without_plane(g: Array) -> Array:
-    """Return a cell (m, n) less its best plane; zeros if only rounding remains."""
+    """Return a cell (m, n) minus its best-fitting plane; zeros if only rounding errors remain."""
     m, n = g.shape
     rows = np.linspace(-1.0, 1.0, m)[:, np.newaxis] * np.ones(n)
     columns = np.ones((m, 1)) * np.linspace(-1.0, 1.0, n)
@@ -78,9 +82,9 @@ def deviation(g: Array) -> float:
 
 
 def slope(g: Array, east_m: float, north_m: float) -> Array:
-    """Return S = √(g_x² + g_y²) (m − 2, n − 2) by the differences of 3 × 3 nodes (Horn 1981).
+    """Return the slope S = √(g_x² + g_y²) (m − 2, n − 2) from 3 × 3 nodes (Horn 1981).
 
-    The unit is that of g per metre. Unlike the slope of a terrain, S is no tangent of an angle.
+    ``east_m`` and ``north_m`` are the distances between nodes [m]; S has the unit of g per metre.
     """
     over_rows = g[:-2] + 2.0 * g[1:-1] + g[2:]
     over_columns = g[:, :-2] + 2.0 * g[:, 1:-1] + g[:, 2:]
@@ -90,10 +94,11 @@ def slope(g: Array, east_m: float, north_m: float) -> Array:
 
 
 def roughness(g: Array, east_m: float, north_m: float) -> float:
-    """Return the mean RMS difference of neighbours of g (m, n) by rows and columns, per metre.
+    """Return the RMS difference of neighbouring nodes of g (m, n) per metre.
 
-    In the literature the difference is per node and depends on the spacing in two ways: by the
-    length of a step, which is divided out here, and by the unresolved field, which remains.
+    The result is the mean of the values along rows and along columns. In the literature the
+    difference is not divided by the distance between nodes, and therefore depends on the node
+    spacing. A dependence by short wavelengths that the nodes do not resolve remains.
     """
     along_rows = math.sqrt(float(np.mean(np.diff(g, axis=1) ** 2))) / east_m
     along_columns = math.sqrt(float(np.mean(np.diff(g, axis=0) ** 2))) / north_m
@@ -101,10 +106,11 @@ def roughness(g: Array, east_m: float, north_m: float) -> float:
 
 
 def difference_entropy(g: Array) -> float:
-    """Return H / ln(mn), H = −Σ D ln D with D = |g − ḡ| / Σ|g − ḡ|, g (m, n); 1 of a constant.
+    """Return the entropy H / ln(mn) of a cell g (m, n); 1 for a constant.
 
-    The literature uses |g − ḡ|/|ḡ| for a deviation. As a share of the sum, |ḡ| cancels. Without the
-    sum it diverges for a mean near zero, as that of an anomaly.
+    H = −Σ D ln D with D = |g − ḡ| / Σ|g − ḡ| and the mean ḡ. The literature defines the deviation
+    as |g − ḡ|/|ḡ|. In a fraction of the sum, as in D, |ḡ| cancels. Without the division by the sum,
+    the deviation diverges if the mean is near zero, as for anomalies.
     """
     deviations = np.abs(g - g.mean()).ravel()
     total = deviations.sum()
@@ -115,12 +121,13 @@ def difference_entropy(g: Array) -> float:
 
 
 def fractal_dimension(g: Array) -> float:
-    """Return the fractal dimension of the surface g (m, n), 2 to 3, by differential box counting.
+    """Return the fractal dimension (2 to 3) of the surface g (m, n), by differential box counting.
 
-    The method is that of Sarkar & Chaudhuri (1994), on the largest square of a grid. Boxes have s ×
-    s nodes, from 2 to a quarter of the side, and heights in proportion to the range of g. Boxes are
-    counted between the lowest and highest node inside and on the border, so that neighbours share
-    their edges. The result is NaN for a constant.
+    The method is that of Sarkar & Chaudhuri (1994), applied to the largest square of the grid.
+    Boxes have s × s nodes, with s from 2 to a quarter of the side of the square, and heights
+    proportional to the range of g. In each column, boxes are counted between the lowest and the
+    highest node, including nodes on the border, so that neighbouring columns share nodes. The
+    result is NaN for a constant.
 
     Raises
     ------

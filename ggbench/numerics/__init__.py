@@ -1,1 +1,1 @@
-"""Compiled arithmetic: kernels, vectors and matrices of runs, rotations, source hashes."""
+"""Compiled arithmetic for batches of runs: kernels, matrix algebra, rotations, source hashes."""

@@ -1,8 +1,8 @@
-"""Folders of compiled code, one for each version of a module's source.
+"""Cache folders of compiled code, one for each version of a module's source.
 
-Numba detects a change of a function's own file, but not of the file of an inlined function, and
-would use the old formula. Therefore the folder of a module's code is named by a hash of the source
-of the module and all its imports. A change recompiles only affected modules. All processes and
+Numba detects a change in the file of a function, but not in the file of an inlined function, and
+would use outdated code. Therefore the name of a module's folder is a hash of the source of the
+module and of all its imports. A change recompiles only affected modules. All processes and
 checkouts with equal source share a folder.
 """
 
@@ -31,20 +31,20 @@ MOST_KEPT = 5
 
 
 def cache_folder() -> Path:
-    """Return the folder of all reproducible files: maps and compiled code."""
+    """Return the cache folder, which contains maps and compiled code."""
     return Path(os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_path("ggbench"))
 
 
 @cache
 def code_folder(file: Path) -> Path:
-    """Return the folder of a module's compiled code; it may not exist yet."""
+    """Return the folder of the compiled code of a module; the folder may not exist yet."""
     parts = file.relative_to(PACKAGE).with_suffix("").parts if PACKAGE in file.parents else ()
     name = ".".join(("ggbench", *(parts or ("user", re.sub(r"\W", "_", file.stem)))))
     return _base() / f"{name}-{module_hash(file)}"
 
 
 def make_code_folder(folder: Path) -> None:
-    """Create a folder of compiled code, and remove those of the module's oldest sources.
+    """Create a folder of compiled code, and remove the oldest folders of the same module.
 
     Raises
     ------
@@ -58,10 +58,11 @@ def make_code_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def exclusive_lock(file: Path) -> Iterator[None]:
-    """Return a context in which no other process writes a file of the cache.
+    """Lock a file of the cache: within this context no other process writes it.
 
-    After waiting the file may exist. The lock is a file next to it and ends with the process.
-    Without a writable folder there is no lock, and work may be done twice.
+    Another process may have written the file while this process waited. The lock is a file in the
+    same folder and is released when the process ends. If the folder is not writable there is no
+    lock, and two processes may do the same work.
     """
     with contextlib.ExitStack() as until:
         with contextlib.suppress(OSError):
@@ -72,9 +73,10 @@ def exclusive_lock(file: Path) -> Iterator[None]:
 
 
 def use_versioned_numba_cache() -> None:
-    """Set numba's own cache folder to one for this source, before any compilation.
+    """Set numba's cache folder to a folder for the present source of the package.
 
-    Functions compiled by users may inline functions of the package.
+    This must precede any compilation. The folder is used for functions that users compile, because
+    they may inline functions of the package.
     """
     folder = _base() / f"ggbench-{rooms_hash(*COMPILED_ROOMS)}"
     os.environ[_VARIABLE] = str(folder)

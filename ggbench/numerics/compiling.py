@@ -1,14 +1,14 @@
-"""Cache of compiled code, identified by its source and written by one process.
+"""Disk cache of compiled functions, identified by their source and written by one process.
 
-Numba's own cache lacks two properties:
+The cache has two properties that numba's own cache lacks:
 
-- Code is identified by the source of its module and of all imports (:mod:`.cache`).
-- One process compiles a function. The others wait and load the result. With simultaneous writes,
-  numba's index of a function would lose an entry, or return code for other argument types.
+- Code is identified by the source of its module and of all imports of this module (:mod:`.cache`).
+- One process compiles a function, while other processes wait and then load the code. With
+  simultaneous writes, numba's index of a function could lose an entry, or return code for other
+  argument types.
 
-Results have the same bits in every process, although each compiled function holds its own copy of
-the functions that it calls: without ``fastmath`` the compiler may not change the rounding of a
-copy.
+Results are bitwise equal in every process, although each compiled function contains a copy of the
+functions that it calls: without ``fastmath`` the compiler may not change the rounding of a copy.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from .cache import code_folder, exclusive_lock, make_code_folder
 
 
 class Kernel:
-    """A function compiled once for calls by kernels, and once for calls by Python if there are any.
+    """Compiled function with code for calls by kernels, and separate code for calls by Python.
 
-    Code of functions without a file (notebooks, exec) is not kept on disk.
+    Code of functions without a file (notebooks, ``exec``) is not stored on disk.
 
-    Code called by Python has an entry that unpacks arguments. Entries for all functions would be a
-    sixth of the compiled code.
+    Code for Python has an entry that unpacks arguments. It is compiled at the first call from
+    Python, because entries of all functions would be a sixth of the compiled code.
     """
 
     def __init__(self, function: Any, jit: Any) -> None:
@@ -64,12 +64,12 @@ class Kernel:
 
     @property
     def targetoptions(self) -> Any:
-        """Options under the name that numba expects."""
+        """Options of the compilation, under the name that numba expects."""
         return self._part.targetoptions
 
     @property
     def signatures(self) -> list[Any]:
-        """Types of arguments for which there is code in this process."""
+        """Argument types for which this process has code."""
         return [*self._entry.signatures, *self._part.signatures]
 
     @property
@@ -115,7 +115,7 @@ def _without_collections() -> Iterator[None]:
 
 
 class Locator:
-    """Numba's folder for the code of a function, named by the source of its module."""
+    """Locator that gives numba the cache folder of a function, named by a hash of the source."""
 
     SUFFIX = "entry"
 
@@ -126,28 +126,28 @@ class Locator:
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> Locator:
-        """Return the locator of a function."""
+        """Return the locator of a Python function in a file."""
         return cls(py_func, py_file)
 
     def ensure_cache_path(self) -> None:
-        """Create the folder; raise OSError if that fails."""
+        """Create the cache folder. Raises OSError if this fails."""
         make_code_folder(self._folder)
 
     def get_cache_path(self) -> str:
-        """Return the folder."""
+        """Return the cache folder."""
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        """Return the name of the source."""
+        """Return the hash of the source, the stamp by which numba detects changes."""
         return self._folder.name
 
     def get_disambiguator(self) -> str:
-        """Return a text that distinguishes functions of equal names, and other uses of code."""
+        """Return a text that distinguishes functions of equal names in the folder."""
         return f"{self._line}.{self.SUFFIX}"
 
 
 class PartLocator(Locator):
-    """Locator of code that is called by other kernels."""
+    """Locator of the code for calls by other kernels."""
 
     SUFFIX = "part"
 

@@ -12,14 +12,14 @@ import numpy as np
 def frozen(array: np.ndarray) -> np.ndarray:
     """Return an immutable copy of an array (...).
 
-    It is backed by bytes, so it cannot be made writeable again.
+    The copy is stored in a ``bytes`` object, so it cannot be made writeable.
     """
     contiguous = _contiguous(array)
     return np.frombuffer(contiguous.tobytes(), contiguous.dtype).reshape(contiguous.shape)
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Return an array (...) as read-only and contiguous; it is copied only where that is needed."""
+    """Return a read-only, contiguous array (...) of equal values; copy only if necessary."""
     contiguous = _contiguous(array)
     if contiguous.flags.writeable:
         contiguous = contiguous.view()
@@ -34,12 +34,14 @@ def _contiguous(array: np.ndarray) -> np.ndarray:
 
 
 def freeze_arrays(instance: Any, freeze: Callable[[np.ndarray], np.ndarray] = frozen) -> None:
-    """Replace the arrays (...) among the fields of a frozen dataclass, in ``__post_init__``.
+    """Replace the arrays (...) in the fields of a frozen dataclass by immutable copies.
+
+    Call it in ``__post_init__``.
 
     Parameters
     ----------
-    instance : of the dataclass.
-    freeze : returns the array (...) to store instead.
+    instance : instance of the dataclass.
+    freeze : function that returns the array (...) to store.
     """
     for item in fields(instance):
         value = getattr(instance, item.name)

@@ -1,9 +1,9 @@
-"""Decorators that compile hot loops.
+"""Decorators for compiled functions (kernels).
 
 Kernels are cached on disk (:mod:`.compiling`) and release the GIL. Division by zero gives infinity
-or NaN, as in NumPy, because the branch of Python's exception would prevent vector instructions. The
-compiler itself may not fuse a product and a sum, so a kernel has the same bits wherever it is
-inlined; see :mod:`.vectors`. Arrays are copied in loops, because numba needs three seconds to
+or NaN, as in NumPy, because a branch that raises an exception would prevent vector instructions.
+The compiler may not fuse products and sums, so the results of a kernel are bitwise equal wherever
+it is inlined; see :mod:`.vectors`. Arrays are copied in loops, because numba needs three seconds to
 compile an assignment of one array to another.
 """
 
@@ -46,9 +46,10 @@ LANES = 8
 
 @compiled
 def aligned(count: int) -> np.ndarray:
-    """Return an unfilled array (count,) that begins at a cache line.
+    """Return an unfilled array (count,) whose first element is at the start of a cache line.
 
-    Each vector of eight numbers then lies in one line, which makes loops 1.5 times as fast.
+    Each vector of eight numbers then lies within one cache line, which makes loops 1.5 times as
+    fast.
     """
     array = np.empty(count + 7)
     start = -(array.ctypes.data // 8) % 8

@@ -1,9 +1,10 @@
-"""Compiled linear algebra of filters and smoothers on the matrices of eight runs.
+"""Compiled linear algebra of filters and smoothers, for eight runs at once.
 
-Matrices have the layout of :mod:`.lanes`. Sizes are n states and m equations of a measurement, each
-at least three (equations may be zero). Measurements are whitened: the noise of each equation has
-unit variance. For symmetric matrices one half is computed and copied to the other. No step mixes
-lanes, so the result of a run does not depend on its neighbours, bit for bit.
+Matrices have the layout of :mod:`.lanes`: the run (lane) is the last axis, and docstrings omit this
+axis. There are n states and m measurement equations, each at least three (unused equations are
+zero). Measurements are whitened: the noise of each equation has unit variance. Of symmetric
+matrices one half is computed and copied to the other half. No step mixes lanes, so the result of a
+run is bitwise independent of the other runs.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def _column_products(a: np.ndarray, i: int, b: np.ndarray, j: int) -> Tile:
 
 @compiled
 def copy(source: np.ndarray, out: np.ndarray) -> None:
-    """Copy a matrix (rows, columns)."""
+    """Copy the matrix ``source`` (rows, columns) to ``out``."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             store(out, i, j, load(source, i, j))
@@ -74,13 +75,13 @@ def copy(source: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def products_of_rows(a: np.ndarray, count: int, b: np.ndarray, out: np.ndarray) -> None:
-    """Fill the first ``count`` rows of A Bᵀ.
+    """Fill the first ``count`` rows of ``out`` with those of A Bᵀ.
 
     Parameters
     ----------
-    a, b : (count or more, n), (rows, n); each has three rows or more.
-    count : three or more.
-    out : (count or more, rows).
+    a, b : matrices A (count or more, n) and B (rows, n), each with three rows or more.
+    count : number of rows to fill, three or more.
+    out : (count or more, rows) output.
     """
     rows = b.shape[0]
     for i_0 in range(0, count, 3):
@@ -116,8 +117,9 @@ def predict(
     p: np.ndarray,
     scratch: np.ndarray,
 ) -> None:
-    """Replace x (1, n) by Φ x and P (n, n) by Φ P Φᵀ + Q; ``moving`` rows of Φ and Q are used.
+    """Replace x (1, n) by Φ x and P (n, n) by Φ P Φᵀ + Q.
 
+    Only the first ``moving`` rows of Φ and Q (n, n) are used; Φ leaves the other states unchanged.
     ``scratch`` (n, n) is overwritten.
     """
     n = p.shape[0]
@@ -147,7 +149,10 @@ def predict(
 
 @compiled
 def move(phi: np.ndarray, moving: int, x: np.ndarray, scratch: np.ndarray) -> None:
-    """Replace x (1, n) by Φ x; row 0 of ``scratch`` is overwritten."""
+    """Replace x (1, n) by Φ x, using the first ``moving`` rows of Φ.
+
+    Row 0 of ``scratch`` is overwritten.
+    """
     n = x.shape[1]
     for i in range(moving):
         total = splat(0.0)
@@ -160,7 +165,7 @@ def move(phi: np.ndarray, moving: int, x: np.ndarray, scratch: np.ndarray) -> No
 
 @compiled
 def product(left: np.ndarray, right: np.ndarray, count: int, out: np.ndarray) -> None:
-    """Fill the first ``count`` rows of A B of A (., k) and B (k, n)."""
+    """Fill the first ``count`` rows of ``out`` with those of A B, A (., k) and B (k, n)."""
     depth = right.shape[0]
     for i in range(count):
         for j in range(right.shape[1]):
@@ -172,7 +177,7 @@ def product(left: np.ndarray, right: np.ndarray, count: int, out: np.ndarray) ->
 
 @compiled
 def project(rows: np.ndarray, p: np.ndarray, m: int, hp: np.ndarray, s: np.ndarray) -> None:
-    """Fill H P (m, n) and the lower half of S = H P Hᵀ + 1 (m, m)."""
+    """Fill H P (m, n) and the lower half of S = H P Hᵀ + I (m, m), given ``rows`` H and P."""
     n = p.shape[0]
     one = splat(1.0)
     products_of_rows(rows, m, p, hp)
@@ -186,10 +191,11 @@ def project(rows: np.ndarray, p: np.ndarray, m: int, hp: np.ndarray, s: np.ndarr
 
 @compiled
 def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
-    """Fill the lower triangle of L (m, m), L Lᵀ = a symmetric matrix given by its lower half.
+    """Fill ``lower`` (m, m) with the Cholesky factor L of a symmetric matrix, L Lᵀ = A.
 
-    The diagonal of ``lower`` is that of 1 / L; NaN or infinite in a lane from the row on at which
-    the matrix is not positive definite. ``matrix`` and ``lower`` may be the same array.
+    Only the lower half of ``matrix`` A (m, m) is used. The diagonal of ``lower`` contains 1 / L_ii.
+    If the matrix of a lane is not positive definite, these values are NaN or infinite from some row
+    on. ``matrix`` and ``lower`` may be the same array.
     """
     one = splat(1.0)
     for i in range(m):
@@ -207,10 +213,10 @@ def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
 
 @compiled
 def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) -> None:
-    """Fill the lower triangle of L (n, n), L Lᵀ = a symmetric matrix, and 1 / L_ii (1, n).
+    """Fill the Cholesky factor L (n, n) of a symmetric matrix, L Lᵀ = A, and 1 / L_ii (1, n).
 
-    If the matrix of a lane is not positive definite, ``inverse`` has an element that is not a
-    positive number.
+    Only the lower triangle of ``lower`` is filled. If the matrix of a lane is not positive
+    definite, ``inverse`` has an element in this lane that is not a positive number.
     """
     one = splat(1.0)
     for i in range(matrix.shape[0]):
@@ -230,10 +236,11 @@ def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) 
 
 @compiled
 def transposed_root(matrix: np.ndarray, size: int, out: np.ndarray) -> None:
-    """Fill the first rows of Lᵀ (size, n), L Lᵀ = the leading block of a matrix (n, n).
+    """Fill ``out`` with the transposed Cholesky factor Lᵀ of a leading block, L Lᵀ = A.
 
-    The matrix is symmetric and may be singular: a row of Lᵀ is zero if only rounding remains of its
-    diagonal element. Elements beyond ``size`` are zero.
+    A is the leading block (size, size) of the symmetric ``matrix`` (n, n), and may be singular: a
+    row of Lᵀ is zero if its pivot is zero within rounding. Elements of ``out`` (size, n) in columns
+    beyond ``size`` are zero.
     """
     for i in range(size):
         for j in range(out.shape[1]):
@@ -252,7 +259,7 @@ def transposed_root(matrix: np.ndarray, size: int, out: np.ndarray) -> None:
 
 @compiled
 def is_positive(inverse: np.ndarray, r: int) -> bool:
-    """Return whether the matrix of lane ``r`` was positive definite.
+    """Return whether the matrix of lane ``r`` is positive definite.
 
     ``inverse`` (1, n) is the output of :func:`triangular_root`.
     """
@@ -264,9 +271,9 @@ def is_positive(inverse: np.ndarray, r: int) -> bool:
 
 @compiled
 def solve_lower(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
-    """Fill L⁻¹ B (m, n) of L (m, m) from :func:`factorise` and the first m rows of B.
+    """Fill ``out`` (m, n) with L⁻¹ B, for L (m, m) from :func:`factorise`.
 
-    ``out`` may be ``right``.
+    B is the first m rows of ``right``. ``out`` may be the same array as ``right``.
     """
     for j in range(right.shape[1]):
         for i in range(m):
@@ -278,9 +285,9 @@ def solve_lower(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -
 
 @compiled
 def solve_upper(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
-    """Fill L⁻ᵀ B (m, n) of L (m, m) from :func:`factorise` and the first m rows of B.
+    """Fill ``out`` (m, n) with L⁻ᵀ B, for L (m, m) from :func:`factorise`.
 
-    ``out`` may be ``right``.
+    B is the first m rows of ``right``. ``out`` may be the same array as ``right``.
     """
     for j in range(right.shape[1]):
         for i in range(m - 1, -1, -1):
@@ -292,7 +299,7 @@ def solve_upper(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -
 
 @compiled
 def whiten(lower: np.ndarray, m: int, residual: np.ndarray, out: np.ndarray) -> None:
-    """Fill L⁻¹ y (1, m) of L from :func:`factorise`."""
+    """Fill ``out`` (1, m) with L⁻¹ y, for the residual y and L from :func:`factorise`."""
     for i in range(m):
         total = load(residual, 0, i)
         for k in range(i):
@@ -302,7 +309,7 @@ def whiten(lower: np.ndarray, m: int, residual: np.ndarray, out: np.ndarray) -> 
 
 @compiled
 def add_squares(values: np.ndarray, m: int, out: np.ndarray) -> None:
-    """Add to out (1, 1) the sum of the squares of the first m of values (1, .)."""
+    """Add the sum of squares of the first m elements of ``values`` (1, .) to ``out`` (1, 1)."""
     total = load(out, 0, 0)
     for i in range(m):
         value = load(values, 0, i)
@@ -312,7 +319,7 @@ def add_squares(values: np.ndarray, m: int, out: np.ndarray) -> None:
 
 @compiled
 def correct(half: np.ndarray, white: np.ndarray, m: int, x: np.ndarray) -> None:
-    """Add to x (1, n) the product of a matrix (m, n), transposed, and a column (1, m)."""
+    """Add Aᵀ w to x (1, n), for ``half`` A (m, n) and ``white`` w (1, m)."""
     for j in range(x.shape[1]):
         total = load(x, 0, j)
         for c in range(m):
@@ -330,14 +337,14 @@ def kalman_gain(
     half: np.ndarray,
     gain: np.ndarray,
 ) -> None:
-    """Fill the Kalman gain of whitened measurements, K = P Hᵀ (H P Hᵀ + 1)⁻¹.
+    """Fill the Kalman gain of whitened measurements, K = P Hᵀ (H P Hᵀ + I)⁻¹.
 
     Parameters
     ----------
     rows, p : H (m, n) and P (n, n).
-    m : equations.
+    m : number of measurement equations.
     hp : (m, n) output, H P.
-    lower : (m, m) output, L of H P Hᵀ + 1, see :func:`factorise`.
+    lower : (m, m) output, Cholesky factor L of H P Hᵀ + I, see :func:`factorise`.
     half, gain : (m, n) outputs, L⁻¹ H P and Kᵀ.
     """
     project(rows, p, m, hp, lower)
@@ -356,11 +363,11 @@ def joseph(
     scratch: np.ndarray,
     change: np.ndarray,
 ) -> None:
-    """Replace P (n, n) by (I − K H) P (I − K H)ᵀ + K Kᵀ, given Kᵀ (m, n).
+    """Replace P (n, n) by Joseph's form (I − K H) P (I − K H)ᵀ + K Kᵀ.
 
-    With M = P − K (H P) the result is M − (M Hᵀ − K) Kᵀ: two products of rank m instead of two full
-    ones. ``hp`` (m, n) is H P; ``scratch`` (n, n) and ``change`` (m, n) are overwritten. M is
-    symmetric except for rounding.
+    With M = P − K (H P), symmetric except for rounding, the result is M − (M Hᵀ − K) Kᵀ. This needs
+    two products of rank m instead of two products of full rank. ``gain`` (m, n) is Kᵀ, ``hp`` (m,
+    n) is H P; ``scratch`` (n, n) and ``change`` (m, n) are overwritten.
     """
     add_products(gain, hp, -1.0, p, scratch)
     products_of_rows(rows, m, scratch, change)
@@ -374,7 +381,10 @@ def joseph(
 def add_products(
     left: np.ndarray, right: np.ndarray, sign: float, p: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill P ± Aᵀ B, with A and B (m, n) and symmetric result (n, n), in another array than P."""
+    """Fill ``out`` (n, n) with P + s Aᵀ B, a symmetric matrix, for A and B (m, n), s = ``sign``.
+
+    ``out`` and ``p`` must be different arrays.
+    """
     n, factor = p.shape[0], splat(sign)
     for i_0 in range(0, n, 3):
         i = min(i_0, n - 3)

@@ -1,7 +1,8 @@
-"""Layout of the matrices of eight runs, and transfer from and to blocks.
+"""Memory layout of the matrices of eight runs (lanes), and transfer from and to blocks.
 
-A matrix of eight runs is a contiguous array (rows, columns, LANES); the run is the last axis. A
-vector is an array (1, n, LANES).
+Compiled code processes LANES = 8 runs in parallel, one run per lane. A matrix of eight runs is a
+contiguous array (rows, columns, LANES), in which the last axis is the run. A vector of n numbers is
+an array (1, n, LANES).
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ def unfilled(rows: int, columns: int) -> np.ndarray:
 
 
 def allocate(*shapes: tuple[int, int]) -> list[np.ndarray]:
-    """Return unfilled arrays (rows, columns, LANES) of several shapes, in one piece of memory.
+    """Return unfilled arrays (rows, columns, LANES) of several shapes in one block of memory.
 
-    NumPy maps large pieces in large pages, whose first access costs little time.
+    NumPy maps large blocks in large pages, which makes the first access fast.
     """
     ends = np.cumsum([0, *(rows * columns * LANES for rows, columns in shapes)])
     memory = np.empty(ends[-1] + LANES)
@@ -36,7 +37,7 @@ def allocate(*shapes: tuple[int, int]) -> list[np.ndarray]:
 
 @compiled
 def lanes(rows: int, columns: int) -> np.ndarray:
-    """Return an array (rows, columns, LANES) of zeros, aligned as by :func:`unfilled`."""
+    """Return an array (rows, columns, LANES) of zeros, aligned to cache lines."""
     array = unfilled(rows, columns)
     array[:] = 0.0
     return array
@@ -70,31 +71,34 @@ def each() -> range:
 
 
 def lane_of(run: int) -> tuple[int, int]:
-    """Return the group of a run in a block, and its lane in the group."""
+    """Return the index of the group that contains a run, and the lane of the run."""
     return divmod(run, LANES)
 
 
 @compiled
 def integers() -> np.ndarray:
-    """Return zeros (LANES,), an integer for each lane."""
+    """Return an array (LANES,) of integer zeros."""
     return np.zeros(LANES, dtype=np.int64)
 
 
 @compiled
 def flags() -> np.ndarray:
-    """Return False for each lane (LANES,)."""
+    """Return an array (LANES,) of False."""
     return np.zeros(LANES, dtype=np.bool_)
 
 
 @compiled
 def numbers(value: float) -> np.ndarray:
-    """Return an array (LANES,) with a value in every lane."""
+    """Return an array (LANES,) of the same value in every lane."""
     return np.full(LANES, value)
 
 
 @compiled
 def group_members(first: int, runs: int) -> np.ndarray:
-    """Return the runs (LANES,) of the group that begins with ``first``; the last one may repeat."""
+    """Return the runs (LANES,) of the group that begins with ``first``.
+
+    In a group of fewer than LANES runs the last run repeats.
+    """
     out = np.empty(LANES, dtype=np.int64)
     for r in range(LANES):
         out[r] = min(first + r, runs - 1)
@@ -102,13 +106,13 @@ def group_members(first: int, runs: int) -> np.ndarray:
 
 
 def groups(runs: int) -> Iterator[slice]:
-    """Yield the runs of each group of lanes, of R runs."""
+    """Yield the slice of runs in each group, for a block of ``runs`` runs."""
     for first in range(0, runs, LANES):
         yield slice(first, min(first + LANES, runs))
 
 
 def in_lanes(runs: np.ndarray) -> np.ndarray:
-    """Return the matrices (R, rows, columns) of a group as (rows, columns, LANES).
+    """Rearrange the matrices (R, rows, columns) of a group to (rows, columns, LANES).
 
     Unused lanes repeat the last run, see :func:`group_members`.
     """
@@ -119,7 +123,7 @@ def in_lanes(runs: np.ndarray) -> np.ndarray:
 
 
 def out_of_lanes(values: np.ndarray, runs: int) -> np.ndarray:
-    """Return the matrices (R, rows, columns) of a group of R runs from (rows, columns, LANES)."""
+    """Rearrange (rows, columns, LANES) to the matrices (R, rows, columns) of R runs."""
     return np.ascontiguousarray(np.moveaxis(values[:, :, :runs], -1, 0))
 
 
@@ -150,9 +154,9 @@ def _departure(
 
 @compiled
 def moving_states(transition: np.ndarray, process_cov: np.ndarray) -> int:
-    """Return the number of states before those that Φ and Q (R, K, n, n) leave unchanged.
+    """Return the number of leading states that Φ or Q (R, K, n, n) change.
 
-    The first run at its first epoch determines it.
+    All later states are unchanged. Only the first run at its first epoch is examined.
     """
     group = np.zeros(LANES, dtype=np.int64)
     count = transition.shape[2]
@@ -171,18 +175,18 @@ def gather(
     phi: np.ndarray,
     q: np.ndarray,
 ) -> int:
-    """Fill Φ and Q of epoch ``k``.
+    """Fill Φ and Q of epoch ``k`` for a group of runs.
 
     Parameters
     ----------
-    transition, process_cov : (R, K, n, n) of a block.
+    transition, process_cov : (R, K, n, n) Φ and Q of a block.
     group : (LANES,) runs, see :func:`group_members`.
     expected : number of states that change, from :func:`moving_states`.
-    phi, q : (n, n, LANES) output, the rows of states that change.
+    phi, q : (n, n, LANES) output; only the rows of states that change are filled.
 
     Returns
     -------
-    Number of states that change: ``expected``, or n if any run differs from that.
+    Number of states that change: ``expected``, or n if more states change in any run.
     """
     n = phi.shape[0]
     moving = expected
@@ -195,9 +199,9 @@ def gather(
 
 @compiled
 def gather_rows(values: np.ndarray, group: np.ndarray, k: int, count: int, out: np.ndarray) -> None:
-    """Fill the first ``count`` rows of values (R, K, rows, columns) at epoch ``k``.
+    """Fill the first ``count`` rows of ``out`` with values (R, K, rows, columns) at epoch ``k``.
 
-    ``out`` (., columns, LANES) has as many columns.
+    ``out`` has the shape (., columns, LANES).
     """
     used, size = count * values.shape[3], values.shape[2] * values.shape[3]
     epochs = values.shape[1]
@@ -232,7 +236,7 @@ def gather_rows(values: np.ndarray, group: np.ndarray, k: int, count: int, out: 
 
 @compiled
 def gather_row(values: np.ndarray, group: np.ndarray, k: int, out: np.ndarray) -> None:
-    """Fill (1, m, LANES) with values (R, K, m) at epoch ``k``."""
+    """Fill ``out`` (1, m, LANES) with values (R, K, m) at epoch ``k``."""
     for r in range(LANES):
         row = values[group[r], k]
         for j in range(row.shape[0]):
@@ -241,7 +245,7 @@ def gather_row(values: np.ndarray, group: np.ndarray, k: int, out: np.ndarray) -
 
 @compiled
 def broadcast(values: np.ndarray, out: np.ndarray) -> None:
-    """Copy a matrix (rows, columns) to all lanes."""
+    """Copy a matrix (rows, columns) to all lanes of ``out`` (rows, columns, LANES)."""
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             for r in range(LANES):
@@ -258,7 +262,10 @@ def scatter(
     mean: np.ndarray,
     cov: np.ndarray,
 ) -> None:
-    """Write x and P of ``count`` runs from ``first`` on to mean (R, K, n) and cov (R, K, n, n)."""
+    """Write x (1, n) and P (n, n) of ``count`` runs to epoch k of mean (R, K, n) and cov.
+
+    ``first`` is the run of lane 0; ``cov`` has the shape (R, K, n, n).
+    """
     n, epochs = p.shape[0], mean.shape[1]
     for r in range(count):
         to_mean = mean[first + r, k]

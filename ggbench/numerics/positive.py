@@ -9,9 +9,10 @@ _NO_NOISE = 1e-13
 
 
 def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return G (n, r), G Gᵀ = a covariance (n, n) of rank r, and its pseudo-inverse, transposed.
+    """Return a root G (n, r) of a covariance (n, n) of rank r, G Gᵀ = cov, and (G⁺)ᵀ (n, r).
 
-    The rank is determined in units of standard deviations, so that it does not depend on units.
+    G⁺ is the pseudo-inverse of G. The rank is that of the correlation matrix, so it does not depend
+    on the units of the states.
     """
     sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
     unit = np.where(sigma > 0.0, sigma, 1.0)
@@ -22,9 +23,10 @@ def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def nearest_root(matrix: np.ndarray) -> np.ndarray:
-    """Return U (n, n), upper triangular, with UᵀU = the nearest positive part of P (n, n).
+    """Return an upper triangular U (n, n) with UᵀU = P (n, n) after repair.
 
-    Negative eigenvalues of the symmetric, correlation-scaled matrix are set to a rounding error.
+    P is made symmetric and scaled to a correlation matrix. Negative eigenvalues of this matrix are
+    set to a value of the size of rounding errors.
 
     Raises
     ------
@@ -45,8 +47,9 @@ def nearest_root(matrix: np.ndarray) -> np.ndarray:
 class MatrixSquareRoot:
     """Upper-triangular square root of a covariance that may have lost positive definiteness.
 
-    Sigma points with a negative centre weight may cause this. P is symmetrised and factorised by
-    Cholesky. If that fails, the root is :func:`nearest_root`, and the repair is counted.
+    An unscented filter with a negative weight of the central point may lose positive definiteness.
+    P is made symmetric and factorised by Cholesky's method. If this fails, the root is that of
+    :func:`nearest_root`, and the repair is counted.
     """
 
     def __init__(self) -> None:
@@ -61,7 +64,7 @@ class MatrixSquareRoot:
         return nearest_root(matrix)
 
     def repaired(self, matrix: np.ndarray) -> np.ndarray:
-        """Return a covariance (n, n), symmetric and positive definite: P or its nearest one."""
+        """Return a symmetric, positive definite covariance (n, n): P, or P after repair."""
         before = self.repairs
         root = self(matrix)
         return 0.5 * (matrix + matrix.T) if self.repairs == before else root.T @ root

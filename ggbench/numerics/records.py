@@ -1,9 +1,9 @@
-"""Records of many arrays that kernels pass by one address.
+"""Records: sets of many arrays that kernels pass by a single address.
 
-Compiled functions pass a named tuple as all numbers that describe its arrays, seven or more for
-each. For a model with thirty arrays, most compiled code copied these numbers. A record is in memory
-instead and is passed by its address, as in :mod:`numba.experimental.structref`. In Python it is a
-frozen dataclass.
+Compiled functions pass a named tuple as all numbers that describe its arrays, seven or more numbers
+per array. For a model with thirty arrays, copying these numbers would be most of the compiled code.
+A record is stored in memory and passed by its address, as in :mod:`numba.experimental.structref`.
+In Python a record is a frozen dataclass.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MEMORY = types.MemInfoPointer(types.voidptr)
 
 @dataclass_transform(frozen_default=True, eq_default=False)
 def record(cls: _Class) -> _Class:
-    """Return a class with annotated fields as a type that kernels accept, create and pass on.
+    """Make a class with annotated fields a record, which kernels accept, create and pass on.
 
     Fields cannot be set. Arrays in fields are shared and can be filled. A record returned by a
     kernel is usable only in kernels.
@@ -67,7 +67,7 @@ def fields_of(value: Any) -> tuple[Any, ...]:
 
 
 class RecordType(types.StructRef):
-    """Type of a record in kernels: its class, and the types of its fields."""
+    """Numba type of a record, from the class of the record and the types of the fields."""
 
     def __init__(self, made: type, fields: Any) -> None:
         self.made = made
@@ -77,7 +77,7 @@ class RecordType(types.StructRef):
         self.name = f"{made.__module__}.{made.__qualname__}.{digest}"
 
     def preprocess_fields(self, fields: Any) -> Any:
-        """Return the names and types of the fields; constants become their general types."""
+        """Return the names and types of the fields; types of constants become general types."""
         return [(name, types.unliteral(kind)) for name, kind in fields]
 
 

@@ -1,7 +1,7 @@
-"""Compiled sines, cosines and rotation matrices of numbers, vectors and arrays.
+"""Compiled sines, cosines and rotation matrices, for numbers and for vectors of runs.
 
-A call of the C library prevents vector instructions in loops over points or runs. For small angles
-and latitudes, series without branches replace it.
+A call of the C library prevents vector instructions in loops over points or runs. Therefore small
+angles and latitudes use series without branches.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ _REST = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(12))
 def circular(square: float) -> tuple[float, float]:
     """Return sin(x)/x and (1 − cos x)/x² of an angle x, given its square.
 
-    The Taylor series are exact to rounding for angles below π/2, and to 1e-11 below π.
+    The error of the Taylor series is at rounding level for angles below π/2, and at most 1e-11
+    below π.
     """
     sine = cosine = like(square, 0.0)
     for k in range(11, -1, -1):
@@ -38,7 +39,7 @@ def circular(square: float) -> tuple[float, float]:
 
 @inlined
 def sine_cosine(latitude: float) -> tuple[float, float]:
-    """Return sin and cos of a latitude, from those of its half."""
+    """Return sine and cosine of a latitude [rad]."""
     half = 0.5 * latitude
     square = half * half
     ratio, versine = circular(square)
@@ -58,16 +59,20 @@ def _rodrigues(x: float, y: float, z: float, a: float, b: float) -> Matrix:
 
 @inlined
 def small_turn(x: float, y: float, z: float) -> Matrix:
-    """Return exp([v×]) of v = (x, y, z) (Rodrigues), in the range of :func:`circular`."""
+    """Return the rotation matrix exp([v×]) (Rodrigues) of the rotation vector v = (x, y, z).
+
+    The accuracy is that of :func:`circular`.
+    """
     a, b = circular(x * x + y * y + z * z)
     return _rodrigues(x, y, z, a, b)
 
 
 @inlined
 def left_jacobian(x: float, y: float, z: float) -> Matrix:
-    """Return J with exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]) to first order in δ, v = (x, y, z).
+    """Return the left Jacobian J of the rotation vector v = (x, y, z).
 
-    I + (1 − cos θ)/θ² [v×] + (θ − sin θ)/θ³ [v×]², θ = |v|, by the series of :func:`circular`.
+    To first order in δ, exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]). J = I + (1 − cos θ)/θ² [v×] + (θ
+    − sin θ)/θ³ [v×]² with θ = |v|, by series as in :func:`circular`.
     """
     square = x * x + y * y + z * z
     rest = like(square, 0.0)
@@ -79,13 +84,13 @@ def left_jacobian(x: float, y: float, z: float) -> Matrix:
 
 @inlined
 def transpose(a: Matrix) -> Matrix:
-    """Return the transpose of a matrix."""
+    """Return the transpose of a 3 × 3 matrix, stored as nine numbers."""
     return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
 
 
 @inlined
 def multiply(a: Matrix, b: Matrix) -> Matrix:
-    """Return the product of two matrices."""
+    """Return the product of two 3 × 3 matrices, stored as nine numbers."""
     return (
         a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
         a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
@@ -101,7 +106,7 @@ def multiply(a: Matrix, b: Matrix) -> Matrix:
 
 @inlined
 def fill(numbers: Matrix, out: np.ndarray) -> None:
-    """Fill ``out`` (3, 3) with nine numbers."""
+    """Fill ``out`` (3, 3) with the nine numbers of a matrix, row by row."""
     out[0, 0], out[0, 1], out[0, 2] = numbers[0], numbers[1], numbers[2]
     out[1, 0], out[1, 1], out[1, 2] = numbers[3], numbers[4], numbers[5]
     out[2, 0], out[2, 1], out[2, 2] = numbers[6], numbers[7], numbers[8]
@@ -109,7 +114,7 @@ def fill(numbers: Matrix, out: np.ndarray) -> None:
 
 @compiled
 def rotation_matrix(rotation_vector: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (3, 3) with exp([rotation_vector×]) (Rodrigues)."""
+    """Fill ``out`` (3, 3) with the rotation matrix exp([v×]) of a rotation vector v (3,) [rad]."""
     x, y, z = rotation_vector[0], rotation_vector[1], rotation_vector[2]
     angle2 = x * x + y * y + z * z
     if angle2 < _SERIES_BELOW:
@@ -121,7 +126,10 @@ def rotation_matrix(rotation_vector: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def rotation_vector(matrix: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (3,) with the rotation vector of a rotation by less than π/2."""
+    """Fill ``out`` (3,) with the rotation vector [rad] of a rotation matrix (3, 3).
+
+    The angle of the rotation must be less than π/2.
+    """
     out[0] = 0.5 * (matrix[2, 1] - matrix[1, 2])
     out[1] = 0.5 * (matrix[0, 2] - matrix[2, 0])
     out[2] = 0.5 * (matrix[1, 0] - matrix[0, 1])
@@ -143,13 +151,13 @@ def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
-    """Return C_nb (3, 3), from axes of the body (right, forward, up) to ENU.
+    """Return the attitude matrix C_nb (3, 3), from body axes (right, forward, up) to ENU.
 
     Parameters
     ----------
-    heading : clockwise from north [rad].
-    pitch : nose up [rad].
-    roll : right side down [rad].
+    heading : angle clockwise from north [rad].
+    pitch : angle, positive for nose up [rad].
+    roll : angle, positive for right side down [rad].
     """
     sin_h, cos_h = math.sin(heading), math.cos(heading)
     sin_p, cos_p = math.sin(pitch), math.cos(pitch)
@@ -167,9 +175,10 @@ def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
 
 @compiled
 def between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return rotations (M, 3, 3) at shares (M,) of the shortest way from one to another.
+    """Interpolate rotation matrices (M, 3, 3) at a constant angular rate.
 
-    ``before`` and ``after`` (M, 3, 3) are less than π/2 apart.
+    The result is ``before`` (M, 3, 3) for a ``share`` (M,) of 0 and ``after`` (M, 3, 3) for 1. The
+    rotation between the two must be less than π/2.
     """
     out = np.empty_like(before)
     difference = np.empty((3, 3))

@@ -1,6 +1,7 @@
 """Package version, and hashes of the source behind compiled code and cached maps.
 
-A hash covers whole rooms, or a module with all its imports. There is no list of files to maintain.
+A hash covers whole subpackages ("rooms"), or a module with all its imports. There is no list of
+files to maintain.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ MAP_ROOMS = ("numerics", "gravity", "maps")
 
 @cache
 def rooms_hash(*rooms: str) -> str:
-    """Return a hash (16 hexadecimal digits) of all modules of some rooms."""
+    """Return a hash (16 hexadecimal digits) of all modules of the given subpackages."""
     return _hash_of({file for room in rooms for file in (PACKAGE / room).rglob("*.py")})
 
 
@@ -33,8 +34,9 @@ _IMPORT = re.compile(r"^\s*from\s+(\.+)([\w.]*)\s+import\s+(\((?:[^)#]|#.*)*\)|.
 def module_hash(file: Path) -> str:
     """Return a hash (16 hexadecimal digits) of the source of a module and of all its imports.
 
-    Direct and indirect imports within the package count. A file elsewhere, such as a user's own
-    estimator, may use any compiled function: its hash covers all :data:`COMPILED_ROOMS`.
+    The hash covers direct and indirect imports within the package. A file outside the package, such
+    as a user's estimator, may use any compiled function, so its hash covers all
+    :data:`COMPILED_ROOMS`.
     """
     if PACKAGE in file.parents:
         # A formula may be compiled for vectors although its module does not import them.
@@ -65,7 +67,7 @@ def _imported(file: Path) -> set[Path]:
 
 @cache
 def directly_imported(file: Path) -> frozenset[Path]:
-    """Return the modules of the package in the import lines of a module."""
+    """Return the files of the package's modules that a module imports directly."""
     found = set()
     for dots, path, names in _IMPORT.findall(file.read_text(encoding="utf-8")):
         base = file.parents[len(dots) - 1].joinpath(*filter(None, path.split(".")))

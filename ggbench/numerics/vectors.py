@@ -1,15 +1,14 @@
-"""Vectors: numbers of eight runs as one value in compiled code.
+"""Vector type of compiled code: the numbers of eight runs as one value.
 
-An array (..., LANES) of double precision numbers, the run last, is read and written a vector at a
-time by :func:`load` and :func:`store`. Vectors are added, subtracted, multiplied, divided and
-negated lane by lane, and ``math.sqrt`` and ``math.floor`` take them. A formula is therefore written
-once, and compiled for a number or for the numbers of eight runs. Vectors exist only in compiled
-code and cannot be returned to Python.
+:func:`load` and :func:`store` read and write one vector of an array (..., LANES) of double
+precision numbers, whose last axis is the run. Vectors are added, subtracted, multiplied, divided
+and negated lane by lane, and ``math.sqrt`` and ``math.floor`` accept vectors. Therefore the same
+formula can be compiled for a number or for the numbers of eight runs. Vectors exist only in
+compiled code and cannot be returned to Python.
 
-A product of vectors and a sum in one expression are fused (rounded once) as the function is
-written, before the compiler inlines anything: the bits of a kernel depend on its source alone.
-Fusing is one instruction where the processor has it; elsewhere the C library computes the same
-bits, slowly.
+A product and a sum of vectors in one expression are fused, that is rounded once. The source of the
+function determines fusing before the compiler inlines, so the bits of a result depend on the source
+alone. Processors without a fused instruction get the same bits from the C library, slowly.
 """
 
 from __future__ import annotations
@@ -159,15 +158,18 @@ def _is_contiguous(array: Any) -> bool:
 
 @intrinsic
 def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
-    """Return the vector ``array[i, j]`` of a contiguous array (., ., LANES); no negative index."""
+    """Return the vector ``array[i, j]`` of a contiguous array (., ., LANES).
+
+    Indices must not be negative.
+    """
     return _loading(array, 2) if _is_contiguous(array) and array.ndim == 3 else None
 
 
 @intrinsic
 def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
-    """Set ``array[i, j]`` of a contiguous array (., ., LANES) to a vector, or to a number.
+    """Set ``array[i, j]`` of a contiguous array (., ., LANES) to a vector or a number.
 
-    No index may be negative.
+    Indices must not be negative.
     """
     if not (isinstance(value, _Vector) or value == types.float64):
         return None
@@ -176,7 +178,7 @@ def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
 
 @intrinsic
 def splat(typing: Any, number: Any) -> Any:
-    """Return a vector with a number in all lanes."""
+    """Return a vector with the same number in all lanes."""
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _spread(builder, args[0])
@@ -186,7 +188,7 @@ def splat(typing: Any, number: Any) -> Any:
 
 @intrinsic
 def like(typing: Any, kind: Any, number: Any) -> Any:
-    """Return a number in the type of another value: a number or a vector."""
+    """Convert a number to the type of ``kind``, which is a number or a vector."""
     if not (isinstance(kind, _Vector) or kind == types.float64):
         return None
 
@@ -198,7 +200,7 @@ def like(typing: Any, kind: Any, number: Any) -> Any:
 
 @intrinsic
 def with_sign(typing: Any, size: Any, sign: Any) -> Any:
-    """Return a vector with the magnitudes of one vector and the signs of another."""
+    """Return a vector with the magnitudes of ``size`` and the signs of ``sign``."""
     if not isinstance(size, _Vector) or not isinstance(sign, _Vector):
         return None
 
@@ -210,19 +212,25 @@ def with_sign(typing: Any, size: Any, sign: Any) -> Any:
 
 @intrinsic
 def load_from(typing: Any, array: Any, start: Any) -> Any:
-    """Return LANES neighbouring numbers of a contiguous array, from a place in memory order."""
+    """Return LANES consecutive numbers of a contiguous array as a vector.
+
+    ``start`` is the index of the first number in memory order.
+    """
     return _loading(array, 1) if _is_contiguous(array) else None
 
 
 @intrinsic
 def store_from(typing: Any, array: Any, start: Any, value: Any) -> Any:
-    """Set LANES neighbouring numbers of a contiguous array, from a place in memory order."""
+    """Set LANES consecutive numbers of a contiguous array to a vector.
+
+    ``start`` is the index of the first number in memory order.
+    """
     return _storing(array, 1, value) if _is_contiguous(array) else None
 
 
 @intrinsic
 def transposed(typing: Any, rows: Any) -> Any:
-    """Return the LANES columns, as vectors, of a matrix given by a tuple of LANES row vectors."""
+    """Transpose a square matrix, given as a tuple of LANES row vectors."""
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         rows = cgutils.unpack_tuple(builder, args[0], LANES)

@@ -1,1 +1,1 @@
-"""Sensors other than the INS, and the measurement model h and H."""
+"""Sensors other than the INS, and the measurement model with h and H."""

@@ -1,11 +1,12 @@
-"""Aiding sensors other than the gradiometer, and their dependence on the INS error.
+"""Aiding sensors other than the gradiometer, with measurements as functions of INS errors.
 
-Each sensor receives the true motion and the INS solution, and returns
+A sensor class has two methods that define its measurements:
 
-* the measurements without its own errors (:meth:`AidingSensor.exact`),
-* the same as a linear function of the INS errors (:meth:`AidingSensor.about`).
+* :meth:`AidingSensor.exact` returns the measurements without sensor errors, from the true motion
+  and the INS solution.
+* :meth:`AidingSensor.about` returns the same measurements as a linear function of the INS errors.
 
-Its own errors are white noise, channel biases, outliers and dropouts.
+The errors of a sensor are white noise, channel biases, outliers and dropouts.
 """
 
 from __future__ import annotations
@@ -43,7 +44,10 @@ class _Track(Protocol):
 
 
 class Motion(NamedTuple):
-    """Positions [rad, rad, m], velocities ENU [m/s] (..., K, 3) and C_nb (..., K, 3, 3)."""
+    """Motion at K epochs: positions [rad, rad, m] (..., K, 3), velocities ENU [m/s], C_nb.
+
+    Velocities have the shape (..., K, 3), attitude matrices C_nb (..., K, 3, 3).
+    """
 
     positions: np.ndarray
     velocities: np.ndarray
@@ -51,23 +55,23 @@ class Motion(NamedTuple):
 
     @classmethod
     def of(cls, track: _Track) -> Motion:
-        """Return the motion of a track, indicated or true."""
+        """Return the motion of an indicated or true track."""
         return cls(track.positions, track.velocities, track.attitudes)
 
     @classmethod
     def of_states(cls, states: np.ndarray) -> Motion:
-        """Return the motion of navigation states (..., 15), the inverse of :attr:`states`."""
+        """Return the motion of navigation states (..., 15); the inverse of :attr:`states`."""
         c_nb = states[..., 6:].reshape(*states.shape[:-1], 3, 3)
         return cls(states[..., :3], states[..., 3:6], c_nb)
 
     @property
     def states(self) -> np.ndarray:
-        """Position, velocity and C_nb, row by row (..., 15)."""
+        """Navigation states (..., 15): position, velocity and C_nb (row by row)."""
         c_nb = self.attitudes.reshape(*self.positions.shape[:-1], 9)
         return np.concatenate([self.positions, self.velocities, c_nb], axis=-1)
 
     def at(self, epochs: Any) -> Motion:
-        """Return the motion at some of the epochs K."""
+        """Return the motion at the epochs with indices ``epochs``."""
         return Motion(
             self.positions[..., epochs, :],
             self.velocities[..., epochs, :],
@@ -77,17 +81,18 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class AidingSensor(ABC):
-    """Base of the aiding sensors.
+    """Base class of the aiding sensors.
 
     Attributes
     ----------
-    period : time between two readings [s].
-    noise : (e,) RMS of each channel's white noise [unit of the channel].
-    bias : σ of each channel's bias [unit of the channel]; zero for none.
-    bias_time : correlation time of the bias, a Gauss–Markov process [s]; ∞ for a constant.
+    period : time between two measurements [s].
+    noise : (e,) RMS of the white noise of each of e channels [unit of the channel].
+    bias : standard deviation of the bias of each channel [unit of the channel]; zero for no bias.
+    bias_time : correlation time of the bias, a Gauss–Markov process [s]; ∞ for a constant bias.
     faults : outliers and dropouts, which no estimator assumes.
-    arm_sigma : σ of the constant error of each component of its lever arm [m]; zero for none.
-    label : name, if there are several sensors of its kind; "" for none.
+    arm_sigma : standard deviation of the constant error of each lever-arm component [m]; zero for
+        no error.
+    label : name of the sensor, needed if there are several sensors of the same kind; "" for none.
     """
 
     period: float
@@ -102,28 +107,31 @@ class AidingSensor(ABC):
 
     @property
     def name(self) -> str:
-        """Name: its label, or its kind without a label."""
+        """Name of the sensor: the label, or the kind of the sensor if there is no label."""
         return self.label or self.kind
 
     @property
     @abstractmethod
     def channels(self) -> tuple[Channel, ...]:
-        """The e channels."""
+        """The e channels of the sensor."""
 
     @abstractmethod
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the measurements without the sensor's own errors (..., K, e)."""
+        """Return the measurements (..., K, e) without sensor errors.
+
+        ``gravity`` is the true gravity field.
+        """
 
     @abstractmethod
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return the channels without the map's gravity as linear functions of the INS errors.
+        """Return the measurements as linear functions of the INS errors.
 
         The result is the offset (..., K, e) and the first nine columns of C_k (..., K, e, 9), see
-        :class:`.ModelArrays`.
+        :class:`.ModelArrays`. The contribution of the map's gravity is excluded.
         """
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return measurements (..., K, e) as they would be with another INS solution.
+        """Convert measurements (..., K, e) relative to an old INS solution to a new INS solution.
 
         Most measurements do not depend on the INS solution.
         """
@@ -131,12 +139,15 @@ class AidingSensor(ABC):
 
     @property
     def weights(self) -> np.ndarray:
-        """Jacobian W of the channels by the gravity disturbance ENU (e, 3) [unit / (m/s²)]."""
+        """Jacobian W (e, 3) of the channels with respect to the gravity disturbance, ENU.
+
+        The unit is that of the channel per m/s².
+        """
         return np.zeros((len(self.channels), 3))
 
     @property
     def biased(self) -> int:
-        """Number of channels with a bias; they come first."""
+        """Number of channels with a bias; these channels come first."""
         return len(self.channels) if self.bias > 0.0 else 0
 
     @property
@@ -145,30 +156,32 @@ class AidingSensor(ABC):
         return 3 if self.arm_sigma > 0.0 else 0
 
     def by_arm(self, motion: Motion, turning: np.ndarray) -> np.ndarray:
-        """Return the Jacobian of the channels by the lever arm (..., K, e, 3) [unit / m].
+        """Return the Jacobian (..., K, e, 3) of the channels with respect to the lever arm.
+
+        The unit is that of the channel per m.
 
         Parameters
         ----------
-        motion : of the body, indicated or true.
-        turning : (..., K, 3) its angular rate about its own axes [rad/s].
+        motion : indicated or true motion of the body.
+        turning : (..., K, 3) angular rate of the body about the body axes [rad/s].
         """
         return np.zeros((*motion.positions.shape[:-1], len(self.channels), 3))
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return the factor of a bias at each epoch (K,) since the previous one."""
+        """Return the factor (K,) e^(−Δt/T) of a bias from the previous epoch to each epoch."""
         return remaining(times, self.bias_time)
 
     def biases(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return the biases of a run (K, b) at the epochs, for the channels with one."""
+        """Return random biases (K, b) of a run at the epochs, for the b channels with a bias."""
         return self.bias * gauss_markov(times, self.bias_time, self.biased, rng)
 
 
 @dataclass(frozen=True)
 class VelocityLog(AidingSensor):
-    """A log: components of the velocity, in axes of the body (right, forward, up) or ENU.
+    """Velocity log: components of the velocity in body axes (right, forward, up) or in ENU.
 
-    In axes of the body it depends on the attitude error φ, C_bn v ≈ Ĉ_bn (v̂ − δv + v̂ × φ); the
-    neglected terms φ × δv and φ² v / 2 are 1 mm/s for 3′ and 1 m/s.
+    In body axes the velocity depends on the attitude error φ: C_bn v ≈ Ĉ_bn (v̂ − δv + v̂ × φ). The
+    neglected terms φ × δv and φ² v / 2 are 1 mm/s for φ = 3′ and δv = 1 m/s.
     """
 
     components: tuple[str, ...] = ("x", "y")
@@ -182,7 +195,7 @@ class VelocityLog(AidingSensor):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """The components [m/s]."""
+        """Channels: the measured velocity components [m/s]."""
         names = ("right", "forward", "up") if self.body else ("E", "N", "U")
         return tuple(Channel(f"velocity {names[i]}", "m/s", self.name) for i in self._axes)
 
@@ -194,7 +207,10 @@ class VelocityLog(AidingSensor):
         return np.broadcast_to(found, ins.velocities.shape)[..., self._axes]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return the offset (..., K, e) [m/s] and C_k of Ĉ_bn (v̂ − δv + v̂ × φ), or of v̂ − δv."""
+        """Return offset (..., K, e) [m/s] and C_k (..., K, e, 9) of the measured velocity.
+
+        The measurement is Ĉ_bn (v̂ − δv + v̂ × φ) in body axes, or v̂ − δv in ENU.
+        """
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         offset = ins.velocities
         if self.body:
@@ -209,13 +225,13 @@ class VelocityLog(AidingSensor):
 
 @dataclass(frozen=True)
 class Barometer(AidingSensor):
-    """A height [m] from air pressure or a known sea level: ĥ − δh."""
+    """Barometric altimeter or known sea level: the height ĥ − δh [m]."""
 
     kind = "barometer"
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """The height."""
+        """Channel: the height [m]."""
         return (Channel("height", "m", self.name),)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
@@ -223,7 +239,7 @@ class Barometer(AidingSensor):
         return np.broadcast_to(truth.positions, ins.positions.shape)[..., 2:]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return the offset ĥ (..., K, 1) [m] and C_k (..., K, 1, 9) of ĥ − δh."""
+        """Return the offset ĥ (..., K, 1) [m] and C_k (..., K, 1, 9) of the height ĥ − δh."""
         rows = np.zeros((*ins.positions.shape[:-1], 1, MOVED))
         rows[..., 0, 2] = -1.0
         return ins.positions[..., 2:], rows
@@ -231,14 +247,15 @@ class Barometer(AidingSensor):
 
 @dataclass(frozen=True)
 class Gravimeter(AidingSensor):
-    """A gravimeter; measurements are reduced with the INS solution [mGal].
+    """Gravimeter; measurements are gravity disturbances, reduced with the INS solution [mGal].
 
-    In steady flight an accelerometer measures f = c(v, p) + γ(p) − δg, with the Eötvös
-    accelerations c = (2ω_ie + ω_en) × v and normal gravity −γ. The reduced measurement is c(v̂, p̂)
-    + γ(p̂) − Ĉ_nb C_bn f: the disturbance δg at the true position, plus the effects of the INS
-    errors on c, γ and f (Li 2011). ``scalar`` is the excess of gravity, −δg_U. Vehicle
-    accelerations are assumed known; their residual is part of the noise. Squares of errors are
-    neglected: 0.02 mGal for 1 m/s or 10 km, 0.04 mGal for a tilt of 1′.
+    In steady flight an accelerometer measures the specific force f = c(v, p) + γ(p) − δg, with the
+    Eötvös acceleration c = (2ω_ie + ω_en) × v and normal gravity −γ. The reduced measurement is
+    c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f. It equals the disturbance δg at the true position plus effects
+    of the INS errors on c, γ and f (Li 2011). The component ``scalar`` is −δg_U, the excess of
+    downward gravity. Vehicle accelerations are assumed known; residual accelerations are part of
+    the noise. Terms of second order in the errors are neglected: 0.02 mGal for 1 m/s or 10 km, 0.04
+    mGal for a tilt of 1′.
     """
 
     components: tuple[str, ...] = ("scalar",)
@@ -253,16 +270,16 @@ class Gravimeter(AidingSensor):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """The components."""
+        """Channels: the measured components of the disturbance [mGal]."""
         return tuple(Channel(f"gravity {_GRAVITY[i]}", "mGal", self.name) for i in self._axes)
 
     @property
     def weights(self) -> np.ndarray:
-        """W (e, 3) [mGal / (m/s²)]: east, north, and the negative of the upward component."""
+        """Jacobian W (e, 3) [mGal / (m/s²)]: east, north, and the negative of the up component."""
         return np.asarray((MGAL * _SIGNS[:, np.newaxis] * np.eye(3))[self._axes])
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the reduced disturbance at the true place (..., K, e) [mGal]."""
+        """Return the reduced disturbance (..., K, e) [mGal] at the true position."""
         disturbance = gravity.gravity_disturbance(*np.moveaxis(truth.positions, -1, 0))
         felt = self.steady_force(truth.positions, truth.velocities) - disturbance
         turn = ins.attitudes @ np.swapaxes(truth.attitudes, -1, -2)
@@ -271,10 +288,10 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS * reduced)[..., self._axes])
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return the readings (..., K, e) [mGal], reduced with the new track.
+        """Return the measurements (..., K, e) [mGal], reduced with the new INS solution.
 
-        The measured specific force is rotated from the old attitude to the new one. Components that
-        are not measured are those of steady flight in the new attitude.
+        The measured specific force is rotated from the old to the new attitude. Components that are
+        not measured are set to those of steady flight at the new attitude.
         """
         turn = new.attitudes @ np.swapaxes(old.attitudes, -1, -2)
         reduced = self.steady_force(new.positions, new.velocities)
@@ -286,9 +303,9 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS * again)[..., self._axes])
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return zeros (..., K, e) and the Jacobian of the reduction by the INS errors.
+        """Return zeros (..., K, e) and the Jacobian (..., K, e, 9) with respect to the INS errors.
 
-        The Jacobian (..., K, e, 9) is in mGal per m, m/s and rad.
+        The Jacobian is that of the reduction, in mGal per m, m/s and rad.
         """
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         for j, step in ((1, 100.0), (2, 100.0), (3, 1.0), (4, 1.0), (5, 1.0)):
@@ -315,25 +332,26 @@ _ENU = [1, 0, 2]
 
 
 def position_error(indicated: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Return indicated − true positions (..., 3) as metres ENU at the indicated ones."""
+    """Return indicated − true positions (..., 3), in metres ENU at the indicated positions."""
     return np.asarray((indicated - true)[..., _ENU] * metres_of(indicated))
 
 
 def corrected_positions(indicated: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return indicated positions (..., 3), corrected for errors ENU (..., 3) [m].
+    """Return indicated positions (..., 3), corrected for position errors ENU (..., 3) [m].
 
-    It is the inverse of :func:`position_error`.
+    This is the inverse of :func:`position_error`.
     """
     return np.asarray(indicated - (error / metres_of(indicated))[..., _ENU])
 
 
 def corrected_motion(indicated: Motion, errors: np.ndarray) -> Motion:
-    """Return the motion that an INS indicates, corrected for estimated errors.
+    """Return the motion of an INS, corrected for estimated errors.
 
     Parameters
     ----------
-    indicated : positions and velocities (K, 3), attitudes (K, 3, 3).
-    errors : (K, n), the first nine are errors of position, velocity, attitude [m, m/s, rad].
+    indicated : motion of the INS at K epochs.
+    errors : (K, n) estimated states; the first nine are errors of position [m], velocity [m/s] and
+        attitude [rad].
     """
     attitudes, turn = np.empty((len(errors), 3, 3)), np.empty((3, 3))
     for k, c_nb in enumerate(indicated.attitudes):
@@ -347,12 +365,12 @@ def corrected_motion(indicated: Motion, errors: np.ndarray) -> Motion:
 
 
 def cross_matrix(vectors: np.ndarray) -> np.ndarray:
-    """Return [v×] (..., 3, 3) of vectors (..., 3)."""
+    """Return the cross-product matrices [v×] (..., 3, 3) of vectors v (..., 3)."""
     return np.cross(np.eye(3), vectors[..., np.newaxis, :])
 
 
 def metres_of(positions: np.ndarray) -> np.ndarray:
-    """Return metres per unit of longitude, latitude and height (..., 3) [m/rad, m/rad, 1]."""
+    """Return metres per radian of longitude and of latitude, and one for the height (..., 3)."""
     flat = np.ascontiguousarray(positions).reshape(-1, 3)
     metres = np.hstack([metres_along(flat), np.ones((len(flat), 1))])
     return metres.reshape(positions.shape)

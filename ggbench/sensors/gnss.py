@@ -1,4 +1,4 @@
-"""GNSS receivers: positions and velocities of an antenna."""
+"""GNSS receivers: position and velocity of an antenna."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _TIMING = 1e-9
 
 @dataclass(frozen=True)
 class FalsePositions:
-    """Position errors of a receiver at fixed times, equal in all runs.
+    """Position errors of a GNSS receiver at fixed times, equal in all runs.
 
     They represent jamming, spoofing or wrong corrections.
 
     Attributes
     ----------
-    ramp : rate of the error ENU [m/s] from ``ramp_from`` [s] on.
-    jump : error ENU [m] between the two times of ``jump_within`` [s].
+    ramp : rate of the error, ENU [m/s], from the time ``ramp_from`` [s] on.
+    jump : error, ENU [m], between the two times of ``jump_within`` [s].
     """
 
     ramp: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -32,7 +32,7 @@ class FalsePositions:
     jump_within: tuple[float, float] = (0.0, np.inf)
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """Return the errors (K, 3) ENU [m] of positions at some times (K,) [s]."""
+        """Return the position errors (K, 3), ENU [m], at times (K,) [s]."""
         first, last = self.jump_within
         jumped = (times > first - _TIMING) & (times < last + _TIMING)
         grown = np.maximum(times - self.ramp_from, 0.0)
@@ -44,20 +44,22 @@ _TRUE_POSITIONS = FalsePositions()
 
 @dataclass(frozen=True)
 class Gnss(AidingSensor):
-    """Satellite navigation: position relative to the INS, and velocity.
+    """GNSS receiver: position relative to the INS, and velocity.
 
-    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv; an antenna at the lever arm l
-    adds C_nb l ≈ (I + [φ×]) Ĉ_nb l. Only positions have biases and errors at fixed times.
+    Position and velocity are linear in the INS errors: p − p̂ = −δr and v = v̂ − δv. An antenna at
+    the lever arm l adds C_nb l ≈ (I + [φ×]) Ĉ_nb l to the position. Only positions have biases and
+    errors at fixed times.
 
-    Velocities are corrected for the known lever arm with the gyro rates ω, which count as exact. An
-    error δl of the arm adds C_nb δl to positions and C_nb (ω × δl) to velocities. States δl enter
-    by Ĉ_nb, without φ × Ĉ_nb δl (2 mm for 2 m and 3′), so they are linear.
+    Velocities are corrected for the known lever arm with the gyro rates ω, without errors of ω. A
+    lever-arm error δl adds C_nb δl to positions and C_nb (ω × δl) to velocities. If δl is a state,
+    the measurement model uses Ĉ_nb instead of C_nb. This neglects φ × Ĉ_nb δl (2 mm for δl = 2 m
+    and φ = 3′) and makes h linear.
 
     Attributes
     ----------
-    position, velocity : whether the receiver provides them.
+    position, velocity : whether the receiver provides positions; whether it provides velocities.
     errors : position errors at fixed times.
-    lever : right, forward, up: from the INS to the antenna [m].
+    lever : lever arm from the INS to the antenna in body axes (right, forward, up) [m].
     """
 
     position: bool = True
@@ -69,7 +71,7 @@ class Gnss(AidingSensor):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Position ENU relative to the INS [m] and velocity ENU [m/s], if provided."""
+        """Channels: position ENU relative to the INS [m] and velocity ENU [m/s], if provided."""
         kinds = [("position", "m")] * self.position + [("velocity", "m/s")] * self.velocity
         return tuple(
             Channel(f"{what} {axis}", unit, self.name) for what, unit in kinds for axis in "ENU"
@@ -81,13 +83,16 @@ class Gnss(AidingSensor):
         return 3 if self.position and self.bias > 0.0 else 0
 
     def by_arm(self, motion: Motion, turning: np.ndarray) -> np.ndarray:
-        """Return C_nb for positions [m/m], C_nb [ω×] for velocities [m/s per m]: (..., K, e, 3)."""
+        """Return the Jacobian (..., K, e, 3) of the channels with respect to the lever arm.
+
+        It is C_nb for positions [m/m] and C_nb [ω×] for velocities [m/s per m].
+        """
         c_nb = motion.attitudes
         parts = [c_nb] * self.position + [c_nb @ cross_matrix(turning)] * self.velocity
         return np.concatenate(parts, axis=-2)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the antenna's true position less the INS's [m], and true velocity: (..., K, e)."""
+        """Return true antenna position minus INS position [m], and true velocity (..., K, e)."""
         parts = []
         if self.position:
             antenna = truth.attitudes @ np.array(self.lever)
@@ -97,7 +102,10 @@ class Gnss(AidingSensor):
         return np.concatenate(parts, axis=-1)
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv: offset (..., K, e), C_k (..., K, e, 9)."""
+        """Return offset (..., K, e) and C_k (..., K, e, 9) of the measurements.
+
+        They are −δr + Ĉ_nb l + φ × Ĉ_nb l for the position and v̂ − δv for the velocity.
+        """
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
         rows[..., np.arange(len(selected)), selected] = -1.0
@@ -112,7 +120,7 @@ class Gnss(AidingSensor):
         return np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return the readings (..., K, e), positions relative to the new track [m]."""
+        """Return the measurements (..., K, e), with positions relative to the new INS track [m]."""
         if not self.position:
             return readings
         # Metres of the new track: a radian of longitude is worth another length there.

@@ -1,4 +1,4 @@
-"""Gravity-disturbance term of the equation of measurement, compiled."""
+"""Compiled gravity-disturbance term of the measurement equation."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from .model_arrays import ModelArrays
 def disturbance_at(
     model: ModelArrays, run: int, k: int, error: np.ndarray, value: np.ndarray, slope: np.ndarray
 ) -> None:
-    """Fill δg (3,), the gravity disturbance ENU [m/s²] at the INS position less an error.
+    """Fill δg (3,), the gravity disturbance ENU [m/s²] at the INS position minus an error.
 
     Parameters
     ----------
-    model, run, k : of a block; run and epoch.
+    model, run, k : arrays of a block; index of the run; epoch.
     error : (3,) position error ENU [m].
-    slope : (3, 3) output, derivatives by the error to the east, to the north and upwards [s⁻²].
+    value : (3,) output, δg.
+    slope : (3, 3) output, derivatives of δg with respect to the error to the east, to the north and
+        upwards [s⁻²].
     """
     place = model.places[run, k]
     sine, cosine = sine_cosine(place[0])
@@ -62,16 +64,17 @@ def add_gravity(
     predicted: np.ndarray,
     slope: np.ndarray,
 ) -> None:
-    """Add W_k δg(p̂_k − x) of each run to h, and its derivative to a slope.
+    """Add W_k δg(p̂_k − x) of each run to h, and the derivative of this term to H.
 
     Parameters
     ----------
-    model : of a block.
-    group : (lanes,) runs, of which ``count`` differ.
+    model : arrays of a block.
+    group : (lanes,) runs; unused lanes repeat a run.
+    count : number of different runs in the group.
     k : epoch.
-    x : (1, n, lanes) states.
-    predicted : (1, m, lanes) h, changed.
-    slope : (m, n, lanes) derivative by the states, changed; (0, n, lanes) if not needed.
+    x : (1, n, lanes) states, one run per lane.
+    predicted : (1, m, lanes) h, increased.
+    slope : (m, n, lanes) H, increased; (0, n, lanes) if not needed.
     """
     if model.gravity.coefficients.size == 0:
         return
@@ -103,13 +106,15 @@ def bend_gravity_pairs(
     odd: np.ndarray,
     even: np.ndarray,
 ) -> None:
-    """Add the nonlinear part of W_k δg at x ± d_q, with d_q = spread · L_q.
+    """Add the nonlinear part of W_k δg at the sigma points x ± d_q, d_q = spread · L_q.
 
     Parameters
     ----------
     model, group, count, k, x : as in :func:`add_gravity`.
-    lower : (n, n, lanes) lower triangular root of P.
-    odd, even : (m, n, lanes) half the difference and half the sum of h(x ± d_q) − h(x), changed.
+    lower : (n, n, lanes) Cholesky factor L of P; L_q is column q.
+    spread : factor on the columns of L.
+    odd, even : (m, n, lanes) half the difference, and half the sum, of h(x + d_q) − h(x) and h(x −
+        d_q) − h(x); both are increased.
     """
     if model.gravity.coefficients.size == 0:
         return

@@ -1,4 +1,4 @@
-"""Measurement model of all estimators, h and H, along INS tracks."""
+"""Measurement model h and H of all estimators, along INS tracks."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class DelayedInsSolution(NamedTuple):
 
     Attributes
     ----------
-    delays : (K,) τ_k, delays of the measurements behind their epochs [s].
-    positions, attitudes : (..., K, 3), (..., K, 3, 3) at these times, as in
+    delays : (K,) τ_k, time from each measurement to its epoch [s].
+    positions, attitudes : (..., K, 3), (..., K, 3, 3) INS solution at the measurement times, as in
         :class:`.aiding.Motion`.
-    rows : (..., K, 6, 15) B_k: from x(t_k) to the position error [m] and attitude error [rad] at
-        these times.
+    rows : (..., K, 6, 15) B_k, which maps x(t_k) to the position error [m] and attitude error [rad]
+        at the measurement time.
     """
 
     delays: np.ndarray
@@ -45,14 +45,14 @@ class DelayedInsSolution(NamedTuple):
 
 
 class AidingChannels(NamedTuple):
-    """Equation of the channels of the aiding sensors; its symbols are those of ModelArrays.
+    """Measurement equation of the aiding channels, in the symbols of :class:`.ModelArrays`.
 
     Attributes
     ----------
-    offset : (..., K, e) in units of the channels.
-    linear : (..., K, e, n) C_k.
+    offset : (..., K, e) constant term of each of e channels [unit of the channel].
+    linear : (..., K, e, n) C_k [unit of the channel per unit of the state].
     weights : (..., K, e, 3) W_k [unit of the channel per m/s²].
-    gravity : the map of the gravity disturbance.
+    gravity : map of the gravity disturbance.
     """
 
     offset: np.ndarray
@@ -61,7 +61,10 @@ class AidingChannels(NamedTuple):
     gravity: DisturbanceMap
 
     def without(self, absent: np.ndarray) -> AidingChannels:
-        """Return the equation with zeros for missing measurements, ``absent`` (..., K, e)."""
+        """Return the equation with zeros for missing measurements, given by the mask ``absent``.
+
+        The mask has the shape (..., K, e).
+        """
         for array in (self.offset, self.linear, self.weights):
             array[absent] = 0.0
         return self
@@ -76,17 +79,19 @@ def aiding_channels(
     motion: Motion,
     turning: np.ndarray,
 ) -> AidingChannels:
-    """Return the equation of aiding sensors along INS tracks, as if no measurement were missing.
+    """Return the measurement equation of aiding sensors along INS tracks.
+
+    Missing measurements are not considered, see :meth:`AidingChannels.without`.
 
     Parameters
     ----------
-    sensors : in the order of their channels.
-    states : after those of the INS.
-    dimension : number of states.
-    gravity : the map of the gravimeters.
-    read_at : epochs of the measurements of each sensor.
-    motion : INS solution at the epochs (..., K, .).
-    turning : (..., K, 3) angular rates about the body's axes at the epochs [rad/s].
+    sensors : aiding sensors, in the order of their channels.
+    states : states of the sensors, which follow those of the INS.
+    dimension : number n of states.
+    gravity : map of the gravity disturbance for the gravimeters.
+    read_at : for each sensor, the epochs of its measurements.
+    motion : INS solution at the K epochs.
+    turning : (..., K, 3) angular rates about the body axes at the epochs [rad/s].
     """
     epochs, total = motion.positions.shape[:-1], sum(len(sensor.channels) for sensor in sensors)
     offset, linear = np.zeros((*epochs, total)), np.zeros((*epochs, total, dimension))
@@ -117,20 +122,21 @@ def model_arrays(
     states: Sequence[PlacedStates],
     whitening: Whitening | None,
 ) -> ModelArrays:
-    """Return the equation of measurement along an INS track, or along those of a block of runs.
+    """Return the measurement equation along one INS track, or along the R tracks of a block.
 
     Parameters
     ----------
-    field, gradiometer : assumed map and instrument (or None).
+    field, gradiometer : assumed field and gradiometer; the gradiometer may be None.
     times : (K,) measurement epochs [s].
-    ins : INS solution at the epochs (..., K, .); (...) is () or (R,).
-    taken : INS solution at the delayed measurement times.
-    treatment : the prefilter of the G outputs of the instrument.
-    missing : (..., G) mask of missing measurements.
+    ins : INS solution at the epochs; the leading axes (...) of arrays are () or (R,).
+    taken : INS solution at the measurement times of the gradiometer.
+    treatment : prefilter of the G outputs of the gradiometer.
+    missing : (..., G) mask of missing gradiometer measurements.
     at : (G,) epochs of the gradiometer's measurements.
-    others : the channels of the other sensors.
-    states : after those of the INS.
-    whitening : of the G measurements, for coloured noise without low-pass and delay; else None.
+    others : measurement equation of the aiding sensors.
+    states : states of the sensors, which follow those of the INS.
+    whitening : whitening of the G measurements for coloured noise, allowed without low-pass and
+        delay; None for white noise.
     """
     if gradiometer is None:
         gradiometer = NO_GRADIOMETER
@@ -236,24 +242,28 @@ def _combined(
 
 
 class SensorModel:
-    """The measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
+    """Measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
 
-    :class:`.ModelArrays` has the equation. A filtered gradiometer's offset is ẑ_k − gain_k S
-    T(p̂_k), where ẑ is the measurement predicted along the INS track, after the filter and
-    prefilter of the instrument, p̂_k the INS position (and attitude) at t_k − τ_k, and the gain
-    that of the chain. Without a filter the offset is zero, and τ_k is the latency of the readings,
-    if they have one. Whitened coloured noise combines the last few measurements, each at its own
-    INS position less the present position error. This neglects the change of the error, velocity
-    error times lag, over up to 15 s in the shipped flights. It raises the bounds of ``vinton2008``
-    by 0.7 to 1.1 %. Outside the map the field of the border continues. For a missing measurement h
-    and H are zero.
+    :class:`.ModelArrays` states the equation.
 
-    ``evaluations`` counts evaluations of h and of Jacobians. Compiled engines use the arrays and
-    have their own counters.
+    For a gradiometer with a low-pass filter the offset is ẑ_k − gain_k S T(p̂_k). Here ẑ_k is the
+    measurement predicted along the INS track, after low-pass and prefilter; p̂_k is the INS
+    position (and attitude) at t_k − τ_k; gain_k is the gain of low-pass and prefilter. Without a
+    low-pass the offset is zero, and τ_k is the latency of the measurements.
+
+    Whitening of coloured noise combines a few successive measurements, each at its INS position
+    minus the present position error. This neglects the change of the error (velocity error times
+    lag) over at most 15 s in the shipped flights, and raises the bounds of ``vinton2008`` by 0.7 to
+    1.1 %.
+
+    Outside the map the field at the border is used. For a missing measurement h and H are zero.
+
+    ``evaluations`` is the number of evaluations of h and of Jacobians. Compiled engines use the
+    arrays directly and count evaluations themselves.
 
     Parameters
     ----------
-    arrays : of one run, from :func:`model_arrays`.
+    arrays : arrays of one run, from :func:`model_arrays`.
     """
 
     def __init__(self, arrays: ModelArrays) -> None:
@@ -263,11 +273,11 @@ class SensorModel:
 
     @property
     def evaluations(self) -> int:
-        """Number of evaluations of h and of its Jacobian so far."""
+        """Number of evaluations of h plus number of evaluations of its Jacobian, so far."""
         return self._evaluations
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return h (..., m) at epoch ``k`` for states x (..., n); any leading axes."""
+        """Return h (..., m) at epoch ``k`` for states x (..., n)."""
         states = self._states(k, x)
         points = states.reshape(-1, states.shape[-1])
         self._evaluations += len(points)
@@ -275,7 +285,7 @@ class SensorModel:
         return out.reshape(*states.shape[:-1], out.shape[-1])
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return H = ∂h/∂x (..., m, n) at epoch ``k`` for states x (..., n); any leading axes."""
+        """Return H = ∂h/∂x (..., m, n) at epoch ``k`` for states x (..., n)."""
         states = self._states(k, x)
         points = states.reshape(-1, states.shape[-1])
         self._evaluations += len(points)
@@ -285,11 +295,11 @@ class SensorModel:
         return out.reshape(*states.shape[:-1], *out.shape[1:])
 
     def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return h (N, m) at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
+        """Return h (N, m) at epochs ``at`` (N,), with one state x (N, n) for each epoch."""
         return self._along(at, x)[0]
 
     def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return H (N, m, n) at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
+        """Return H (N, m, n) at epochs ``at`` (N,), with one state x (N, n) for each epoch."""
         return self._along(at, x)[1]
 
     def _along(self, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Arrays of the equation of measurement, and the context of an epoch for eight runs."""
+"""Arrays of the measurement equation, and the parameters of one epoch for eight runs."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from .gradiometer.instrument import STRAPDOWN
 
 @record
 class ModelArrays:
-    """Equation of measurement as arrays, common to all channels of all sensors.
+    """Measurement equation of all channels of all sensors, as arrays.
 
     h_k(x) = offset_k + C_k x + gain_k Σ_i S_ki T(p̂_{k−lag_i} − B_k x) + W_k δg(p̂_k − x)
 
-    The m channels are the gradiometer's g, then those of the other sensors. T is the gravity
-    gradient tensor of the map in the axes of the mount, Γ_EE, Γ_EN, Γ_EU, Γ_NN, Γ_NU, Γ_UU [E]; δg
-    is the map's gravity disturbance ENU [m/s²]. Both are taken at positions p̂ of the INS, less
-    position errors ENU [m]; if the mount rotates with the vehicle, T is also rotated by its
-    attitude less the attitude error [rad]. The sum is over the measurements that the whitening of
+    The m channels are the g channels of the gradiometer, then those of the other sensors. T is the
+    gravity-gradient tensor of the field in mount axes, [xx, xy, xz, yy, yz, zz] in E, and δg is the
+    gravity disturbance of the map, ENU [m/s²]. Both are evaluated at INS positions p̂ minus
+    position errors ENU [m]. If the mount is fixed to the body, T is also rotated by the INS
+    attitude minus the attitude error [rad]. The sum is over the measurements that the whitening of
     coloured noise combines; without whitening there is one term with lag 0. For sensors other than
     the gradiometer the rows of S_ki are zero. Biases, scale factors, lever arms, gravity and clocks
-    are columns of C_k or B_k; mounting angles and delays are columns of B_k. Whitening applies
-    equally to measurements and to constant biases of the gradiometer. A missing measurement has a
-    zero offset and zero rows.
+    are columns of C_k or B_k; mounting angles and delays are columns of B_k. Constant biases of the
+    gradiometer are whitened like its measurements. A missing measurement has a zero offset and zero
+    rows.
 
     In a block of runs the arrays in :data:`OF_A_RUN` have the run as leading axis.
 
@@ -41,23 +41,24 @@ class ModelArrays:
     instrument : index of :data:`.instrument.INSTRUMENTS`; strapdown if mounting angles are states,
         see :mod:`.gradiometer.mounting`.
     channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
-    combined : (1 or K, T, g, 6) S_ki, of all epochs or of each.
-    lags : (1 or K, T) lags of the T combined measurements [epochs]; −1 for none.
-    origin, step, coefficients, base : the map of T, see :class:`.field.Field`.
+    combined : (1 or K, T, g, 6) S_ki, equal for all epochs or one for each epoch.
+    lags : (1 or K, T) lags of the T combined measurements [epochs]; −1 for an unused term.
+    origin, step, coefficients, base : map of T, see :class:`.field.Field`.
     times : (K,) t_k − τ_k, measurement times of the gradiometer [s].
     references : (K, 3) INS positions at these times [rad, rad, m].
-    attitudes : (K, 3, 3) INS attitudes C_nb at these times, or those of the mount; only for
+    attitudes : (K, 3, 3) INS attitudes C_nb, or attitudes of the mount, at these times; only for
         ``STRAPDOWN``.
-    rows : (K, 6, 15 to n) B_k, from x to the errors of position ENU [m] and attitude [rad] at these
-        times; further states have no columns.
-    offset : (K, m) in units of the channels.
-    gain : (K,) of the gradiometer; zero for a missing measurement.
+    rows : (K, 6, 15 to n) B_k, which maps x to the errors of position, ENU [m], and attitude [rad]
+        at these times; states without columns have no effect.
+    offset : (K, m) constant term of h [unit of the channel].
+    gain : (K,) gain of the gradiometer's low-pass and prefilter; zero for a missing measurement.
     linear : (K, m, n) C_k [unit of the channel per unit of the state].
     first_linear : first channel with non-zero C_k or W_k; m if there is none.
-    columns : (s,) states that affect C_k x + W_k δg, in order; see :func:`linear_reach`.
+    columns : (s,) indices of the states that affect C_k x + W_k δg, ascending; see
+        :func:`linear_reach`.
     weights : (K, m, 3) W_k [unit of the channel per m/s²].
     places : (K, 3) INS positions at the epochs [rad, rad, m].
-    gravity : the map of δg; empty if all W_k are zero.
+    gravity : map of δg; empty if all W_k are zero.
     """
 
     dimension: int
@@ -87,16 +88,17 @@ class ModelArrays:
         return self.mapped(lambda array: array[run])
 
     def as_block(self) -> ModelArrays:
-        """Return the arrays of one run as a block of one."""
+        """Return the arrays of one run as a block with one run."""
         return self.mapped(lambda array: array[np.newaxis])
 
     def mapped(self, change: Callable[..., np.ndarray], *others: ModelArrays) -> ModelArrays:
-        """Return a copy in which a function replaces each array that differs from run to run.
+        """Return a copy in which a function replaces each array that is specific to a run.
 
         Parameters
         ----------
-        change : receives the array (...) of this model and of each of ``others``, returns the new.
-        others : models of which the arrays are combined with this one's.
+        change : function of an array (...) of this model and the same array of each of ``others``;
+            returns the new array.
+        others : models with arrays to combine with those of this model.
         """
         models = (self, *others)
         own: dict[str, Any] = {
@@ -123,7 +125,7 @@ OF_A_RUN = (
 
 
 def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarray]:
-    """Return ``first_linear`` and ``columns`` of C_k (..., m, n) and W_k (..., m, 3)."""
+    """Return ``first_linear`` and ``columns`` (s,) of C_k (..., m, n) and W_k (..., m, 3)."""
     m, n = linear.shape[-2:]
     used = np.asarray(linear.reshape(-1, m, n).any(axis=0))
     weighed = np.asarray(weights.reshape(-1, m, 3).any(axis=(0, 2)))
@@ -133,20 +135,20 @@ def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarr
 
 
 def immutable(indices: np.ndarray) -> np.ndarray:
-    """Return a read-only copy of integers (...)."""
+    """Return a read-only copy of an array (...) of integers."""
     return np.frombuffer(indices.tobytes(), indices.dtype).reshape(indices.shape)
 
 
 @record
 class EpochContext:
-    """INS solution and channel gains of eight runs at an epoch.
+    """Parameters of h at one epoch for eight runs, one run per lane.
 
     Attributes
     ----------
-    references : (T, 3, lanes) positions of the combined measurements [rad, rad, m].
-    attitudes : (1, 9, lanes) C_nb, row by row.
-    offset : (1, m, lanes) in units of the channels.
-    gain : (1, 1, lanes) of the gradiometer.
+    references : (T, 3, lanes) INS positions of the T combined measurements [rad, rad, m].
+    attitudes : (1, 9, lanes) INS attitude C_nb, row by row.
+    offset : (1, m, lanes) constant term of h [unit of the channel].
+    gain : (1, 1, lanes) gain of the gradiometer.
     """
 
     references: np.ndarray
@@ -157,13 +159,13 @@ class EpochContext:
 
 @record
 class PointScratch:
-    """Scratch for S vectors of points of evaluation of h.
+    """Scratch for the evaluation of h at S vectors of eight points.
 
     Attributes
     ----------
     places : (3, S, lanes) latitude, longitude [rad], height [m].
-    tensors : (24, S, lanes) tensors and their slopes.
-    work : scratch of the spline.
+    tensors : (24, S, lanes) tensors and their derivatives.
+    work : scratch of the spline evaluation.
     """
 
     places: np.ndarray
@@ -173,21 +175,21 @@ class PointScratch:
 
 @compiled
 def epoch_context(model: ModelArrays) -> EpochContext:
-    """Return an unfilled context of a block, in the shapes of :class:`EpochContext`."""
+    """Return an unfilled :class:`EpochContext` for a block."""
     new, m = lanes.lanes, model.offset.shape[2]
     return EpochContext(new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1))
 
 
 @compiled
 def point_scratch(count: int) -> PointScratch:
-    """Return scratch for ``count`` vectors of points, at least one."""
+    """Return scratch for ``count`` vectors of eight points; at least one vector."""
     new = lanes.lanes
     return PointScratch(new(3, count), new(24, count), np.empty(TENSOR_WORK))
 
 
 @compiled
 def load_epoch(model: ModelArrays, group: np.ndarray, k: int, out: EpochContext) -> None:
-    """Fill the context of a group of runs (lanes,) of a block at epoch ``k``."""
+    """Fill ``out`` with the parameters of h of a group of runs (lanes,) at epoch ``k``."""
     lags = model.lags[min(k, model.lags.shape[0] - 1)]
     for i in range(lags.shape[0]):
         if lags[i] >= 0:

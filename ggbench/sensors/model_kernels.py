@@ -1,7 +1,8 @@
-"""The equation of measurement and its derivative, compiled: h and H of eight states at a time.
+"""Compiled measurement equation: h and H at eight states at a time.
 
 All estimators use these kernels. :class:`.ModelArrays` defines the equation and its symbols. A
-vector contains eight states, of eight runs in compiled estimators or of one run in frameworks.
+vector contains eight states: of eight runs in compiled estimators, or of one run for other
+estimators.
 """
 
 from __future__ import annotations
@@ -112,18 +113,18 @@ def read(
     points: PointScratch,
     out: np.ndarray,
 ) -> None:
-    """Fill offset_k + gain_k Σ_i S_ki T of the gradiometer [E] at points.
+    """Fill the gradiometer's terms of h, offset_k + gain_k Σ_i S_ki T [E], at several points.
 
     Parameters
     ----------
     model : arrays of a block.
     k : epoch.
-    context : of the runs, from :func:`load_epoch`.
-    errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad]; the
-        latter only for a strapdown instrument.
-    vectors : number of points among the S vectors.
-    count : number of points to evaluate, in the order of memory.
-    points : scratch for S.
+    context : parameters of the runs at this epoch, from :func:`.load_epoch`.
+    errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad].
+        Attitude errors are used only for a strapdown instrument.
+    vectors : number of vectors of points to evaluate, at most S.
+    count : number of points to evaluate, in memory order.
+    points : scratch for S vectors.
     out : (g, S, lanes) output.
     """
     places, tensors, reference = points.places, points.tensors, context.references
@@ -196,20 +197,20 @@ def linearise_reading(
     predicted: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill the output of :func:`read` [E] and its derivative, at a point of each run.
+    """Fill the gradiometer's terms of h [E], as :func:`read`, and their derivative.
 
-    For a platform the derivative is D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change
-    and the local level's turn (eqs. 11, 12 of Wang et al. 2013). An attitude error beyond π counts
-    as the equivalent smaller rotation.
+    There is one point for each run. For a platform the derivative is D6(C_in) { ∂Γ/∂r +
+    [∂L_φ/∂φ][∂φ_in/∂r] }: change of the field plus rotation of the local level (Wang et al. 2013,
+    eqs. 11 and 12). An attitude error above π is replaced by the equivalent smaller rotation.
 
     Parameters
     ----------
     model, k, context, points : as in :func:`read`.
-    errors : (6, 1, lanes) B_k x.
+    errors : (6, 1, lanes) instrument errors B_k x of each run.
     count : number of lanes to evaluate.
-    predicted : (1, m, lanes) output, of the first g channels.
-    out : (g, 6, lanes) output [E/m; E/rad], derivative by the error; the last three columns only
-        for a strapdown instrument.
+    predicted : (1, m, lanes) output; only the g gradiometer channels are filled.
+    out : (g, 6, lanes) output, derivative with respect to ``errors`` [E/m; E/rad]; the last three
+        columns are filled only for a strapdown instrument.
     """
     places, found, reference = points.places, points.tensors, context.references
     at = min(k, model.lags.shape[0] - 1)
@@ -285,24 +286,24 @@ def _along(found: np.ndarray, first: int) -> Tensor:
 
 @compiled
 def moving_errors(instrument: int) -> int:
-    """Return the number of elements of B_k x (6,) on which the readings depend."""
+    """Return the number of elements of B_k x (6,) on which gradient measurements depend."""
     return 6 if instrument == STRAPDOWN else 3
 
 
 @record
 class Expansion:
-    """h of eight runs at a state of each, and its derivative H = A B_k + D.
+    """Linearised h of eight runs, with h(x) and H = A B_k + D at one state x of each run.
 
     Attributes
     ----------
-    slope : (g, 6, lanes) A, of the gradiometer by the errors B_k x [E/m; E/rad];
-        :func:`moving_errors` columns are used.
-    b : (:func:`moving_errors`, 15 or more, lanes) B_k.
-    errors : (6, 1, lanes) B_k x.
-    linear : (m, n, lanes) D = C_k + W_k ∂δg/∂x, of the channels from ``first_linear`` on.
-    by_tensor : (1, m, lanes) h without C_k x + W_k δg.
+    slope : (g, 6, lanes) A, derivative of the gradiometer channels with respect to B_k x [E/m;
+        E/rad]; the first :func:`moving_errors` columns are used.
+    b : (:func:`moving_errors`, 15 or more, lanes) B_k, which maps states to instrument errors.
+    errors : (6, 1, lanes) instrument errors B_k x of each run.
+    linear : (m, n, lanes) D = C_k + W_k ∂δg/∂x, for the channels from ``first_linear`` on.
+    by_tensor : (1, m, lanes) h without the terms C_k x + W_k δg.
     predicted : (1, m, lanes) h.
-    context : INS solution, offset and gain.
+    context : parameters of h at the epoch.
     points : scratch.
     """
 
@@ -318,7 +319,7 @@ class Expansion:
 
 @compiled
 def expansion_of(model: ModelArrays) -> Expansion:
-    """Return unfilled arrays of a block, in the shapes of :class:`Expansion`."""
+    """Return an unfilled :class:`Expansion` for a block."""
     new = lanes.lanes
     g, m, n = model.channels.shape[0], model.linear.shape[2], model.linear.shape[3]
     return Expansion(
@@ -335,7 +336,10 @@ def expansion_of(model: ModelArrays) -> Expansion:
 
 @compiled
 def load_expansion(model: ModelArrays, group: np.ndarray, k: int, out: Expansion) -> None:
-    """Fill the parts that do not depend on states: B_k, C_k, context of a group (lanes,)."""
+    """Fill the parts of ``out`` that do not depend on states: B_k, C_k and ``context``.
+
+    ``group`` (lanes,) are the runs.
+    """
     lanes.gather_rows(model.rows, group, k, out.b.shape[0], out.b)
     load_epoch(model, group, k, out.context)
     if model.first_linear < model.linear.shape[2]:
@@ -370,15 +374,16 @@ def _add_linear(model: ModelArrays, x: np.ndarray, evaluated: int, out: Expansio
 def predict_runs(
     model: ModelArrays, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Expansion
 ) -> None:
-    """Fill ``out.predicted``, h at a state of each run.
+    """Fill ``out.predicted`` with h at one state of each run.
 
     Parameters
     ----------
-    model : of a block.
-    group : (lanes,) runs, of which ``count`` differ.
+    model : arrays of a block.
+    group : (lanes,) runs; unused lanes repeat a run.
+    count : number of different runs in the group.
     k : epoch.
-    x : (1, n, lanes) states.
-    out : with the arrays of :func:`load_expansion`.
+    x : (1, n, lanes) states, one run per lane.
+    out : output, already filled by :func:`load_expansion`.
     """
     m, g, width = out.predicted.shape[1], out.slope.shape[0], out.predicted.shape[2]
     evaluated = 0
@@ -412,12 +417,12 @@ def predict_runs(
 def expand(
     model: ModelArrays, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Expansion
 ) -> None:
-    """Fill h (1, m, lanes) and its Jacobian at a state of each run.
+    """Fill ``out`` with h (1, m, lanes) and its Jacobian at one state of each run.
 
     Parameters
     ----------
     model, group, count, k, x : as in :func:`predict_runs`.
-    out : output; this function calls :func:`load_expansion`.
+    out : output; no previous call of :func:`load_expansion` is needed.
     """
     load_expansion(model, group, k, out)
     _displace(x, out)
@@ -453,7 +458,7 @@ def _fill_lanes(states: np.ndarray, first: int, count: int, x: np.ndarray) -> No
 
 @compiled
 def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
-    """Return h (N, m) of states (N, n); ``model`` is a block of one run."""
+    """Return h (N, m) at states (N, n) at epoch ``k``; ``model`` is a block of one run."""
     group, at, x = lanes.group_members(0, 1), expansion_of(model), lanes.lanes(1, states.shape[1])
     out = np.empty((states.shape[0], model.offset.shape[2]))
     load_expansion(model, group, k, at)
@@ -500,7 +505,7 @@ def _linearise(
 def linearise(
     model: ModelArrays, k: int, states: np.ndarray, predicted: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill h (N, m) and H (N, m, n) of states (N, n) at an epoch; a block of one run."""
+    """Fill h (N, m) and H (N, m, n) at states (N, n) at epoch k; ``model``: block of one run."""
     x = lanes.lanes(1, states.shape[1])
     _linearise(
         model=model, k=k, states=states, x=x, at=expansion_of(model), predicted=predicted, out=out
@@ -511,7 +516,10 @@ def linearise(
 def linearised(
     model: ModelArrays, at: np.ndarray, states: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return h (N, m) and H (N, m, n) of states (N, n) at epochs (N,); a block of one run."""
+    """Return h (N, m) and H (N, m, n) at states (N, n), one for each epoch ``at`` (N,).
+
+    ``model`` is a block of one run.
+    """
     count, m = states.shape[0], model.offset.shape[2]
     predicted, out = np.empty((count, m)), np.empty((count, m, states.shape[1]))
     x, expansion = lanes.lanes(1, states.shape[1]), expansion_of(model)

@@ -1,6 +1,6 @@
 """Random processes of biases, faults and mounts at the times of measurements.
 
-Times increase and count from the start of a flight, where each process begins.
+Times increase and count from the start of the flight. Each process begins at time zero.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 def random_walk(
     times: np.ndarray, root_psd: float, width: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return ``width`` random walks (K, width) from 0 at the start, of a root PSD [1/√s]."""
+    """Return random walks (K, width) that start at 0, with a root PSD [1/√s]."""
     steps = np.sqrt(np.diff(times, prepend=0.0))[:, np.newaxis]
     return np.cumsum(root_psd * steps * rng.standard_normal((len(times), width)), axis=0)
 
@@ -19,9 +19,10 @@ def random_walk(
 def gauss_markov(
     times: np.ndarray, correlation_time: float, width: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return ``width`` first-order Gauss–Markov processes (K, width) of variance 1.
+    """Return first-order Gauss–Markov processes (K, width) of variance 1.
 
-    x_k = e^(−Δt/T) x_{k−1} + √(1 − e^(−2Δt/T)) w_k, stationary from the start on.
+    They are stationary: x_k = e^(−Δt/T) x_{k−1} + √(1 − e^(−2Δt/T)) w_k with the correlation time T
+    and w_k ~ N(0, 1).
     """
     drawn = rng.standard_normal((len(times) + 1, width))
     out, last = np.empty((len(times), width)), drawn[0]
@@ -32,19 +33,19 @@ def gauss_markov(
 
 
 def remaining(times: np.ndarray, correlation_time: float) -> np.ndarray:
-    """Return the factor (K,) of a Gauss–Markov process at each time since the previous one."""
+    """Return the factor (K,) e^(−Δt/T) of a Gauss–Markov process from the previous to each time."""
     return np.asarray(np.exp(-np.diff(times, prepend=0.0) / correlation_time))
 
 
 def bursts(
     times: np.ndarray, share: float, duration: float, width: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the mask (K, width) of times at which ``width`` two-state Markov chains are on.
+    """Return a mask (K, width) of the times at which two-state Markov chains are on.
 
-    A chain is on for ``duration`` [s] on average, and for a ``share`` of the time. The rate of
-    leaving this state is 1/duration, that of entering it share/((1 − share) duration), so the
-    correlation decays as e^(−Δt/((1 − share) duration)). With a duration of 0 all times are
-    independent.
+    A chain is on for a fraction ``share`` of the time, in intervals with the mean ``duration`` [s].
+    The rate of switching off is 1/duration, and the rate of switching on is share/((1 − share)
+    duration). Therefore the correlation decays as e^(−Δt/((1 − share) duration)). With a duration
+    of 0 all times are independent.
     """
     forgotten = np.zeros(len(times))
     if duration > 0.0:

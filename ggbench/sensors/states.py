@@ -1,6 +1,7 @@
-"""Error states of sensors: prior, dynamics, and their columns of C_k or B_k.
+"""Error states of sensors: prior, dynamics, and columns of C_k or B_k.
 
-Each kind of state is one class. :func:`states_of` lists the states of a suite.
+Each kind of state is one class. :func:`states_of` returns the states of a set of sensors.
+:class:`.ModelArrays` defines C_k and B_k.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ MOUNTING = "gradiometer mounting error"
 
 
 class Seen(NamedTuple):
-    """Inputs of columns of C_k at the measurements of a sensor (..., G, .) along INS tracks.
+    """Quantities from which columns of C_k are computed, at the G measurements of a sensor.
 
     Attributes
     ----------
     motion : INS solution at the measurements of the sensor.
-    turning : (..., G, 3) angular rate about the body's axes [rad/s].
-    gain : (..., G) factor of the measurements; one except for a gradiometer.
-    predicted : returns the measurements (..., G, c) predicted by h at the motion, without the gain.
+    turning : (..., G, 3) angular rate about the body axes [rad/s].
+    gain : (..., G) gain of the measurements; one except for a gradiometer.
+    predicted : function that returns the measurements (..., G, c) predicted at the INS solution,
+        without the gain.
     """
 
     motion: Motion
@@ -43,13 +45,13 @@ Sensor = AidingSensor | Gradiometer
 
 @dataclass(frozen=True)
 class SensorStates:
-    """A block of states for errors of sensors, constant by default.
+    """Block of s states for errors of a sensor, constant by default.
 
     Attributes
     ----------
     name, unit : as in :class:`.problem.StateBlock`.
     sigma : (s,) initial standard deviations.
-    stream : name of the random numbers of a gradiometer's states in a simulation.
+    stream : name of the random-number stream of a gradiometer's states in a simulation.
     """
 
     name: str
@@ -58,72 +60,78 @@ class SensorStates:
     stream: ClassVar[str] = ""
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return the factor (K,) from each epoch to the next; ``times`` (K,) [s]."""
+        """Return the transition factor (K,) of the states between epochs at ``times`` (K,) [s]."""
         return np.ones(len(times))
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return the variance (K,) that process noise adds before each epoch."""
+        """Return the process-noise variance (K,) of each interval before an epoch."""
         return np.zeros(len(times))
 
     def draw(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return true values (K, s) of a run at its epochs."""
+        """Return random true values (K, s) of the states at the epochs of a run."""
         constant = np.array(self.sigma) * rng.standard_normal(len(self.sigma))
         return np.tile(constant, (len(times), 1))
 
     def distort(self, readings: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return exact gradiometer measurements (G, c) with errors of true values (G, s)."""
+        """Add the effect of true values (G, s) to error-free gradiometer measurements (G, c)."""
         return readings
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the columns of C_k (..., G, c, s) of a sensor's channels; None for zeros."""
+        """Return the columns of C_k (..., G, c, s) for the channels of a sensor; None for zeros."""
         return None
 
     def turn(self, mount: Mount, states: slice) -> Mount:
-        """Return a gradiometer's mount with the columns of B_k of these ``states``."""
+        """Return the mount of a gradiometer with columns of B_k for these states.
+
+        ``states`` is the slice of the states in the state vector.
+        """
         return mount
 
 
 @dataclass(frozen=True)
 class GravityDisturbance(SensorStates):
-    """Gravity disturbance [m/s²] unknown to INS and map; its dynamics are those of the INS."""
+    """Gravity disturbance that neither INS nor map contains [m/s²], as three states.
+
+    The dynamics of these states are part of the INS error model.
+    """
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return W (e, 3) of a gravimeter, see :attr:`.AidingSensor.weights`."""
+        """Return the Jacobian W (e, 3) of a gravimeter, see :attr:`.AidingSensor.weights`."""
         return sensor.weights if isinstance(sensor, AidingSensor) else None
 
 
 @dataclass(frozen=True)
 class MountingAngles(SensorStates):
-    """Constant rotations of a gradiometer's mount about its axes [rad]."""
+    """Constant rotations of a gradiometer's mount about the mount axes [rad], as states."""
 
     stream = "mounting"
 
     def turn(self, mount: Mount, states: slice) -> Mount:
-        """Return the mount as a strapdown mount with these angles as attitude error."""
+        """Return the mount as a strapdown mount with these angles as attitude errors."""
         return with_mounting_angles(mount, states.start)
 
 
 @dataclass(frozen=True)
 class GradiometerBias(SensorStates):
-    """Biases of a gradiometer's channels, random walks [E]."""
+    """Biases of the channels of a gradiometer [E], as random walks."""
 
     gradiometer: Gradiometer
     stream = "biases"
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return the variance (K,) [E²] of the walk's steps, drift² Δt."""
+        """Return the variance (K,) [E²] of the steps of the random walk, drift² Δt."""
         return self.gradiometer.drift**2 * np.diff(times, prepend=0.0)
 
     def draw(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return random walks (K, s) [E] that begin at a random constant."""
+        """Return random walks (K, s) [E] with random initial values."""
         return biases(self.gradiometer, len(self.sigma), times, rng)
 
     def distort(self, readings: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return readings (G, c) plus biases (G, s), s = c [E]."""
+        """Return measurements (G, c) plus biases (G, s) [E], with s = c."""
         return readings + values
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return gain times identity (..., G, c, s): biases are filtered as readings are."""
+        """Return gain times identity (..., G, c, s); biases are filtered like measurements."""
         if not isinstance(sensor, Gradiometer):
             return None
         return seen.gain[..., np.newaxis, np.newaxis] * np.eye(len(self.sigma))
@@ -131,20 +139,20 @@ class GradiometerBias(SensorStates):
 
 @dataclass(frozen=True)
 class AidingBias(SensorStates):
-    """Biases of the first channels of an aiding sensor, Gauss–Markov processes."""
+    """Biases of the first channels of an aiding sensor, as Gauss–Markov processes."""
 
     sensor: AidingSensor
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return e^(−Δt/T) (K,)."""
+        """Return the transition factor e^(−Δt/T) (K,) of each interval."""
         return self.sensor.decay(times)
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return σ² (1 − e^(−2 Δt/T)) (K,), which keeps the variance of the process constant."""
+        """Return the process-noise variance (K,) that keeps σ²: σ² (1 − e^(−2 Δt/T))."""
         return np.asarray(self.sensor.bias**2 * (1.0 - self.decay(times) ** 2))
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return ones (e, s) where a bias belongs to a channel, zeros elsewhere."""
+        """Return a matrix (e, s) that is one where a bias belongs to a channel, else zero."""
         if sensor is not self.sensor:
             return None
         return np.eye(len(self.sensor.channels), len(self.sigma))
@@ -152,24 +160,27 @@ class AidingBias(SensorStates):
 
 @dataclass(frozen=True)
 class LeverArmError(SensorStates):
-    """Error of an aiding sensor's lever arm: right, forward, up [m]."""
+    """Error of the lever arm of an aiding sensor: right, forward, up [m]."""
 
     sensor: AidingSensor
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the Jacobian (..., G, e, 3) by the lever arm, see :meth:`.AidingSensor.by_arm`."""
+        """Return the Jacobian (..., G, e, 3) with respect to the lever arm.
+
+        See :meth:`.AidingSensor.by_arm`.
+        """
         return self.sensor.by_arm(seen.motion, seen.turning) if sensor is self.sensor else None
 
 
 class PlacedStates(NamedTuple):
-    """A block of states and its slice of the state vector."""
+    """Block of sensor states with its slice of the state vector."""
 
     states: slice
     kind: SensorStates
 
 
 def names_of(sensor: AidingSensor) -> tuple[str, str]:
-    """Return the names of an aiding sensor's biases and of its lever arm's errors in a layout."""
+    """Return the names of the bias states and of the lever-arm states of an aiding sensor."""
     name = sensor.name.replace("_", " ")
     return f"{name} bias", f"{name} lever arm error"
 
@@ -180,13 +191,14 @@ def states_of(
     disturbance: tuple[float, ...],
     first: int,
 ) -> list[PlacedStates]:
-    """Return the states after those of the INS, in the order of the state vector.
+    """Return the states that follow those of the INS, in the order of the state vector.
 
     Parameters
     ----------
-    gradiometer, aiding : the sensors.
-    disturbance : σ of the unknown gravity disturbance [m/s²]; () if it is no state.
-    first : index of the first.
+    gradiometer, aiding : the assumed sensors.
+    disturbance : standard deviation of each component of the unknown gravity disturbance [m/s²];
+        empty if it is no state.
+    first : index of the first of these states.
     """
     placed = []
     for kind in _kinds(gradiometer, aiding, disturbance):
@@ -213,7 +225,7 @@ def _kinds(
 
 
 def gradiometer_states(gradiometer: Gradiometer) -> Iterator[SensorStates]:
-    """Yield the states for errors of a gradiometer."""
+    """Yield the state blocks for the errors of a gradiometer."""
     angles = 3 if gradiometer.mounting_sigma > 0.0 else 0
     yield MountingAngles(MOUNTING, "rad", (gradiometer.mounting_sigma,) * angles)
     # A bias that only walks starts from a hundredth of what one reading adds: states are
@@ -232,14 +244,14 @@ def add_columns(
     sensor: Sensor,
     seen: Seen,
 ) -> None:
-    """Fill the columns of C_k (..., K, m, n) of a sensor's channels by its states.
+    """Fill the columns of C_k (..., K, m, n) for the channels of a sensor.
 
     Parameters
     ----------
-    linear : C_k, changed.
-    at : (G,) epochs of the sensor's measurements.
-    channels : channels of the sensor among the m.
-    states : states of all sensors.
+    linear : (..., K, m, n) C_k, changed.
+    at : (G,) epochs of the measurements of the sensor.
+    channels : channels of the sensor among all m channels.
+    states : state blocks of all sensors.
     sensor, seen : arguments of :meth:`SensorStates.columns`.
     """
     for place, kind in states:
@@ -249,7 +261,7 @@ def add_columns(
 
 
 def turned(mount: Mount, states: Sequence[PlacedStates]) -> Mount:
-    """Return a gradiometer's mount with all columns of B_k."""
+    """Return the mount of a gradiometer with the columns of B_k for all states."""
     for place, kind in states:
         mount = kind.turn(mount, place)
     return mount

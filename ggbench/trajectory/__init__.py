@@ -1,1 +1,1 @@
-"""True flights: manoeuvres, terrain following, tracks."""
+"""True trajectories: manoeuvres, terrain following, tracks from files."""

@@ -1,4 +1,4 @@
-"""Names and units of the columns of a track or a record."""
+"""Names and units of the columns of a track file or of a recorded flight."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ PRESETS: Mapping[str, Names] = {
 
 
 class Place(NamedTuple):
-    """Index of a column, its name in the file, and its factor to the unit of its key.
+    """Column of a file: index, name, and factor from the file's unit to the unit of the key.
 
-    ``stated`` states whether the user or the column name states the unit.
+    ``stated`` is True if the user or the column name states the unit.
     """
 
     at: int
@@ -59,7 +59,7 @@ class Place(NamedTuple):
 
 
 def names_of(columns: str | Mapping[str, str] | None) -> Names:
-    """Return the column names of a preset or of a table; empty without either.
+    """Return the column names of a preset or of a mapping; empty for None.
 
     Raises TrajectoryError if the preset does not exist.
     """
@@ -75,7 +75,10 @@ def names_of(columns: str | Mapping[str, str] | None) -> Names:
 
 
 def plain_names(names: Names) -> set[str]:
-    """Return the names of columns in lower case and without brackets, to recognise their line."""
+    """Return the column names in lower case and without brackets.
+
+    They serve to recognise the line of a file that contains the names.
+    """
     return {
         part.casefold()
         for options in names.values()
@@ -91,10 +94,11 @@ def find(
 
     Parameters
     ----------
-    key : of the column; its suffix is the unit.
-    columns : of the file, in lower case.
-    names : names in the file by key; by default the key itself.
-    where : the line of the names, for messages.
+    key : key of the column; its suffix states the unit.
+    columns : column names of the file, in lower case.
+    names : names in the file, by key; without an entry the name is the key.
+    where : description of the line with the names, for messages.
+    needed : whether a missing column is an error.
 
     Raises
     ------
@@ -135,7 +139,7 @@ def _matching(name: str, columns: Sequence[str]) -> tuple[int, str] | None:
 
 
 def unused(names: Names, keys: Iterable[str]) -> list[str]:
-    """Return the keys of ``names`` that are not among some keys."""
+    """Return the keys of ``names`` that are not in ``keys``."""
     return sorted(set(names) - set(keys))
 
 

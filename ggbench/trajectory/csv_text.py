@@ -1,4 +1,4 @@
-"""Text of a CSV file of numbers with named columns."""
+"""Reader of CSV text with named columns of numbers."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ _FEWEST_KNOWN = 2  # names by which a comment is known to be the line of names
 
 @dataclass(frozen=True)
 class CsvText:
-    """Rows of fields; each row has as many fields as there are columns.
+    """Content of a CSV file; each row has as many fields as there are columns.
 
     Attributes
     ----------
-    names : of the columns, in lower case.
-    separator : between fields.
-    rows : lines below the names.
+    names : names of the columns, in lower case.
+    separator : separator of the fields.
+    rows : lines after the line of the names.
     line : number of the line with the column names, from 1.
-    first : number of the line of the first row.
+    first : number of the line with the first row, from 1.
     """
 
     names: list[str]
@@ -51,21 +51,22 @@ class CsvText:
 
     @classmethod
     def of(cls, content: bytes, needed: str, known_names: Collection[str]) -> CsvText:
-        """Return the rows of a file, separated by commas, semicolons or tabs, quoted or not.
+        """Return the content of a file with fields separated by commas, semicolons or tabs.
 
-        Lines before the names that begin with # or // are ignored, unless such a line names the
-        columns and the first line below does not (format of numpy.savetxt).
+        Fields may be quoted. Lines that begin with # or // before the line of the names are
+        ignored. Exception: such a line can name the columns if the next line does not (format of
+        ``numpy.savetxt``).
 
         Parameters
         ----------
-        content : of the file.
-        needed : required columns, in the words of a message.
-        known_names : of columns, in lower case.
+        content : content of the file.
+        needed : description of the required columns, for messages.
+        known_names : known names of columns, in lower case.
 
         Raises
         ------
         TrajectoryError
-            With a sentence that states the line and the value.
+            If the text is invalid; the message states the line and the value.
         """
         try:
             text = content.decode("utf-8-sig")
@@ -103,11 +104,11 @@ class CsvText:
     def numbers(
         self, columns: Mapping[str, int], may_be_empty: frozenset[str] = frozenset()
     ) -> dict[str, Array]:
-        """Return columns (N,) as numbers; ``columns`` has their names and indices.
+        """Return columns (N,) as numbers, by name; ``columns`` maps names to indices.
 
-        In columns of ``may_be_empty`` a field may be empty or "nan".
+        In the columns ``may_be_empty`` a field may be empty or "nan".
 
-        Raises TrajectoryError if a field is no finite number, with a sentence that states the line.
+        Raises TrajectoryError if a field is not a finite number; the message states the line.
         """
         try:
             with warnings.catch_warnings():
@@ -190,9 +191,9 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
 
 
 def iso_seconds(texts: Iterable[str]) -> Array:
-    """Return the seconds (N,) since 1970 of ISO 8601 dates; NaN for other texts.
+    """Convert ISO 8601 dates to seconds (N,) since 1970; other texts give NaN.
 
-    A date without a zone is UTC.
+    A date without a time zone is UTC.
     """
     return np.array([_iso_second(str(text).strip()) for text in texts])
 
@@ -207,7 +208,7 @@ def _iso_second(text: str) -> float:
 
 
 def rollover(before: float, after: float) -> str:
-    """Return a hint if times decrease because a clock restarted at zero, else "".
+    """Return a hint if times decrease because a clock restarted, else "".
 
     ``before`` and ``after`` are the times of two consecutive rows [s].
     """
@@ -218,7 +219,7 @@ def rollover(before: float, after: float) -> str:
 
 
 def status_of(file: str, what: str) -> os.stat_result:
-    """Return size and times of a file; ``what`` describes it in the message.
+    """Return the status of a file; ``what`` describes the file in a message.
 
     Raises TrajectoryError if the file does not exist.
     """

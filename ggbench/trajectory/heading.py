@@ -1,4 +1,4 @@
-"""Heading of a track compared with its course over ground, to find the convention."""
+"""Test of the headings of a track against the course over ground."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ _CONVENTIONS = {
 def require_heading(heading: Array, velocity: Array) -> None:
     """Raise TrajectoryError if headings contradict the course over most of a flight.
 
-    Headings are (N,) as given [deg], velocities (N, 3) ENU [m/s].
+    ``heading`` (N,) [deg] is in the convention of the file; ``velocity`` (N, 3) is ENU [m/s]. The
+    message names the convention that would agree.
     """
     fast = np.hypot(velocity[:, 0], velocity[:, 1]) > FAST
     if np.count_nonzero(fast) < _FEWEST:

@@ -1,8 +1,8 @@
-"""All lines of a survey as one flight, in order of time, with artificial turns.
+"""Survey lines joined to one flight by artificial turns, in the order of time.
 
-A turn consists of a straight piece, a turn, a connecting leg, a turn to the same side, and a
-straight piece. Its length fits the time between two lines at the speeds of their ends. It has no
-measurements.
+An artificial turn consists of a straight piece, a turn, a connecting leg, a turn to the same side,
+and a straight piece. The length fits the time between two lines at the speeds at the ends of these
+lines. There are no measurements in turns.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _AXES = ("latitude_deg", "longitude_deg", "height_m")
 
 
 def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
-    """Return all lines as one, with missing measurements in the turns.
+    """Return all lines as one line, with missing measurements in the turns.
 
-    Raises TrajectoryError if lines overlap in time, their intervals differ, or a turn cannot be
-    flown in its time.
+    Raises TrajectoryError if lines overlap in time, if their sampling intervals differ, or if the
+    time between two lines does not allow a turn.
     """
     ordered = sorted(lines, key=lambda line: float(line.places["time_s"][0]))
     parts = ordered[:1]

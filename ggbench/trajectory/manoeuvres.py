@@ -1,7 +1,8 @@
-"""Manoeuvres: changes of heading, speed and climb angle in parts of a flight.
+"""Manoeuvres: parts of a flight with changes of heading, speed and climb angle.
 
-A manoeuvre is a series of rates at the middle of the sampling intervals, so a flight is one
-integral of rates. Rates rise and fall as raised cosines: acceleration and turn rate are continuous.
+A manoeuvre is a series of rates of heading, speed and climb angle at the middles of the sampling
+intervals. The flight is the integral of the rates of all manoeuvres. Rates rise and fall as raised
+cosines, so acceleration and turn rate are continuous.
 """
 
 from __future__ import annotations
@@ -29,9 +30,10 @@ _SHORTEST_PULL_UP = 4.0  # [s]
 
 
 class TrajectoryError(GGBenchError, ValueError):
-    """A flight is impossible, or one of its files is invalid.
+    """A flight is impossible, or a file for a flight is invalid.
 
-    It is also a ValueError, so that validation of a scenario states its place in the file.
+    The class derives from ValueError, so that validation of a scenario states the position of the
+    error in the scenario file.
     """
 
 
@@ -42,7 +44,7 @@ class State:
     Attributes
     ----------
     position : (3,) latitude, longitude [rad], height [m].
-    heading, speed, climb : [rad], along the path [m/s], climb angle [rad].
+    heading, speed, climb : heading [rad], speed along the path [m/s], climb angle [rad].
     """
 
     position: Array
@@ -52,27 +54,33 @@ class State:
 
 
 class Manoeuvre(Protocol):
-    """A part of a flight."""
+    """Part of a flight, defined by rates of heading, speed and climb angle."""
 
     def length(self, start: State) -> float:
-        """Return the duration from a state [s]; raises TrajectoryError if it is impossible."""
+        """Return the duration of the manoeuvre from an initial state [s].
+
+        Raises TrajectoryError if the manoeuvre is impossible.
+        """
         ...
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return (count, 3) rates of heading, speed and climb angle in the intervals' middles."""
+        """Return rates (count, 3) of heading, speed and climb angle at the middles of intervals.
+
+        Units are rad/s, m/s² and rad/s; ``dt`` is the interval [s].
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of a flight in which speed, heading and climb angle change at constant rates.
+    """Part of a flight in which heading, speed and climb angle change at constant rates.
 
     Attributes
     ----------
-    duration : [s].
+    duration : duration [s].
     turn_rate : rate of the heading, clockwise positive [rad/s].
     acceleration : rate of the speed [m/s²].
-    climb_rate : rate of the vertical velocity's angle above the horizon [rad/s].
+    climb_rate : rate of the climb angle [rad/s].
     """
 
     duration: float
@@ -81,11 +89,11 @@ class Segment:
     climb_rate: float = 0.0
 
     def length(self, start: State) -> float:
-        """Return its duration [s]."""
+        """Return the duration of the manoeuvre [s]."""
         return self.duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) whose integrals are the stated rates times the duration."""
+        """Return rates (count, 3) whose integrals equal the constant rates times the duration."""
         shape = _shape(count, dt, self.duration)
         if abs(count * dt - self.duration) > 1e-9 * self.duration:
             shape *= self.duration / (count * dt)
@@ -99,24 +107,24 @@ class Cruise:
     distance: float
 
     def length(self, start: State) -> float:
-        """Return distance over speed."""
+        """Return the duration [s], distance over speed."""
         return self.distance / speed_of(start)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) of zero."""
+        """Return zero rates (count, 3)."""
         return np.zeros((count, 3))
 
 
 @dataclass(frozen=True)
 class Turn:
-    """A turn by an angle or to a heading, rolled in and out over five seconds.
+    """Turn by an angle or to a heading; rolling in and rolling out take five seconds each.
 
     Attributes
     ----------
-    by, to : angle, clockwise positive, or final heading [rad]; one of them is None.
-    direction : of a turn ``to`` a heading: 1 right, -1 left, 0 the shorter way.
-    bank, rate, radius : one of them [rad], [rad/s], [m]; a small turn without time to roll in and
-        out is gentler.
+    by, to : angle (clockwise positive) or final heading [rad]; one of the two is None.
+    direction : direction of a turn ``to`` a heading: 1 right, -1 left, 0 the shorter way.
+    bank, rate, radius : bank angle [rad], turn rate [rad/s] or radius [m]; two of the three are
+        None. In a small turn without time to roll in and out the turn rate is lower.
     """
 
     by: float | None = None
@@ -129,7 +137,7 @@ class Turn:
     def angle(self, start: State) -> float:
         """Return the angle of the turn, clockwise positive [rad].
 
-        Raise TrajectoryError if the flight already has this heading.
+        Raises TrajectoryError if the flight already has the heading ``to``.
         """
         if self.by is not None:
             return self.by
@@ -145,7 +153,7 @@ class Turn:
         return short
 
     def length(self, start: State) -> float:
-        """Return the time of the turn, including rolling in and out."""
+        """Return the duration of the turn [s], including rolling in and out."""
         if self.rate is not None:
             rate = self.rate
         elif self.radius is not None:
@@ -156,22 +164,22 @@ class Turn:
         return max(abs(self.angle(start)) / rate + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3): a heading rate whose integral is the angle."""
+        """Return rates (count, 3): a heading rate whose integral is the angle of the turn."""
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [self.angle(start) / (count * dt), 0.0, 0.0])
 
 
 @dataclass(frozen=True)
 class SpeedChange:
-    """A change to a speed [m/s] at an acceleration [m/s²] that rises and falls in five seconds."""
+    """Change to a speed [m/s]; the acceleration [m/s²] rises and falls in five seconds each."""
 
     to: float
     acceleration: float
 
     def length(self, start: State) -> float:
-        """Return the time of the change, including the rise and fall of the acceleration.
+        """Return the duration of the change [s], including the rise and fall of the acceleration.
 
-        Raise TrajectoryError if the change is impossible.
+        Raises TrajectoryError if the change is impossible.
         """
         if abs(self.to - start.speed) < 1e-9:
             raise TrajectoryError(
@@ -180,20 +188,21 @@ class SpeedChange:
         return max(abs(self.to - start.speed) / self.acceleration + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3): an acceleration whose integral is the change."""
+        """Return rates (count, 3): an acceleration whose integral is the change of speed."""
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [0.0, (self.to - start.speed) / (count * dt), 0.0])
 
 
 @dataclass(frozen=True)
 class Climb:
-    """A climb or descent from level flight to level flight at another height.
+    """Climb or descent from level flight to level flight at another height.
 
     Attributes
     ----------
-    by, to : difference of height, or final height [m]; one of them is None.
-    angle, vertical_speed : one of them [rad], [m/s], positive; a small climb is flatter.
-    vertical_acceleration : limit in the pull-up and in the push-over [m/s²].
+    by, to : difference of height, or final height [m]; one of the two is None.
+    angle, vertical_speed : climb angle [rad] or vertical speed [m/s], positive; the other is None.
+        A small climb without time to reach this value is flatter.
+    vertical_acceleration : largest vertical acceleration in the pull-up and the push-over [m/s²].
     """
 
     by: float | None = None
@@ -203,14 +212,14 @@ class Climb:
     vertical_acceleration: float = 2.0
 
     def length(self, start: State) -> float:
-        """Return the time of pull-up, steady climb and push-over."""
+        """Return the duration of pull-up, steady climb and push-over [s]."""
         pull_up, steady = self._times(start)
         return 2.0 * pull_up + steady
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) of the climb angle for the change of height.
+        """Return rates (count, 3): rates of the climb angle that give the change of height.
 
-        Raise TrajectoryError if the climb is impossible.
+        Raises TrajectoryError if the climb is impossible.
         """
         height = self._height(start)
         pull_up = max(self._times(start)[0], dt)
@@ -288,14 +297,15 @@ def plan(
 
     Parameters
     ----------
-    start : of the flight.
-    manoeuvres : in the order of the flight.
+    start : initial state of the flight.
+    manoeuvres : manoeuvres in the order of the flight.
     dt : sampling interval [s].
-    size : number of manoeuvres in the file; later ones are repetitions (for messages).
+    size : number of manoeuvres in the scenario file; later manoeuvres are repetitions. Used in
+        messages.
 
     Returns
     -------
-    (N, 3) rates of heading, speed and climb angle in the middle of each interval, and the duration
+    Rates (N, 3) of heading, speed and climb angle at the middle of each interval, and the duration
     before rounding to whole intervals [s].
 
     Raises
@@ -326,7 +336,7 @@ def plan(
 def sample(start: State, rates: Array, dt: float) -> tuple[Array, Array, Array]:
     """Return heading, speed and climb angle (N + 1,) at the samples.
 
-    They are the integrals of the midpoint rates.
+    These are the integrals of the rates (N, 3) at the middles of the intervals ``dt`` [s].
     """
     heading, speed, climb = (
         first + _sums(rates[:, i], dt)
@@ -336,7 +346,10 @@ def sample(start: State, rates: Array, dt: float) -> tuple[Array, Array, Array]:
 
 
 def enu(heading: Array, speed: Array, climb: Array) -> Array:
-    """Return velocities (N, 3) ENU [m/s] from heading, climb angle [rad], speed [m/s] (N,)."""
+    """Return velocities (N, 3), ENU [m/s], from headings, speeds and climb angles (N,).
+
+    Units are rad, m/s and rad.
+    """
     return np.stack(
         [
             speed * np.cos(climb) * np.sin(heading),
@@ -349,7 +362,10 @@ def enu(heading: Array, speed: Array, climb: Array) -> Array:
 
 @compiled
 def follow(position: Array, velocities: Array, dt: float) -> Array:
-    """Return positions (N, 3) that follow from velocities (N, 3) as in the mechanization."""
+    """Integrate velocities (N, 3), ENU [m/s], to positions (N, 3) [rad, rad, m].
+
+    The integration rule is that of the mechanization. ``position`` (3,) is the first position.
+    """
     positions = np.empty((velocities.shape[0], 3))
     for i in range(3):
         positions[0, i] = position[i]
@@ -359,7 +375,7 @@ def follow(position: Array, velocities: Array, dt: float) -> Array:
 
 
 def end_of(start: State, rates: Array, dt: float) -> State:
-    """Return the state after rates (N, 3)."""
+    """Return the state at the end of a manoeuvre with rates (N, 3)."""
     heading, speed, climb = sample(start, rates, dt)
     positions = follow(start.position, enu(heading, speed, climb), dt)
     return State(positions[-1], float(heading[-1]), float(speed[-1]), float(climb[-1]))
@@ -385,14 +401,17 @@ def _shape(count: int, dt: float, duration: float) -> Array:
 
 
 def speed_of(start: State) -> float:
-    """Return the speed of a state [m/s]; raises TrajectoryError for a speed of zero."""
+    """Return the speed of a state [m/s].
+
+    Raises TrajectoryError if the speed is zero.
+    """
     if start.speed < 1e-3:
         raise TrajectoryError(f"needs a speed, but the speed there is {start.speed:g} m/s")
     return start.speed
 
 
 def require_level(start: State) -> None:
-    """Raise TrajectoryError unless a state is level."""
+    """Raise TrajectoryError if the climb angle of a state is not zero."""
     if abs(start.climb) > 1e-6:
         raise TrajectoryError(
             "must begin in level flight, but the climb angle there is "

@@ -1,4 +1,4 @@
-"""Tracks with another start and heading."""
+"""Translation and rotation of tracks."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _HIGHEST_LATITUDE = math.radians(89.0)
 
 
 def moved_track(track: Track, east: float, north: float, turn: float) -> Track:
-    """Return a track with another start, rotated about it; heights and times stay.
+    """Return a track that is moved to another start and rotated about the new start.
 
-    Latitudes and longitudes rotate rigidly on a sphere, so all angles of the track stay. Lengths
-    change by at most 0.7 % (flattening, between pole and equator).
+    Heights and times are unchanged. The motion is a rigid rotation on a sphere, so angles within
+    the track are unchanged. Lengths change by at most 0.7 % (flattening, between pole and equator).
 
     Parameters
     ----------

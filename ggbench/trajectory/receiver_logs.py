@@ -1,4 +1,4 @@
-"""Tracks in receiver logs: NMEA 0183, RTKLIB, CSRS-PPP, NovAtel."""
+"""Reader of tracks from receiver logs: NMEA 0183, RTKLIB, CSRS-PPP, NovAtel."""
 
 from __future__ import annotations
 
@@ -41,7 +41,12 @@ _NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSS
 
 
 class Fix(NamedTuple):
-    """A position with its line number: seconds, degrees, metres above ellipsoid or sea level."""
+    """Position in a receiver log: time [s], latitude and longitude [deg], height [m].
+
+    ``geoid`` is the height of the zero level of ``height`` above the ellipsoid [m]; None if
+    ``height`` is above sea level and the log states no geoid height. ``place`` describes the line
+    of the log, for messages.
+    """
 
     time: float
     latitude: float

@@ -1,10 +1,10 @@
-"""Survey lines with measured gradients or gravity, from a CSV file.
+"""Reader of survey lines with measured gradients or gravity, from CSV files.
 
 The first line of the file names the columns: line, kind, time_s, latitude_deg, longitude_deg,
-height_m (above the ellipsoid), components in axes east, north, up, as xx or xx_eotvos, and the
-gravity disturbance as disturbance or disturbance_mgal; other columns are ignored. A row is a
-sample. The rows of a line are consecutive, at a constant interval. Measurements are those of the
-disturbing field. An empty cell is a missing measurement.
+height_m (above the ellipsoid); tensor components in axes east, north, up, as xx or xx_eotvos; and
+the gravity disturbance, as disturbance or disturbance_mgal. Other columns are ignored. A row is a
+sample. The rows of a survey line are consecutive, at a constant interval. Measurements exclude the
+normal field. An empty cell is a missing measurement.
 """
 
 from __future__ import annotations
@@ -45,15 +45,16 @@ _MOST_NAMED = 12
 
 @dataclass(frozen=True)
 class SurveyLine:
-    """A line of a survey.
+    """One line of a survey.
 
     Attributes
     ----------
-    name, kind : as in the file.
+    name, kind : name and kind of the line, as in the file.
     row : line number of the first sample in the file.
-    places : name of the column to its numbers (N,): time_s, latitude_deg, longitude_deg, height_m.
-    readings : component to gradients of the disturbing field, ENU (N,) [E], and the gravity
-        disturbance [mGal]; NaN where missing.
+    places : columns (N,) of times and positions, by name: time_s, latitude_deg, longitude_deg,
+        height_m.
+    readings : measurements (N,), by component: gradients of the disturbing field, ENU [E], and
+        gravity disturbance [mGal]; NaN where missing.
     """
 
     name: str
@@ -64,11 +65,11 @@ class SurveyLine:
 
     @property
     def interval(self) -> float:
-        """Median time between two samples [s]; the mean would depend on clock drift."""
+        """Median time between two samples [s]; the mean would depend on clock deviations."""
         return float(np.round(np.median(np.diff(self.places["time_s"])), 6))
 
     def at_one_interval(self) -> SurveyLine:
-        """Return the line with times at a constant interval; clock deviations are dropped.
+        """Return the line with times at a constant interval, without clock deviations.
 
         Raises TrajectoryError if the interval of the samples is not constant.
         """
@@ -85,10 +86,10 @@ class SurveyLine:
         return replace(self, places={**self.places, "time_s": even})
 
     def middle(self, duration: float | None) -> slice:
-        """Return the middle of the line with a given duration [s]; the whole line without one.
+        """Return the slice of the middle part of the line with a duration [s]; None: whole line.
 
-        Raises TrajectoryError if the line is shorter, or the duration is no multiple of the
-        interval.
+        Raises TrajectoryError if the line is shorter than the duration, or if the duration is not a
+        multiple of the interval.
         """
         count = len(self.places["time_s"]) - 1
         if duration is None:
@@ -107,7 +108,10 @@ class SurveyLine:
         return slice(first, first + steps + 1)
 
     def track(self, limits: TrackLimits, duration: float | None) -> Track:
-        """Return the track of the middle of the line, smoothed as part of the whole line."""
+        """Return the track of the middle part of the line.
+
+        The smoothing is applied to the whole line. ``duration`` is that of :meth:`middle`.
+        """
         whole = track_of(dict(self.places), lambda n: f"line {self.row + n}", limits)
         part, times = self.middle(duration), self.places["time_s"]
         return part_of(whole, times[part.start] - times[0], times[part.stop - 1] - times[0])
@@ -115,12 +119,13 @@ class SurveyLine:
     def measured(
         self, components: Sequence[str], duration: float | None, period: float, sensor: str
     ) -> Array:
-        """Return the measurements (G, m) of the middle of the line, at multiples of a period [s].
+        """Return the measurements (G, m) of the middle part of the line, one per ``period`` [s].
 
-        The first is one period after the start; missing ones are NaN. ``sensor`` is the table of
-        the sensor.
+        The first measurement is one period after the start; missing measurements are NaN.
+        ``sensor`` is the name of the sensor's table in the scenario file, for messages.
 
-        Raises TrajectoryError if the file lacks a component, or has samples at other times.
+        Raises TrajectoryError if a component is missing in the file, or if the samples are not at
+        multiples of the period.
         """
         for name in components:
             if name not in self.readings:
@@ -140,10 +145,10 @@ class SurveyLine:
 
 
 def read_lines(file: str) -> Mapping[str, SurveyLine]:
-    """Return the lines of a file (CSV, also packed by gzip) by name.
+    """Return the survey lines of a CSV file, plain or packed with gzip, by name.
 
-    Raises TrajectoryError with a sentence that states the file, the line, the value and the allowed
-    values.
+    Raises TrajectoryError if the file is invalid; the message states the file, the line, the value
+    and the allowed values.
     """
     status = status_of(file, "survey lines")
     try:
@@ -194,9 +199,10 @@ def _unpacked(file: Path) -> bytes:
 
 
 def line_named(file: str, name: str) -> SurveyLine:
-    """Return a line of a file, with samples at a constant interval.
+    """Return one survey line of a file, with samples at a constant interval.
 
-    Raises TrajectoryError if the file is invalid, lacks the line, or the line has gaps.
+    Raises TrajectoryError if the file is invalid, if it does not contain the line, or if the line
+    has gaps.
     """
     lines = read_lines(file)
     if name not in lines:

@@ -1,14 +1,15 @@
-"""Terrain following: height profile at a clearance above terrain known ahead.
+"""Terrain following: height profile at a clearance above known terrain.
 
-The profile is nearly the lowest one above a floor f(t) within limits s of the slope and a of the
-acceleration. First the slope is limited: g(t) = max_τ f(τ) − s |t − τ|. Then the acceleration is
-limited by the double envelope of Lasry and Lions (1986), which keeps the slope::
+The profile h(t) is nearly the lowest profile above a floor f(t), with a limit s of the slope and a
+limit a of the vertical acceleration. First the slope is limited: g(t) = max_τ f(τ) − s |t − τ|.
+Then the acceleration is limited by the double envelope of Lasry and Lions (1986), which does not
+increase the slope::
 
     d(t) = max_τ g(τ) − a (t − τ)² / 4          curvature above −a / 2
     h(t) = min_τ d(τ) + a (t − τ)² / 2          curvature between −a and a, h ≥ g
 
-Peaks are passed tightly, valleys are rounded. A moving average over two seconds makes the
-acceleration continuous.
+The profile is close to the floor above peaks and rounded in valleys. A moving average over two
+seconds makes the acceleration continuous.
 """
 
 from __future__ import annotations
@@ -34,17 +35,17 @@ _BLUR = 2.0  # half the width of the moving average, a raised cosine [s]
 
 @dataclass(frozen=True)
 class TerrainFollowing:
-    """Straight flight over terrain, level at both ends, with the initial speed over ground.
+    """Straight terrain-following flight, level at both ends, at constant speed over ground.
 
     Attributes
     ----------
-    terrain : path of an elevation model, or the name of a shipped one.
-    clearance : least height above the terrain [m].
-    lowest : least height above the ellipsoid [m].
-    zero_level : of the terrain's heights above the ellipsoid [m].
-    duration, distance : one of them [s], [m] over ground.
+    terrain : path of an elevation model, or name of a shipped elevation model.
+    clearance : smallest height above the terrain [m].
+    lowest : smallest height above the ellipsoid [m].
+    zero_level : height of the terrain's zero level above the ellipsoid [m].
+    duration, distance : duration [s] or distance over ground [m]; the other is None.
     climb_angle : steepest climb and descent [rad].
-    vertical_acceleration : limit upwards and downwards [m/s²].
+    vertical_acceleration : largest upward and downward acceleration [m/s²].
     """
 
     terrain: str
@@ -57,9 +58,9 @@ class TerrainFollowing:
     zero_level: float = 0.0
 
     def length(self, start: State) -> float:
-        """Return its duration [s].
+        """Return the duration of the flight [s].
 
-        Raise TrajectoryError if it is too short or too long.
+        Raises TrajectoryError if the duration is too short or too long.
         """
         duration = self.duration
         if duration is None:
@@ -72,9 +73,11 @@ class TerrainFollowing:
         return duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) of climb angle and speed; the horizontal speed is constant.
+        """Return rates (count, 3) of heading (zero), speed and climb angle.
 
-        Raise TrajectoryError if the terrain cannot be followed.
+        The horizontal speed is constant.
+
+        Raises TrajectoryError if the terrain cannot be followed.
         """
         if start.speed < 1e-3 or abs(start.climb) > 1e-6:
             raise TrajectoryError(
@@ -95,7 +98,7 @@ class TerrainFollowing:
         return np.stack([np.zeros(count), np.diff(speed) / dt, np.diff(climb) / dt], axis=-1)
 
     def start_height(self, start: State) -> float:
-        """Return the least height in whole metres from which the terrain can be followed [m].
+        """Return the smallest initial height, in whole metres, for following the terrain [m].
 
         ``start`` is the initial state; its height is ignored.
         """
@@ -122,12 +125,11 @@ class TerrainFollowing:
 
 
 def heights(name: str, latitude: Array, longitude: Array) -> Array:
-    """Return terrain heights (N,) [m], bilinear between grid points.
+    """Return terrain heights (N,) [m] at positions (N,) [rad], interpolated bilinearly.
 
-    ``name`` is the path of an elevation model or the name of a shipped one; positions are (N,)
-    [rad].
+    ``name`` is the path of an elevation model or the name of a shipped elevation model.
 
-    Raises TrajectoryError if the file cannot be read, or the positions leave it.
+    Raises TrajectoryError if the file cannot be read, or if positions are outside the model.
     """
     version = version_of(name)
     try:
@@ -165,7 +167,7 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
 
 
 def terrain_path(name: str) -> Path:
-    """Return the path of a file: among the shipped data, or as given."""
+    """Return the path of a shipped elevation model, or ``name`` as a path."""
     if not Path(name).is_absolute() and ".." not in Path(name).parts:
         shipped = importlib.resources.files("ggbench.scenarios") / "data" / name
         if isinstance(shipped, Path) and shipped.is_file():
@@ -174,9 +176,9 @@ def terrain_path(name: str) -> Path:
 
 
 def version_of(name: str) -> tuple[int, int]:
-    """Return the version of a file, which changes when it is written.
+    """Return the version of a file, two numbers that change when the file is written.
 
-    Raise TrajectoryError if the file cannot be read.
+    Raises TrajectoryError if the file cannot be read.
     """
     try:
         status = terrain_path(name).stat()
@@ -189,11 +191,12 @@ def version_of(name: str) -> tuple[int, int]:
 def terrain_of(
     name: str, version: tuple[int, int], area: Area | None
 ) -> tuple[float, float, float, float, Array]:
-    """Return south, west, steps in latitude and longitude [deg], and heights (n_lat, n_lon) [m].
+    """Return south and west bound, steps [deg] and heights (n_lat, n_lon) [m] of a terrain.
 
-    ``area`` is the area in which voids count; None: everywhere.
+    ``area`` is the area in which voids are counted; None: everywhere. The steps are those in
+    latitude and longitude. ``version`` is that of :func:`version_of`.
 
-    Raise TrajectoryError if the file contains no terrain.
+    Raises TrajectoryError if the file contains no terrain.
     """
     from ..gravity.terrain_files import read_terrain
 

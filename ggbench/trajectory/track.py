@@ -1,4 +1,4 @@
-"""Users' tracks: positions over time, validated and smoothed at the INS rate."""
+"""Users' tracks: positions over time, validated, smoothed and resampled at the INS rate."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class TrackLimits:
-    """Limits of a valid track, and its smoothing.
+    """Limits for the validation of a track, and smoothing of the track.
 
     Attributes
     ----------
-    gap : longest time between two rows [s]; None for five times the median.
-    acceleration : largest acceleration [m/s²].
-    smoothing : period at which the smoothing halves the amplitude [s]; 0 for none.
+    gap : longest allowed time between two rows [s]; None for five times the median.
+    acceleration : largest allowed acceleration [m/s²].
+    smoothing : period at which the smoothing halves the amplitude [s]; 0 for no smoothing.
     """
 
     gap: float | None = None
@@ -55,14 +55,14 @@ class TrackLimits:
 
 @dataclass(frozen=True)
 class Track:
-    """Positions over time as twice continuously differentiable functions, and attitudes if known.
+    """Track: smooth functions of time for the position, and for the attitude if known.
 
     Attributes
     ----------
-    times : (N,) of the rows, from 0 [s].
-    position : splines of latitude, longitude [rad, without jumps at 180°] and height [m].
-    angles : heading, pitch and roll [rad], each a function of time, or None.
-    remark : remark on the conversion of heights; may be empty.
+    times : (N,) times of the rows, from 0 [s].
+    position : cubic splines of latitude, longitude [rad, without jumps at 180°] and height [m].
+    angles : functions of time for heading, pitch and roll [rad]; None for an unknown angle.
+    remark : remark on the conversion of heights; "" for none.
     """
 
     times: Array
@@ -72,11 +72,12 @@ class Track:
 
 
 def read_track(file: str, limits: TrackLimits, columns: Columns = None) -> Track:
-    """Read a track from a file: CSV, GPX, KML, NMEA 0183 or RTKLIB's .pos, by its content.
+    """Read a track from a file: CSV, GPX, KML, NMEA 0183, RTKLIB ``.pos`` and others.
 
-    The first line of a CSV file names the columns: time_s, latitude_deg, longitude_deg and
-    height_m, and optionally heading, pitch and roll in degrees. Others are ignored. ``columns`` is
-    a preset, or pairs of a key and its name in the file.
+    The content determines the format. The first line of a CSV file names the columns: time_s,
+    latitude_deg, longitude_deg and height_m, and optionally heading, pitch and roll in degrees.
+    Other columns are ignored. ``columns`` is the name of a preset, or pairs of a key and the column
+    name in the file.
 
     Raises TrajectoryError with a sentence that states the file, the line, the value and the allowed
     values.
@@ -106,7 +107,7 @@ def _read_track(file: str, limits: TrackLimits, columns: Columns, time: int, siz
 
 
 def part_of(track: Track, start: float, end: float) -> Track:
-    """Return the part of a track between two times [s], as a track from 0."""
+    """Return the part of a track between two times [s], with times that begin at 0."""
 
     def moved(spline: CubicSpline) -> CubicSpline:
         return CubicSpline(track.times - start, spline(track.times))
@@ -120,9 +121,10 @@ def part_of(track: Track, start: float, end: float) -> Track:
 
 
 def track_of(columns: dict[str, Array], place: Place, limits: TrackLimits) -> Track:
-    """Return the validated, smooth track of columns (N,); ``place`` names a row.
+    """Return the validated, smooth track of columns (N,); ``place`` describes a row.
 
-    Raises TrajectoryError with a sentence that states the line, the value and the allowed values.
+    Raises TrajectoryError if a value is invalid; the message states the line, the value and the
+    allowed values.
     """
     for key, (low, high, unit) in _RANGES.items():
         if key in columns:
@@ -293,26 +295,26 @@ def resample(
 ) -> tuple[Array, Array, Array]:
     """Return the first position, velocities and angles of a track at the INS rate.
 
-    Velocities are those of cubic splines with a knot at every sample. Positions follow from them by
-    the mechanization's rule and stay near the track: for a cubic, the error of the midpoint rule in
-    a step, dt² (a_{n+1} - a_n) / 12, sums to dt² a / 12.
+    Velocities are those of cubic splines with a knot at every sample. The mechanization's midpoint
+    rule gives positions that stay near the track: with the acceleration a of a cubic, the error per
+    step is dt² (a_{n+1} - a_n) / 12, and the sum of the errors is dt² a / 12.
 
     Parameters
     ----------
-    track : as read.
+    track : track from :func:`read_track`.
     dt : sampling interval [s].
-    pitch, roll : added to those of coordinated flight if the track has none [rad].
+    pitch, roll : angles added to those of coordinated flight if the track has no attitude [rad].
     banks : whether the vehicle banks in turns and pitches with its climb angle.
 
     Returns
     -------
-    The first position (3,) [rad, rad, m], velocities (N, 3) ENU [m/s], and heading, pitch and roll
-    (N, 3) [rad].
+    First position (3,) [rad, rad, m], velocities (N, 3) ENU [m/s], and heading, pitch and roll (N,
+    3) [rad].
 
     Raises
     ------
     TrajectoryError
-        If the velocity is too small for a heading.
+        If the velocity is too small to define a heading.
     """
     times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
     if len(times) < 2:

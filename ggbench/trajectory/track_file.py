@@ -1,4 +1,4 @@
-"""Text of a track: a CSV file with named columns."""
+"""Reader of tracks from CSV text with named columns."""
 
 from __future__ import annotations
 
@@ -39,14 +39,15 @@ def parse(
     fewest: int = FEWEST_ROWS,
     columns: str | Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Array], int]:
-    """Return the known columns (N,) of a CSV text, and the line number of their first row.
+    """Return the known columns (N,) of a CSV text, and the line number of the first row.
 
-    Columns may be separated by commas, semicolons or tabs; columns with unknown names, or not among
-    ``keys``, are ignored. A name may have a unit in brackets; times may be dates (ISO 8601). At
-    least ``fewest`` rows are needed. ``columns`` are names in the file by key, see
+    Columns may be separated by commas, semicolons or tabs. Columns with unknown names, or not in
+    ``keys``, are ignored. A name may have a unit in brackets, and times may be dates (ISO 8601). At
+    least ``fewest`` rows are needed. ``columns`` maps keys to names in the file, see
     :func:`.column_names.find`.
 
-    Raises TrajectoryError with a sentence that states the line, the value and the allowed values.
+    Raises TrajectoryError if the text is invalid; the message states the line, the value and the
+    allowed values.
     """
     required = [key for key in _REQUIRED if key in keys]
     named = column_names.names_of(columns)

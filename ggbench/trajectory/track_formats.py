@@ -1,6 +1,6 @@
-"""Tracks in formats of receivers and planners: GPX, KML, receiver logs, CSV.
+"""Detection and reading of track formats: GPX, KML, receiver logs, CSV.
 
-The format is detected from the content. KML is read as plain XML, because only ``gx:Track`` and
+The content of a file determines the format. KML is read as plain XML, because only ``gx:Track`` and
 points with a time are needed.
 """
 
@@ -39,7 +39,10 @@ _HEAD = 65_536
 
 @dataclass(frozen=True)
 class Rows:
-    """Columns of a track (N,) by name, places of its rows, and a remark on heights."""
+    """Rows of a track file: columns (N,) by name, and a remark on heights.
+
+    ``place`` describes the position of a row in the file, for messages.
+    """
 
     columns: dict[str, Array]
     place: Place
@@ -47,9 +50,10 @@ class Rows:
 
 
 def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> Rows:
-    """Return the rows of a track; ``columns`` are the column names of a CSV file.
+    """Return the rows of a track file; ``columns`` are the column names of a CSV file.
 
-    Raises TrajectoryError with a sentence that states the place, the value and the allowed values.
+    Raises TrajectoryError if the file is invalid; the message states the place, the value and the
+    allowed values.
     """
     readers = {"gpx": _gpx, "kml": _kml, **receiver_logs.READERS}
     name, text = recognised(content)
@@ -64,9 +68,9 @@ def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> R
 
 
 def recognised(content: bytes) -> tuple[str, str]:
-    """Return the format of a file and its text; "csv" and no text for all other formats.
+    """Return the format and the text of a file; ("csv", "") if no other format is recognised.
 
-    Raises TrajectoryError if the file is an archive, or begins as text but is none.
+    Raises TrajectoryError if the file is an archive, or if it begins as text but is not text.
     """
     head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for name, looks in _FORMATS.items():
@@ -88,7 +92,10 @@ _MOST_NAMESPACES = 100
 
 
 def gpx_document(text: str) -> Any:
-    """Return the content of a GPX file; raises TrajectoryError if it cannot be read."""
+    """Return the parsed content of a GPX file.
+
+    Raises TrajectoryError if the text is not valid GPX.
+    """
     if (declared := text.count("xmlns")) > _MOST_NAMESPACES:
         raise TrajectoryError(
             f"declares {declared} XML namespaces; at most {_MOST_NAMESPACES} are allowed"
@@ -102,9 +109,9 @@ def gpx_document(text: str) -> Any:
 
 
 def kml_root(text: str) -> ElementTree.Element:
-    """Return the elements of a KML file, without namespaces.
+    """Return the root element of a KML file, with namespaces removed.
 
-    Raises TrajectoryError if it cannot be read.
+    Raises TrajectoryError if the text is not valid XML.
     """
     try:
         root = ElementTree.fromstring(text.encode())

@@ -1,7 +1,7 @@
-"""True trajectories: segments of cruise, turn and climb, or a track, sampled at the INS rate.
+"""True trajectories from manoeuvres or from a track, sampled at the INS rate.
 
-Velocity and attitude are smooth in time; position follows from velocity by the rule of the
-mechanization, so an error-free INS reproduces the truth to rounding.
+Velocity and attitude are smooth in time. The position is integrated from the velocity by the rule
+of the mechanization, so an error-free INS reproduces the truth to rounding.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ __all__ = ["Segment", "Trajectory", "along", "fly"]
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Truth at the INS rate.
+    """True trajectory at the INS rate.
 
     Attributes
     ----------
-    times : (N + 1,) [s].
-    dt : interval [s].
+    times : (N + 1,) times [s].
+    dt : sampling interval [s].
     positions : (N + 1, 3) geodetic latitude, longitude [rad], height [m].
-    velocities : (N + 1, 3) ENU [m/s].
-    attitudes : (N + 1, 3, 3) C_nb.
+    velocities : (N + 1, 3) velocities ENU [m/s].
+    attitudes : (N + 1, 3, 3) attitude matrices C_nb, from body axes to ENU.
     """
 
     times: np.ndarray
@@ -43,11 +43,11 @@ class Trajectory:
 
     @property
     def mean_heights(self) -> np.ndarray:
-        """Return the mean heights (N,) over the intervals [m], as of an altimeter."""
+        """Return the mean height (N,) of each interval [m], as measured by an altimeter."""
         return 0.5 * (self.positions[1:, 2] + self.positions[:-1, 2])
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions (K, 3) and attitudes (K, 3, 3) at times (K,) within the flight [s]."""
+        """Return positions (K, 3) and attitudes C_nb (K, 3, 3) at times (K,) of the flight [s]."""
         positions = np.stack(
             [np.interp(times, self.times, self.positions[:, axis]) for axis in range(3)], axis=-1
         )
@@ -68,25 +68,26 @@ def fly(
     banks: bool = True,
     size: int | None = None,
 ) -> Trajectory:
-    """Fly segments from a starting state.
+    """Return the true trajectory of manoeuvres from an initial state.
 
-    Heading turns with the velocity, pitch with the climb angle; a turn banks the aircraft for
-    coordination (tan(bank) = speed · turn rate / g), rolled in and out over the first and the last
-    five seconds of the segment in which the turn rate, too, rises and falls (raised cosine).
+    The heading follows the velocity, and the pitch the climb angle. Turns are coordinated:
+    tan(bank) = speed · turn rate / g. In the first and last five seconds of a turn, the turn rate
+    rises and falls as a raised cosine, and the bank angle with it.
 
     Parameters
     ----------
     position : (3,) latitude, longitude [rad], height [m].
-    speed, heading : [m/s], clockwise from north [rad].
+    speed, heading : initial speed [m/s], and heading, clockwise from north [rad].
     pitch, roll : attitude in straight and level flight [rad].
-    segments : flown one after the other.
+    segments : manoeuvres, flown one after the other.
     dt : sampling interval [s].
     banks : whether the vehicle banks in turns and pitches with its climb angle.
-    size : number of segments in the file; later ones are repetitions (for messages).
+    size : number of segments in the scenario file; later segments are repetitions. Used in
+        messages.
 
     Returns
     -------
-    Trajectory of round(total duration / dt) + 1 samples.
+    The trajectory, with round(total duration / dt) + 1 samples.
 
     Raises
     ------
@@ -110,11 +111,12 @@ def fly(
 
 
 def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True) -> Trajectory:
-    """Return the truth along a track of positions, smoothed, at samples ``dt`` [s] apart.
+    """Return the true trajectory along a smoothed track, with samples ``dt`` [s] apart.
 
-    ``pitch``, ``roll`` and ``banks`` are as in :func:`fly`, for a track without attitudes.
+    ``pitch``, ``roll`` and ``banks`` are those of :func:`fly`, and apply to a track without
+    attitudes.
 
-    Raises TrajectoryError if the track is impossible.
+    Raises TrajectoryError if the track cannot be flown.
     """
     from .track import resample  # not at the top: it loads slowly, few flights have a track
 
@@ -137,7 +139,7 @@ def _trajectory(
 
 @compiled
 def attitudes_of(angles: np.ndarray) -> np.ndarray:
-    """Return C_nb (N, 3, 3) of heading, pitch and roll (N, 3) [rad]."""
+    """Return attitude matrices C_nb (N, 3, 3) for heading, pitch and roll (N, 3) [rad]."""
     attitudes = np.empty((angles.shape[0], 3, 3))
     for n in range(angles.shape[0]):
         c_nb = attitude_matrix(angles[n, 0], angles[n, 1], angles[n, 2])

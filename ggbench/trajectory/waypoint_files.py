@@ -1,4 +1,4 @@
-"""Positions of flight plans: GPX, KML or CSV, without times."""
+"""Reader of the waypoints of flight plans: GPX, KML or CSV."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ _MOST = 1000
 
 
 def read_waypoints(path: Path) -> Array:
-    """Return the positions (N, 2) of a file, latitude and longitude [deg].
+    """Return the waypoints (N, 2) of a file: latitude and longitude [deg].
 
-    Longitudes are from −180° to 360°. For GPX these are the points of routes, else waypoints, else
-    tracks; for KML points, else lines. Heights and times are ignored.
+    Longitudes are from −180° to 360°. In GPX files the points of routes are read; without routes,
+    waypoints; without both, points of tracks. In KML files points are read; without points, lines.
+    Heights and times are ignored.
 
-    Raises TrajectoryError with a sentence that states the place, the value and the allowed values.
+    Raises TrajectoryError if the file is invalid; the message states the place, the value and the
+    allowed values.
     """
     try:
         content = path.read_bytes()

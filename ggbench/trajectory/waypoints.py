@@ -1,4 +1,4 @@
-"""Flights through waypoints: a turn towards each one, then a straight leg."""
+"""Flights through waypoints: a turn towards each waypoint, then a straight leg."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A turn the shorter way and then a straight, level leg at constant speed to a position.
+    """Turn the shorter way, and straight level leg at constant speed to a waypoint.
 
-    The leg ends within a tenth of a second of the position.
+    The leg ends within a tenth of a second of flight from the waypoint.
 
     Attributes
     ----------
-    latitude, longitude : of the position [rad].
-    bank, rate, radius : steepness of the turn, one of them, see :class:`.Turn`.
+    latitude, longitude : position of the waypoint [rad].
+    bank, rate, radius : bank angle [rad], turn rate [rad/s] or radius [m] of the turn; two of the
+        three are None, see :class:`.Turn`.
     """
 
     latitude: float
@@ -36,7 +37,7 @@ class Waypoint:
     radius: float | None = None
 
     def length(self, start: State) -> float:
-        """Return the time of the turn and of the straight leg."""
+        """Return the duration of the turn and the straight leg [s]."""
         turned, end = self._turned(start, _STEP)
         return _STEP * len(turned) + self._ahead(end)[1] / speed_of(start)
 
@@ -76,11 +77,12 @@ class Waypoint:
 
 
 def leg(position: Array, latitude: float, longitude: float) -> tuple[float, float]:
-    """Return heading [rad] and length [m] of the rhumb line to a position.
+    """Return heading [rad] and length [m] of the rhumb line to a waypoint.
 
-    The line is level and begins at a position (3,) of latitude, longitude [rad] and height [m]. tan
-    α = Δλ / ∫ (M + h) / ((N + h) cos φ) dφ, and the length is ∫ (M + h) dφ / cos α (Williams 1998,
-    Geometry of Navigation).
+    The line is level and begins at ``position`` (3,): latitude, longitude [rad] and height [m]. The
+    heading α obeys tan α = Δλ / ∫ (M + h) / ((N + h) cos φ) dφ, and the length is ∫ (M + h) dφ /
+    cos α (Williams 1998, Geometry of Navigation). φ is the latitude, λ the longitude, and M and N
+    are the radii of curvature.
     """
     north = latitude - position[0]
     east = math.remainder(longitude - position[1], math.tau)

@@ -1,9 +1,9 @@
-"""Unmodelled errors of the true gradiometer.
+"""Simulated gradiometer errors that estimators do not model.
 
-The order is: tilt of the mount, misalignment and scale factors, errors of rotating disks, drift of
-the scale factors, bias and drift, white noise, outliers, low-pass, noise behind it, dropouts. For
-errors of the measurement time :mod:`ggbench.simulation.gradients` evaluates the tensor at the wrong
-time.
+Errors are applied in this order: tilt of the mount, misalignment and scale factors, errors of
+rotating disks, drift of the scale factors, bias and drift, white noise, outliers, low-pass filter,
+white noise after the filter, dropouts. For errors of the measurement time,
+:mod:`ggbench.simulation.gradients` evaluates the tensor at the wrong time.
 """
 
 from __future__ import annotations
@@ -23,26 +23,30 @@ _TIMING = 1e-9
 
 @dataclass(frozen=True)
 class Faults:
-    """Errors of a gradiometer other than white noise and modelled biases.
+    """Errors of a gradiometer other than white noise and modelled biases; σ: standard deviation.
 
     Attributes
     ----------
-    scale_factor : σ of each channel's relative error, drawn once per run.
-    scale_drift : root PSD of the random walk of each channel's scale factor [1/√s].
-    misalignment : σ of the mount's rotation about each of its axes, drawn once per run [rad].
-    mount : right-handed rotation of the mount about each of its axes, equal in all runs [rad].
-    tilt : σ of the rotation of a level mount about each horizontal axis, Gauss–Markov [rad].
-    tilt_time : its correlation time [s].
-    doubling : rate [rad/s] and acceleration [m/s²] at which the white noise is twice that at rest.
-    freedom : degrees of freedom of Student's t distribution of the white noise; ∞ for a normal one.
-    outlier_share : probability that a reading of a channel is an outlier.
-    outlier : σ of outliers, for all channels or for each [unit of the channel].
+    scale_factor : σ of the relative scale-factor error of each channel, drawn once per run.
+    scale_drift : root PSD of the random walk of the scale factor of each channel [1/√s].
+    misalignment : σ of the rotation of the mount about each mount axis, drawn once per run [rad].
+    mount : right-handed rotation of the mount about each mount axis, equal in all runs [rad].
+    tilt : σ of the tilt of a level mount about each horizontal axis, a Gauss–Markov process [rad].
+    tilt_time : correlation time of the tilt [s].
+    doubling : angular rate [rad/s] and acceleration [m/s²] at which the RMS of the white noise is
+        twice its value at rest.
+    freedom : degrees of freedom ν of Student's t distribution of the white noise; ∞ for a normal
+        distribution.
+    outlier_share : probability that a measurement of a channel is an outlier.
+    outlier : σ of outliers, one value for all channels or one for each [unit of the channel].
     burst : mean duration of a burst of outliers [s]; 0 for single outliers.
     together : whether an outlier affects all channels of a measurement.
-    dropout_share : probability that a reading, with all its channels, is missing.
-    dropouts : (start, end) times between which all readings are missing [s].
-    duty : durations of periodic on and off times, from the start [s]; off 0: always on.
-    clock : σ of the clock error that rotates inertial axes, drawn once per run [s] (eq. 12).
+    dropout_share : probability that a measurement, with all channels, is missing.
+    dropouts : pairs (start, end) of times between which all measurements are missing [s].
+    duty : durations of periodic on and off times, beginning with on at the start [s]; off time 0:
+        always on.
+    clock : σ of the clock error, drawn once per run [s], which rotates the assumed inertial axes
+        (Wang et al. 2013, eq. 12).
     jitter : σ of the error of each measurement time [s].
     """
 
@@ -66,11 +70,11 @@ class Faults:
 
     @property
     def distorts(self) -> bool:
-        """Whether scale factors or mount differ from the assumed ones."""
+        """Whether scale factors or mount differ from the assumed values."""
         return self.scale_factor > 0.0 or self.misalignment > 0.0 or any(self.mount)
 
     def mounting(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the rotation (3,) of the mount of a run about its axes [rad]."""
+        """Return the random rotation (3,) of the mount about the mount axes in a run [rad]."""
         return np.asarray(self.misalignment * rng.standard_normal(3) + np.array(self.mount))
 
     def distort(
@@ -80,9 +84,16 @@ class Faults:
         angles: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
-        """Return channels (K, m) of tensors (K, 6) in a rotated mount (3,), with scale factors.
+        """Return the channels (K, m) [E] of a rotated mount, with scale-factor errors.
 
-        A mount rotated by R = exp[angles×] measures Rᵀ Γ R.
+        A mount that is rotated by R = exp[angles×] measures Rᵀ Γ R.
+
+        Parameters
+        ----------
+        tensors : (K, 6) tensors Γ in the assumed mount axes [E].
+        channels : (m, 6) rows that map a tensor to the channels.
+        angles : (3,) rotation of the mount [rad].
+        rng : random numbers of the scale factors.
         """
         turn = np.empty((3, 3))
         rotation_matrix(angles, turn)
@@ -92,7 +103,10 @@ class Faults:
     def tilted(
         self, tensors: np.ndarray, times: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
-        """Return true tensors (K, 6) in a level mount that is tilted about east and north."""
+        """Return tensors (K, 6) [E] in a level mount with random tilts about east and north.
+
+        ``tensors`` (K, 6) are those of the mount without tilt, at ``times`` (K,) [s].
+        """
         angles = np.zeros((len(times), 3))
         angles[:, :2] = self.tilt * gauss_markov(times, self.tilt_time, 2, rng)
         turns = np.empty((len(times), 3, 3))
@@ -101,34 +115,38 @@ class Faults:
         return rotate_tensors(turns, tensors)
 
     def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
-        """Return the factors (K, width) of measurements by random walks of the scale factors."""
+        """Return factors (K, width) on measurements from random walks of the scale factors."""
         return np.asarray(1.0 + random_walk(times, self.scale_drift, width, rng))
 
     def growth(self, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-        """Return the factor (K,) of the noise over that at rest, from RMS motion (K,)."""
+        """Return the factor (K,) on the RMS noise at rest.
+
+        ``rates`` (K,) [rad/s] and ``accelerations`` (K,) [m/s²] are the RMS motion of each
+        measurement.
+        """
         of_rate, of_acceleration = self.doubling
         return np.asarray(1.0 + rates / of_rate + accelerations / of_acceleration)
 
     def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-        """Return factors (...) that turn normal noise into Student's t noise of equal variance.
+        """Return random factors (...) that convert normal noise to Student's t noise.
 
-        √((ν − 2)/χ²_ν): a normal number over √(χ²_ν/ν) has Student's t distribution, with variance
-        ν/(ν − 2).
+        The factors are √((ν − 2)/χ²_ν), which keeps the variance: a normal number divided by
+        √(χ²_ν/ν) has Student's t distribution with variance ν/(ν − 2).
         """
         return np.sqrt((self.freedom - 2.0) / rng.chisquare(self.freedom, shape))
 
     @property
     def information(self) -> float:
-        """Fisher information of the noise over that of normal noise of equal variance.
+        """Ratio of the noise's Fisher information to that of normal noise with equal variance.
 
-        ν (ν + 1)/((ν − 2)(ν + 3)): Student's t distribution of scale s has the information (ν +
-        1)/((ν + 3) s²).
+        The ratio is ν (ν + 1)/((ν − 2)(ν + 3)), because Student's t distribution of scale s has the
+        information (ν + 1)/((ν + 3) s²).
         """
         nu = self.freedom
         return nu * (nu + 1.0) / ((nu - 2.0) * (nu + 3.0)) if math.isfinite(nu) else 1.0
 
     def outliers(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
-        """Return the outliers added to measurements (K, width) [unit of the channel]."""
+        """Return random outliers (K, width) to add to measurements [unit of the channel]."""
         chains = 1 if self.together else width
         struck = bursts(times, self.outlier_share, self.burst, chains, rng)
         added = np.asarray(self.outlier) * rng.standard_normal((len(times), width))
@@ -140,7 +158,7 @@ class Faults:
         return np.asarray(lost | self.in_dropouts(times))
 
     def in_dropouts(self, times: np.ndarray) -> np.ndarray:
-        """Return the mask of times (K,) in intervals without measurements."""
+        """Return the mask (K,) of times within the declared intervals without measurements."""
         on, off = self.duty
         lost = np.zeros(len(times), dtype=bool)
         if off > 0.0:
@@ -150,13 +168,16 @@ class Faults:
         return lost
 
     def expected_share(self, times: np.ndarray) -> np.ndarray:
-        """Return the share of runs (K,) in which each measurement is available."""
+        """Return the expected fraction of runs (K,) in which each measurement is available."""
         return np.where(self.in_dropouts(times), 0.0, 1.0 - self.dropout_share)
 
 
 def biases(
     gradiometer: Gradiometer, channels: int, times: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the biases (K, m) of a run at its epochs [E]: constant at the start, then a walk."""
+    """Return the random biases (K, m) of a run at the epochs [E].
+
+    Each bias is a random initial value plus a random walk.
+    """
     start = gradiometer.bias_eotvos * rng.standard_normal(channels)
     return np.asarray(start + random_walk(times, gradiometer.drift, channels, rng))

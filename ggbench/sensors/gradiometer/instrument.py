@@ -1,21 +1,21 @@
-"""Gravity gradiometer: gradients in the axes of its mount, and its channels.
+"""Gravity gradiometer: gradient tensor in mount axes, and channels.
 
-A gradiometer reads the gravitational gradient tensor Γ in the axes of its mount s, C_sn Γ^n C_snᵀ:
+A gradiometer measures the gravitational gradient tensor Γ^n (ENU) in mount axes s, C_sn Γ^n C_snᵀ:
 
 ``platform``
-    inertially stabilised, C_sn = C_in(L, λ + ω_ie t). A position error is observable from changes
-    of the field and from the rotation of the local level in inertial space. Inertial axes coincide
-    with ECEF axes at t = 0.
+    inertially stabilised mount, C_sn = C_in(L, λ + ω_ie t). A position error is observable from
+    changes of the field and from the rotation of the local level in inertial space. Inertial axes
+    coincide with ECEF axes at t = 0.
 ``local-level``
-    levelled and aligned to north without error, C_sn = I. A position error is observable only from
-    changes of the field.
+    mount that is levelled and aligned to north without error, C_sn = I. A position error is
+    observable only from changes of the field.
 ``strapdown``
-    fixed to the body, C_sn = C_bn. Measurements also depend on the attitude. They are compensated
-    for the centrifugal term of ω_ib.
+    mount that is fixed to the body, C_sn = C_bn. Measurements also depend on the attitude. The
+    centrifugal term of the angular rate ω_ib is assumed to be compensated.
 
-Tensors are vectors [xx, xy, xz, yy, yz, zz], in E. A *channel* is a linear combination of the six:
-a component, half the difference of two diagonal ones (``xx-yy`` = (xx − yy)/2), or a channel of
-rotating accelerometers (:mod:`ggbench.sensors.gradiometer.rotating`).
+Tensors are vectors [xx, xy, xz, yy, yz, zz], in E. A *channel* is a linear combination of the six
+components: a single component, half the difference of two diagonal components (``xx-yy`` = (xx −
+yy)/2), or a channel of rotating accelerometers (:mod:`ggbench.sensors.gradiometer.rotating`).
 """
 
 from __future__ import annotations
@@ -46,7 +46,11 @@ PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
 def inertial_matrix(
     sin_l: float, cos_l: float, sin_a: float, cos_a: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return C_in, row by row, for the latitude L and the angle λ + ω_ie t (eq. 10)."""
+    """Return C_in, from ENU to inertial axes, row by row.
+
+    The arguments are sine and cosine of the latitude L and of the angle λ + ω_ie t, with the
+    longitude λ (Wang et al. 2013, eq. 10).
+    """
     return (
         -sin_a, -sin_l * cos_a, cos_l * cos_a,
         cos_a, -sin_l * sin_a, cos_l * sin_a,
@@ -55,12 +59,14 @@ def inertial_matrix(
 
 
 def inertial_from_local(positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return C_in (..., 3, 3): ENU at geodetic positions to inertial axes at times [s] (eq. 10).
+    """Return the rotation matrices C_in (..., 3, 3) from ENU to inertial axes.
+
+    The formula is eq. 10 of Wang et al. 2013.
 
     Parameters
     ----------
     positions : (..., 3) latitude, longitude [rad], height [m].
-    times : (...) [s] since the inertial frame coincided with ECEF.
+    times : (...) time since the inertial frame coincided with ECEF [s].
     """
     found = np.empty((*positions.shape[:-1], 3, 3))
     angles = positions[..., 1] + ROTATION_RATE * times
@@ -82,9 +88,10 @@ def _fill_inertial(latitudes: np.ndarray, angles: np.ndarray, out: np.ndarray) -
 def rotated(
     c: tuple[float, ...], t: tuple[float, ...]
 ) -> tuple[float, float, float, float, float, float]:
-    """Return vec6(C M Cᵀ) of the symmetric tensor t = vec6(M) (the paper's D6(C) vec6).
+    """Return vec6(C M Cᵀ) of the symmetric tensor t = vec6(M).
 
-    ``c`` contains the nine elements of C, row by row.
+    vec6 is [xx, xy, xz, yy, yz, zz], and ``c`` contains the nine elements of C, row by row. In Wang
+    et al. 2013 the function is D6(C) vec6(M).
     """
     x_0 = c[0] * t[0] + c[1] * t[1] + c[2] * t[2]
     x_1 = c[0] * t[1] + c[1] * t[3] + c[2] * t[4]
@@ -106,7 +113,7 @@ def rotated(
 
 
 def rotate_tensors(rotations: np.ndarray, tensors: np.ndarray) -> np.ndarray:
-    """Return vec6(C M Cᵀ) (..., 6) of C (..., 3, 3) and tensors (..., 6), see :func:`rotated`."""
+    """Return tensors (..., 6), rotated by matrices C (..., 3, 3): vec6(C M Cᵀ)."""
     every = np.ascontiguousarray(np.broadcast_to(rotations, (*tensors.shape[:-1], 3, 3)))
     found = np.empty(tensors.shape)
     _rotate(every.reshape(-1, 9), tensors.reshape(-1, 6), found.reshape(-1, 6))
@@ -128,7 +135,10 @@ def _rotate(rotations: np.ndarray, tensors: np.ndarray, out: np.ndarray) -> None
 def turn_of(
     t: tuple[float, ...], x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Return [φ×] M − M [φ×] of t = vec6(M) for φ = (x, y, z): eq. 12's ∂L_φ/∂φ times φ."""
+    """Return vec6([φ×] M − M [φ×]) for t = vec6(M) and the small rotation φ = (x, y, z) [rad].
+
+    In eq. 12 of Wang et al. 2013 it is (∂L_φ/∂φ) φ. vec6 is [xx, xy, xz, yy, yz, zz].
+    """
     return (
         2.0 * (t[2] * y - t[1] * z),
         t[4] * y - t[2] * x + (t[0] - t[3]) * z,
@@ -143,7 +153,7 @@ def turn_of(
 def sum_of(
     one: tuple[float, ...], two: tuple[float, ...]
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the sum of two symmetric tensors vec6."""
+    """Return the sum of two symmetric tensors [xx, xy, xz, yy, yz, zz]."""
     return (
         one[0] + two[0], one[1] + two[1], one[2] + two[2],
         one[3] + two[3], one[4] + two[4], one[5] + two[5],
@@ -157,14 +167,14 @@ def readings_along(
     attitudes: np.ndarray,
     field: Field,
 ) -> np.ndarray:
-    """Return the noise-free tensors (..., 6) [E] in the mount along tracks.
+    """Return the noise-free tensors (..., 6) [E] in mount axes along tracks.
 
-    Outside the map the field of the border continues.
+    Outside the map the field at the border is used.
 
     Parameters
     ----------
     instrument : index of :data:`INSTRUMENTS`.
-    positions, times : (..., 3), (...) as in :func:`readings`.
+    positions, times : (..., 3), (...) positions and times, as in :func:`readings`.
     attitudes : (..., 3, 3) C_nb, needed only for a strapdown instrument.
     field : the gradient field.
     """
@@ -183,20 +193,21 @@ def readings(
     attitudes: np.ndarray | None = None,
     instrument: str = "platform",
 ) -> np.ndarray:
-    """Return noise-free tensors (K, 6) [E] in the mount of an instrument along a track.
+    """Return noise-free tensors (K, 6) [E] in mount axes along a track.
 
     Parameters
     ----------
     field : the gradient field.
     positions : (K, 3) geodetic latitude, longitude [rad], height [m].
-    times : (K,) [s] since the inertial frame coincided with ECEF.
+    times : (K,) time since the inertial frame coincided with ECEF [s].
     attitudes : (K, 3, 3) C_nb, needed only for a strapdown instrument.
     instrument : one of :data:`INSTRUMENTS`.
 
     Raises
     ------
     OutsideMapError
-        If a position lies outside the map; the message names it and the map's bounds.
+        If a position lies outside the map; the message states the position and the bounds of the
+        map.
     """
     field.require_inside(positions)
     attitudes = np.eye(3) if attitudes is None else attitudes
@@ -205,23 +216,25 @@ def readings(
 
 @dataclass(frozen=True)
 class Gradiometer:
-    """A gradiometer as assumed by estimators.
+    """Gradiometer as assumed by estimators; σ denotes a standard deviation.
 
     Attributes
     ----------
-    noise_eotvos : RMS of the noise of each channel, before the filter [E].
-    lowpass : the instrument's filter, or None.
-    components : names of its channels.
-    instrument : its mount, one of :data:`INSTRUMENTS`.
-    bias_eotvos : σ of each channel's bias at the start [E].
-    drift : root PSD of the bias's random walk [E/√s].
-    noise_behind_filter : RMS of the white noise of each channel's output, behind the filter [E].
-    latency : delay of a measurement behind its time stamp [s].
-    period : time between two readings [s].
-    treatment : inversion of the filter in the measurement model.
-    regularisation : least noise behind the filter, in units of that before it, in the inversion.
-    colour : model of coloured noise, or None; ``noise_eotvos`` is then its RMS over the channels.
-    mounting_sigma : σ of the constant rotation of the mount about each axis [rad].
+    noise_eotvos : RMS noise of each channel, before the low-pass filter [E].
+    lowpass : low-pass filter of the instrument; None without a filter.
+    components : names of the channels.
+    instrument : kind of mount, one of :data:`INSTRUMENTS`.
+    bias_eotvos : σ of the initial bias of each channel [E].
+    drift : root PSD of the random walk of each bias [E/√s].
+    noise_behind_filter : RMS white noise of each channel after the filter [E].
+    latency : time from a measurement to its time stamp [s].
+    period : time between two measurements [s].
+    treatment : compensation of the filter in the measurement model, see :mod:`.lowpass`.
+    regularisation : smallest noise after the filter that the compensation assumes, in units of the
+        noise before the filter.
+    colour : model of coloured noise, or None; with a model, ``noise_eotvos`` is the RMS of the
+        coloured noise over the channels.
+    mounting_sigma : σ of the constant rotation error of the mount about each axis [rad].
     """
 
     noise_eotvos: float
@@ -240,29 +253,29 @@ class Gradiometer:
 
     @property
     def channels(self) -> np.ndarray:
-        """Rows (m, 6) that map the tensor in the mount to the channels."""
+        """Rows (m, 6) that map the tensor in mount axes to the channels."""
         return np.array([channel(name) for name in self.components]).reshape(-1, 6)
 
     @property
     def whole(self) -> bool:
-        """Whether the channels determine the whole tensor: five numbers, as its trace is zero."""
+        """Whether the channels determine all five independent components of the tensor."""
         return int(np.linalg.matrix_rank(self.channels @ _TRACELESS)) == 5
 
     def tensors(self, readings: np.ndarray) -> np.ndarray:
-        """Return trace-free tensors (..., 6) in the mount, nearest to measurements (..., m).
+        """Return the trace-free tensors (..., 6) [E] that fit measurements (..., m) best.
 
-        The channels must determine the whole tensor.
+        Tensors are in mount axes. The channels must determine the whole tensor, see :attr:`whole`.
         """
         return np.asarray(readings @ (_TRACELESS @ np.linalg.pinv(self.channels @ _TRACELESS)).T)
 
     def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Return noise (count, m) of its channels, before the filter [E]."""
+        """Return random noise (count, m) of the channels before the filter [E]."""
         if self.colour is not None:
             return self.colour.simulate(self._white(count, rng))
         return self.noise_eotvos * self._white(count, rng)
 
     def noise_behind(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Return white noise (count, m) of its outputs, behind the filter [E]."""
+        """Return random white noise (count, m) of the channels after the filter [E]."""
         return self.noise_behind_filter * self._white(count, rng)
 
     def _white(self, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -278,12 +291,12 @@ class Gradiometer:
 
     @property
     def biased(self) -> bool:
-        """Whether its channels have biases, which are states."""
+        """Whether the channels have biases as states."""
         return self.bias_eotvos > 0.0 or self.drift > 0.0
 
 
 def channel(name: str) -> np.ndarray:
-    """Return the row (6,) that maps a tensor to a component or to half a difference of two."""
+    """Return the row (6,) that maps a tensor to the channel ``name``."""
     row = np.zeros(6)
     plus, _, minus = name.partition("-")
     row[COMPONENTS.index(plus)] = 0.5 if minus else 1.0
@@ -293,7 +306,10 @@ def channel(name: str) -> np.ndarray:
 
 
 def noise_rms(root_psd: float, rate_hz: float) -> float:
-    """Return N_RMS = √(D_NSD² f / 2) of a noise density [E/√Hz] at an update rate [Hz] (eq. 1)."""
+    """Return the RMS noise √(D² f / 2) [E] of a noise density D [E/√Hz] at an update rate f [Hz].
+
+    The formula is eq. 1 of Wang et al. 2013.
+    """
     return math.sqrt(root_psd**2 * rate_hz / 2.0)
 
 

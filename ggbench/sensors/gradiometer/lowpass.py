@@ -1,32 +1,34 @@
-"""Butterworth low-pass of the gradiometer, and its compensation.
+"""Butterworth low-pass filter of the gradiometer, and compensation of its effects.
 
-The instrument filters its readings by a causal difference equation, y = L x (L lower triangular,
-the first ``order`` outputs equal the inputs). The measurement model uses ``filter(measurement)``
-minus the filtered prediction along the INS track. Two treatments compensate its effects, delay and
-coloured noise:
+The instrument filters samples x by a causal difference equation, y = L x, with a lower triangular
+L; the first ``order`` outputs equal the inputs. The measurement model uses the filtered measurement
+minus the filtered prediction along the INS track. Two treatments compensate the effects of the
+filter, which are delay and coloured noise:
 
 ``whitened``
     The filter is causal and invertible, so its output contains all information of its input. A
-    state augmented by the filter's own would recover it. The filter is linear and known, so the
-    innovation form of that augmented filter is computed once, before all estimators: y is
-    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of about one sample remains.
-    With ρ the noise behind the filter, in units of that in front of it, A y is white. Unmodelled
-    noise is amplified up to 1/ρ near the Nyquist frequency, where the filter passes no signal.
-    Therefore ρ has a lower limit, the regularisation. For noise behind the filter up to this limit,
-    the noise of A y is at most the assumed unit covariance; without such noise it is smaller in
-    directions without signal.
+    Kalman filter with the states of the low-pass as additional states would recover this
+    information. The low-pass is linear and known, so its innovation form is computed once, for all
+    estimators: y is multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of about one
+    sample remains. If ρ is the noise after the low-pass in units of the noise before it, A y has
+    white noise. Unmodelled noise is amplified by up to 1/ρ near the Nyquist frequency, where the
+    low-pass passes no signal. Therefore ρ has a lower limit, the regularisation. If the noise after
+    the low-pass is below this limit, the noise covariance of A y is at most the assumed unit
+    covariance; without such noise it is smaller in directions without signal.
 
 ``delayed``
-    y is a measurement of the state one group delay earlier, with the noise of the unfiltered data
-    (the paper's "fixed delay compensation", done consistently). Outputs that are noisier than the
-    inputs during the start of the filter are scaled down to that noise.
+    y is a measurement of the state one group delay earlier, with the noise of the unfiltered
+    samples ("fixed delay compensation" in Wang et al. 2013, made consistent). During the start of
+    the filter some outputs are noisier than the inputs; they are scaled down to the noise of the
+    inputs.
 
-Both are the same formula: with W = A L (A diagonal for ``delayed``) a slowly varying error signal
-d(t) appears as g_k d(t_k − τ_k), with g_k the sum of row k of W and τ_k the centroid of its lags.
+Both treatments have the same form. Let W = A L, with a diagonal A for ``delayed``. A slowly varying
+error signal d(t) then appears in output k as g_k d(t_k − τ_k), where g_k is the sum of row k of W,
+and τ_k the centroid of the lags in this row.
 
-After the start, every row of A and W equals the previous one, shifted by one output. Only a band of
-the significant lags is stored then, so the cost per output does not depend on the duration. (An
-equivalent difference equation would lose half the digits for a low cut-off.)
+After the start of the filter, every row of A and W equals the previous row, shifted by one output.
+Only the band of significant lags is stored, so the cost per output does not depend on the duration.
+An equivalent difference equation would lose half the digits for a low cut-off frequency.
 """
 
 from __future__ import annotations
@@ -68,7 +70,10 @@ class LowPass:
     rate_hz: float
 
     def apply(self, samples: np.ndarray) -> np.ndarray:
-        """Filter ``samples`` (K,) or (..., K, m) along time; the first ``order`` are unchanged."""
+        """Filter ``samples`` (K,) or (..., K, m) along time.
+
+        The first ``order`` samples are unchanged.
+        """
         from scipy.signal import lfilter  # takes half a second, and not every flight has a filter
 
         samples = np.asarray(samples, dtype=float)
@@ -135,10 +140,13 @@ class Prefilter:
 
     Attributes
     ----------
-    matrix : (H, H) lower-triangular A of the first outputs, applied to each component's output
-        sequence; None for the identity. H is K, or large enough to cover the start.
-    later : (C, C + B − 1) band of A for any C later outputs, with B lags; empty if there are none.
-    gain, delay_samples : (K,) g_k and τ_k (in samples) of the chain filter + A for slow signals.
+    matrix : (H, H) lower-triangular A of the first H outputs, applied to the output sequence of
+        each component; None for the identity. H is K, or large enough to cover the start of the
+        filter.
+    later : (C, C + B − 1) band of A with B lags, for any C successive later outputs; empty if there
+        are no later outputs.
+    gain, delay_samples : (K,) g_k and τ_k (in samples) of the low-pass followed by A, for slow
+        signals.
     """
 
     matrix: np.ndarray | None
@@ -147,7 +155,7 @@ class Prefilter:
     delay_samples: np.ndarray
 
     def apply(self, output: np.ndarray) -> np.ndarray:
-        """Return A times output sequences (K,) or (..., K, m)."""
+        """Return A times the output sequences (K,) or (..., K, m) of the instrument."""
         if self.matrix is None:
             return output
         sequences = output[:, np.newaxis] if output.ndim == 1 else output
@@ -201,19 +209,19 @@ def _reach(rows: np.ndarray) -> int:
 
 @lru_cache(maxsize=16)
 def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: float) -> Prefilter:
-    """Return the treatment of ``count`` outputs of a low-pass (None: no filter, the identity).
+    """Return the linear map that compensates a low-pass, for ``count`` outputs.
 
     Parameters
     ----------
-    lowpass : the instrument's filter.
+    lowpass : low-pass filter of the instrument; None gives the identity.
     count : number of epochs K.
-    treatment : ``whitened`` or ``delayed``, see the module's docstring.
-    rho : for ``whitened``, the noise behind the filter in units of that in front of it.
+    treatment : ``whitened`` or ``delayed``, see :mod:`.gradiometer.lowpass`.
+    rho : noise after the filter in units of the noise before the filter; used for ``whitened``.
 
     Raises
     ------
     GGBenchError
-        If the filter's difference equation cannot be computed in double precision.
+        If the difference equation of the filter cannot be computed in double precision.
     """
     nothing = np.empty((0, 0))
     if lowpass is None:

@@ -1,10 +1,12 @@
-"""Mounting angles of a gradiometer as states, for any mount.
+"""Mounting angles of a gradiometer as states, for all kinds of mount.
 
-A mount rotated about its assumed axes by angles α measures Rᵀ Γ R, R = exp[α×]. With A from the
-assumed axes to ENU, it equals a strapdown instrument at the attitude A R, which is A with the
-attitude error A α. Other rotations of A are added: the attitude error of the body (strapdown), or
-the rotation of the local level with the position (platform). Products with α are neglected, 0.01 E
-for 30′ and 3′ near 3000 E. The effect of α alone is exact.
+A mount that is rotated from its assumed axes by angles α measures Rᵀ Γ R, with R = exp[α×] and the
+tensor Γ in assumed axes. Let A be the rotation matrix from the assumed axes to ENU. The rotated
+mount is then equal to a strapdown instrument with the attitude A R, that is, the attitude A with
+the attitude error A α. Other rotation errors of A are added: the attitude error of the body
+(strapdown), or the rotation of the local level with the position (platform). Products of these
+errors with α are neglected: 0.01 E for 30′ and 3′ in a gradient of 3000 E. The effect of α alone is
+exact.
 """
 
 from __future__ import annotations
@@ -24,10 +26,10 @@ class Mount:
     Attributes
     ----------
     instrument : index of :data:`.instrument.INSTRUMENTS`.
-    positions, times : (..., K, 3), (K,) of the measurements [rad, rad, m], [s].
-    attitudes : (..., K, 3, 3) C_nb at these times, for a strapdown instrument.
-    rows : (..., K, 6, 15 or more) B_k, from the states to the errors of position ENU [m] and
-        attitude [rad] at these times.
+    positions, times : (..., K, 3), (K,) positions [rad, rad, m] and times [s] of the measurements.
+    attitudes : (..., K, 3, 3) C_nb at these times; needed for a strapdown instrument.
+    rows : (..., K, 6, 15 or more) B_k, which maps the states to the errors of position, ENU [m],
+        and attitude [rad] at these times.
     """
 
     instrument: int
@@ -38,14 +40,15 @@ class Mount:
 
 
 def with_mounting_angles(mount: Mount, first: int) -> Mount:
-    """Return a mount as a strapdown mount with mounting angles as states.
+    """Convert any mount to a strapdown mount with mounting angles as states.
 
-    Its attitudes are A, and B_k has the columns of the three angles [rad].
+    The attitudes of the result are A (see the module), and B_k has columns for the three angles
+    [rad].
 
     Parameters
     ----------
-    mount : without mounting angles.
-    first : the first of the three states; 15 or more.
+    mount : mount without mounting angles.
+    first : index of the first of the three states; 15 or more.
     """
     rows, columns = mount.rows, mount.rows.shape[-1]
     found = np.zeros((*rows.shape[:-1], first + 3))

@@ -1,41 +1,45 @@
-"""The rotating-accelerometer gravity gradiometer: its signal and errors.
+"""Rotating-accelerometer gravity gradiometer: signal and errors.
 
-Four accelerometers stand on a disk of diameter b (the baseline), opposite ones b apart, and sense
-along the tangent. The disk spins at Ω about z of the disk axes (x, y, z), which turn with the
-vehicle or platform at the angular rate ω but do not spin. At the angle θ = Ωt (+ π, + π/2, + 3π/2
-for the accelerometers 2, 3, 4) the radius and the tangent are r = (cos θ, sin θ, 0) and
-t = (−sin θ, cos θ, 0), and the proof mass at ρ = (b/2) r feels the specific force
-(acceleration minus gravitation)
+Four accelerometers are mounted on the rim of a disk of diameter b (the baseline), opposite
+accelerometers b apart, and are sensitive along the tangent. The disk spins at the rate Ω about the
+z axis of the disk axes (x, y, z). These axes turn with the vehicle or platform at the angular rate
+ω but do not spin. At the angle θ = Ωt (+ π, + π/2, + 3π/2 for the accelerometers 2, 3, 4) the
+radius and the tangent are r = (cos θ, sin θ, 0) and t = (−sin θ, cos θ, 0), and the proof mass at ρ
+= (b/2) r feels the specific force (acceleration minus gravitation)
 
     f = f₀ − Γρ + ω̇×ρ + ω×(ω×ρ) + 2ω×(Ωz×ρ) + Ωz×(Ωz×ρ).
 
-Along t the last two terms vanish, ω̇_z and f₀ cancel in the sum signal, and what is left is the
-inertial tensor L = Γ − [ω×][ω×] = Γ − ωωᵀ + ω²I (its antisymmetric part, [ω̇×], has cancelled):
+Here f₀ is the specific force at the centre and Γ the gradient tensor. Along t the last two terms
+vanish, and ω̇_z and f₀ cancel in the combined signal S. The remainder is due to the inertial tensor
+L = Γ − [ω×][ω×] = Γ − ωωᵀ + ω²I; its antisymmetric part [ω̇×] cancels, too:
 
     S = (a₁ + a₂) − (a₃ + a₄) = 2b [ (L_xx − L_yy)/2 · sin 2θ − L_xy · cos 2θ ].
 
-The mean over a reading of T seconds of 2S sin 2Ωt and −2S cos 2Ωt, divided by 2b, gives the two
-channels, (L_xx − L_yy)/2 and L_xy; gyros supply the contribution of ω. As one complex number, Z =
-(L_xx − L_yy)/2 + i L_xy = −(i/b) · mean(S e^{2iΩt}), and an error is any other part of S at the
-frequency of e^{2iΩt}. With F = f_x + i f_y, the errors cause the following channel errors for whole
-turns:
+The means of 2S sin 2Ωt and −2S cos 2Ωt over a measurement time of T seconds, divided by 2b, are the
+two channels (L_xx − L_yy)/2 and L_xy. The contribution of ω is computed from gyros. As one complex
+number the channels are Z = (L_xx − L_yy)/2 + i L_xy = −(i/b) · mean(S e^{2iΩt}). Any other part of
+S at the frequency of e^{2iΩt} is an error. Let F = f_x + i f_y. If T is a whole number of turns,
+imperfections cause the following channel errors:
 
-* Z times the common errors of scale factor and baseline; Z rotated by the common tilt of the
-  sensitive axes towards the radius and by the phase error of the demodulation;
-* nothing of a mismatch within a pair × constant F (it is at Ω), but F's retrograde part at Ω and
-  prograde part at 3Ω; the lean of a pair acts likewise. An *odd number of half turns* lets the 1Ω
-  term through, 10³ E for a mismatch of 1e-6 under 10 m/s²; a rotation rate wrong by ε, about ε
-  of that term;
-* nothing of a lean towards the spin axis × constant f_z (it is a constant), but f_z's part at 2Ω
-  if the pairs differ; within a pair it brings in L_xz, L_yz and Coriolis' 2Ωω, at Ω;
-* iκF²/b for the mean quadratic coefficient κ: the only one that brings in a constant force;
-* of a difference *between* pairs in scale factor or lean towards the radius, only jitter about the
-  spin axis at 2Ω: ω̇_z through the scale factor, ω_z through the centripetal acceleration.
+* common errors of scale factor and baseline multiply Z; the common tilt of the sensitive axes
+  towards the radius, and the phase error of the demodulation, rotate Z;
+* a mismatch within a pair has no effect under a constant F (the product is at Ω), but lets through
+  the retrograde part of F at Ω and the prograde part at 3Ω; the tilt of a pair acts likewise. If T
+  is an *odd number of half turns*, the 1Ω term has an effect, 10³ E for a mismatch of 1e-6 under 10
+  m/s²; with a relative error ε of the rotation rate, about ε of that term has an effect;
+* a tilt towards the spin axis has no effect under a constant f_z (the product is constant), but
+  lets through the part of f_z at 2Ω if the pairs differ; a difference within a pair brings in L_xz,
+  L_yz and the Coriolis term 2Ωω, at Ω;
+* the mean quadratic coefficient κ adds iκF²/b: it is the only imperfection that brings in a
+  constant force;
+* a difference *between* pairs in scale factor or in tilt towards the radius brings in only jitter
+  about the spin axis at 2Ω: ω̇_z through the scale factor, ω_z through the centripetal
+  acceleration.
 
-Bias and every other constant is rejected. The list of errors follows Yu and Cai (2019,
-arXiv:1905.05009). The equations are derived here and tested against a simulation from first
-principles. Tensors are vectors [xx, xy, xz, yy, yz, zz] in E, forces, rates and tensors in disk
-axes.
+Biases and all other constants in the signal are rejected. The list of errors follows Yu and Cai
+(2019, arXiv:1905.05009). The equations were derived for this module and are tested against a
+simulation from first principles. Tensors are vectors [xx, xy, xz, yy, yz, zz] in E. Forces, rates
+and tensors are in disk axes.
 """
 
 from __future__ import annotations
@@ -67,13 +71,13 @@ class RotatingGradiometerError(GGBenchError):
 
 @dataclass(frozen=True)
 class RotatingGradiometer:
-    """A disk of four accelerometers.
+    """Disk of four accelerometers.
 
     Attributes
     ----------
     baseline : distance of opposite accelerometers [m].
     rotation_rate_hz : turns of the disk per second, relative to the disk axes [Hz].
-    period : time over which one reading is demodulated [s]: a whole number of half turns. Whole
+    period : time over which one measurement is demodulated [s], a whole number of half turns. Whole
         turns reject the effect of a mismatch under a constant specific force; an odd number of half
         turns does not.
 
@@ -98,36 +102,37 @@ class RotatingGradiometer:
 
     @property
     def rotation_rate(self) -> float:
-        """The spin Ω [rad/s]."""
+        """Spin rate Ω [rad/s]."""
         return 2.0 * math.pi * self.rotation_rate_hz
 
     @property
     def half_turns(self) -> int:
-        """Half turns in a reading."""
+        """Number of half turns in a measurement."""
         return round(2.0 * self.rotation_rate_hz * self.period)
 
 
 @dataclass(frozen=True)
 class RotatingErrors:
-    """The imperfections of a rotating gradiometer; all zero by default.
+    """Imperfections of a rotating gradiometer; all zero by default.
 
-    ``_pair12`` is accelerometer 1 minus 2, ``_pair34`` 3 minus 4, ``_between_pairs`` the mean of 1
-    and 2 minus the mean of 3 and 4, and the name alone the mean of the four.
+    Some imperfections have four attributes: the name alone is the mean of the four accelerometers,
+    ``_pair12`` the difference of accelerometers 1 and 2, ``_pair34`` the difference of 3 and 4, and
+    ``_between_pairs`` the mean of 1 and 2 minus the mean of 3 and 4.
 
     Attributes
     ----------
     scale_factor... : relative error of the accelerometers' scale factors.
     baseline : relative error of the baseline (true minus assumed).
-    radial_misalignment... : lean of the sensitive axes towards the radius, outwards [rad].
-    axial_misalignment... : lean of the sensitive axes towards the spin axis [rad]; its mean has
-        no effect of first order.
+    radial_misalignment... : tilt of the sensitive axes towards the radius, outwards [rad].
+    axial_misalignment... : tilt of the sensitive axes towards the spin axis [rad]; the mean tilt
+        has no effect of first order.
     quadratic... : coefficient of the squared specific force in the output [1/(m/s²)].
-    demodulation_phase : phase of the reference minus twice the disk's angle [rad].
-    rotation_rate : relative error of the spin (true minus assumed); the angle is correct at the
-        start of a measurement.
-    angular_rate_error : error of the gyros that supply the contribution of ω, in disk axes [rad/s].
-    accelerometer_root_psd : white noise of each accelerometer [m/s²/√Hz], such that its mean over
-        T has the standard deviation root_psd/√T (as for the inertial sensors).
+    demodulation_phase : phase of the reference signal minus twice the angle of the disk [rad].
+    rotation_rate : relative error of the spin rate (true minus assumed); the angle is correct at
+        the start of a measurement.
+    angular_rate_error : error of the gyros that measure ω, in disk axes [rad/s].
+    accelerometer_root_psd : root PSD of the white noise of each accelerometer [m/s²/√Hz]; the mean
+        over T has the standard deviation root_psd/√T, as for the inertial sensors.
     """
 
     scale_factor: float = 0.0
@@ -152,13 +157,14 @@ class RotatingErrors:
 
 @dataclass(frozen=True)
 class Vibration:
-    """Vibration in step with the disk; everything else averages out over a reading.
+    """Vibration that is synchronous with the disk; other vibration averages out.
 
     Attributes
     ----------
     specific_force_cos, specific_force_sin : (3, 3) amplitudes [m/s²] of cos nΩt and sin nΩt in disk
-        axes, row n − 1 for n = 1, 2, 3, with t from the beginning of the reading.
-    spin_rate_cos, spin_rate_sin : amplitudes [rad/s] of cos 2Ωt and sin 2Ωt in ω_z.
+        axes; row n − 1 is for n = 1, 2, 3, and t begins with the measurement.
+    spin_rate_cos, spin_rate_sin : amplitudes [rad/s] of cos 2Ωt and sin 2Ωt in the angular rate
+        ω_z.
     """
 
     specific_force_cos: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
@@ -168,9 +174,10 @@ class Vibration:
 
 
 def centrifugal_channels(angular_rate: np.ndarray) -> np.ndarray:
-    """Return the correction (..., 2) [E] of the channels for an angular rate (..., 3) [rad/s].
+    """Return the correction (..., 2) [E] of the channels for an angular rate ω (..., 3) [rad/s].
 
-    It is (ω_x² − ω_y²)/2 and ω_x ω_y: channels of L plus these are channels of Γ.
+    The correction is (ω_x² − ω_y²)/2 and ω_x ω_y. Added to the channels of the inertial tensor L,
+    it gives the channels of the gravitational tensor Γ.
     """
     rate = np.asarray(angular_rate, dtype=float)
     x, y = rate[..., 0], rate[..., 1]
@@ -178,10 +185,10 @@ def centrifugal_channels(angular_rate: np.ndarray) -> np.ndarray:
 
 
 def channel_noise_eotvos(instrument: RotatingGradiometer, accelerometer_root_psd: float) -> float:
-    """Return the RMS [E] of each channel of a reading for white noise of the four accelerometers.
+    """Return the RMS noise [E] of each channel from white noise of the four accelerometers.
 
-    σ = √2 · root_psd / (b √T), with root_psd [m/s²/√Hz] as in `RotatingErrors`; the two channels'
-    noises are independent.
+    The result is √2 · root_psd / (b √T) for the baseline b and the measurement time T, with
+    root_psd [m/s²/√Hz] as in :class:`RotatingErrors`. The noise of the two channels is independent.
     """
     scale = instrument.baseline * math.sqrt(instrument.period) * EOTVOS
     return math.sqrt(2.0) * accelerometer_root_psd / scale

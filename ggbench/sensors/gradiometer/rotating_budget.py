@@ -1,6 +1,6 @@
-"""Error budget of a rotating-accelerometer gradiometer: effect of each imperfection.
+"""Error budget of a rotating-accelerometer gradiometer: channel error per imperfection.
 
-The budget is a closed form, to first order. Notation and conventions are those of
+The effects are closed formulas of first order. Notation and conventions are those of
 :mod:`.gradiometer.rotating`.
 """
 
@@ -51,24 +51,24 @@ def error_budget(
     angular_rate: np.ndarray,
     vibration: Vibration | None = None,
 ) -> dict[str, np.ndarray]:
-    """Return each parameter's error of the two channels, (..., 2) [E], to first order.
+    """Return the error (..., 2) [E] of the two channels from each imperfection, to first order.
 
-    An error is the measured channel, corrected with the gyros, minus that of the gravitational
-    tensor. Motion is constant over a measurement except for ``vibration``. The products of a
-    parameter with `rotation_rate` and `demodulation_phase` that reach the channels through the
-    reference (the 1Ω leak) are in the parameter's row; other products of parameters are neglected.
-    The effect of `angular_rate_error` is exact.
+    An error is the measured channel, corrected with the gyros, minus the channel of the
+    gravitational tensor. Motion is constant during a measurement except for ``vibration``. Products
+    of an imperfection with ``rotation_rate`` or ``demodulation_phase`` that act through the
+    reference signal (the 1Ω leak) are included in the error of this imperfection; other products of
+    imperfections are neglected. The effect of ``angular_rate_error`` is exact.
 
     Parameters
     ----------
     instrument, errors : the disk and its imperfections.
     tensor : (..., 6) gravitational tensor in disk axes [E].
-    specific_force, angular_rate : (..., 3) in disk axes [m/s², rad/s]; leading axes broadcast.
-    vibration : synchronous with the disk, equal for all.
+    specific_force, angular_rate : (..., 3) in disk axes [m/s²], [rad/s]; leading axes broadcast.
+    vibration : vibration synchronous with the disk, equal for all measurements.
 
     Returns
     -------
-    Errors by the names of the attributes of `RotatingErrors`, except the noise.
+    Errors by name of the attribute of :class:`.RotatingErrors`, without the noise.
     """
     tensor, force, rate = (
         np.asarray(a, dtype=float) for a in (tensor, specific_force, angular_rate)
@@ -149,6 +149,6 @@ def channel_errors(
     angular_rate: np.ndarray,
     vibration: Vibration | None = None,
 ) -> np.ndarray:
-    """Return the error of the two channels (..., 2) [E]: the sum of `error_budget`'s rows."""
+    """Return the total error (..., 2) [E] of the two channels, the sum of :func:`error_budget`."""
     rows = error_budget(instrument, errors, tensor, specific_force, angular_rate, vibration)
     return np.sum(list(rows.values()), axis=0)

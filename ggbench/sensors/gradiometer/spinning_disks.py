@@ -1,6 +1,6 @@
-"""Rotating-accelerometer disks on a mount: effects of their imperfections.
+"""Rotating-accelerometer disks on a mount, with random imperfections.
 
-The signal of one disk and its error budget are those of :mod:`.gradiometer.rotating`; here
+:mod:`.gradiometer.rotating` defines the signal and the imperfections of one disk. In this module
 the imperfections of each disk are drawn once per run, and the motion is that of the flight.
 """
 
@@ -20,19 +20,21 @@ in the order of :data:`ggbench.sensors.gradiometer.rotating.SPIN_CHANNELS`."""
 
 @dataclass(frozen=True)
 class SpinningDisks:
-    """Disks that spin about axes of the mount; σ of imperfections drawn per disk and run.
+    """Disks that spin about axes of the mount, with random imperfections.
+
+    The attributes of imperfections are standard deviations; values are drawn per disk and run.
 
     Attributes
     ----------
-    instrument : one disk.
-    spin_axes : of the disks, among x, y, z of the mount.
-    scale_factor, scale_factor_mismatch : relative: of all four accelerometers; within the pairs and
-        between them.
-    baseline : relative.
-    misalignment : lean of the sensitive axes, radial and axial, within and between pairs [rad].
-    demodulation_phase : [rad].
-    rotation_rate : relative.
-    vibration : amplitudes of the specific force at one, two and three times the spin, per axis
+    instrument : one of the disks, which are equal.
+    spin_axes : spin axis of each disk: x, y or z of the mount.
+    scale_factor, scale_factor_mismatch : relative scale-factor error of all four accelerometers;
+        relative differences within the pairs and between the pairs.
+    baseline : relative error of the baseline.
+    misalignment : tilt of the sensitive axes, radial and axial, within and between pairs [rad].
+    demodulation_phase : phase error of the demodulation [rad].
+    rotation_rate : relative error of the spin rate.
+    vibration : amplitudes of the specific force at one, two and three times the spin rate, per axis
         [m/s²].
     """
 
@@ -54,15 +56,15 @@ class SpinningDisks:
         angular_rates: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
-        """Return the channel errors (K, m) [E] by the imperfections of a run.
+        """Return the channel errors (K, m) [E] from the random imperfections of a run.
 
         Parameters
         ----------
-        names : of the m channels.
+        names : names of the m channels.
         tensors : (K, 6) true tensors in the axes of the mount [E].
-        specific_forces, angular_rates : (K, 3) mean over each reading, in the axes of the mount
-            [m/s²], [rad/s].
-        rng : the generator of these imperfections.
+        specific_forces, angular_rates : (K, 3) means over each measurement, in the axes of the
+            mount [m/s²], [rad/s].
+        rng : random numbers of the imperfections.
         """
         out = np.zeros((len(tensors), len(names)))
         for axis in self.spin_axes:
