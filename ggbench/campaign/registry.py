@@ -18,7 +18,7 @@ import types
 import typing
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,7 @@ class Choice:
         cls = type(self.estimator)
         return cls.family if cls.__module__.startswith(_SHIPPED) else "own"
 
-    @property
+    @cached_property  # each run asks for it
     def content(self) -> dict[str, Any]:
         """All inputs of the estimator's results: class, all parameters, hash of the source file.
 
