@@ -111,7 +111,7 @@ def test_the_documented_session_is_short_and_whole():
 def test_the_page_on_scores_counts_the_cases_of_the_suite():
     page = (ROOT / "docs" / "howto" / "score.md").read_text(encoding="utf-8")
     suite = tomllib.loads((ROOT / "scenarios" / "suite.toml").read_text(encoding="utf-8"))
-    count, runs = len(suite["case"]), suite["campaign"]["runs"]
+    count, runs = len(suite["case"]), suite["campaign"]["runs"]["value"]
     assert f"the suite: {count} cases of {runs} runs" in page
 
 
