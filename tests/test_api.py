@@ -126,6 +126,8 @@ def test_what_is_shown_takes_one_line(scenario, results):
     assert repr(estimate) == "Estimate(mean (20, 15), cov (20, 15, 15), filter)"
     assert repr(truth) == "Truth(20 epochs of 15 states)"
     assert repr(results).startswith("Results(small: base, noisy; ins, ekf; runs 0 to 1; in ")
+    assert str(scenario.case("base")) == repr(scenario.case("base"))
+    assert len(str(scenario.case("base"))) < 100
     assert repr(scenario) == "Scenario(small: 'A short flight over the normal field', 2 cases)"
     assert repr(gg.judge(problem, estimate, truth)).startswith("Judgement(20 epochs: position ")
 

@@ -108,6 +108,13 @@ def test_the_documented_session_is_short_and_whole():
     assert [block.reason for block in shown if block.reason][1:] == []  # all but the installation
 
 
+def test_the_page_on_scores_counts_the_cases_of_the_suite():
+    page = (ROOT / "docs" / "howto" / "score.md").read_text(encoding="utf-8")
+    suite = tomllib.loads((ROOT / "scenarios" / "suite.toml").read_text(encoding="utf-8"))
+    count, runs = len(suite["case"]), suite["campaign"]["runs"]["value"]
+    assert f"the suite: {count} cases of {runs} runs" in page
+
+
 def test_the_citation_is_that_of_this_version():
     """What an archive makes a DOI of: all required keys of CFF 1.2.0, and what the package says."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from numbers import Integral
 from pathlib import Path
 
 import click
@@ -84,9 +85,14 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         click.echo(f"{choice.label}: {start.since()}")
     if not estimates:
         raise GGBenchError("no estimator returned an estimate: no file is written")
-    for remark in remarks(recorded, by_label):
+    rejected = {
+        label: int(estimate.info["rejected"])
+        for label, estimate in estimates.items()
+        if isinstance(estimate.info.get("rejected"), Integral)
+    }
+    for remark in remarks(recorded, by_label, rejected):
         click.echo(f"Note: {remark}.")
-    for suspicion in suspicions(recorded, by_label):
+    for suspicion in suspicions(recorded, by_label, rejected):
         click.echo(f"Warning: {suspicion}.")
     for sentence in flight_report.summary(recorded, estimates):
         click.echo(f"{sentence}.")

@@ -16,6 +16,7 @@ from ..campaign.runner import Task, run_task
 from ..display.responsive_table import ResponsiveTable
 from ..display.timing import COLD
 from ..errors import brief
+from ..estimator_spec import shown_names
 from ..figures.numbers import counted
 from ..judging.bounds import squared_bounds
 from ..results.store import kept_epochs
@@ -104,7 +105,8 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
     squares = chosen.set_index(["case", "estimator"])["settled_position_ms"]
     row = chosen.iloc[int(np.argmax((squares / usual.reindex(squares.index)).to_numpy()))]
     reason = "the largest error, measured against the median of all runs:"
-    return row["case"], int(row["run"]), f"{reason} {row['estimator']}"
+    shown = shown_names(dict(zip(table["estimator"], table["name"], strict=True)))
+    return row["case"], int(row["run"]), f"{reason} {shown[row['estimator']]}"
 
 
 def show_run(results: Results, case_name: str, run: int) -> None:
@@ -155,6 +157,8 @@ def _print(
     title: str, run: int, times: np.ndarray, bound: np.ndarray, views: Sequence[RunView]
 ) -> None:
     """Print the metrics of a run, its errors against time, and how to repeat it."""
+    shown = shown_names({view.label: view.record["name"] for view in views})
+    views = [view._replace(label=shown[view.label]) for view in views]
     console.print(f"\n[bold]{escape(title)}, run {run}[/]")
     headings = ["settled m", "m/s", "final m", "NEES", "diverged", "converged s", "ms"]
     table = ResponsiveTable(

@@ -181,7 +181,7 @@ def _print_card(card: Card) -> None:
 
     kinds: tuple[Kind, ...] = ("name", "number", "number", "number", "number", "name", "number")
     table = ResponsiveTable(
-        f"{card.estimator.label}, {counted(card.runs, 'run')} of each case, seed {card.seed}",
+        f"{page.shown_name(card)}, {counted(card.runs, 'run')} of each case, seed {card.seed}",
         [*zip(page.HEAD, kinds, strict=True)],
     )
     for row in page.rows(card):

@@ -11,7 +11,7 @@ from ..display.responsive_table import ResponsiveTable
 from ..display.timing import COLD
 from ..estimator_spec import shown_names
 from ..figures.numbers import counted, limited, span
-from ..judging.comparison import UNFINISHED, Comparison
+from ..judging.comparison import SAME, UNFINISHED, Comparison
 from ..judging.consistency import MARKS
 from ..judging.summary import SMOOTHERS, ordered
 from ..spec.scenario import Scenario
@@ -127,7 +127,9 @@ def print_comparison(compared: Comparison, console: Console) -> None:
                 *(limited(row[end], f"{row[end]:.4f}") for end in ("lo", "hi")), separator="-"
             ),
             f"{row['runs']}",
-            f"{row['p_better' if row['verdict'] == 'better' else 'p']:.2g}",
+            ""
+            if row["verdict"] == SAME
+            else f"{row['p_better' if row['verdict'] == 'better' else 'p']:.2g}",
             f"[{colour}]{row['verdict']}[/]" if colour else row["verdict"],
         )
     table.print(console)

@@ -12,6 +12,7 @@ from rich import progress
 from rich.console import Console, RenderableType
 from rich.text import Text
 
+from ..estimator_spec import shown_names
 from ..figures.numbers import counted
 from .compiling import Compiled
 from .responsive_table import ResponsiveTable
@@ -38,7 +39,7 @@ class Progress(progress.Progress):
         self._compiled = Compiled()
         self._cells: dict[str, tuple[str, str]] = {}
         self._cases: Sequence[str] = ()
-        self._labels: Sequence[str] = ()
+        self._names: dict[str, str] = {}
         self._sums: dict[tuple[str, str], tuple[float, int]] = {}
         self._failed = 0
         self._workers: int | None = None
@@ -111,7 +112,7 @@ class Progress(progress.Progress):
         results = Results(work.folder, step.store)
         self._cells = {c.key: (c.case, c.estimator) for c in results.cells if not c.assumption}
         self._cases = list(dict.fromkeys(case for case, _ in self._cells.values()))
-        self._labels = list(dict.fromkeys(label for _, label in self._cells.values()))
+        self._names = {label: "" for _, label in self._cells.values()}
         for key in self._cells:
             for record in step.store.records(key, work.runs):
                 self._count(key, record)
@@ -124,11 +125,17 @@ class Progress(progress.Progress):
         cell = self._cells.get(key)
         if cell is not None and record["status"] == "ok":
             total, runs = self._sums.get(cell, (0.0, 0))
+            self._names[cell[1]] = record["name"]
             self._sums[cell] = total + record[f"{_WINDOW}_position_ms"], runs + 1
 
     def _mrse(self, case: str, label: str) -> str:
         total, runs = self._sums.get((case, label), (0.0, 0))
         return f"{math.sqrt(total / runs):.3g}" if runs else "–"
+
+    def _shown(self) -> dict[str, str]:
+        """Return the estimators' own names by their labels; labels until a run has finished."""
+        names = {label: name for label, name in self._names.items() if name}
+        return {label: label for label in self._names} | shown_names(names)
 
     def _counts(self) -> str:
         (task,) = self.tasks
@@ -147,7 +154,9 @@ class Progress(progress.Progress):
         if not self._sums:
             return ""
         case = self._cases[0]
-        errors = ", ".join(f"{label} {self._mrse(case, label)}" for label in self._labels)
+        errors = ", ".join(
+            f"{shown} {self._mrse(case, label)}" for label, shown in self._shown().items()
+        )
         return f"RMS error of {case} in m: {errors}"
 
     def get_renderables(self) -> Iterator[RenderableType]:
@@ -165,8 +174,8 @@ class Progress(progress.Progress):
         table = ResponsiveTable(
             "", [("RMS error so far [m]", "name"), *((case, "number") for case in self._cases)]
         )
-        for label in self._labels:
-            table.add_row(label, *(self._mrse(case, label) for case in self._cases))
+        for label, shown in self._shown().items():
+            table.add_row(shown, *(self._mrse(case, label) for case in self._cases))
         first = table.tables(self.console.width)[0]
         more = len(self._cases) + 1 - len(first.columns)
         first.caption = f"and of {counted(more, 'other case')}" if more else None

@@ -302,8 +302,8 @@ def _reference(
     row, share, there = _places(at, since, base.tolerance)
     if not there.any():
         raise columns.error(
-            f"lies outside the flight, {base.start:.17g} s to "
-            f"{base.start + base.dt * base.count:.17g} s; correct its times with clock_offset_s"
+            f"lies outside the flight, {base.start:.16g} s to "
+            f"{base.start + base.dt * base.count:.16g} s; correct its times with clock_offset_s"
         )
     nothing = np.full((len(at), 3), np.nan)
     positions = _between(positions, row, share, there)

@@ -224,7 +224,7 @@ def _heights(spec: FlightSpec, folder: Path, base: TimeBase) -> np.ndarray:
     first, last = since[0] - at[0], at[-1] - since[-1]
     if max(first, last) > base.tolerance:
         raise columns.error(
-            f"its heights, from {since[0] + base.start:.17g} s to {since[-1] + base.start:.17g} "
+            f"its heights, from {since[0] + base.start:.16g} s to {since[-1] + base.start:.16g} "
             "s, do not cover the record of the INS"
         )
     return np.interp(at, since, columns["height_m"])

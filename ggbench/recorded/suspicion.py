@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -72,12 +73,19 @@ def median_nis_ratio(problem: Problem, differences: Residuals) -> float:
     return float(np.median(differences.nis[some] / chi2.median(counts[some])))
 
 
-def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
+def remarks(
+    flight: RecordedFlight,
+    residuals: Mapping[str, Residuals],
+    rejected: Mapping[str, int] = MappingProxyType({}),
+) -> Iterator[str]:
     """Yield a remark on each robust filter that is consistent except for outliers.
 
-    ``residuals`` has the residuals or innovations of each estimator, by label.
+    ``residuals`` has the residuals or innovations of each estimator, by label. ``rejected`` has the
+    number of measurements that filters with a gate have rejected, by label.
     """
     for label, differences in residuals.items():
+        if _rejects_most(flight.problem, rejected.get(label, 0)):
+            continue
         if nis_ratio(flight.problem, differences) > MOST_NIS and _is_robust(label):
             median = median_nis_ratio(flight.problem, differences)
             if median < _MOST_MEDIAN:
@@ -88,12 +96,24 @@ def remarks(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator
                 )
 
 
-def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
+def suspicions(
+    flight: RecordedFlight,
+    residuals: Mapping[str, Residuals],
+    rejected: Mapping[str, int] = MappingProxyType({}),
+) -> Iterator[str]:
     """Yield a warning for each suspected fault of the records, with likely causes.
 
-    ``residuals`` has the residuals or innovations of each estimator, by label.
+    ``residuals`` has the residuals or innovations of each estimator, by label. ``rejected`` has the
+    number of measurements that filters with a gate have rejected, by label.
     """
     problem = flight.problem
+    for label, count in rejected.items():
+        if _rejects_most(problem, count):
+            yield (
+                f"{label}: {count} of {problem.epochs} measurements rejected: the gate is the "
+                "probability of accepting a correct measurement, usually 0.99, or the records are "
+                "inconsistent"
+            )
     beyond = {
         label: differences
         for label, differences in residuals.items()
@@ -142,6 +162,11 @@ def _explanations(flight: RecordedFlight) -> Iterator[str]:
                 f"INS best: residuals of {fit.after:.3g} {fit.unit} in place of "
                 f"{fit.before:.3g} {fit.unit} with {table.clock_offset_s:g}"
             )
+
+
+def _rejects_most(problem: Problem, count: int) -> bool:
+    """Return whether a filter rejects more measurements than can be outliers."""
+    return count > _MOST_OUTLIERS * problem.epochs
 
 
 def _is_robust(label: str) -> bool:

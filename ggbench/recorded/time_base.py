@@ -61,8 +61,8 @@ class TimeBase:
             if outside == "refuse":
                 row = int(off.argmax())
                 raise columns.error(
-                    f"time {times[row]:.17g} s lies outside the record of the INS, after "
-                    f"{self.start:.17g} s to {self.start + self.dt * self.count:.17g} s (as do "
+                    f"time {times[row]:.16g} s lies outside the record of the INS, after "
+                    f"{self.start:.16g} s to {self.start + self.dt * self.count:.16g} s (as do "
                     f"{np.count_nonzero(off)} of {len(times)} measurements); set clock_offset_s "
                     'if the clocks differ, or outside = "drop" to omit these measurements',
                     row,
@@ -77,7 +77,7 @@ class TimeBase:
         if (apart > self.tolerance * (1.0 + _EXACT)).any():
             worst = int(apart.argmax())
             raise columns.error(
-                f"time {times[rows[worst]]:.17g} s is {apart[worst]:.3g} s away from the nearest "
+                f"time {times[rows[worst]]:.16g} s is {apart[worst]:.3g} s away from the nearest "
                 f"sample of the INS; at most {self.tolerance:.3g} s is allowed: increase "
                 "time_tolerance_s of the table of the INS (up to half a sample, "
                 f"{0.5 * self.dt:.3g} s), or set clock_offset_s if the clocks differ",
@@ -86,8 +86,8 @@ class TimeBase:
         same = np.flatnonzero(np.diff(nearest) == 0)
         if len(same):
             raise columns.error(
-                f"two measurements, at {times[rows[same[0]]]:.17g} s and "
-                f"{times[rows[same[0] + 1]]:.17g} s, belong to the same sample of the INS",
+                f"two measurements, at {times[rows[same[0]]]:.16g} s and "
+                f"{times[rows[same[0] + 1]]:.16g} s, belong to the same sample of the INS",
                 int(rows[same[0] + 1]),
             )
         return nearest, rows
@@ -115,8 +115,8 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
         row = int((steps <= 0.0).argmax()) + 1
         kind = "is there twice" if steps[row - 1] == 0.0 else "is behind that of the row before"
         raise columns.error(
-            f"time {times[row]:.17g} s {kind}"
-            + ("" if steps[row - 1] == 0.0 else f", {times[row - 1]:.17g} s")
+            f"time {times[row]:.16g} s {kind}"
+            + ("" if steps[row - 1] == 0.0 else f", {times[row - 1]:.16g} s")
             + f"; times must increase{rollover(times[row - 1], times[row])}",
             row,
         )
@@ -174,7 +174,7 @@ def time_base(
     if steps.max() > longest:
         row = int(steps.argmax()) + 1
         raise columns.error(
-            f"there is a gap of {steps.max():.6g} s before time {times[row]:.17g} s; at most "
+            f"there is a gap of {steps.max():.6g} s before time {times[row]:.16g} s; at most "
             f"{longest:.6g} s (max_gap_s) is allowed, because the INS is interpolated across gaps",
             row,
         )

@@ -9,6 +9,7 @@ import pandas as pd
 from ..errors import brief
 from ..figures.numbers import counted
 from ..judging.field_scale import on_the_prior
+from ..judging.verdicts import FEWEST_RUNS
 from ..report import columns
 from ..report.answers import failed_in_all, left_the_map
 from . import advice as advices
@@ -51,9 +52,11 @@ def verdicts(advice: Advice) -> list[str]:
     rows = advices.table(advice)
     errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
     sentences = []
+    flown = int(rows["runs"].max())
+    few = f": {counted(flown, 'run')} are fewer than {FEWEST_RUNS}" if flown < FEWEST_RUNS else ""
     label, surely = advices.recommended(advice)
     if label in errors:
-        verdict = "use" if surely else "no estimator is recommended; the least bad is"
+        verdict = "use" if surely else f"no estimator is recommended{few}; the least bad is"
         sentences.append(f"In flight: {verdict} {label}, RMS error {_metres(errors[label])}.")
     smoother = advices.after_landing(advice)
     if smoother in errors:
@@ -156,9 +159,8 @@ def track_sentences(tracks: pd.DataFrame, target_m: float | None) -> list[str]:
         )
     if target_m is not None:
         count = int((able["bound_m"] <= target_m).sum())
-        sentences.append(
-            f"{counted(count, 'track')} of {len(tracks)} have a bound of at most {target_m:g} m."
-        )
+        allowed = f"{counted(count, 'track')} of {len(tracks)} {'has' if count == 1 else 'have'}"
+        sentences.append(f"{allowed} a bound of at most {target_m:g} m.")
     return sentences
 
 

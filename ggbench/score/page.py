@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from ..errors import brief, line_of
+from ..estimator_spec import shown_names
 from ..figures.card import scorecard
 from ..figures.numbers import some
 from ..figures.style import Drawing, save
@@ -34,6 +35,18 @@ _LONGEST_TEXT = 1000
 MOST_FAILURES = 10
 """Kinds of failures that a page lists."""
 _DIVERGED = "diverged: the final error exceeds ten bounds and the error of the INS"
+
+
+def shown_name(card: Card) -> str:
+    """Return the estimator's own name with its parameters, as tables of results show it.
+
+    It is the label if that has another form.
+    """
+    label = card.estimator.label
+    try:
+        return shown_names({label: card.estimator.name})[label]
+    except ValueError:
+        return label
 
 
 def headline(card: Card) -> str:
@@ -120,7 +133,7 @@ def _picture(card: Card) -> Drawing:
             values = {"scored": question.rms_m, "ekf": ekf, "bound": question.bound_m}
             numbers = {key: number(value) for key, value in values.items()}
             drawn.append({"title": question.title, **numbers})
-    return scorecard(drawn, card.estimator.label)
+    return scorecard(drawn, shown_name(card))
 
 
 def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
@@ -132,6 +145,7 @@ def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
     kinds, cells = kinds_of_failures(failures), rows(card)
     values: dict[str, Any] = {
         "card": card,
+        "shown": shown_name(card),
         "headline": headline(card),
         "head": HEAD,
         "rows": cells,

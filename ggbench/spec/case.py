@@ -238,6 +238,8 @@ class CaseSpec(WithSensors):
     def __repr__(self) -> str:
         return f"CaseSpec({self.name}: {self.title!r})"
 
+    __str__ = __repr__
+
     def changed(self, key: str, value: Any) -> CaseSpec:
         """Return the case with a new value of a key, validated like a file.
 

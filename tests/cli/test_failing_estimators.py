@@ -47,6 +47,23 @@ def test_an_estimator_whose_runs_all_fail_is_named_with_exit_code_1(fails, code,
     assert label.replace("my_file.py", "mine") in done.stdout
 
 
+def test_an_estimator_of_a_file_has_its_own_name_on_the_screen(tmp_path):
+    """In progress, tables and the view of a run; commands keep the file."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "my_file.py").write_text(SOURCE)
+    run = ["run", "small.toml", "-n", "2", "-j", "0", "-c", "base", "-e", "my_file.py[fails=odd]"]
+    done = invoke([*run, "-e", "my_file.py", "-e", "ins", "-o", "out"], tmp_path, columns=160)
+    assert done.returncode == 0, done.stderr
+    (last,) = [line for line in done.stdout.splitlines() if "4 of 6" in line or "6 of 6" in line]
+    assert ", mine " in last and "my_file.py " not in last
+    shown = invoke(["show", "out", "--run", "0"], tmp_path, columns=160).stdout
+    rows = [
+        line.split()[0] for line in shown.splitlines() if line.startswith((" mine", " my_file"))
+    ]
+    assert rows.count("mine") == 2
+    assert all("ggbench run" in line for line in shown.splitlines() if "my_file.py" in line)
+
+
 def test_estimators_of_one_name_are_told_apart_by_their_files():
     """Registered ones keep their labels; parameters stay with the name."""
     assert shown_names({"a/b.py[gain=2]": "mine", "ekf": "ekf", "c.py": "other"}) == {

@@ -31,7 +31,7 @@ def test_a_filter_from_the_template_gets_its_card(folder):
     for words in (
         "Aircraft over the Alps, narrow prior",
         "Against the EKF: as good in 2 of 2",
-        "my_filter.py, 20 runs of each case, seed 3702",
+        "my_filter, 20 runs of each case, seed 3702",
     ):
         assert words in said
     written = folder / "results" / "score" / "my_filter-py"

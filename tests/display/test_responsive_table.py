@@ -158,7 +158,10 @@ def test_commands_fit_their_terminal(arguments, width, results, tmp_path, monkey
 def test_the_live_table_keeps_names(results, console):
     """While runs run, too, cases that do not fit are counted and names are whole."""
     progress = Progress(console, "small")
-    progress._cases, progress._labels = [f"a_case_of_number_{n}" for n in range(7)], LABELS
+    progress._cases, progress._names = (
+        [f"a_case_of_number_{n}" for n in range(7)],
+        dict.fromkeys(LABELS, ""),
+    )
     progress.add_task("", total=4)
     console.print(progress.get_renderable())
     text = text_of(console)

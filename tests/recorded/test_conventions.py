@@ -122,6 +122,18 @@ def test_outliers_are_told_from_contradictions(log):
     assert f"{count} of 60 measurements rejected" in remark
 
 
+def test_a_gate_that_rejects_most_measurements_is_warned_of(log):
+    """The filter's own count decides: the outliers are not all that it rejects."""
+    flight, count = outliers(log)
+    tight = estimated(flight, "ekf[gate=0.001]")
+    rejected = {"ekf[gate=0.001]": 60}
+    assert list(remarks(flight, tight, rejected)) == []
+    said = list(suspicions(flight, tight, rejected))
+    assert said[0].startswith("ekf[gate=0.001]: 60 of 60 measurements rejected: the gate is")
+    right = estimated(flight, "ekf[gate=0.99]")
+    assert list(suspicions(flight, right, {"ekf[gate=0.99]": count})) == []
+
+
 def test_contradictions_are_no_outliers(log):
     """Of the wrong axes the old sentence remains, and the axes are named."""
     flight = spoil(log, CONVENTIONS[5])

@@ -50,3 +50,15 @@ def test_a_clock_that_begins_at_zero_is_named(period, clock, tmp_path):
     message = f"line 5: .* the seconds of the {clock} restart there: add {period}"
     with pytest.raises(FlightError, match=message):
         clocked(columns, 0.0)
+
+
+def test_times_in_messages_have_no_digits_of_rounding(tmp_path):
+    """0.1 + 0.2 is 0.3 for a reader; microseconds since 1970 are kept."""
+    for times, message in (
+        ([0.0, 0.1 + 0.2, 0.1 + 0.2], "time 0.3 s is there twice"),
+        ([0.0, 1403636579.758556, 1403636579.758555], "time 1403636579.758555 s is behind"),
+    ):
+        rows = [f"{time:.17g},1.0" for time in times]
+        columns = read(write(tmp_path / "a.csv", "time_s,height_m", rows), ("height_m",))
+        with pytest.raises(FlightError, match=message):
+            clocked(columns, 0.0)

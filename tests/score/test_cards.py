@@ -300,6 +300,23 @@ def test_failures_of_a_kind_are_one_line(tmp_path):
     assert text.count("`again ") == 3
 
 
+def test_a_card_has_the_name_of_the_estimator(tmp_path):
+    """As reports do; the conditions name the file."""
+    mine = card().model_copy(
+        update={
+            "estimator": card().estimator.model_copy(
+                update={"label": "a/my_file.py[gain=2]", "name": "mine"}
+            )
+        }
+    )
+    for path in page.write(
+        mine, pd.DataFrame(columns=["case", "run", "reason", "command"]), tmp_path
+    ):
+        text = path.read_text(encoding="utf-8")
+        assert "Scorecard of" in text and "mine[gain=2]" in text
+        assert text.count("a/my_file.py[gain=2]") == 1
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("width", "stacked"), [(400, True), (1280, False)])
 def test_a_card_fits_on_a_telephone(width, stacked, tmp_path, browser):
