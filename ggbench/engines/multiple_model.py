@@ -44,7 +44,7 @@ _ROUGHNESS: WeakKeyDictionary[GravityMap, tuple[float, float]] = WeakKeyDictiona
 
 
 class SearchOptions(NamedTuple):
-    """Options of the filters of all hypotheses.
+    """Options that the filters of all hypotheses share.
 
     Attributes
     ----------

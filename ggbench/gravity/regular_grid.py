@@ -105,7 +105,7 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
 
 
 def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
-    """Return a grid (n_lat, n_lon) in which the area is in one piece, and its first longitude.
+    """Return a grid (n_lat, n_lon) with the area in one piece, and the grid's first longitude.
 
     A grid around the Earth is cut opposite to the area if the edge of the grid crosses the area.
 

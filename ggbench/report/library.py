@@ -85,8 +85,8 @@ def text(
     Parameters
     ----------
     digests : digests of the scenarios.
-    has_league : whether the league figure of the suite is in the folder of the page.
-    studies : first sentences from :func:`studies`, by name of the page.
+    has_league : whether the suite's figure of all estimators is in the folder of the page.
+    studies : first sentence of the answer of each study's page, by name of the page.
     """
     suite = [each for each in digests if each.manifest["scenario"] == SUITE]
     newest = max(each.manifest["results_version"] for each in digests)

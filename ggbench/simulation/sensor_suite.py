@@ -256,8 +256,8 @@ class SensorSuite:
 
         Parameters
         ----------
-        motions, delta_velocities : motions at N + 1 IMU samples, and (N, 3) velocity increments
-            [m/s], of R tracks.
+        motions, delta_velocities : of each of R tracks, the motion at N + 1 IMU samples and the
+            velocity increments (N, 3) [m/s].
         epochs, delays, dt, gravity : as in :meth:`along`.
         """
         track = in_lanes(np.stack([motion.states for motion in motions]))
