@@ -104,5 +104,5 @@ def names(labels: Sequence[str], most: int = 3) -> str:
     first = [code(label) for label in labels[:most]]
     more = len(labels) - most
     if more > 0:
-        return ", ".join(first) + f" and {more} more"
+        return ", ".join(first) + f" and {more} more estimator{'s' * (more > 1)}"
     return " and ".join(filter(None, (", ".join(first[:-1]), *first[-1:])))
