@@ -32,8 +32,8 @@ def bound(
     """Print the Cramér–Rao bound along the track of a SCENARIO.
 
     SCENARIO is the name of a shipped scenario or a path. Its track may be a CSV file ([trajectory]
-    file). No unbiased estimator has smaller standard deviations. The bound ignores false fixes: use
-    'ggbench map score' for these.
+    file). The bound is linearised at the truth and ignores false fixes, for which see
+    'ggbench map score'.
     """
     from ..judging.planned import planned
     from ..simulation.error_free_flight import prepare

@@ -28,7 +28,7 @@ _MISSING = "0.9"
 _ROW, _HEAD, _PROFILE = 0.29, 1.35, 2.1
 """Heights [in] of a row of the grid, of its head, of the profile."""
 KEY = (
-    "Number: RMS error over the bound (m)\n"
+    "Number: RMS error over oracle or bound\n"
     "Frame: recommended\n"
     "\N{DAGGER} overconfident, \N{DOUBLE DAGGER} unsafe\n"
     "lost: share of runs that end far off"
