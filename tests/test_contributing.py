@@ -24,7 +24,7 @@ def rows(text: str, head: str) -> list[list[str]]:
 def rooms(text: str) -> list[tuple[str, ...]]:
     """Return the rooms of the table, floor by floor."""
     return [
-        tuple(re.findall(r"`(\w+)`", names)) for names, _ in rows(text, "rooms, from the ground up")
+        tuple(re.findall(r"`(\w+)`", names)) for names, _ in rows(text, "rooms, lowest layer first")
     ]
 
 

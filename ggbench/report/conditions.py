@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Iterable, Sequence
 
 import pandas as pd
@@ -15,6 +16,7 @@ from .tables import code
 
 _MOST_VALUES = 3
 """Values of a condition that are listed; of more, the range or the number is given."""
+_NUMBER = re.compile(r"(\D*)(\d[\d.e+-]*)(\D*)")
 _ABBREVIATED = {"gnss": "GNSS", "imu": "IMU"}
 """Keys that are abbreviations."""
 
@@ -42,16 +44,27 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
 
 
 def _each(cases: Sequence[CaseSpec], text_of: Callable[[CaseSpec], Sequence[str]]) -> str:
-    """Return what is said of all cases, part by part: the few texts, or the first and the last."""
+    """Return the texts of all cases, part by part: a few texts, or a range of numbers."""
     texts = [text_of(case) for case in cases]
     parts = []
     for column in itertools.zip_longest(*filter(None, texts), fillvalue=""):
         distinct = list(dict.fromkeys(filter(None, column)))
         if distinct:
             few = len(distinct) <= _MOST_VALUES
-            parts.append(" or ".join(distinct) if few else f"{distinct[0]} … {distinct[-1]}")
+            parts.append(" or ".join(distinct) if few else _range_of_texts(distinct))
     without = "" if all(texts) else "none or "
     return without + ", ".join(parts) if parts else "none"
+
+
+def _range_of_texts(texts: Sequence[str]) -> str:
+    """Return the range of texts that differ in one number, such as ``every 10 s``."""
+    matches = [_NUMBER.fullmatch(text) for text in texts]
+    parts = [match.groups() for match in matches if match]
+    if len(parts) < len(texts) or len({(before, after) for before, _, after in parts}) > 1:
+        return "varies by case"
+    before, _, after = parts[0]
+    numbers = sorted((number for _, number, _ in parts), key=float)
+    return f"{before}{numbers[0]}–{numbers[-1]}{after}"
 
 
 def _ins(cases: Sequence[CaseSpec]) -> str:

@@ -122,7 +122,7 @@ class InitialErrorSpec(Section):
 
 @changes(InitialErrorSpec)
 class InitialErrorChange(Section):
-    """Initial errors of the truth, or the prior that estimators assume."""
+    """True initial errors, or the prior that estimators assume."""
 
 
 class MapErrorSpec(Section):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from reporting import cases
 from thinning import thinned
 
-from ggbench.report.conditions import conditions
+from ggbench.report.conditions import _range_of_texts, conditions
 from ggbench.spec import scenario
 
 
@@ -24,3 +24,11 @@ def test_conditions_of_a_shipped_scenario_are_short(name):
     table = conditions(scenario.load(name).cases, cases(2))
     assert {"INS", "Flight", "Gradiometer", "Map"} <= set(table["condition"])
     assert len(table) <= 8 and table["value"].str.len().max() < 260
+
+
+def test_many_values_are_a_range_or_vary():
+    """Numbers of one unit are a range, whatever their order; other texts have no range."""
+    assert _range_of_texts(["0.01 E", "10 E", "0.001 E"]) == "0.001–10 E"
+    assert _range_of_texts(["every 10 s", "every 0.1 s", "every 1 s"]) == "every 0.1–10 s"
+    assert _range_of_texts(["nothing", "field", "gradiometer"]) == "varies by case"
+    assert _range_of_texts(["1 E", "0.5 mGal", "2 E"]) == "varies by case"
