@@ -198,7 +198,7 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
     first INS sample. Error states that the reference does not contain, such as biases, are NaN.
     :func:`judge` needs positions and velocities.
 
-    A warning reports interpolated samples of the INS.
+    A warning reports interpolated samples of the INS and measurements that are read as missing.
 
     Raises
     ------

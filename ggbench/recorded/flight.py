@@ -79,7 +79,7 @@ class RecordedFlight:
     start : time of the first INS sample on the INS clock [s].
     sample_times : (N + 1,) times of all INS samples since the first [s].
     indicated : INS solution at the samples.
-    remarks : texts on interpolated samples of the INS.
+    remarks : texts on interpolated samples of the INS and on measurements read as missing.
     """
 
     path: Path
@@ -159,17 +159,23 @@ def read_flight(path: Path | str) -> RecordedFlight:
         start=ins.base.start,
         sample_times=ins.base.times,
         indicated=indicated,
-        remarks=tuple(_remarks(ins)),
+        remarks=tuple(_remarks(ins, series)),
     )
 
 
-def _remarks(ins: Inertial) -> Iterator[str]:
-    """Yield a text on the interpolated samples of the INS."""
+def _remarks(ins: Inertial, series: dict[str, Series]) -> Iterator[str]:
+    """Yield a text on the interpolated samples of the INS, and on rows of zeros."""
     if lost := ins.base.lost:
         yield (
             f"{ins.path.name}: {lost} missing sample{'s' if lost > 1 else ''} interpolated, "
             f"longest gap {ins.base.longest_gap:.6g} s"
         )
+    for of_sensor in series.values():
+        if count := int(of_sensor.zeros.sum()):
+            yield (
+                f"{of_sensor.columns.path.name}: {count} row{'s' if count > 1 else ''} of zeros "
+                "read as missing measurements"
+            )
 
 
 def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:

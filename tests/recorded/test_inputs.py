@@ -51,6 +51,13 @@ def _set(row, **values):
     return change
 
 
+def _zeros(rows):
+    def change(table: pd.DataFrame) -> None:
+        table.loc[rows, [name for name in table if name.startswith("gradient_")]] = 0.0
+
+    return change
+
+
 def _scale(factor, *names):
     def change(table: pd.DataFrame) -> pd.DataFrame:
         for name in names:
@@ -290,6 +297,13 @@ ROWS = {
         "line 6",
         "some channels of the gradiometer are empty",
     ),
+    "zeros behind a filter": (
+        "filtered",
+        "gradiometer",
+        _zeros(8),
+        "line 10: all channels are 0",
+    ),
+    "zeros alone": ("gradiometer", "gradiometer", _zeros(slice(None)), "are all 0 or empty"),
     "gap behind a filter": (
         "filtered",
         "gradiometer",
@@ -533,6 +547,30 @@ def test_interpolated_samples_of_rates_are_counted(logs, tmp_path):
     edit_rows(path.parent / "imu.csv", rates)
     said = ("imu.csv: 2 missing samples interpolated, longest gap 0.3 s",)
     assert read_flight(edit(path, {"gnss.outside": "drop"})).remarks == said
+
+
+def test_rows_of_zeros_of_a_gradiometer_are_missing(logs, tmp_path):
+    """As if they were empty; as a control, a 0 in a part of the channels is a measurement."""
+    shutil.copytree(logs / "gradiometer", tmp_path / "log")
+    path = tmp_path / "log" / "flight.toml"
+    record = path.parent / "gradiometer.csv"
+    whole = record.read_text()
+    edit_rows(record, _set(4, gradient_xx_eotvos=0.0))
+    assert read_flight(path).remarks == ()
+    record.write_text(whole)
+    names = [name for name in table_of(record) if name.startswith("gradient_")]
+    edit_rows(record, _set(slice(4, 6), **dict.fromkeys(names, np.nan)))
+    empty = read_flight(path)
+    assert empty.remarks == ()
+    record.write_text(whole)
+    edit_rows(record, _zeros(slice(4, 6)))
+    zeros = read_flight(path)
+    assert zeros.remarks == ("gradiometer.csv: 3 rows of zeros read as missing measurements",)
+    np.testing.assert_array_equal(zeros.problem.present, empty.problem.present)
+    np.testing.assert_array_equal(zeros.problem.measurements, empty.problem.measurements)
+    assert (~zeros.problem.present.any(axis=1)).sum() == 3
+    with pytest.warns(UserWarning, match="3 rows of zeros"):
+        gg.read_flight(path)
 
 
 def test_a_reference_of_positions_in_part_of_the_flight(logs, tmp_path):
