@@ -198,6 +198,8 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
     first INS sample. Error states that the reference does not contain, such as biases, are NaN.
     :func:`judge` needs positions and velocities.
 
+    A warning reports interpolated samples of the INS and measurements that are read as missing.
+
     Raises
     ------
     FlightError
@@ -209,6 +211,8 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
     from ..recorded.flight import read_flight as read  # not at the top: it loads slowly
 
     flight = read(path)
+    for remark in flight.remarks:
+        warnings.warn(remark, stacklevel=2)
     return flight.problem, flight.reference
 
 

@@ -60,8 +60,9 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     require_empty(output)
     recorded = read_flight(flight)
     click.echo(f"{flight}: {recorded.problem}")
-    if remark := flight_report.of_the_reference(recorded):
-        click.echo(f"Note: {remark}.")
+    for remark in (*recorded.remarks, flight_report.of_the_reference(recorded)):
+        if remark:
+            click.echo(f"Note: {remark}.")
     estimates: dict[str, Estimate] = {}
     by_label: dict[str, Residuals] = {}
     for choice in choices:

@@ -36,6 +36,7 @@ from .survey_numbers import (
     read_numbers,
     require_limits,
     require_size,
+    zero_rows,
 )
 from .survey_tables import (
     KIND,
@@ -70,7 +71,8 @@ def read_lines(
     Values are converted from the units that the file states (``UNIT`` in a ``.dfn`` file, or a unit
     in brackets after a column's name). Free-air anomalies are converted to gravity disturbances
     with the EGM2008 geoid to degree 120. A value is missing if it is one that the file or the user
-    declares as missing, or a common mark such as −9999.999.
+    declares as missing, or a common mark such as −9999.999. All gradients of a sample are missing
+    if every measured component is exactly 0, and there are at least two.
 
     Parameters
     ----------
@@ -115,6 +117,8 @@ def read_lines(
         values["time_s"] = np.zeros(len(table.rows))
         remarks.append("the file has no time_s; only the noise model needs it")
     whole = np.isfinite(np.column_stack([*values.values()])).all(axis=1)
+    if quantity == "gradient":
+        remarks += _without_zeros(table, names, whole)
     values = {key: column[whole] for key, column in values.items()}
     if "time_s" not in named_columns:
         values["time_s"] = np.full(int(whole.sum()), np.nan)
@@ -252,6 +256,24 @@ def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: 
             else ""
         )
         raise MapError(f"{path}: the column {described!r} is not a {quantity}: {reason}{option}.")
+
+
+def _without_zeros(
+    table: SurveyTable, names: Mapping[str, str], whole: NDArray[np.bool_]
+) -> list[str]:
+    """Take samples with 0 in all measured components out of ``whole`` (N,); return a remark.
+
+    Raises MapError if there is no other sample.
+    """
+    columns = [_found(table, names[key]) for key in COMPONENTS]
+    measured = list(dict.fromkeys(column.name for column in columns if column))
+    zeros = whole & zero_rows(table, measured)
+    if not zeros.any():
+        return []
+    whole &= ~zeros
+    if not whole.any():
+        raise MapError(f"{table.path}: {', '.join(measured)} are 0 in all samples.")
+    return [f"{', '.join(measured)}: rows of zeros read as missing values, {zeros.sum()} times"]
 
 
 def _together(remarks: Iterable[tuple[str, Sequence[str]]]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,6 +77,18 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
         of_marks = f"undeclared {examples} read as missing values, {marks.sum()} times"
         written[marks] = np.nan
     return Numbers(factor * written, tuple(filter(None, (of_unit, of_marks))))
+
+
+def zero_rows(table: SurveyTable, columns: Collection[str]) -> NDArray[np.bool_]:
+    """Return which rows (N,) have exactly 0 in all columns; none with fewer than two columns.
+
+    No instrument measures 0 in several components at once: such a row marks missing values.
+    """
+    rows = np.full(len(table.rows), len(columns) > 1)
+    for name in columns:
+        cells = pd.Series([cell.strip() for cell in table.columns[name]])
+        rows &= pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float) == 0.0
+    return rows
 
 
 def _seconds(cell: str) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,7 @@ class RecordedFlight:
     start : time of the first INS sample on the INS clock [s].
     sample_times : (N + 1,) times of all INS samples since the first [s].
     indicated : INS solution at the samples.
+    remarks : texts on interpolated samples of the INS and on measurements read as missing.
     """
 
     path: Path
@@ -87,6 +89,7 @@ class RecordedFlight:
     start: float
     sample_times: np.ndarray
     indicated: Motion
+    remarks: tuple[str, ...] = ()
 
     @property
     def reference_is_of(self) -> str:
@@ -156,7 +159,23 @@ def read_flight(path: Path | str) -> RecordedFlight:
         start=ins.base.start,
         sample_times=ins.base.times,
         indicated=indicated,
+        remarks=tuple(_remarks(ins, series)),
     )
+
+
+def _remarks(ins: Inertial, series: dict[str, Series]) -> Iterator[str]:
+    """Yield a text on the interpolated samples of the INS, and on rows of zeros."""
+    if lost := ins.base.lost:
+        yield (
+            f"{ins.path.name}: {lost} missing sample{'s' if lost > 1 else ''} interpolated, "
+            f"longest gap {ins.base.longest_gap:.6g} s"
+        )
+    for of_sensor in series.values():
+        if count := int(of_sensor.zeros.sum()):
+            yield (
+                f"{of_sensor.columns.path.name}: {count} row{'s' if count > 1 else ''} of zeros "
+                "read as missing measurements"
+            )
 
 
 def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:

@@ -51,12 +51,14 @@ class Series(NamedTuple):
     values : (G, w) measured values by column; NaN if missing.
     columns : columns of the file.
     rows : (G,) indices of the rows in the file.
+    zeros : (G,) whether all channels of a gradiometer are exactly 0, and thus missing.
     """
 
     samples: np.ndarray
     values: np.ndarray
     columns: Columns
     rows: np.ndarray
+    zeros: np.ndarray
 
 
 def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str, ...]:
@@ -104,15 +106,19 @@ def _read(
         require_period(columns, times, table.period_s, "readings", table_of(sensor))
     samples, rows = base.samples_of(columns, times, table.outside)
     values = columns.stacked(names)
+    # No gradiometer measures 0 in several channels at once.
+    zeros = (values == 0.0).all(axis=1) & (sensor == "gradiometer" and len(names) > 1)
+    values[zeros] = np.nan
     if not np.isfinite(values[rows]).any():
-        raise columns.error(f"has no measurement: {', '.join(names)} are all empty")
+        what = "0 or empty" if zeros[rows].any() else "empty"
+        raise columns.error(f"has no measurement: {', '.join(names)} are all {what}")
     if isinstance(table, RecordedGnss):
         values = _of_receiver(columns, times, table)
     else:
         columns.require_within(
             {name: _LIMITS[name.rpartition("_")[2]] for name in names}  # by their units
         )
-    return Series(samples, values[rows], columns, rows)
+    return Series(samples, values[rows], columns, rows, zeros[rows])
 
 
 def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np.ndarray:
@@ -150,8 +156,9 @@ def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndar
         late = np.flatnonzero(np.diff(series.samples) != stride)
         if missing.any() or len(late):
             n = int(missing.argmax()) if missing.any() else int(late[0]) + 1
+            zero = "all channels are 0: " if series.zeros[n] else ""
             raise series.columns.error(
-                "measurements are missing or do not follow gradiometer.period_s; gaps are "
+                f"{zero}measurements are missing or do not follow gradiometer.period_s; gaps are "
                 'allowed only without a filter (filter = "none")',
                 int(series.rows[n]),
             )

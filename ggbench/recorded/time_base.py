@@ -29,12 +29,16 @@ class TimeBase:
     """Times of the INS samples on the INS clock: ``start`` + n ``dt`` [s], n = 0..``count``.
 
     ``tolerance`` is the largest time difference between a measurement and its INS sample [s].
+    ``lost`` is the number of missing rows that are interpolated, and ``longest_gap`` the longest
+    interval between the rows around them [s].
     """
 
     start: float
     dt: float
     count: int
     tolerance: float
+    lost: int = 0
+    longest_gap: float = 0.0
 
     @property
     def times(self) -> np.ndarray:
@@ -187,4 +191,20 @@ def time_base(
     if not exact:
         # Nothing is extrapolated: the last sample lies within the record.
         count = int(np.floor((float(times[-1]) - start) / dt + _EXACT))
-    return TimeBase(start, dt, count, allowed), exact
+    missing = _missing_rows(steps)
+    longest = float(steps[missing > 0].max(initial=0.0))
+    return TimeBase(start, dt, count, allowed, int(missing.sum()), longest), exact
+
+
+def _missing_rows(steps: np.ndarray) -> np.ndarray:
+    """Return the number of missing rows in each interval of a record.
+
+    ``steps`` (N,) are the intervals [s]. Times that jitter have long and short intervals in turn:
+    no row is missing.
+    """
+    usual = float(np.median(steps))
+    missing = np.where(steps > _USUAL_GAP * usual, np.rint(steps / usual) - 1.0, 0.0)
+    surplus = float(steps.sum() / usual - len(steps))
+    if surplus < 0.5 * missing.sum() and missing.max() <= 1.0:
+        missing[:] = 0.0
+    return missing.astype(np.int64)

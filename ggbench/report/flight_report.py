@@ -207,6 +207,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
         f"{code(flight.path.name)}: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
         f"{counted(problem.epochs, 'epoch')} until {problem.times[-1]:g} s after the start.\n\n"
         + markdown(head, rows)
+        + "".join(f"\n\n{plain(remark)}." for remark in flight.remarks)
     )
 
 

@@ -4,7 +4,7 @@ The first line of the file names the columns: line, kind, time_s, latitude_deg, 
 height_m (above the ellipsoid); tensor components in axes east, north, up, as xx or xx_eotvos; and
 the gravity disturbance, as disturbance or disturbance_mgal. Other columns are ignored. A row is a
 sample. The rows of a survey line are consecutive, at a constant interval. Measurements exclude the
-normal field. An empty cell is a missing measurement.
+normal field. An empty cell is a missing measurement; a row of zeros in all gradients is refused.
 """
 
 from __future__ import annotations
@@ -172,6 +172,7 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
         )
     columns = {name: text.names.index(name) for name in _PLACES} | components
     numbers = text.numbers(columns, may_be_empty=frozenset(components))
+    _require_no_row_of_zeros(text.first, {key: numbers[key] for key in components})
     cells = [row.split(text.separator) for row in text.rows]
     names, kinds = (
         [row[text.names.index(key)].strip() for row in cells] for key in ("line", "kind")
@@ -190,6 +191,22 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
         readings = {key: numbers[key][start:stop] for key in components}
         lines[name] = SurveyLine(name, kinds[start], row, places, readings)
     return lines
+
+
+def _require_no_row_of_zeros(first: int, readings: Mapping[str, Array]) -> None:
+    """Raise TrajectoryError if all gradients of a sample, at least two, are exactly 0.
+
+    Such a row marks missing values. ``first`` is the line number of the first sample.
+    """
+    gradients = [name for name in readings if name != DISTURBANCE]
+    if len(gradients) < 2:
+        return
+    zeros = np.all([readings[name] == 0.0 for name in gradients], axis=0)
+    if zeros.any():
+        raise TrajectoryError(
+            f"line {first + int(zeros.argmax())}: {', '.join(gradients)} are all 0, in "
+            f"{zeros.sum()} of {len(zeros)} rows; leave the cells of missing measurements empty"
+        )
 
 
 def _unpacked(file: Path) -> bytes:

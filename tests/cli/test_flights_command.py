@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 from command import invoke
 from problems import SMALL
-from recorded_flights import GNSS_ONLY, recorded
+from recorded_flights import GNSS_ONLY, as_solution, edit, edit_rows, recorded
+from small_cases import small_flight
 
 from ggbench.maps.geoid import geoid_heights
 
@@ -132,6 +133,19 @@ def test_wrong_arguments_end_with_a_sentence(tmp_path, log, arguments, said):
     assert done.returncode == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_interpolated_samples_are_printed_and_reported(tmp_path):
+    """With a count and the longest gap."""
+    flown = small_flight(GNSS_ONLY)
+    log = as_solution(recorded(tmp_path / "log", flown), flown)
+    edit_rows(log.parent / "ins.csv", lambda table: table.drop(index=[40, 70, 71]))
+    edit(log, {"ins.max_gap_s": 0.5})
+    done = invoke(["estimate", "log/flight.toml", "-e", "ins", "-o", "out"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    sentence = "ins.csv: 3 missing samples interpolated, longest gap 0.3 s."
+    assert f"Note: {sentence}" in done.stdout.splitlines()
+    assert sentence in (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.long

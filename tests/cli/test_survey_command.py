@@ -76,6 +76,15 @@ def test_default_bounds_of_lines_at_one_height_always_work(depth, limits):
     assert "at least 4 along each axis" in said
 
 
+def test_rows_of_zeros_are_excluded_and_counted():
+    lines = survey(noise=1.0)
+    lines.values[100:112] = 0.0
+    write_csv(lines, "zero.csv")
+    said = run("--lines", "zero.csv", *SETTINGS, "-o", "m.nc")
+    assert "xx, xy, xz, yy, yz: rows of zeros read as missing values, 12 times" in said
+    assert "12 samples with missing values are excluded" in said
+
+
 def turned(lines):
     """Axes east, north, down."""
     lines.values[:, [lines.components.index("xz"), lines.components.index("yz")]] *= -1.0

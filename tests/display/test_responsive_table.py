@@ -117,6 +117,24 @@ def test_p_values_are_explained_by_the_number_of_tests(tests, words, results):
     assert words in text and ("5 % of comparisons" in text) == (tests > 0)
 
 
+def test_equal_results_have_no_p_value(results):
+    """As a control, results that differ have one."""
+    before, after = results.runs(), results.runs()
+    changed = after["estimator"] == "ekf"
+    after.loc[changed, "settled_position_ms"] *= [1.1, 0.8] * (changed.sum() // 2)
+    compared = compare(before, after, 0.0, "settled")
+    recorded = Console(record=True, width=400, file=io.StringIO())
+    print_comparison(compared, recorded)
+    rows = [line.split() for line in text_of(recorded).splitlines()]
+    rows = [row for row in rows if row and row[-1] in ("same", "undecided")]
+    assert {row[-1] for row in rows} == {"same", "undecided"}
+    for row in rows:
+        p = row[row.index("2") + 1 : -1]  # behind the number of runs
+        assert len(p) == (row[-1] == "undecided")
+    undecided = [row for row in rows if row[-1] == "undecided"]
+    assert {(row[1], row[2]) for row in undecided} == {("ekf", "m")}
+
+
 def test_a_comparison(results, console):
     compared = compare(results.runs(), results.runs(), 0.0, "settled")
     print_comparison(compared, console)

@@ -13,7 +13,7 @@ from ggbench.maps.survey_files import read_lines
 from ggbench.maps.survey_lines import AXES, COMPONENTS, in_our_axes
 
 ROWS = [
-    (name, kind, 10.0 * n + k, 30.0 + 0.001 * k, -93.0 + 0.01 * n, 80.0 + k, 1.5 * k, -2.0 * k)
+    (name, kind, 10.0 * n + k, 30.0 + 0.001 * k, -93.0 + 0.01 * n, 80.0 + k, 1.5 * k, 1.0 - 2.0 * k)
     for n, (name, kind) in enumerate((("10", "primary"), ("20", "primary"), ("900", "tie")))
     for k in range(5)
 ]

@@ -273,6 +273,45 @@ def test_marks_of_missing_values_that_are_not_declared(mark, tmp_path):
         assert any(f"undeclared {mark} read as missing values, 2 times" in r for r in found.remarks)
 
 
+COMPONENTS = ("xx", "xy", "zz")
+
+
+def tensor(folder, zeros, at=COMPONENTS):
+    """A survey of gradients; the rows ``zeros`` have 0 in the components ``at``."""
+    rows = ["line,time_s,latitude_deg,longitude_deg,height_m," + ",".join(COMPONENTS)]
+    for n in range(COUNT):
+        places = (LINES[n], TIMES[n], LATITUDES[n], LONGITUDES[n], HEIGHTS[n])
+        void = {name: "-0.00" if name == "xy" else "0.00" for name in at if n in zeros}
+        values = (void.get(name, f"{VALUES[n] + 1.0:.2f}") for name in COMPONENTS)
+        rows.append(",".join([*map(str, places), *values]))
+    (folder / "t.csv").write_text("\n".join(rows))
+    return folder / "t.csv"
+
+
+@pytest.mark.parametrize("components", [(), ("xx",), ("zz", "xy")])
+def test_rows_of_zeros_are_missing_values(components, tmp_path):
+    """Whichever components are used; as a control, a 0 beside other values is a value."""
+    found = read_lines(tensor(tmp_path, (2, 9)), components=components)
+    assert found.dropped == 2 and len(found.values) == COUNT - 2
+    np.testing.assert_array_equal(found.time_s, np.delete(TIMES, (2, 9)))
+    assert "xx, xy, zz: rows of zeros read as missing values, 2 times" in found.remarks
+    found = read_lines(tensor(tmp_path, (2, 9), ("xx", "xy")), components=components)
+    assert found.dropped == 0 and len(found.values) == COUNT
+    assert not any("zeros" in remark for remark in found.remarks)
+
+
+def test_zeros_of_one_component_are_values(tmp_path):
+    path = tensor(tmp_path, (2, 9))
+    path.write_text(path.read_text().replace("xx,xy,zz", "a,b,zz"))
+    assert read_lines(path).dropped == 0
+    assert read_lines(path, voids=(0.0,)).dropped == 2
+
+
+def test_a_survey_of_zeros_is_refused(tmp_path):
+    with pytest.raises(MapError, match="xx, xy, zz are 0 in all samples"):
+        read_lines(tensor(tmp_path, range(COUNT)))
+
+
 def test_marks_that_are_declared_and_values_of_nines(tmp_path):
     """As a control, 99.99 mGal among values of up to 100 mGal is one of them."""
     table = fields("mGal", null="NULL=-777.5")

@@ -15,6 +15,7 @@ from thinning import thinned
 import ggbench as gg
 from ggbench.maps.recipe import write
 from ggbench.recorded.flight import read_flight
+from ggbench.recorded.inertial import DELTAS, RATES
 from ggbench.spec.flight import FlightError
 
 LEVEL = {"file": "gnss.csv", "period_s": 1.0, "noise_eotvos": 1.0, "instrument": "local-level"}
@@ -46,6 +47,13 @@ def _set(row, **values):
         for name, value in values.items():
             table.loc[row, name] = value
         return table
+
+    return change
+
+
+def _zeros(rows):
+    def change(table: pd.DataFrame) -> None:
+        table.loc[rows, [name for name in table if name.startswith("gradient_")]] = 0.0
 
     return change
 
@@ -289,6 +297,13 @@ ROWS = {
         "line 6",
         "some channels of the gradiometer are empty",
     ),
+    "zeros behind a filter": (
+        "filtered",
+        "gradiometer",
+        _zeros(8),
+        "line 10: all channels are 0",
+    ),
+    "zeros alone": ("gradiometer", "gradiometer", _zeros(slice(None)), "are all 0 or empty"),
     "gap behind a filter": (
         "filtered",
         "gradiometer",
@@ -493,10 +508,69 @@ def test_a_gap_that_is_allowed_is_interpolated(logs, tmp_path):
     path = tmp_path / "log" / "flight.toml"
     before, _ = gg.read_flight(path)
     edit_rows(path.parent / "ins.csv", _drop_rows(50, 60))
-    after, _ = gg.read_flight(edit(path, {"ins.max_gap_s": 1.2}))
+    with pytest.warns(UserWarning, match="10 missing samples interpolated, longest gap 1.1 s"):
+        after, _ = gg.read_flight(edit(path, {"ins.max_gap_s": 1.2}))
     off = (after.track.positions - before.track.positions) * [6.4e6, 5.3e6, 1.0]
     assert np.abs(off).max() < 0.5
     assert np.abs(after.track.attitudes - before.track.attitudes).max() < 1e-4
+
+
+def test_interpolated_samples_are_counted(logs, tmp_path):
+    """Of all gaps; as a control, nothing is missing of a whole record or of times that jitter."""
+    shutil.copytree(logs / "solution", tmp_path / "log")
+    path = edit(tmp_path / "log" / "flight.toml", {"ins.max_gap_s": 1.2})
+    record = path.parent / "ins.csv"
+    whole = record.read_text()
+    assert read_flight(path).remarks == ()
+    jitter = np.pad(np.random.default_rng(1).uniform(-0.04, 0.04, 199), 1)
+    edit_rows(record, _times(lambda t: t + jitter))
+    assert np.diff(table_of(record).time_s).max() > 0.16
+    assert read_flight(path).remarks == ()
+    record.write_text(whole)
+    edit_rows(record, lambda table: table.drop(index=[20, 50, 51, 90]))
+    said = ("ins.csv: 4 missing samples interpolated, longest gap 0.3 s",)
+    assert read_flight(path).remarks == said
+    record.write_text(whole)
+    edit_rows(record, lambda table: table.drop(index=20))
+    said = ("ins.csv: 1 missing sample interpolated, longest gap 0.2 s",)
+    assert read_flight(path).remarks == said
+
+
+def test_interpolated_samples_of_rates_are_counted(logs, tmp_path):
+    shutil.copytree(logs / "increments", tmp_path / "log")
+    path = edit(tmp_path / "log" / "flight.toml", {"imu_record.max_gap_s": 1.2})
+
+    def rates(table: pd.DataFrame) -> pd.DataFrame:
+        table[list(DELTAS)] /= 0.1
+        return table.rename(columns=dict(zip(DELTAS, RATES, strict=True))).drop(index=[30, 31])
+
+    edit_rows(path.parent / "imu.csv", rates)
+    said = ("imu.csv: 2 missing samples interpolated, longest gap 0.3 s",)
+    assert read_flight(edit(path, {"gnss.outside": "drop"})).remarks == said
+
+
+def test_rows_of_zeros_of_a_gradiometer_are_missing(logs, tmp_path):
+    """As if they were empty; as a control, a 0 in a part of the channels is a measurement."""
+    shutil.copytree(logs / "gradiometer", tmp_path / "log")
+    path = tmp_path / "log" / "flight.toml"
+    record = path.parent / "gradiometer.csv"
+    whole = record.read_text()
+    edit_rows(record, _set(4, gradient_xx_eotvos=0.0))
+    assert read_flight(path).remarks == ()
+    record.write_text(whole)
+    names = [name for name in table_of(record) if name.startswith("gradient_")]
+    edit_rows(record, _set(slice(4, 6), **dict.fromkeys(names, np.nan)))
+    empty = read_flight(path)
+    assert empty.remarks == ()
+    record.write_text(whole)
+    edit_rows(record, _zeros(slice(4, 6)))
+    zeros = read_flight(path)
+    assert zeros.remarks == ("gradiometer.csv: 3 rows of zeros read as missing measurements",)
+    np.testing.assert_array_equal(zeros.problem.present, empty.problem.present)
+    np.testing.assert_array_equal(zeros.problem.measurements, empty.problem.measurements)
+    assert (~zeros.problem.present.any(axis=1)).sum() == 3
+    with pytest.warns(UserWarning, match="3 rows of zeros"):
+        gg.read_flight(path)
 
 
 def test_a_reference_of_positions_in_part_of_the_flight(logs, tmp_path):

@@ -131,6 +131,19 @@ def test_a_missing_reading_is_no_reading(folder, keys, tmp_path):
     np.testing.assert_allclose(problem.measurements[there], expected, atol=1e-9)
 
 
+def test_a_row_of_zeros_is_refused(folder, tmp_path):
+    """It marks missing gradients; as a control, zeros beside other gradients are gradients."""
+    rows = (folder / "lines.csv").read_text().splitlines()
+    places = rows[7].split(",")[:7]
+    for gradients in ("0.0,-0.0,2.5", "0.0,-0.0,0"):
+        rows[7] = ",".join([*places, gradients])
+        (tmp_path / f"{gradients}.csv").write_text("\n".join(rows))
+    assert [*read_lines(str(tmp_path / "0.0,-0.0,2.5.csv"))] == [*LINES]
+    said = r"line 8: xx, xz, yy are all 0, in 1 of 81 rows; leave the cells of missing"
+    with pytest.raises(GGBenchError, match=said):
+        read_lines(str(tmp_path / "0.0,-0.0,0.csv"))
+
+
 def test_all_lines_are_flown_by_their_times_with_turns_between(folder, keys, tmp_path):
     """Readings on lines only, the turns smooth, of the speeds of the lines' ends; one cluster."""
     rows = (folder / "lines.csv").read_text().splitlines()
