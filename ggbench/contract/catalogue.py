@@ -157,7 +157,7 @@ CHECKS = (
     ),
     Check(
         "exact",
-        "on a linear Gaussian problem the result is exact (or near, with "
+        "on a linear Gaussian problem the result must be exact (or near, with "
         "exact_if_linear_gaussian = False)",
         "the posterior is known exactly; a deviation is a mistake in the estimator.",
         _exact,

@@ -26,7 +26,7 @@ def _checked(value: Any) -> Any:
 
 
 def called(columns: Any) -> Any:
-    """Convert a key ``columns`` for :func:`.column_names.names_of`: dict, preset or None."""
+    """Convert ``columns`` (names, preset or None) for :func:`.column_names.names_of`."""
     return columns.content() if isinstance(columns, Table) else columns
 
 

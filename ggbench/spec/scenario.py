@@ -113,7 +113,7 @@ class Scenario:
         return self._named[name]
 
     def every_case(self) -> Iterator[tuple[str, CaseSpec]]:
-        """Yield (study, case) for all cases, then for those of the assumptions.
+        """Yield (study, case) for the cases, then for the cases of the assumptions.
 
         The study is the name of an assumption, or "" for the cases themselves.
         """
