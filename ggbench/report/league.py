@@ -17,7 +17,7 @@ CAPTION = "League of the estimators"
 EXPLANATION = (
     "Cells: RMS error over the oracle's, or over the bound where the model is wrong. In brackets: "
     "filter bound. Lost: most runs end outside the required error without reporting it. Lower "
-    "panel: share of cases within a ratio of the best filter."
+    "panel: share of cases in which the error is at most this ratio times the best filter's."
 )
 """Words below the figure."""
 

@@ -46,7 +46,7 @@ def is_of_the_prior(scenario: Scenario) -> bool:
 
 
 def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
-    """Return at most three sections of a sweep's grid along the first axis.
+    """Return at most three curves of a sweep over its first axis.
 
     Further axes have their middle values. The abscissae are values of the first axis, or σ/ℓ if
     this axis is the initial position uncertainty.

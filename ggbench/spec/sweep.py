@@ -57,9 +57,9 @@ class Cell:
 def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell]]:
     """Return the grid of a ``[sweep]`` table, and a list of the points.
 
-    The points are ordered case by case, with the last axis varying fastest. ``bases`` has the
-    titles of the cases to vary, by name; without any, the tables of the file are varied. The name
-    of a point contains the coordinates and, if several cases are varied, the name of the case.
+    The points are ordered case by case, with the last axis varying fastest. ``bases`` maps the
+    names of the cases to vary to their titles; if it is empty, the tables of the file are varied.
+    The name of a point contains the coordinates, and the case's name if several cases are varied.
     """
     bases = bases or {"": ""}
     points, cells = {}, []
