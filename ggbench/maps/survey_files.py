@@ -116,7 +116,7 @@ def read_lines(
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
         remarks.append("the file has no time_s; only the noise model needs it")
-    whole = np.isfinite(np.column_stack([*values.values()])).all(axis=1)
+    whole = np.asarray(np.isfinite(np.column_stack([*values.values()])).all(axis=1))
     if quantity == "gradient":
         remarks += _without_zeros(table, names, whole)
     values = {key: column[whole] for key, column in values.items()}
