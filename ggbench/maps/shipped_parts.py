@@ -357,7 +357,7 @@ class ShippedMasses:
         return EquivalentSources(plane, stored["places"], stored["masses"])
 
     def extent(self) -> SourceExtent:
-        """Return the area of the survey lines with a margin, with heights above the masses."""
+        """Return the area of the survey lines plus a margin, at heights above the masses."""
         stored = _masses(self.file)
         bounds = stored["bounds"] + _LINES_MARGIN_DEG * np.array([-1.0, 1.0, -1.0, 1.0])
         highest = self._highest_m

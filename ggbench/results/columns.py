@@ -30,7 +30,7 @@ class Column:
     Attributes
     ----------
     name, kind : name of the column, and type of the values.
-    check : condition on the values as SQL, to follow the name of the column.
+    check : SQL condition on the values, written after the column's name.
     finished : whether only finished runs have a value; failed runs have NULL.
     defined : whether a value is required; a missing float is NaN in records and NULL in SQL.
     tabled : whether the table of runs has the column.
