@@ -29,6 +29,7 @@ from .survey_lines import (
     Quantity,
     SurveyLines,
     in_our_axes,
+    zero_rows,
 )
 from .survey_numbers import (
     PROJECTED,
@@ -36,7 +37,7 @@ from .survey_numbers import (
     read_numbers,
     require_limits,
     require_size,
-    zero_rows,
+    written_numbers,
 )
 from .survey_tables import (
     KIND,
@@ -267,7 +268,7 @@ def _without_zeros(
     """
     columns = [_found(table, names[key]) for key in COMPONENTS]
     measured = list(dict.fromkeys(column.name for column in columns if column))
-    zeros = whole & zero_rows(table, measured)
+    zeros = whole & zero_rows(written_numbers(table, measured))
     if not zeros.any():
         return []
     whole &= ~zeros

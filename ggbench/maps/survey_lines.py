@@ -52,6 +52,14 @@ CONVENTIONS: tuple[Turn, ...] = tuple(
 PRIMARY, TIE = "primary", "tie"
 
 
+def zero_rows(measured: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows (N,) of measured gradients (N, c) are missing: all components exactly 0.
+
+    No gradiometer measures 0 in several components at once. A single component may be 0.
+    """
+    return np.asarray((measured == 0.0).all(axis=1) & (measured.shape[1] > 1))
+
+
 @dataclasses.dataclass(frozen=True)
 class SurveyLines:
     """Samples of survey lines, in the order of flight within each line.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,7 +62,7 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
     cells = [cell.strip() for cell in table.columns[column.name]]
     if key == "time_s" and any(_CLOCK.fullmatch(cell) for cell in cells[:1]):
         return Numbers(np.array([_seconds(cell) for cell in cells]), ())
-    written = pd.to_numeric(pd.Series(cells), errors="coerce").to_numpy(dtype=float).copy()
+    written = _written(cells)
     bad = np.isnan(written) & np.array([cell.casefold() not in ("", "*", "nan") for cell in cells])
     if bad.any():
         row = int(bad.argmax())
@@ -79,16 +79,14 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
     return Numbers(factor * written, tuple(filter(None, (of_unit, of_marks))))
 
 
-def zero_rows(table: SurveyTable, columns: Collection[str]) -> NDArray[np.bool_]:
-    """Return which rows (N,) have exactly 0 in all columns; none with fewer than two columns.
+def written_numbers(table: SurveyTable, columns: Sequence[str]) -> Array:
+    """Return the numbers (N, c) of columns as they are written; NaN for other cells."""
+    texts = ([cell.strip() for cell in table.columns[name]] for name in columns)
+    return np.column_stack([_written(cells) for cells in texts])
 
-    No instrument measures 0 in several components at once: such a row marks missing values.
-    """
-    rows = np.full(len(table.rows), len(columns) > 1)
-    for name in columns:
-        cells = pd.Series([cell.strip() for cell in table.columns[name]])
-        rows &= pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float) == 0.0
-    return rows
+
+def _written(cells: Sequence[str]) -> Array:
+    return pd.to_numeric(pd.Series(cells), errors="coerce").to_numpy(dtype=float).copy()
 
 
 def _seconds(cell: str) -> float:

@@ -21,11 +21,9 @@ from ..gravity.ellipsoid import ROTATION_RATE
 from ..spec.flight import FlightError
 from . import columns as files
 from .inertial import DELTAS, RATES, force_hint
-from .time_base import clocked
+from .time_base import USUAL_GAP, clocked, missing_rows
 
 _FEWEST_SAMPLES = 1000
-_LONGEST_STEP = 1.5
-"""A step of so many median ones, and more, lacks samples."""
 _MOST_LOST = 3
 """Samples that may be lost at one place and are skipped; a longer gap ends a piece."""
 _MOST_LOST_SHARE = 0.1
@@ -148,10 +146,8 @@ def _evenly(
     """
     steps = np.diff(times)
     usual = float(np.median(steps))
-    missing_at = np.where(steps > _LONGEST_STEP * usual, np.rint(steps / usual) - 1.0, 0.0)
-    # Stamps that jitter are late and early in turns: nothing is lost of such a log.
-    surplus = float((times[-1] - times[0]) / usual - len(steps))
-    if missing_at.any() and surplus < 0.5 * missing_at.sum() and missing_at.max() <= _MOST_LOST:
+    missing_at = missing_rows(steps, _MOST_LOST)
+    if steps.max() > USUAL_GAP * usual and not missing_at.any():
         remark = (
             f"times jitter by up to {np.abs(steps - usual).max():.3g} s: a constant interval is "
             "assumed"
@@ -172,7 +168,7 @@ def _evenly(
             f"its longest part without gaps has {len(rows)} samples; an Allan deviation needs at "
             f"least {_FEWEST_SAMPLES}"
         )
-    missing = missing_at[rows[:-1]].astype(int)
+    missing = missing_at[rows[:-1]]
     if missing.sum() > _MOST_LOST_SHARE * len(rows):
         row = int(rows[np.argmax(missing > 0)]) + 1
         raise columns.error(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..gravity.meridians import turns
+from ..maps.survey_lines import zero_rows
 from ..sensors.aiding import Motion, position_error
 from ..sensors.gnss import Gnss
 from ..simulation.sensor_suite import SensorSuite
@@ -106,8 +107,7 @@ def _read(
         require_period(columns, times, table.period_s, "readings", table_of(sensor))
     samples, rows = base.samples_of(columns, times, table.outside)
     values = columns.stacked(names)
-    # No gradiometer measures 0 in several channels at once.
-    zeros = (values == 0.0).all(axis=1) & (sensor == "gradiometer" and len(names) > 1)
+    zeros = zero_rows(values) & (sensor == "gradiometer")
     values[zeros] = np.nan
     if not np.isfinite(values[rows]).any():
         what = "0 or empty" if zeros[rows].any() else "empty"

@@ -10,7 +10,7 @@ import numpy as np
 from ..trajectory.csv_text import rollover
 from .columns import Columns
 
-_USUAL_GAP = 1.5
+USUAL_GAP = 1.5
 """Longest interval between two samples, in periods, unless the file says otherwise."""
 _USUAL_TOLERANCE = 0.1
 """How far from a sample a reading may lie, in periods, unless the file says otherwise."""
@@ -174,7 +174,7 @@ def time_base(
         raise columns.error(f"has {len(times)} rows; a record of an INS needs at least 3")
     steps = np.diff(times)
     usual = require_period(columns, times, dt, "rows", "imu")
-    longest = _USUAL_GAP * max(dt, usual) if max_gap is None else max_gap
+    longest = USUAL_GAP * max(dt, usual) if max_gap is None else max_gap
     if steps.max() > longest:
         row = int(steps.argmax()) + 1
         raise columns.error(
@@ -191,20 +191,24 @@ def time_base(
     if not exact:
         # Nothing is extrapolated: the last sample lies within the record.
         count = int(np.floor((float(times[-1]) - start) / dt + _EXACT))
-    missing = _missing_rows(steps)
+    missing = missing_rows(steps)
     longest = float(steps[missing > 0].max(initial=0.0))
     return TimeBase(start, dt, count, allowed, int(missing.sum()), longest), exact
 
 
-def _missing_rows(steps: np.ndarray) -> np.ndarray:
-    """Return the number of missing rows in each interval of a record.
+def missing_rows(steps: np.ndarray, most: int = 1) -> np.ndarray:
+    """Return the number of missing rows (N,) in each interval of a record.
 
-    ``steps`` (N,) are the intervals [s]. Times that jitter have long and short intervals in turn:
-    no row is missing.
+    Times that jitter have long and short intervals in turn: no row is missing.
+
+    Parameters
+    ----------
+    steps : (N,) intervals [s].
+    most : largest number of rows in an interval that jitter may feign.
     """
     usual = float(np.median(steps))
-    missing = np.where(steps > _USUAL_GAP * usual, np.rint(steps / usual) - 1.0, 0.0)
+    missing = np.where(steps > USUAL_GAP * usual, np.rint(steps / usual) - 1.0, 0.0)
     surplus = float(steps.sum() / usual - len(steps))
-    if surplus < 0.5 * missing.sum() and missing.max() <= 1.0:
+    if surplus < 0.5 * missing.sum() and missing.max() <= most:
         missing[:] = 0.0
     return missing.astype(np.int64)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..archives import gunzipped
 from ..files import content_of
-from ..maps.survey_lines import DISTURBANCE
+from ..maps.survey_lines import DISTURBANCE, zero_rows
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText, status_of
 from .manoeuvres import Array, TrajectoryError
@@ -199,9 +199,9 @@ def _require_no_row_of_zeros(first: int, readings: Mapping[str, Array]) -> None:
     Such a row marks missing values. ``first`` is the line number of the first sample.
     """
     gradients = [name for name in readings if name != DISTURBANCE]
-    if len(gradients) < 2:
+    if not gradients:
         return
-    zeros = np.all([readings[name] == 0.0 for name in gradients], axis=0)
+    zeros = zero_rows(np.column_stack([readings[name] for name in gradients]))
     if zeros.any():
         raise TrajectoryError(
             f"line {first + int(zeros.argmax())}: {', '.join(gradients)} are all 0, in "
