@@ -18,8 +18,6 @@ MOST_OUTSIDE = 0.05
 """Share of an estimator's runs that may leave the map before an answer says so."""
 MOST_RECOVERED = 4
 """Estimators with a largest σ/ℓ in an answer."""
-_ALIKE = 1.01
-"""Ratio of errors that decides nothing between two estimators."""
 MOST_OWN = 2
 """Estimators of one's own that an answer names."""
 
@@ -72,7 +70,7 @@ def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
     """
     ranked = standing(metrics, cases)
     ranked = ranked[ranked["recommended_in"] == ranked["recommended_in"].iloc[0]]
-    alike = ranked["mean_ratio"] <= _ALIKE * ranked["mean_ratio"].iloc[0]
+    alike = ranked["mean_ratio"] <= views.ALIKE * ranked["mean_ratio"].iloc[0]
     cheapest = cases.loc[cases["recommended"].isin(ranked.loc[alike, "estimator"]), "recommended"]
     return str([*cheapest.value_counts().index, ranked["estimator"].iloc[0]][0])
 

@@ -22,7 +22,7 @@ _FIXED_ROWS = 5
 MOST_DRAWN = 6
 """Estimators of a figure."""
 ALIKE = 1.01
-"""Ratio of errors up to which estimators share a row."""
+"""Ratio of errors up to which estimators share a row, and rank nothing."""
 _OF_SEVERAL = {"recommended": "cheapest recommended"}
 """Headings of a column that names another estimator in each case."""
 

@@ -15,7 +15,8 @@ from ggbench.recorded.flight import RecordedFlight, read_flight
 
 DRIVE = Path(__file__).parents[2] / "scenarios" / "data" / "comma2k19"
 """Folder of the recorded drive."""
-ESTIMATORS = ("ekf", "ukf", "multiple-model", "factor-graph[mode=batch]")
+FILTER, SMOOTHER = "ekf", "factor-graph[mode=batch]"
+ESTIMATORS = (FILTER, "ukf", "multiple-model", SMOOTHER)
 LENGTHS_S = (5.0, 10.0, 20.0, 30.0)
 FIRST_S, STEP_S = 15.0, 1.0
 """Start of the first outage, and interval between the starts [s]."""

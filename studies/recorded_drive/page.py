@@ -11,9 +11,10 @@ from ggbench.figures.style import Drawing, legend_below, save, styled, subplots
 from ggbench.report import page_templates
 from ggbench.report.columns import significant
 
+from .outages import FILTER, SMOOTHER
+
 FOLDER = "recorded_drive"
 OUTAGES = "outages.csv"
-FILTER, SMOOTHER = "ekf", "factor-graph[mode=batch]"
 _ANSWERED_S = 10.0
 """Length of the outages that the answer is about [s]."""
 
@@ -67,10 +68,10 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 def equal_to_filter(table: pd.DataFrame, tolerance: float = 0.01) -> list[str]:
     """Return the other estimators whose drift differs from the filter's by at most 1 %."""
-    drifts = table.pivot(index=["length_s", "start_s"], columns="estimator", values="drift_m")
-    others = [label for label in drifts if label not in (FILTER, SMOOTHER)]
-    own = drifts[FILTER]
-    return [n for n in others if (drifts[n] - own).abs().max() <= tolerance * _rms(own)]
+    errors = table.pivot(index=["length_s", "start_s"], columns="estimator", values="drift_m")
+    others = [label for label in errors if label not in (FILTER, SMOOTHER)]
+    own = errors[FILTER]
+    return [n for n in others if (errors[n] - own).abs().max() <= tolerance * _rms(own)]
 
 
 @styled()
