@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import product
 from typing import Annotated
 
@@ -75,30 +76,7 @@ class MultipleModel(BlockEstimator):
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Hypotheses of the filter bank, according to the parameters."""
-        bank = [Hypothesis("as_assumed", prior=_AS_ASSUMED)]
-        if self.noise:
-            bank += _evenly(Hypothesis("noise", noise=factor) for factor in _NOISES)
-        if self.errors:
-            sizes, constants = tuple(product(_SIZES, _LENGTHS)), (0.0, _CONSTANTS[-1])
-            bank += _evenly(Hypothesis("constants", constant=size) for size in _CONSTANTS)
-            bank += _evenly(
-                map_error("map_errors", size, length, constant)
-                for constant, (size, length) in product(constants, sizes)
-            )
-        if self.gravity:
-            bank += _evenly(
-                [
-                    *(
-                        Hypothesis("gravity", gravity_mgal=size, gravity_km=distance)
-                        for size, distance in product(_GRAVITIES, _DISTANCES)
-                    ),
-                    *(Hypothesis("gravity", gravity_mgal=g, integrated=True) for g in _INTEGRATED),
-                ],
-                _UNKNOWN_GRAVITY,
-            )
-        if self.outliers:
-            bank += _evenly(heavy_tails("outliers", factor) for factor in _HEAVY_TAILED)
-        return tuple(bank)
+        return _bank(self.noise, self.errors, self.gravity, self.outliers)
 
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
@@ -107,6 +85,35 @@ class MultipleModel(BlockEstimator):
         spacing = cell_spacing(block) if self.spacing_m is None else self.spacing_m
         options = SearchOptions(spacing, self.most, self.iterations)
         return multiple_model(block, self.hypotheses, options)
+
+
+@lru_cache
+def _bank(noise: bool, errors: bool, gravity: bool, outliers: bool) -> tuple[Hypothesis, ...]:
+    """Return the hypotheses of the chosen kinds, see :class:`MultipleModel`."""
+    bank = [Hypothesis("as_assumed", prior=_AS_ASSUMED)]
+    if noise:
+        bank += _evenly(Hypothesis("noise", noise=factor) for factor in _NOISES)
+    if errors:
+        sizes, constants = tuple(product(_SIZES, _LENGTHS)), (0.0, _CONSTANTS[-1])
+        bank += _evenly(Hypothesis("constants", constant=size) for size in _CONSTANTS)
+        bank += _evenly(
+            map_error("map_errors", size, length, constant)
+            for constant, (size, length) in product(constants, sizes)
+        )
+    if gravity:
+        bank += _evenly(
+            [
+                *(
+                    Hypothesis("gravity", gravity_mgal=size, gravity_km=distance)
+                    for size, distance in product(_GRAVITIES, _DISTANCES)
+                ),
+                *(Hypothesis("gravity", gravity_mgal=g, integrated=True) for g in _INTEGRATED),
+            ],
+            _UNKNOWN_GRAVITY,
+        )
+    if outliers:
+        bank += _evenly(heavy_tails("outliers", factor) for factor in _HEAVY_TAILED)
+    return tuple(bank)
 
 
 def _evenly(hypotheses: Iterable[Hypothesis], total: float = 1.0) -> list[Hypothesis]:

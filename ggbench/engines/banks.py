@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..block import ProblemBlock
 from ..problem import Problem
 from . import position_grid
 
@@ -67,7 +68,7 @@ def updated_covs(
 
 
 def split_prior(
-    problem: Problem, spacing_m: float, most: int, width: float
+    problem: Problem | ProblemBlock, spacing_m: float, most: int, width: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the prior as a grid of Gaussians: log weights (J,), means (J, n), covs (J, n, n).
 
@@ -78,7 +79,7 @@ def split_prior(
 
     Parameters
     ----------
-    problem : problem with the prior to split.
+    problem : problem or block with the prior to split.
     spacing_m : distance between neighbouring Gaussians [m]. An axis along which the prior's
         standard deviation is smaller is not split.
     most : largest number of Gaussians; a grid that needs more is made coarser.

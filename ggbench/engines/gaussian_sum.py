@@ -354,7 +354,7 @@ def _moments(
 
 def prior_cells(block: ProblemBlock, spacing_m: float, most: int) -> Hypotheses:
     """Return the prior as Gaussians with one covariance (1, n, n); see :func:`.split_prior`."""
-    weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
+    weights, means, covs = split_prior(block, spacing_m, most, WIDTH)
     scale = np.sqrt(np.diag(block.prior_cov))
     return Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
 

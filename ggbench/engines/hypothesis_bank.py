@@ -264,7 +264,9 @@ def _begin(bank: Bank, f: int, mean: np.ndarray, cov: np.ndarray, state: np.ndar
     for i in range(n, size):
         state[size + i * size + i] = bank.priors[f, i - n]
     if families.coupled[g] == 4:
-        state[n + families.orders[g] * bank.variances.shape[1] + 3] = 1.0
+        fixed = families.orders[g] * bank.variances.shape[1] + 3
+        # Without variance the state is zero: the filter does not use the known change.
+        state[n + fixed] = 1.0 if bank.priors[f, fixed] > 0.0 else 0.0
 
 
 @compiled

@@ -76,14 +76,15 @@ def bank_of(
     batch, of_map = batch_of(block), of_the_map(block)
     roots = np.linalg.cholesky(batch.noise_cov)
     mixed = mixed_noise(block)
+    known = any(hypothesis.integrated for hypothesis in hypotheses)
     members: dict[_Family, list[_Filter]] = {}
     for index, hypothesis in enumerate(hypotheses):
         other = hypothesis.estimate
-        members.setdefault(_family_of(hypothesis, mixed), []).append(
+        members.setdefault(_family_of(hypothesis, mixed, known), []).append(
             _Filter(hypothesis, index, True, other is None)
         )
         if other is not None:
-            members.setdefault(_family_of(other, mixed), []).append(
+            members.setdefault(_family_of(other, mixed, known), []).append(
                 _Filter(other, index, False, True)
             )
     filters = [one for some in members.values() for one in some]
@@ -145,10 +146,17 @@ def precisions_of(block: ProblemBlock, noises: Sequence[float]) -> np.ndarray:
     return np.where(mapped, 1.0 / np.array(noises)[:, np.newaxis], 1.0)
 
 
-def _family_of(hypothesis: Hypothesis, mixed: bool) -> _Family:
-    """Return the family of a filter; ``mixed`` noise is correlated."""
+def _family_of(hypothesis: Hypothesis, mixed: bool, known: bool) -> _Family:
+    """Return the family of a filter.
+
+    Parameters
+    ----------
+    mixed : whether noise of map-matched and other channels is correlated.
+    known : whether filters with unknown gravity have a state for its known change. One family of
+        all of them fills the lanes better than a family of each kind.
+    """
     order = (1 if hypothesis.rough else 2) if hypothesis.wander else 0
-    coupled = (3 + hypothesis.integrated) if hypothesis.gravity_mgal else 0
+    coupled = 3 + known if hypothesis.gravity_mgal else 0
     loss = number_of(hypothesis.loss, hypothesis.threshold)
     threshold = hypothesis.threshold if loss != NONE else math.inf
     noise = hypothesis.noise if mixed else 1.0
@@ -251,7 +259,7 @@ def _priors(members: dict[_Family, list[_Filter]], units: np.ndarray, added: int
         row[:moving] = np.repeat((hypothesis.wander * units) ** 2, family.order)
         if family.coupled:
             row[moving : moving + 3] = (hypothesis.gravity_mgal / MGAL) ** 2
-        if family.coupled == 4:
+        if hypothesis.integrated:
             row[moving + 3] = _FIXED**2
         if family.constant:
             row[at : at + len(units)] = (hypothesis.constant * units) ** 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,19 +125,24 @@ def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) 
     )
 
 
-def takes(hypothesis: Hypothesis, block: ProblemBlock) -> bool:
-    """Return whether a hypothesis applies to a block."""
-    of_channels = hypothesis.constant or hypothesis.wander or hypothesis.noise != 1.0
-    if of_channels and not of_the_map(block).any():
-        return False
+def applicable(hypotheses: Sequence[Hypothesis], block: ProblemBlock) -> list[Hypothesis]:
+    """Return the hypotheses that apply to a block."""
+    mapped, tracked = of_the_map(block).any(), block.tracks is not None
+    steered = tracked and accelerometer(block) is not None
     # Errors that are modelled as walks are rougher than they are: less noise would make up for it.
-    if hypothesis.noise < 1.0 and _walking_errors(block):
-        return False
-    if hypothesis.wander and block.tracks is None:
-        return False
-    if hypothesis.gravity_mgal and (block.tracks is None or accelerometer(block) is None):
-        return False
-    return not hypothesis.integrated or whole_tensor(block)
+    walking, whole = _walking_errors(block), whole_tensor(block)
+
+    def applies(hypothesis: Hypothesis) -> bool:
+        of_channels = hypothesis.constant or hypothesis.wander or hypothesis.noise != 1.0
+        return not (
+            (of_channels and not mapped)
+            or (hypothesis.noise < 1.0 and walking)
+            or (hypothesis.wander and not tracked)
+            or (hypothesis.gravity_mgal and not steered)
+            or (hypothesis.integrated and not whole)
+        )
+
+    return [hypothesis for hypothesis in hypotheses if applies(hypothesis)]
 
 
 def of_the_map(block: ProblemBlock) -> np.ndarray:

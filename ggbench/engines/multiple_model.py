@@ -21,7 +21,7 @@ from .gaussian_sum import WIDTH, CarriedSum, Hypotheses, prior_cells, space_for
 from .hypothesis_bank import NEGLIGIBLE, Bank, follow
 from .hypothesis_families import bank_of, mixed_noise, precisions_of
 from .hypothesis_motion import motion_of
-from .model_hypotheses import Hypothesis, of_the_map, spread, takes
+from .model_hypotheses import Hypothesis, applicable, of_the_map, spread
 from .model_words import in_words
 
 _GROUP = 8
@@ -108,7 +108,7 @@ def multiple_model(
     first run as Gaussian sums. As soon as the position uncertainty is below one spacing of the
     Gaussians, all hypotheses start.
     """
-    chosen = [hypothesis for hypothesis in hypotheses if takes(hypothesis, block)]
+    chosen = applicable(hypotheses, block)
     priors = np.log([hypothesis.prior for hypothesis in chosen])
     runs, epochs, n = block.runs, block.epochs, block.dimension
     all_of = Mixture(
@@ -238,7 +238,7 @@ def _search_run(
     out: Mixture,
 ) -> int:
     """Fill the mixture of one run until its position is known; return the epoch after that."""
-    states = position_grid.states_in_metres(block.problem(0))
+    states = position_grid.states_in_metres(block)
     candidates = _candidates(block, hypotheses, prior, options, out.counts)
     sums = [one for candidate in candidates for one in candidate.sums]
     between = max(block.epochs // _CHECKS, 1)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..block import ProblemBlock
 from ..problem import Problem
 
 REACH = 4.5
@@ -31,7 +32,7 @@ class Axes(NamedTuple):
     vectors: np.ndarray
 
 
-def position_axes(problem: Problem) -> Axes:
+def position_axes(problem: Problem | ProblemBlock) -> Axes:
     """Return the principal axes of the prior's states in metres."""
     scale = np.sqrt(np.diag(problem.prior_cov))
     states = states_in_metres(problem)
@@ -40,7 +41,7 @@ def position_axes(problem: Problem) -> Axes:
     return Axes(variances, gain, states, vectors)
 
 
-def states_in_metres(problem: Problem) -> list[int]:
+def states_in_metres(problem: Problem | ProblemBlock) -> list[int]:
     """Return the indices of the states in metres."""
     return [
         i
