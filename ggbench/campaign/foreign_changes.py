@@ -2,13 +2,15 @@
 
 The main process of a campaign imports a user's file to read the estimator's parameters and
 causality and to call ``skip``. The same process computes bounds. Therefore functions, classes and
-methods that the file replaces are restored, and the file is refused. The working directory and
-NumPy's handling of floating-point errors are restored too. This detects accidents. It does not
-protect against a file that hides its changes, starts threads, or changes the environment.
+methods that the file replaces are restored, and the file is refused. The working directory, the
+rounding mode and NumPy's handling of floating-point errors are restored too. This detects
+accidents. It does not protect against a file that hides its changes, starts threads, or changes the
+environment.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 import types
@@ -40,7 +42,7 @@ def put_back(replaced: list[str]) -> Iterator[None]:
     before = _present()
     folder = Path.cwd()
     try:
-        with np.errstate():
+        with np.errstate(), _same_rounding():
             yield
     finally:
         os.chdir(folder)
@@ -53,6 +55,17 @@ def put_back(replaced: list[str]) -> Iterator[None]:
                 if key in present and present[key] is not function:
                     setattr(owner, key, function)
                     replaced.append(f"{name}.{key}")
+
+
+@contextmanager
+def _same_rounding() -> Iterator[None]:
+    """Restore the rounding mode of floating-point numbers, which is one for the process."""
+    modes = ctypes.CDLL(None)
+    before = modes.fegetround()
+    try:
+        yield
+    finally:
+        modes.fesetround(before)
 
 
 def _present() -> dict[tuple[str, Any], dict[str, Any]]:

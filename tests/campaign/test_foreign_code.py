@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import pickle
+import platform
 import struct
 import time
 import zlib
@@ -113,6 +115,23 @@ def test_what_a_file_sets_for_the_process_when_it_is_imported_is_restored(tmp_pa
     before = Path.cwd(), np.geterr()
     assert registry.choose(str(file)).estimator.name == "replacing"
     assert (Path.cwd(), np.geterr()) == before
+
+
+@pytest.mark.parametrize("reader", ["import", "skip"])
+def test_the_rounding_mode_of_the_process_is_restored(reader, tmp_path):
+    """Of a file that rounds towards zero when it is imported, or in its skip."""
+    zero = 0xC00 if platform.machine() in ("x86_64", "AMD64") else 0xC00000
+    rounding = f"import ctypes; assert ctypes.CDLL(None).fesetround({zero}) == 0"
+    file = tmp_path / "rounding.py"
+    file.write_text(f"{REPLACING}{rounding}\n")
+    if reader == "skip":
+        text = REPLACING.replace("if SKIPPING:", f"{rounding}\n        if SKIPPING:")
+        assert text != REPLACING
+        file.write_text(text)
+    mode = ctypes.CDLL(None).fegetround()
+    estimator = registry.choose(str(file)).estimator
+    refusal(estimator, None)
+    assert ctypes.CDLL(None).fegetround() == mode
 
 
 def test_a_skip_that_replaces_a_function_is_a_refusal(tmp_path):
