@@ -19,6 +19,9 @@ _THRESHOLD, _HEAVY = 2.385, 1.5
 """Thresholds of Cauchy's loss: as usual (Zhang 1997); of the density of many outliers."""
 _CORE = 0.7
 """Scale of that density over the standard deviation of the noise among the outliers."""
+_ADAPTED = 1.03
+"""Noise of the filter for the estimates over that of the hypothesis. The weights of a loss follow
+from the innovations, so that the gain is slightly too large."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,9 @@ class Hypothesis:
     @property
     def words(self) -> str:
         """Description of the hypothesis for summaries."""
-        said, noise = [], self.noise if self.estimate is None else self.estimate.noise
+        said, noise = [], self.noise
+        if self.loss != "none" and self.estimate is not None:
+            noise /= _CORE  # of heavy_tails
         if noise != 1.0:
             said.append(f"noise {noise:.2g} times as assumed")
         if self.loss != "none":
@@ -87,9 +92,11 @@ def heavy_tails(kind: str, noise: float) -> Hypothesis:
 
     The evidence comes from a filter with tails heavy enough for 20 % outliers, so that outliers do
     not bias the estimated size of other model errors. These tails are too heavy if outliers are
-    few. Therefore the estimates come from a filter with the usual threshold of Cauchy's loss.
+    few. Therefore the estimates come from a filter with the usual threshold of Cauchy's loss, and
+    with 3 % more noise. Without it the mean NEES of nine campaigns with 10 % outliers is 6.26 with
+    a standard error of 0.09, instead of 6.
     """
-    usual = Hypothesis(kind=kind, noise=noise, loss="cauchy", threshold=_THRESHOLD)
+    usual = Hypothesis(kind=kind, noise=_ADAPTED * noise, loss="cauchy", threshold=_THRESHOLD)
     return Hypothesis(
         kind=kind,
         noise=_CORE * noise,

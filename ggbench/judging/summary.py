@@ -91,8 +91,13 @@ OFTEN = 0.30
 
 def succeeded(runs: pd.DataFrame) -> np.ndarray:
     """Return a mask (R,) of the runs that finished and ended within the required error."""
-    near = runs["final_position_error_m"] <= runs["required_m"]
-    return np.asarray(near & (runs["status"] == "ok"))
+    near = runs["final_position_error_m"].to_numpy(float) <= runs["required_m"].to_numpy(float)
+    return np.asarray(near & _finished(runs))
+
+
+def _finished(runs: pd.DataFrame) -> np.ndarray:
+    """Return a mask (R,) of the runs that did not fail."""
+    return np.asarray(runs["status"].to_numpy(object) == "ok")
 
 
 def lost(runs: pd.DataFrame) -> np.ndarray:
@@ -102,8 +107,7 @@ def lost(runs: pd.DataFrame) -> np.ndarray:
     χ², so that the reported covariance excludes such an error.
     """
     beyond = runs["last20_nees"].to_numpy(float) > consistency.BEYOND
-    finished = (runs["status"] == "ok").to_numpy()
-    return np.asarray(finished & ~succeeded(runs) & beyond)
+    return np.asarray(_finished(runs) & ~succeeded(runs) & beyond)
 
 
 def metrics(
@@ -127,12 +131,12 @@ def metrics(
         (str(case), str(label)): group
         for (case, label), group in runs.groupby(["case", "estimator"], sort=False)
     }
-    finished = {cell: group[group["status"] == "ok"] for cell, group in groups.items()}
+    finished = {cell: group[_finished(group)] for cell, group in groups.items()}
     ratios = _ratios(finished)
     rows = []
     for cell, group in groups.items():
         good, first, is_lost = finished[cell], group.iloc[0], lost(group)
-        retained = ~is_lost[(group["status"] == "ok").to_numpy()]
+        retained = ~is_lost[_finished(group)]
         case, label = cell
         position, velocity = published.get(case, (math.nan, math.nan))
         false_p = consistency.false_share_p(group["false_fix"].to_numpy(), group["draw"].to_numpy())
@@ -270,22 +274,25 @@ def _with_ins(table: pd.DataFrame, groups: Mapping[tuple[str, str], pd.DataFrame
     often (:func:`_succeeds_as`).
     """
     unaided = {
-        case: group.set_index("run")
-        for (case, _), group in groups.items()
-        if group["causality"].iloc[0] == "none"
+        case: group for (case, _), group in groups.items() if group["causality"].iloc[0] == "none"
     }
     ratios: dict[tuple[str, str, str], float] = {}
     alike: dict[tuple[str, str], bool] = {}
-    for (case, label), group in groups.items():
+    for (case, label), own in groups.items():
         if case not in unaided:
             continue
-        own, ins = group.set_index("run"), unaided[case]
-        common = own.index.intersection(ins.index)
-        own, ins = own.loc[common], ins.loc[common]
-        alike[case, label] = group["causality"].iloc[0] != "none" and _succeeds_as(own, ins)
-        both = ((own["status"] == "ok") & (ins["status"] == "ok")).to_numpy()
+        ins = unaided[case]
+        _, i, j = np.intersect1d(own["run"], ins["run"], return_indices=True)
+        aided = own["causality"].iloc[0] != "none"
+        lead = succeeded(own)[i], succeeded(ins)[j]
+        alike[case, label] = aided and _succeeds_as(*lead, own["draw"].to_numpy()[i])
+        both = _finished(own)[i] & _finished(ins)[j]
         for window in WINDOWS if both.any() else ():
-            above, below = (rows.loc[both, f"{window}_position_ms"].mean() for rows in (own, ins))
+            column = f"{window}_position_ms"
+            above, below = (
+                rows[column].to_numpy()[common][both].mean()
+                for rows, common in ((own, i), (ins, j))
+            )
             ratios[case, label, window] = math.sqrt(above / below) if below else math.nan
     cells = [*table[["case", "estimator", "window"]].itertuples(index=False, name=None)]
     table["times_ins"] = [ratios.get(cell, math.nan) for cell in cells]
@@ -293,14 +300,18 @@ def _with_ins(table: pd.DataFrame, groups: Mapping[tuple[str, str], pd.DataFrame
     return table
 
 
-def _succeeds_as(runs: pd.DataFrame, ins: pd.DataFrame) -> bool:
+def _succeeds_as(own: np.ndarray, ins: np.ndarray, draws: np.ndarray) -> bool:
     """Return whether runs do not succeed surely more often than those of an INS that succeeds.
 
     Exact test at 5 %, over clusters; an INS succeeds in more than 30 % of the runs.
+
+    Parameters
+    ----------
+    own, ins : (R,) masks of the successes of an estimator and of the INS in common runs.
+    draws : (R,) indices of the clusters.
     """
-    own, unaided = succeeded(runs), succeeded(ins)
-    if not len(own) or unaided.mean() <= OFTEN:
+    if not len(own) or ins.mean() <= OFTEN:
         return False
-    lead = cluster_means(own.astype(float) - unaided, runs["draw"].to_numpy())
+    lead = cluster_means(own.astype(float) - ins, draws)
     more, less = int((lead > 0.0).sum()), int((lead < 0.0).sum())
     return bool(lead.sum() <= 0.0 or exact_p(more, less) >= ALPHA)

@@ -25,7 +25,13 @@ FOSTERVILLE, EAST_VICTORIA = "fosterville2019", "east_victoria2023"
 NARROW = ("air-narrow", "ship-narrow", "drone-narrow")
 """Cases of the suite with a right model and a narrow prior."""
 FILTERS = ("ekf", "ukf", "gaussian-sum")
-WIDE = ("gaussian-sum", "sitan[bank=auto,sigma_m=300,most=1000]", "rao-blackwellised")
+WIDE = (
+    "gaussian-sum",
+    "gaussian-sum[loss=cauchy]",
+    "multiple-model",
+    "sitan[bank=auto,sigma_m=300,most=1000]",
+    "rao-blackwellised",
+)
 """Causal estimators that are made for a wide prior."""
 ONE_FILTER = "multiple-model"
 TOLD = {
@@ -123,16 +129,17 @@ def fosterville(of: Metrics) -> str:
 def east_victoria(of: Metrics) -> str:
     """Return the finding that a measured gravimeter along one line gains little.
 
-    The filter must also be overconfident or unsafe.
+    The filter must be overconfident or unsafe when it takes every sample for white noise.
     """
-    case, name = "60s", "gaussian-sum"
+    case, name = "60s", "ekf"
     ins, aided = of.rms(case, "ins"), of.rms(case, name)
-    wrong = of.consistency(case, name) in (OVERCONFIDENT, UNSAFE)
-    if not (aided >= 0.6 * ins and wrong):
+    every = of.consistency("2s", name) in (OVERCONFIDENT, UNSAFE)
+    if not (aided >= 0.6 * ins and every):
         return ""
     return (
-        f"In [East Victoria]({EAST_VICTORIA}.md) a measured gravimeter reduces the INS's RMS error "
-        f"of {metres(ins)} m to {metres(aided)} m, and the filter is overconfident."
+        f"At [East Victoria]({EAST_VICTORIA}.md) one measurement a minute of a gravimeter reduces "
+        f"the INS's RMS error of {metres(ins)} m to {metres(aided)} m. With every sample as white "
+        f"noise the EKF has {metres(of.rms('2s', name))} m and is overconfident."
     )
 
 

@@ -18,6 +18,7 @@ def test_the_standing_counts_recommendations_not_the_cheapest_alone():
     settled = table["window"] == "settled"
     table["recommended"] = settled & table["estimator"].isin(["a", "b"])
     table.loc[table["estimator"] == "b", "seconds_per_run"] = 0.001
+    table.loc[(table["estimator"] == "b") & (table["case"] == "c1"), "seconds_per_run"] = 0.004
     table.loc[(table["estimator"] == "c") & (table["case"] == "c1"), "rms_m"] = 4.0
     found = standing(table, cases(best="a"))
     assert tuple(found.columns) == STANDING
@@ -25,6 +26,7 @@ def test_the_standing_counts_recommendations_not_the_cheapest_alone():
     assert found["recommended_in"].tolist() == [2, 2, 0]
     assert found["cases_flown"].tolist() == [2, 2, 2]
     assert found["worst_ratio"].tolist() == pytest.approx([1.0, 1.0, 2.0])
+    assert found.loc[0, ["least_seconds", "most_seconds"]].tolist() == [0.001, 0.004]
     assert found["mean_ratio"].tolist() == pytest.approx([1.0, 1.0, math.sqrt(2.0)])
 
 

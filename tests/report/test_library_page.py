@@ -17,7 +17,7 @@ def test_the_front_page_lists_every_scenario_and_the_suite():
     text = library.text([digest("suite", "A suite"), digest("ship", "A ship?")])
     assert "- [suite](suite.md): A suite\n- [ship](ship.md): A ship?" in text
     assert "![League of the estimators](suite/answer.png)" in text
-    assert "|`ekf`|2|2|1.2|1.2|10 ms|" in text
+    assert "|`ekf`|2|2|1.2|1.2|10 ms|10 ms|" in text
     assert "suite/answer.png" not in library.text([digest("suite")], has_league=False)
     assert "## Suite" not in library.text([digest("ship")])
 

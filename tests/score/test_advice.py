@@ -100,6 +100,25 @@ def test_every_sensor_has_its_limits(tmp_path):
     assert halves["noise of the bow"].sensor["bow"].noise_mps == 0.05
 
 
+def test_drift_height_and_heading_have_their_limits(tmp_path):
+    """Each of them is halved, and halving it lowers the bound."""
+    text = SMALL.replace(
+        "[gradiometer]", "[gradiometer]\nbias_eotvos = 5.0\ndrift_eotvos_per_sqrt_h = 40.0", 1
+    ).replace("[initial_error]", "[initial_error]\nheight_m = 400.0\nheading_arcmin = 200.0", 1)
+    case = small(tmp_path, text).cases[0]
+    halves = dict(advice.halved(case))
+    drift = halves["biases and drift of the gradiometer"].gradiometer
+    assert (drift.bias_eotvos, drift.drift_eotvos_per_sqrt_h) == (2.5, 20.0)
+    prior = halves["initial uncertainty"].initial_error
+    assert (prior.height_m, prior.heading_arcmin) == (200.0, 100.0)
+    for key in (
+        "gradiometer.drift_eotvos_per_sqrt_h",
+        "initial_error.height_m",
+        "initial_error.heading_arcmin",
+    ):
+        assert bound_of(advice.with_value(case, key, lambda number: 0.5 * number)) < bound_of(case)
+
+
 def test_the_recommended_estimator_was_flown(found):
     label, _ = advice.recommended(found)
     assert label in set(advice.table(found)["estimator"])
