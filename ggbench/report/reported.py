@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ..estimator_spec import shown_names
+from ..estimator_spec import EstimatorSpec, shown_names
 from ..figures.line_styles import is_own
 from ..judging.standing import standing
 from ..results import digest
@@ -118,11 +118,10 @@ class Reported(Results):
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""
-        if tuple(m["estimators"]) != tuple(
-            label
-            for label in self.scenario.campaign.estimators
-            if label in m["estimators"] or label not in left_out
-        ):
+        flown = list(map(EstimatorSpec.parse, m["estimators"]))
+        omitted = list(map(EstimatorSpec.parse, left_out))
+        own = map(EstimatorSpec.parse, self.scenario.campaign.estimators)
+        if flown != [spec for spec in own if spec in flown or spec not in omitted]:
             flags += "".join(f" -e {shlex.quote(label)}" for label in m["estimators"])
         if m["cases"] != [case.name for case in self.whole_scenario.cases]:
             flags += "".join(f" -c {shlex.quote(name)}" for name in m["cases"])
