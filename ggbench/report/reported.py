@@ -20,6 +20,17 @@ _LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother
 """Columns of tables that name estimators."""
 
 
+def _spec_of(label: str) -> EstimatorSpec | str:
+    """Return the spec of an estimator, or a label of another form unchanged.
+
+    Specs are equal whatever the order of their parameters.
+    """
+    try:
+        return EstimatorSpec.parse(label)
+    except ValueError:
+        return label
+
+
 class Reported(Results):
     """A results folder whose tables use the short names of estimators.
 
@@ -118,9 +129,8 @@ class Reported(Results):
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""
-        flown = list(map(EstimatorSpec.parse, m["estimators"]))
-        omitted = list(map(EstimatorSpec.parse, left_out))
-        own = map(EstimatorSpec.parse, self.scenario.campaign.estimators)
+        flown, omitted = (list(map(_spec_of, labels)) for labels in (m["estimators"], left_out))
+        own = map(_spec_of, self.scenario.campaign.estimators)
         if flown != [spec for spec in own if spec in flown or spec not in omitted]:
             flags += "".join(f" -e {shlex.quote(label)}" for label in m["estimators"])
         if m["cases"] != [case.name for case in self.whole_scenario.cases]:

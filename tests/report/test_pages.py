@@ -374,7 +374,7 @@ def test_the_command_leaves_out_the_estimators_of_the_scenario():
 
     assert command("a[x=1,y=2]", "a[y=2,x=1]") == "ggbench run small -n 2"
     assert command("a[x=1,y=2]", "a[y=3,x=1]") == "ggbench run small -n 2 -e 'a[x=1,y=2]'"
-    assert command("a", "a", "b") == "ggbench run small -n 2 -e a"
+    assert command("a", "a", "b") == command("a", "a", "b[") == "ggbench run small -n 2 -e a"
 
 
 def test_without_the_extra_there_is_markdown_alone(output, monkeypatch, tmp_path):
