@@ -131,9 +131,9 @@ FRAMEWORKS = (
 )
 
 OTHERS = (
-    ("pykalman, simdkalman, statsmodels", "linear, or one Q and R"),
+    ("pykalman, simdkalman, statsmodels", "linear models, or constant Q and R"),
     ("symforce", "symbolic residuals"),
     ("pyrecest", "filterpy's code"),
-    ("g2o", "as pyceres"),
+    ("g2o", "the method of pyceres"),
 )
 """Packages without a row, and why."""

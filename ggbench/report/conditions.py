@@ -17,6 +17,8 @@ from .tables import code
 _MOST_VALUES = 3
 """Values of a condition that are listed; of more, the range or the number is given."""
 _NUMBER = re.compile(r"(\D*)(\d[\d.e+-]*)(\D*)")
+_NO_DIFFERENCE = "none"
+"""Difference of a model that equals the truth."""
 _ABBREVIATED = {"gnss": "GNSS", "imu": "IMU"}
 """Keys that are abbreviations."""
 
@@ -37,9 +39,9 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Gradiometer", _each(cases, gradiometer_conditions)),
         ("Other sensors", other_conditions(cases)),
         ("Map", _each(cases, map_conditions)),
-        ("Truth differs in", _each(cases, _differences)),
+        ("Model differences", _each(cases, _differences)),
     ]
-    relevant = [row for row in rows if row[1] not in ("", "nothing")]
+    relevant = [row for row in rows if row[1] and row != ("Model differences", _NO_DIFFERENCE)]
     return pd.DataFrame(relevant, columns=["condition", "value"])
 
 
@@ -115,7 +117,7 @@ def gradiometer_conditions(case: CaseSpec) -> list[str]:
     elif spec.coloured_noise is not None:
         noise = "coloured noise"
     if spec.readings == "measured":
-        noise = "measured readings"
+        noise = "measured gradients"
     channels = "rotating disks" if spec.rotating else counted(len(spec.components), "component")
     low = f"low-pass {spec.filter_cutoff_hz:g} Hz" if spec.filter != "none" else ""
     return [noise, f"every {spec.period_s:g} s", channels, spec.instrument, low]
@@ -155,7 +157,7 @@ def _differences(case: CaseSpec) -> list[str]:
         if value
     }
     words = " and ".join(_ABBREVIATED.get(key, key) for key in sorted(changed))
-    return [words.replace("_", " ") or "nothing"]
+    return [words.replace("_", " ") or _NO_DIFFERENCE]
 
 
 def _range(values: pd.Series, unit: str) -> str:

@@ -105,8 +105,8 @@ def measured_biases(of: Metrics) -> str:
         return ""
     return (
         f"With a [bias]({BIASES}.md) of 1 E in each measured channel the Gaussian sum's RMS error "
-        f"is {metres(small)} m, with 10 E {metres(biased)} m. With the 10 E estimated as states it "
-        f"is {metres(estimated)} m."
+        f"is {metres(small)} m, with 10 E {metres(biased)} m. With bias states it is "
+        f"{metres(estimated)} m for 10 E."
     )
 
 
@@ -177,13 +177,13 @@ def wide_prior(of: Metrics) -> str:
     if not (len(good) > 1 and linear <= 0.5 and of.consistency(case, "ekf") == UNSAFE):
         return ""
     costs = [
-        f"`{name}` ({metres(of.rms(case, name))} m, "
+        f"`{name}` ({'' if name != good[0] else 'RMS error '}{metres(of.rms(case, name))} m, "
         f"{duration(of.value(case, name, 'seconds_per_run'))} a run)"
         for name in good
     ]
     return (
         f"With a prior of three correlation lengths use {', '.join(costs[:-1])} or {costs[-1]}. "
-        f"The EKF [succeeds](definitions.md) in {share(linear)} and is unsafe (‡)."
+        f"The EKF [succeeds](definitions.md) in {share(linear)} of the runs and is unsafe (‡)."
     )
 
 
@@ -197,8 +197,8 @@ def outliers(of: Metrics) -> str:
     clean = of.rms("air-narrow", robust) / of.rms("air-narrow", "ekf") - 1.0
     return (
         f"With 20% outliers the EKF's RMS error is {metres(plain)} m, with a Cauchy loss "
-        f"{metres(loss)} m; with the outliers removed it is {metres(known)} m. Without outliers "
-        f"the loss adds {clean:.1%}."
+        f"{metres(loss)} m and with the outliers removed {metres(known)} m. Without outliers the "
+        f"loss increases the error by {clean:.1%}."
     )
 
 

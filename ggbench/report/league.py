@@ -16,8 +16,8 @@ from . import columns, tables
 CAPTION = "League of the estimators"
 EXPLANATION = (
     "Cells: RMS error over the oracle's, or over the bound where the model is wrong. In brackets: "
-    "filter bound. Lost: most runs end outside the required error without reporting it. Lower "
-    "panel: share of cases in which the error is at most this ratio times the best filter's."
+    "bound of filters. Lost: most runs end outside the required error without reporting it. Lower "
+    "panel: share of cases with an error of at most the ratio times the best filter's."
 )
 """Words below the figure."""
 
@@ -25,8 +25,8 @@ EXPLANATION = (
 def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
     """Return the content of the league figure for the settled window.
 
-    A cell has the ratio of the RMS error to that of the oracle, or to the bound of the assumed
-    model if there is no oracle. If most runs are lost, the cell has their share. Estimators are in
+    A cell has the ratio of the RMS error to that of the oracle, or to the bound if there is no
+    oracle. If most runs are lost, the cell has their share. Estimators are in
     the order of the metrics, with smoothers last. The profile includes only estimators with all
     runs of a case.
 

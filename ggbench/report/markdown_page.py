@@ -19,10 +19,10 @@ from .reported import Reported
 ANSWER, EXPLANATION = "answer.png", "error_over_time.png"
 """Files of the figures."""
 _ON_GRAVITY = (
-    "Published improvements by a known gravity disturbance, and the largest error of an "
-    "otherwise perfect INS that the disturbance causes"
+    "Published improvements by a known gravity disturbance. Largest response: the largest error "
+    "that the disturbance causes in an otherwise perfect INS"
 )
-_ON_ESTIMATORS = "Claims of the source on pairs of estimators"
+_ON_ESTIMATORS = "Claims of the paper (ratios of errors or times, first over second)"
 
 
 def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:

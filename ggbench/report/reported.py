@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ..estimator_spec import shown_names
+from ..estimator_spec import EstimatorSpec, shown_names
 from ..figures.line_styles import is_own
 from ..judging.standing import standing
 from ..results import digest
@@ -18,6 +18,17 @@ from . import league, models_over_time, published, survey_lines
 
 _LABELS = ("estimator", "first", "second", "recommended", "best", "best_smoother")
 """Columns of tables that name estimators."""
+
+
+def _spec_of(label: str) -> EstimatorSpec | str:
+    """Return the spec of an estimator, or a label of another form unchanged.
+
+    Specs are equal whatever the order of their parameters.
+    """
+    try:
+        return EstimatorSpec.parse(label)
+    except ValueError:
+        return label
 
 
 class Reported(Results):
@@ -118,11 +129,9 @@ class Reported(Results):
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""
-        if tuple(m["estimators"]) != tuple(
-            label
-            for label in self.scenario.campaign.estimators
-            if label in m["estimators"] or label not in left_out
-        ):
+        flown, omitted = (list(map(_spec_of, labels)) for labels in (m["estimators"], left_out))
+        own = map(_spec_of, self.scenario.campaign.estimators)
+        if flown != [spec for spec in own if spec in flown or spec not in omitted]:
             flags += "".join(f" -e {shlex.quote(label)}" for label in m["estimators"])
         if m["cases"] != [case.name for case in self.whole_scenario.cases]:
             flags += "".join(f" -c {shlex.quote(name)}" for name in m["cases"])

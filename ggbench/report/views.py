@@ -57,7 +57,8 @@ def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
 def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
     """Return whether any error is significantly below a bound.
 
-    The bound then belongs to an assumed model that differs from the truth.
+    The bound averages over the specified error statistics. Measured data, a single gravity field
+    or few runs can have smaller errors.
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]

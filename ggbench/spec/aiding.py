@@ -265,7 +265,7 @@ class GravimeterSpec(PeriodicSpec):
     def in_words(self) -> str:
         """Gravimeter, and noise if it is known, in words."""
         if self.readings == "measured":
-            return "gravimeter measured"
+            return "measured gravimeter"
         return f"gravimeter {self.noise_mgal:g} mGal"
 
 

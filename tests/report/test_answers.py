@@ -54,6 +54,47 @@ def test_the_answer_has_the_error_of_ones_own_estimator():
     assert stated(mine=["gaussian-sum"])["own"] == stated()["own"] == []
 
 
+def text_of(found, **changes) -> str:
+    """The answer as it is printed."""
+    return environment().get_template("answer.j2").render(answer=found | changes)
+
+
+def test_the_answer_counts_the_cases_without_a_recommendation():
+    found = stated(recommended=["ekf", ""])
+    text = text_of(found, total=3, count=2, without=["c1"], inconsistent=["ukf"])
+    assert "`gaussian-sum` is recommended in 2 of 3 cases (no estimator in 1). Its RMS" in text
+    assert "Its RMS error in “case 0” is 4.00 m (95%: " in text and "; INS: " in text
+    text = text_of(stated(), inconsistent=["ukf"])
+    assert "is recommended in all 2 cases." in text and "Not always consistent: `ukf`." in text
+    text = text_of(stated(), total=1, inconsistent=["ukf"])
+    assert "is recommended. Its RMS error is 4.00 m" in text and "Not consistent: `ukf`." in text
+
+
+def test_the_answer_of_a_sweep_lists_the_values_that_reach_each_target():
+    """The largest one with its unit, or all of them; the axis is named once."""
+    rows = [["1", "a", "–", "none"], ["10", "a", "–", "3.2 E (3–4)"], ["20", "a", "–", "at 1, 5 E"]]
+    heads = ["RMS error [m]", "case", "bound", "EKF"]
+    several = pd.DataFrame(rows, columns=heads)
+    found = stated() | {"axis": "noise"}
+    assert text_of(found, targets=several).endswith(
+        "In “a” the EKF reaches an RMS error of 1 m for no noise, 10 m up to 3.2 E (3–4), 20 m "
+        "at 1, 5 E."
+    )
+    text = text_of(found, targets=several.iloc[1:])
+    assert "10 m for noise up to 3.2 E (3–4), 20 m at 1, 5 E." in text
+    text = text_of(found, targets=several.iloc[2:])
+    assert "of 20 m for noise at 1, 5 E." in text
+    text = text_of(found, targets=pd.DataFrame([["1", "a", "–", "any"]] * 2, columns=heads))
+    assert "1 m for any noise, 1 m for any." in text
+
+
+def test_the_answer_on_priors_names_the_largest_ratio():
+    text = text_of(stated(), recovered=[("ekf", 0.5), ("ukf", 0.0)], runs=40)
+    assert text.endswith(
+        "At least 95% of 40 runs succeed up to σ/ℓ = 0.50 with `ekf`, at no σ/ℓ tested with `ukf`."
+    )
+
+
 def test_an_answer_on_priors_names_four_estimators_with_ones_own():
     """The widest first; one's own in its place, instead of the fourth."""
     found = [("a", 0.9), ("b", 0.8), ("c", 0.7), ("d", 0.6), ("mine", 0.1), ("e", 0.0)]

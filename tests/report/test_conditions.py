@@ -17,6 +17,14 @@ def test_conditions_are_those_of_the_scenario():
     assert table["Initial σ"] == "5 m, 0.1 m/s, 1′"
     assert table["Gradiometer"].startswith("0.01 E or 0.001 E, every 1 s or every 5 s")
     assert table["Flight"] == "1.00 min, 50.0 m/s, height 1000 m"
+    assert "Model differences" not in table  # of none of its cases
+
+
+def test_differences_of_the_model_are_listed():
+    """The keys in which truth and model differ, of cases without any "none"."""
+    loaded = scenario.load("below_summits")
+    table = conditions(loaded.cases, cases(9)).set_index("condition")["value"]
+    assert table["Model differences"] == "none or field"
 
 
 @thinned("name", scenario.shipped())
@@ -30,5 +38,5 @@ def test_many_values_are_a_range_or_vary():
     """Numbers of one unit are a range, whatever their order; other texts have no range."""
     assert _range_of_texts(["0.01 E", "10 E", "0.001 E"]) == "0.001–10 E"
     assert _range_of_texts(["every 10 s", "every 0.1 s", "every 1 s"]) == "every 0.1–10 s"
-    assert _range_of_texts(["nothing", "field", "gradiometer"]) == "varies by case"
+    assert _range_of_texts(["none", "field", "gradiometer"]) == "varies by case"
     assert _range_of_texts(["1 E", "0.5 mGal", "2 E"]) == "varies by case"

@@ -24,11 +24,11 @@ def test_the_front_page_lists_every_scenario_and_the_suite():
 
 def test_pages_of_an_earlier_version_are_marked():
     ship, suite = digest("ship", "A ship?"), digest("suite", "A suite")
-    assert "Before results version" not in library.text([ship, suite])
+    assert "Results before version" not in library.text([ship, suite])
     suite.manifest["results_version"] = ship.manifest["results_version"] + 1
     text = library.text([ship, suite])
     assert "A ship? \\*\n- [suite](suite.md): A suite\n" in text
-    assert "\\* Before results version" in text
+    assert "\\* Results before version" in text
 
 
 def test_pages_of_other_measurements_are_listed_with_their_answer(tmp_path):

@@ -8,6 +8,7 @@ import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -175,9 +176,9 @@ def test_a_remark_on_the_map_is_below_the_table(output, monkeypatch, tmp_path):
     text = markdown_page.text(results, picture, tmp_path / "small", "")
     page = html_page.text(results, {}, "")
     results.store.close()
-    remark = "Runs of `ekf` and `ukf` left the map"
+    remark = "Estimates of `ekf` and `ukf` left the map."
     assert text.count(remark) == 1 and text.index(remark) > text.index("|case|bound [m]|")
-    assert "**Answer.** Runs" not in text
+    assert "**Answer.** Estimates" not in text
     assert page.index("left the map") > page.index('id="panel"')
 
 
@@ -356,6 +357,24 @@ def test_an_estimator_has_its_own_name_in_tables_figures_and_data(output, monkey
     assert results.families["mine"] == "kalman" and len(results.series("base", "mine")) == 6
     assert "-e ekf" in results.rerun()
     results.store.close()
+
+
+def test_the_command_leaves_out_the_estimators_of_the_scenario():
+    """Whatever the order of their parameters."""
+    entries = {"argument": "small", "runs": 2, "seed": 1, "cases": [], "assumptions": False}
+
+    def command(flown: str, *own: str) -> str:
+        campaign = SimpleNamespace(estimators=own, seed=1)
+        results = SimpleNamespace(
+            manifest=entries | {"estimators": {flown: {}}},
+            scenario=SimpleNamespace(campaign=campaign),
+            whole_scenario=SimpleNamespace(cases=()),
+        )
+        return Reported.rerun(results)
+
+    assert command("a[x=1,y=2]", "a[y=2,x=1]") == "ggbench run small -n 2"
+    assert command("a[x=1,y=2]", "a[y=3,x=1]") == "ggbench run small -n 2 -e 'a[x=1,y=2]'"
+    assert command("a", "a", "b") == command("a", "a", "b[") == "ggbench run small -n 2 -e a"
 
 
 def test_without_the_extra_there_is_markdown_alone(output, monkeypatch, tmp_path):

@@ -198,7 +198,7 @@ def test_no_model_is_the_right_one_of_what_was_measured(keys):
     case = small_case(keys)
     assert not is_right_model(case)
     assert situation_of(case, 1000.0) == "measured"
-    assert gradiometer_conditions(case)[0] == "measured readings"
+    assert gradiometer_conditions(case)[0] == "measured gradients"
     simulated = small_case(keys | {"gradiometer.readings": "simulated"})
     assert is_right_model(simulated)
 
@@ -248,7 +248,7 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
     """
     measured = small_case(gravity)
     assert situation_of(measured, 1000.0) == "measured" and not is_right_model(measured)
-    assert other_conditions([measured]) == "gravimeter measured every 2 s"
+    assert other_conditions([measured]) == "measured gravimeter every 2 s"
     assert "with its real errors" in map_conditions(measured)
     exact = small_case(
         gravity
