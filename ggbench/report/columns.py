@@ -80,7 +80,6 @@ DEFINED = (
     "verdict",
     "correlation_m",
     "width",
-    "seconds_per_run",
 )
 """Columns on the page of definitions."""
 

@@ -56,7 +56,6 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
         seeking=results.seeking,
         by_line=not results.by_line.empty,
         failed=int(metrics.groupby(["case", "estimator"])["failed"].first().sum()),
-        cases=len(cases),
         hidden_cases=len(page_cases) < len(cases),
         left_out=views.left_out(metrics, page_cases),
         below_bound=views.below_bound(metrics, page_cases),
