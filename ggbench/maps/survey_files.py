@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..archives import gunzipped
 from ..errors import text_of
 from ..files import content_of
+from ..gravity.coordinate_names import contradiction_of_axis, zero_level
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
 from ..gravity.optional_modules import imported
@@ -114,6 +115,10 @@ def read_lines(
         (named_columns[key].name, column_numbers.remarks) for key, column_numbers in read.items()
     )
     values = {key: column_numbers.values for key, column_numbers in read.items()}
+    for key in (*places, "height_m"):
+        _require_axis(table, key, named_columns[key], values[key])
+    if crs is None:
+        _require_degrees(table, {named_columns[key]: values[key] for key in places})
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
         remarks.append("the file has no time_s; only the noise model needs it")
@@ -128,6 +133,8 @@ def read_lines(
             path, crs, *(values[key] for key in places)
         )
     require_limits(table, values, np.flatnonzero(whole))
+    height = named_columns["height_m"]
+    remarks += _above_ellipsoid(f"{_described(table, height)} {height.unit}".strip(), values)
     require_size(path, {named_columns[key]: values[key] for key in components_read}, quantity)
     if quantity == ANOMALY:
         values[DISTURBANCE] = values.pop(ANOMALY) + _anomaly_to_disturbance(values)
@@ -245,10 +252,7 @@ def _required(table: SurveyTable, names: Mapping[str, str], key: str) -> Column:
 
 def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: Quantity) -> None:
     """Raise MapError if name or description of a column is of another quantity."""
-    description = table.descriptions.get(column.name, "")
-    described = (
-        column.name if description in ("", column.name) else f"{column.name} ({description})"
-    )
+    described = _described(table, column)
     if reason := contradiction(quantity, described):
         other = {"disturbance": ANOMALY, ANOMALY: DISTURBANCE}.get(quantity, "")
         option = (
@@ -257,6 +261,53 @@ def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: 
             else ""
         )
         raise MapError(f"{path}: the column {described!r} is not a {quantity}: {reason}{option}.")
+
+
+def _described(table: SurveyTable, column: Column) -> str:
+    """Return the name of a column with its description."""
+    description = table.descriptions.get(column.name, "")
+    return column.name if description in ("", column.name) else f"{column.name} ({description})"
+
+
+def _require_axis(table: SurveyTable, key: str, column: Column, values: Array) -> None:
+    """Raise MapError if the name of a coordinate's column is that of another one."""
+    described = _described(table, column)
+    if reason := contradiction_of_axis(key, described, values):
+        raise MapError(f"{table.path}: the column {described!r} is given as {key}: {reason}.")
+
+
+def _require_degrees(table: SurveyTable, places: Mapping[Column, Array]) -> None:
+    """Raise MapError if longitudes and latitudes without a unit could be radians."""
+    named = [column for column in places if not column.unit and not column.name.endswith("_deg")]
+    largest = [float(np.nanmax(np.abs(values), initial=0.0)) for values in places.values()]
+    limits = (np.pi, 0.5 * np.pi)
+    if len(named) == len(places) and any(largest) and all(np.less_equal(largest, limits)):
+        names = " and ".join(column.name for column in places)
+        raise MapError(
+            f"{table.path}: all of {names} could be radians: state the unit, as in --column "
+            f"'longitude_deg={named[0].name} [deg]'."
+        )
+
+
+def _above_ellipsoid(height: str, values: dict[str, Array]) -> list[str]:
+    """Make heights above sea level ellipsoidal; return remarks on their zero level.
+
+    ``height`` is the column's name and description. ``values`` are the columns by key.
+    """
+    level = zero_level(height)
+    if level == "sea level":
+        geoid = geoid_over(values["latitude_deg"], np.unwrap(values["longitude_deg"], period=360.0))
+        values["height_m"] = values["height_m"] + geoid
+        return [
+            f"{height}: heights are above sea level by their name: the geoid height of EGM2008 to "
+            f"degree 120, {geoid.mean():.0f} m on average, was added"
+        ]
+    if level:
+        return [
+            f"{height}: by their name heights are above {level}, but heights above the "
+            "ellipsoid are needed"
+        ]
+    return []
 
 
 def _without_zeros(

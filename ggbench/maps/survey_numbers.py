@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..gravity.gradient_map import MapError
-from ..gravity.unit_names import examples_for, factor_to_key
+from ..gravity.unit_names import examples_for, factor_to_key, unit_at_end
 from .survey_lines import ANOMALY, COMPONENTS, DISTURBANCE, Quantity
 from .survey_tables import SurveyTable
 
@@ -102,7 +102,7 @@ def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
     """
     end = {DISTURBANCE: "_mgal", ANOMALY: "_mgal"}.get(key, "_eotvos" if key in COMPONENTS else "")
     named = key + end
-    unit = column.unit or _unit_at_end(column.name, named)
+    unit = column.unit or unit_at_end(column.name, named)
     if not unit:
         return 1.0, "no unit given, mGal assumed" if end == "_mgal" else ""
     factor = factor_to_key(unit, named)
@@ -113,15 +113,6 @@ def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
             "[UNIT]'."
         )
     return factor, "" if factor == 1.0 else f"converted from {unit}"
-
-
-def _unit_at_end(name: str, key: str) -> str:
-    """Return the unit at the end of a column's name, as of ``ALT_FT`` and ``GFAAGU``; or "".
-
-    It counts if it is one of the key's quantity.
-    """
-    match = re.search(r"(?:_|(?=(?:gu|mgal)$))([a-z]{2,}|[mse])$", name.casefold())
-    return match[1] if match and factor_to_key(match[1], key) is not None else ""
 
 
 def _undeclared(
