@@ -21,6 +21,11 @@ _NEGATIVE = {
     "height_m": ("down", re.compile(r"depth|(?<![a-z])down(?![a-z])")),
 }
 """Directions that names state in which our numbers are negative."""
+_OLD_DATUM = re.compile(
+    r"(?<![a-z])(agd(?:[_ ]?(?:66|84))?|nad[_ ]?27|ed[_ ]?50|osgb(?:[_ ]?36)?|tokyo|pulkovo|clarke)"
+    r"(?![a-z])"
+)
+"""Datums whose coordinates are 50 m and more away from those of WGS 84."""
 _WORD = r"(?<![a-z])(?:{})(?![a-z])"
 _LEVELS = {
     "the ground": re.compile(
@@ -48,7 +53,7 @@ def contradiction_of_axis(key: str, name: str, values: NDArray[np.float64]) -> s
     plain, own = name.casefold(), key.rpartition("_")[0]
     if key in _AXES and own not in plain and re.search(_AXES[key][1], plain):
         other = _AXES[key][0]
-        return f"that is the name of a {other}; are the columns swapped?"
+        return f"it names a {other}: check whether the columns are swapped"
     if key == "latitude_deg" and _COLATITUDE.search(plain):
         return "colatitudes are not supported; give latitudes, positive north"
     if key in _NEGATIVE:
@@ -59,6 +64,12 @@ def contradiction_of_axis(key: str, name: str, values: NDArray[np.float64]) -> s
                 f"there: change the sign"
             )
     return ""
+
+
+def old_datum(text: str) -> str:
+    """Return the horizontal datum far from WGS 84 that a text names; "" if it names none."""
+    match = _OLD_DATUM.search(text.casefold())
+    return match[1].upper() if match else ""
 
 
 def zero_level(name: str) -> str:

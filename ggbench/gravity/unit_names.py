@@ -177,7 +177,7 @@ def unit_at_end(text: str, key: str) -> str:
         for spelling in (end, _SPELLINGS.get(end, ""), _SI.get(quantity, "") * (end == "si")):
             unit = unit_named(spelling) if spelling else None
             if unit and (unit.quantity == quantity or end.replace("_", "") in _RARELY_WORDS):
-                return spelling
+                return spelling.replace("_", "")
     return ""
 
 

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from .quantity_names import contradiction, named_quantities
 from .terrain import HIGHEST_M, LOWEST_M, TerrainError
-from .unit_names import has_zero_level, unit_in_brackets, unit_named
+from .unit_names import has_zero_level, unit_at_end, unit_in_brackets, unit_named
 
 Array = NDArray[np.floating]
 
+_KEYS = {"gravity": "value_mgal", "length": "value_m"}
+"""Keys of quantities, for :func:`.unit_names.unit_at_end`."""
 _DEPTH = re.compile(r"(water|sea.?floor|ocean|bottom)?[ _]?depths?(?![a-z])")
 
 
@@ -59,11 +61,15 @@ class Units:
         """Return the factor from a file's unit to the SI unit, and a remark on the unit.
 
         ``unit`` is the unit stated by the file. If it is empty, the unit comes from brackets in the
-        description, as in GMT's ``faa (mGal)``.
+        description, as in GMT's ``faa (mGal)``, or from its end.
 
         Raises TerrainError if the unit belongs to another quantity; the message names the file.
         """
-        stated = unit.strip() or unit_in_brackets(described)
+        stated = (
+            unit.strip()
+            or unit_in_brackets(described)
+            or unit_at_end(described, _KEYS[self.quantity])
+        )
         usual = unit_named(self.assumed)
         assert usual is not None  # a unit of the tables
         if not stated:

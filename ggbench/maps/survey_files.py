@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ..archives import gunzipped
 from ..errors import text_of
 from ..files import content_of
-from ..gravity.coordinate_names import contradiction_of_axis, zero_level
+from ..gravity.coordinate_names import contradiction_of_axis, old_datum, zero_level
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
 from ..gravity.optional_modules import imported
-from ..gravity.quantity_names import contradiction
+from ..gravity.quantity_names import contradiction, is_corrected_for_terrain, names_gravity
 from ..gravity.terrain import TerrainError
 from ..gravity.unit_names import without_unit
 from .aseg_gdf import read_gdf2
@@ -118,7 +118,24 @@ def read_lines(
     for key in (*places, "height_m"):
         _require_axis(table, key, named_columns[key], values[key])
     if crs is None:
+        for column in (named_columns[key] for key in places):
+            if datum := old_datum(_described(table, column)):
+                raise MapError(
+                    f"{path}: the column {column.name} is in the datum {datum} by its name: give "
+                    "--crs, the EPSG code of its degrees, for example EPSG:4202 for AGD66."
+                )
         _require_degrees(table, {named_columns[key]: values[key] for key in places})
+    corrected = [
+        described
+        for key in components_read
+        if is_corrected_for_terrain(described := _described(table, named_columns[key]))
+    ]
+    if corrected:
+        remarks.append(
+            f"{', '.join(corrected)}: corrected for the terrain by name; the map lacks the "
+            "attraction of its rock"
+        )
+    remarks += _remarks_on_comments(table, crs)
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
         remarks.append("the file has no time_s; only the noise model needs it")
@@ -253,6 +270,11 @@ def _required(table: SurveyTable, names: Mapping[str, str], key: str) -> Column:
 def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: Quantity) -> None:
     """Raise MapError if name or description of a column is of another quantity."""
     described = _described(table, column)
+    if quantity == "gradient" and not column.unit and names_gravity(described):
+        raise MapError(
+            f"{path}: the column {described!r} is gravity by its name, not a gradient: give it as "
+            f"--quantity disturbance, or state its unit, as in --column 'KEY={column.name} [E]'."
+        )
     if reason := contradiction(quantity, described):
         other = {"disturbance": ANOMALY, ANOMALY: DISTURBANCE}.get(quantity, "")
         option = (
@@ -287,6 +309,18 @@ def _require_degrees(table: SurveyTable, places: Mapping[Column, Array]) -> None
             f"{table.path}: all of {names} could be radians: state the unit, as in --column "
             f"'longitude_deg={named[0].name} [deg]'."
         )
+
+
+def _remarks_on_comments(table: SurveyTable, crs: str | None) -> list[str]:
+    """Return remarks on a datum or a zero level of heights that comments of the file name."""
+    remarks = []
+    if crs is None and (datum := old_datum(table.comments)):
+        remarks.append(f"a comment names the datum {datum}: if the places are in it, give --crs")
+    if level := zero_level(table.comments):
+        remarks.append(
+            f"a comment names heights above {level}: heights above the ellipsoid are needed"
+        )
+    return remarks
 
 
 def _above_ellipsoid(height: str, values: dict[str, Array]) -> list[str]:

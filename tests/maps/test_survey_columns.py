@@ -30,13 +30,23 @@ KEYS = {
 }
 
 
-def read(folder, renamed=None, cells=None, key="zz", quantity="gradient", columns=None):
-    """Return the lines of a CSV file with renamed columns."""
+def read(
+    folder,
+    renamed=None,
+    cells=None,
+    key="zz",
+    quantity="gradient",
+    columns=None,
+    above="",
+    below="",
+):
+    """Return the lines of a CSV file with renamed columns and rows above and below the names."""
     renamed, cells = renamed or {}, CELLS | (cells or {})
     names = [renamed.get(name, name) for name in cells]
     rows = [",".join(column[n] for column in cells.values()) for n in range(COUNT)]
     path = folder / "s.csv"
-    path.write_text("\n".join([",".join(f'"{name}"' for name in names), *rows]) + "\n")
+    head = ",".join(f'"{name}"' for name in names)
+    path.write_text(above + head + "\n" + below + "\n".join(rows) + "\n")
     keys = KEYS | {key: "VALUE"} | (columns or {})
     keys = {each: renamed.get(name, name) for each, name in keys.items()}
     return read_lines(path, keys, quantity=quantity)
@@ -89,7 +99,7 @@ def test_words_that_end_as_units_do_are_none(name):
 @pytest.mark.parametrize(
     ("renamed", "cells", "said"),
     [
-        ({"LAT": "LONGITUDE", "LONG": "LATITUDE"}, {}, "are the columns swapped"),
+        ({"LAT": "LONGITUDE", "LONG": "LATITUDE"}, {}, "columns are swapped"),
         ({"LONG": "LONG_W"}, {}, "positive west"),
         ({"LONG": "Longitude West"}, {}, "positive west"),
         ({"LAT": "LAT_S"}, {"LAT": ["33.1"] * COUNT}, "positive south"),
@@ -126,3 +136,149 @@ def test_heights_above_sea_level_are_made_ellipsoidal(name, tmp_path):
 def test_heights_above_the_ground_are_remarked_on(name, tmp_path):
     lines = read(tmp_path, {"HGT": name})
     assert any("above the ground" in remark for remark in lines.remarks)
+
+
+@pytest.mark.parametrize("name", ["FAA", "GRAV", "gz", "FREE_AIR", "Gravity"])
+def test_a_column_of_gravity_is_no_gradient(name, tmp_path):
+    with pytest.raises(MapError, match=r"gravity by its name|is not a gradient"):
+        read(tmp_path, {"VALUE": name})
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("LatCorr", "a correction"),
+        ("Theoretical gravity", "normal gravity"),
+        ("IGF", "normal gravity"),
+        ("TC", "a correction"),
+        ("FAA_ERR", "an error"),
+        ("MagTF", "a magnetic field"),
+    ],
+)
+def test_a_column_of_another_quantity_is_no_disturbance(name, said, tmp_path):
+    with pytest.raises(MapError, match=said):
+        read(tmp_path, {"VALUE": name}, key="disturbance", quantity="disturbance")
+
+
+@pytest.mark.parametrize("name", ["Tzz_tc", "gDD_2p67", "Gzz terrain corrected", "Tzz_267"])
+def test_values_corrected_for_terrain_are_remarked_on(name, tmp_path):
+    assert any("corrected for the terrain" in r for r in read(tmp_path, {"VALUE": name}).remarks)
+
+
+def test_a_row_of_units_below_the_names_is_obeyed(tmp_path):
+    lines = read(tmp_path, below="-,s,deg,deg,ft,E\n")
+    np.testing.assert_allclose(lines.height_m, 0.3048 * HEIGHTS)
+    assert len(lines.line) == COUNT
+
+
+def test_a_comment_of_units_below_the_names_is_obeyed(tmp_path):
+    rows = [" ".join(CELLS[name][n] for name in CELLS if name != "LINE") for n in range(COUNT)]
+    names = "/ FID LAT LONG HGT VALUE\n"
+    path = tmp_path / "s.xyz"
+    path.write_text(f"{names}/ s deg deg ft Eo\nLine 10\n" + "\n".join(rows) + "\n")
+    keys = {key: name for key, name in KEYS.items() if key != "line"} | {"zz": "VALUE"}
+    np.testing.assert_allclose(read_lines(path, keys).height_m, 0.3048 * HEIGHTS)
+
+
+@pytest.mark.parametrize("comment", ["% made by a program\n", "// a survey\n", "# a survey\n"])
+def test_comments_above_the_names(comment, tmp_path):
+    np.testing.assert_allclose(read(tmp_path, above=comment).height_m, HEIGHTS)
+
+
+@pytest.mark.parametrize(
+    ("above", "said"),
+    [("# datum NAD27\n", "datum NAD27"), ("# heights above mean sea level\n", "above sea level")],
+)
+def test_datums_in_comments_are_remarked_on(above, said, tmp_path):
+    assert any(said in remark for remark in read(tmp_path, above=above).remarks)
+    assert read(tmp_path, above="# a survey in WGS84\n").remarks == ()
+
+
+@pytest.mark.parametrize("name", ["LAT_AGD66", "Latitude NAD27", "LAT_ED50"])
+def test_coordinates_of_an_old_datum_need_its_code(name, tmp_path):
+    with pytest.raises(MapError, match="give --crs"):
+        read(tmp_path, {"LAT": name})
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "said"),
+    [
+        ("LAT", "33.1S", "write degrees with a sign"),
+        ("LAT", "33°06'S", "write degrees with a sign"),
+        ("HGT", '"400,5"', "not a decimal comma"),
+        ("VALUE", "N/A", "leave missing values empty"),
+        ("FID", "noon", "seconds or hh:mm:ss"),
+    ],
+)
+def test_what_a_cell_may_hold_is_said(column, cell, said, tmp_path):
+    with pytest.raises(MapError, match=said):
+        read(tmp_path, cells={column: [cell] * COUNT})
+
+
+def test_a_clock_that_stops_is_refused_with_its_line(tmp_path):
+    cells = {"FID": [f"10:00:{n:02d}" for n in range(COUNT - 1)] + ["noon"]}
+    with pytest.raises(MapError, match="line 13: FID is 'noon' and must be a time"):
+        read(tmp_path, cells=cells)
+
+
+def test_rows_wider_than_the_names_are_refused_unless_their_end_is_empty(tmp_path):
+    """Decimal commas would move each value into another column."""
+    cells = {"LAT": [cell.replace(".", ",") for cell in CELLS["LAT"]]}
+    with pytest.raises(MapError, match="line 2 has 7 fields, but there are 6 columns"):
+        read(tmp_path, cells=cells)
+    ended = {"VALUE": [cell + "," for cell in CELLS["VALUE"]]}
+    np.testing.assert_allclose(read(tmp_path, cells=ended).values[:, 0], VALUES)
+
+
+def test_columns_without_names_and_stars_are_passed_over(tmp_path):
+    cells = {"": ["1"] * COUNT, " ": ["2"] * COUNT}
+    found = read(tmp_path, cells=cells | {"VALUE": ["****", *CELLS["VALUE"][1:]]})
+    assert found.dropped == 1 and len(found.line) == COUNT - 1
+
+
+def test_text_in_utf_16_is_named(tmp_path):
+    (tmp_path / "s.csv").write_text("LINE,FID\n", encoding="utf-16")
+    with pytest.raises(MapError, match="UTF-16 text"):
+        read_lines(tmp_path / "s.csv")
+
+
+def gdf2(folder, definition, values=None):
+    """Return an ASEG-GDF2 file whose value has a definition."""
+    forms = {"LINE": "I4", "FID": "F6.1", "LAT": "F12.6", "LONG": "F12.6", "HGT": "F8.2"}
+    rows = [f"DEFN ST=RECD,RT=;{name}:{form}" for name, form in forms.items()]
+    (folder / "s.dfn").write_text("\n".join([*rows, f"DEFN ST=RECD,RT=;VALUE:{definition}"]))
+    cells = CELLS | {"VALUE": values or CELLS["VALUE"]}
+    widths = {"LINE": 4, "FID": 6, "LAT": 12, "LONG": 12, "HGT": 8, "VALUE": 12}
+    lines = [
+        "".join(cells[name][n].rjust(width) for name, width in widths.items()) for n in range(COUNT)
+    ]
+    (folder / "s.dat").write_text("\n".join(lines) + "\n")
+    return folder / "s.dat"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "NAME=Gravity disturbance (um/s^2)",
+        "Gravity disturbance in micrometres per second squared",
+        "um/s2:Gravity disturbance",
+        'UNIT="um/s^2"',
+        "Disturbance, gravity units",
+    ],
+)
+def test_a_unit_in_a_description_is_obeyed(text, tmp_path):
+    path = gdf2(tmp_path, f"F12.3:{text}")
+    found = read_lines(path, KEYS | {"disturbance": "VALUE"}, quantity="disturbance")
+    np.testing.assert_allclose(found.values[:, 0], 0.1 * VALUES, atol=1e-4)
+
+
+def test_fortran_writes_exponents_and_stars(tmp_path):
+    values = ["*" * 12, *(f"{v:.4e}".replace("e", "D") for v in VALUES[1:])]
+    found = read_lines(gdf2(tmp_path, "D12.4:UNIT=Eo", values), KEYS | {"zz": "VALUE"})
+    np.testing.assert_allclose(found.values[:, 0], VALUES[1:], rtol=1e-3)
+
+
+@pytest.mark.parametrize("form", ["99999999F12.3", "F99999999999.3"])
+def test_a_format_without_measure_is_refused_at_once(form, tmp_path):
+    with pytest.raises(MapError, match="at most 10000 columns of 10000 characters"):
+        read_lines(gdf2(tmp_path, form), KEYS | {"zz": "VALUE"})

@@ -146,7 +146,7 @@ def test_heights_above_sea_level_by_name_become_ellipsoidal(name, columns):
 @pytest.mark.parametrize(
     ("names", "columns", "said"),
     [
-        ("time_s,lon,longitude_deg,height_m", {"latitude_deg": "lon"}, "columns swapped"),
+        ("time_s,lon,longitude_deg,height_m", {"latitude_deg": "lon"}, "columns are swapped"),
         ("time_s,latitude_deg,lon_w,height_m", {"longitude_deg": "lon_w"}, "positive west"),
         ("time_s,latitude_deg,longitude_deg,depth", {"height_m": "depth"}, "positive down"),
     ],
