@@ -87,7 +87,8 @@ class CsvText:
             raise TrajectoryError(f"is empty; its first line must name the columns, {needed}")
         named, first = _line_of_names(lines, top, known_names)
         separator = excel[1] if excel else _separator(lines[named])
-        header = _unquoted(lines[named].lstrip("# "), separator, named + 1)
+        header = lines[named].lstrip("# ").removeprefix("% ")
+        header = _unquoted(header, separator, named + 1)
         names = [name.strip().lower() for name in header.split(separator)]
         rows = [_unquoted(lines[n], separator, n + 1) for n in range(first, len(lines))]
         if all(row.count(separator) == len(names) and row.endswith(separator) for row in rows):
@@ -143,10 +144,13 @@ def _line_of_names(lines: list[str], top: int, known_names: Collection[str]) -> 
     """Which line names the columns, and which is the first row; ``top`` is no comment."""
 
     def count(line: str) -> int:
-        plain = _IN_BRACKETS.sub("", line.strip("# ").replace('"', "").lower())
+        plain = _IN_BRACKETS.sub("", line.strip("# ").removeprefix("% ").replace('"', "").lower())
         words = plain.split(_separator(line))
         return sum(word.strip() in known_names for word in words)
 
+    if lines[top].startswith("%") and not count(lines[top]):  # a comment with a separator
+        rest = range(top, len(lines))
+        top = next((n for n in rest if not lines[n].startswith("%") and lines[n].strip()), top)
     comments = [n for n in range(top) if count(lines[n]) >= _FEWEST_KNOWN]
     return (comments[-1], top) if comments and not count(lines[top]) else (top, top + 1)
 
