@@ -7,6 +7,7 @@ import re
 _WORD = r"(?<![a-z])(?:{})\d*(?:mgal|gu|um)?(?![a-z])"
 _REDUCED = "a Bouguer or isostatic anomaly"
 _ERROR = "an error"
+_OTHER_RASTER = "a slope, a shading or another raster"
 _GRAVITY = re.compile(r"(?<![a-z])(?:grav(?:ity)?|g_?z|gd)(?![a-z])")
 """Names of gravity, which is no gradient."""
 _TERRAIN = re.compile(
@@ -26,8 +27,10 @@ _NAMES = {
     + _WORD.format("[gtuvw]?(?:[xyz]{2}|[ned]{2})|guv"),
     "a geoid": r"geoid|undulation|height[ _]?anomal",
     "a magnetic field": r"magnet|" + _WORD.format("tmi|rtp|mag(?:tf)?"),
-    "a height of a surface": r"elevation|topograph|bathymetr|sea[ _]?surface|slope|"
-    + _WORD.format("dem|dtm|mss|mdt"),
+    "a height of a surface": r"elevation|topograph|bathymetr|sea[ _]?surface|"
+    + _WORD.format("dem|dsm|dtm|mss|mdt"),
+    _OTHER_RASTER: r"slope|hill[ _]?shade|canopy|above[ _]ground|"
+    + _WORD.format("aspect|intensity|amplitude"),
 }
 _PATTERNS = {quantity: re.compile(pattern) for quantity, pattern in _NAMES.items()}
 _OF_KIND = {
@@ -35,6 +38,7 @@ _OF_KIND = {
     "disturbance": "a gravity disturbance",
     "gradient": "a gravity gradient",
     "geoid": "a geoid",
+    "terrain": "a height of a surface",
 }
 _PARTS_OF_GRADIENTS = {"a correction", "a height of a surface"}
 """What the name of a column of a gradient may hold besides."""
@@ -62,14 +66,16 @@ def contradiction(kind: str, text: str) -> str:
 
     Parameters
     ----------
-    kind : ``anomaly``, ``disturbance``, ``gradient`` or ``geoid``.
+    kind : ``anomaly``, ``disturbance``, ``gradient``, ``geoid`` or ``terrain``.
     text : name and description of a column or a grid.
     """
     named = named_quantities(text)
     allowed = _OF_KIND[kind]
     if kind == "gradient":
         named -= _PARTS_OF_GRADIENTS
-    if not named or (allowed in named and named.isdisjoint({_REDUCED, _ERROR})):
+    if kind == "terrain" and "height above" in text.casefold().replace("_", " "):
+        named.discard("a geoid")  # their zero level
+    if not named or (allowed in named and named.isdisjoint({_REDUCED, _ERROR, _OTHER_RASTER})):
         return ""
     others = named - {allowed}
     stated = _ERROR if _ERROR in named else next(each for each in _PATTERNS if each in others)

@@ -24,7 +24,7 @@ from .meridians import Area
 from .rasters import read_raster
 from .regular_grid import Grid, axis_of, check_size, is_netcdf, refuse_old_gmt, regular_grid
 from .terrain import Terrain, TerrainError
-from .units import HEIGHTS, Units, upward
+from .units import HEIGHTS, Units, unit_of, upward
 from .voids import marks_removed
 
 Array = NDArray[np.floating]
@@ -34,6 +34,7 @@ _HEIGHT_NAMES = ("z", "elevation", "band1", "altitude", "topo", "topography", "h
 _OF_A_TERRAIN = {"south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m"}
 _TILE_NAME = re.compile(r"([NS])(\d{2})([EW])(\d{3})", re.IGNORECASE)
 _TILE_VOID = -32768
+_ROUGH = 200.0  # median step between neighbours that no terrain has [m]
 _HALF_TILE = (3601, 1801)  # rows and columns, near the poles
 
 
@@ -60,6 +61,7 @@ def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
             "needed, for example 1201 x 1201 or 3601 x 3601."
         )
     check_size(path.name, shape)
+    _require_big_endian(path.name, values)
     written = np.where(values == _TILE_VOID, np.nan, values.astype(float)).reshape(shape)
     heights, of_marks = marks_removed(written, written, units)
     south = int(corner[2]) * (1 if corner[1] in "nN" else -1)
@@ -68,6 +70,19 @@ def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
     return regular_grid(
         south + latitude[::-1], west + longitude, heights, path.name, [of_marks], area
     )
+
+
+def _require_big_endian(name: str, values: NDArray[np.int16]) -> None:
+    """Raise TerrainError if heights (N,) are much smoother with their bytes swapped."""
+    roughness, swapped = (
+        float(np.median(np.abs(np.diff(each.astype(float)))))
+        for each in (values, values.byteswap())
+    )
+    if roughness > _ROUGH and swapped < 0.1 * roughness:
+        raise TerrainError(
+            f"{name} has its bytes in the wrong order, little-endian: swap them, for example with "
+            "'dd conv=swab'."
+        )
 
 
 def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
@@ -101,9 +116,9 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
     latitude, longitude = (dataset[dim] for dim in grid.dims)
     place = float(longitude.values.mean()), float(latitude.values.mean())
     require_wgs84(dataset.variables, grid, place, path)
-    factor, of_unit = units.factor(
-        str(grid.attrs.get("units", "")), name, str(grid.attrs.get("long_name", ""))
-    )
+    described = str(grid.attrs.get("long_name", ""))
+    units.require_named(f"{key} {described}", name)
+    factor, of_unit = units.factor(unit_of(grid.attrs), name, described)
     written = np.asarray(grid.values, dtype=float)
     heights, of_marks = marks_removed(written, written * factor, units)
     heights, of_sign = upward(heights, grid.attrs, key, name)

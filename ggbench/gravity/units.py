@@ -51,9 +51,11 @@ class Units:
     def require_named(self, described: str, name: str) -> None:
         """Raise TerrainError if the description of a file's values names another quantity.
 
-        If the description names no quantity, the name of the file is checked instead.
+        If the description names no quantity, the name of the file is checked instead, except for
+        terrains, whose files are named after places.
         """
-        text = described.strip() if named_quantities(described) else Path(name).stem
+        is_named = named_quantities(described) or self.kind == "terrain"
+        text = described.strip() if is_named else Path(name).stem
         if self.kind and (reason := contradiction(self.kind, text)):
             raise TerrainError(f"{name} holds {text!r}: {reason}.")
 
@@ -83,7 +85,7 @@ class Units:
         return named.factor, "" if named.factor == usual.factor else f"converted from {stated}"
 
 
-HEIGHTS = Units("heights", "length", "metres or feet", "m", LOWEST_M, HIGHEST_M)
+HEIGHTS = Units("heights", "length", "metres or feet", "m", LOWEST_M, HIGHEST_M, kind="terrain")
 GEOID = Units("a geoid", "length", "metres or feet", "m", -150.0, 150.0)
 GRAVITY = Units(
     what="gravity",
@@ -94,6 +96,12 @@ GRAVITY = Units(
     highest=0.02,
     says_assumed=True,
 )
+
+
+def unit_of(attributes: Mapping[str, Any]) -> str:
+    """Return the unit that attributes of a variable state, as ``units`` or ``unit``; or ""."""
+    stated = (str(v) for k, v in attributes.items() if k.lower() in ("units", "unit"))
+    return next(stated, "").strip()
 
 
 def upward(

@@ -19,7 +19,7 @@ Array = NDArray[np.floating]
 
 _MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)  # values that are none, whatever the unit
 _MARKS_BEYOND = (32767.0, 9999.0, 99999.0, 999999.0, -999999.0)  # where nothing is as large
-_MARKS_APART = (-999.0, 999.0)  # where they are far from all other values
+_MARKS_APART = (-99.0, -999.0, 999.0, -10000.0)  # where they are far from all other values
 _APART = 0.1  # of the range of the other values
 _OF_SINGLE = 1e-6  # relative difference of equal numbers in single precision
 _HUGE = 1e20  # no value is as large: 1.7e38 (Surfer), 3.4e38 (ESRI), 9.97e36 (netCDF)

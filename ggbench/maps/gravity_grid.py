@@ -23,7 +23,7 @@ from ..gravity.rasters import read_raster
 from ..gravity.regular_grid import axis_of, cut_elsewhere, is_netcdf, refuse_old_gmt
 from ..gravity.remove_restore import GravityGrid, linear_weights
 from ..gravity.terrain import TerrainError
-from ..gravity.units import GEOID, GRAVITY, Units
+from ..gravity.units import GEOID, GRAVITY, Units, unit_of
 from ..gravity.voids import marks_removed
 from ..netcdf_files import netcdf_file
 from .icgem_grid import ReadGrid, read_icgem
@@ -263,7 +263,7 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     )
     texts = [called, variable.attrs.get("description", ""), dataset.attrs.get("title", "")]
     units.require_named(next(filter(named_quantities, map(str, texts)), called), path.name)
-    unit = next((str(v) for k, v in variable.attrs.items() if k.lower() in ("units", "unit")), "")
+    unit = unit_of(variable.attrs)
     values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units, called)
     latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
     place = float(longitude.mean()), float(latitude.mean())

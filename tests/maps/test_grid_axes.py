@@ -134,3 +134,43 @@ def test_999_below_zero_is_a_void_far_from_all_other_values(units, others, is_vo
     found, remark = marks_removed(written, written * (1e-5 if units is GRAVITY else 1.0), units)
     assert np.isnan(found[-1]) == is_void and ("-999" in remark) is is_void
     assert np.isfinite(found[:-1]).all()
+
+
+@pytest.mark.parametrize(
+    ("long_name", "said"),
+    [
+        ("geoid undulation", "a geoid"),
+        ("free-air anomaly", "a free-air anomaly"),
+        ("slope", "a slope"),
+        ("hillshade", "a slope"),
+        ("canopy height above ground", "a slope"),
+        ("height error", "an error"),
+    ],
+)
+def test_a_grid_of_another_quantity_is_no_terrain(long_name, said, tmp_path):
+    with pytest.raises(TerrainError, match=said):
+        read_terrain(grid(tmp_path, values=100.0 + VALUES, long_name=long_name))
+
+
+@pytest.mark.parametrize(
+    "long_name", ["", "Elevation relative to sea level", "height above EGM96 geoid", "topography"]
+)
+def test_a_terrain_may_state_its_zero_level(long_name, tmp_path):
+    terrain = read_terrain(grid(tmp_path, values=100.0 + VALUES, long_name=long_name))
+    assert terrain.height_m.min() > 79.0
+
+
+def test_a_terrain_in_feet_may_say_so_as_unit(tmp_path):
+    terrain = read_terrain(grid(tmp_path, values=100.0 + VALUES, unit="ft"))
+    assert terrain.height_m.max() < 37.0
+
+
+def test_a_tile_of_swapped_bytes_is_refused(tmp_path):
+    rows, columns = np.mgrid[:1201, :1201]
+    heights = (500.0 + 0.5 * rows + 200.0 * np.sin(columns / 40.0)).astype(int)
+    path = tmp_path / "N46E008.hgt"
+    heights.astype(">i2").tofile(path)
+    assert 300.0 <= read_terrain(path).height_m.min() < 400.0
+    heights.astype("<i2").tofile(path)
+    with pytest.raises(TerrainError, match="wrong order, little-endian"):
+        read_terrain(path)
