@@ -18,15 +18,14 @@ EXIT_INTERRUPTED = 130
 
 
 def _finite(context: click.Context, option: click.Parameter, value: Any) -> Any:
-    """Return the value of an option; raise BadParameter if it is nan or infinite.
+    """Return the value of an option; raise GGBenchError if it is nan or infinite.
 
     Ranges of click let nan pass. Only a void value may be nan.
     """
     values = value if isinstance(value, tuple) else (value,)
-    if option.name != "void" and any(
-        isinstance(each, float) and not math.isfinite(each) for each in values
-    ):
-        raise click.BadParameter("must be a finite number", context, option)
+    for each in values if option.name != "void" else ():
+        if isinstance(each, float) and not math.isfinite(each):
+            raise GGBenchError(f"{option.opts[0]} {each:g} must be a finite number")
     return value
 
 

@@ -14,6 +14,11 @@ _AXES = {
     "northing_m": ("easting", r"(?<![a-z])east(?:ing)?s?(?![a-z])"),
 }
 """Quantity with which each key is confused, and its names."""
+_SEXAGESIMAL = re.compile(r"(?<![a-z])(?:dms|dmm|dd?mm[a-z.]*|hms)(?![a-z])")
+_NED = re.compile(
+    r"(?<![a-z])ned(?![a-z])|north[ ,-]*east[ ,-]*down|(?<![a-z])z[ -](?:is |positive |axis )*down"
+)
+"""Axes north, east, down, or z down."""
 _COLATITUDE = re.compile(r"co-?lat")
 _NEGATIVE = {
     "latitude_deg": ("south", re.compile(r"south|[_ (\[]s[)\]]?$")),
@@ -30,11 +35,11 @@ _WORD = r"(?<![a-z])(?:{})(?![a-z])"
 _LEVELS = {
     "the ground": re.compile(
         r"above[ _]*(?:the[ _]*)?(?:ground|terrain|surface|take)|"
-        r"clearance|rad(?:ar)?[ _]?alt|laser|" + _WORD.format("agl|hag|ralt|dtm|dem|radar")
+        r"clearance|rad(?:ar)?[ _]?alt|laser|agl(?![a-z])|" + _WORD.format("hag|ralt|dtm|dem|radar")
     ),
     "sea level": re.compile(
-        r"sea[ _-]?level|geoid|orthom|height[ _]datum|"
-        + _WORD.format(r"a?msl|asl|ahd\d*|n[ag]vd\d*|egm\d*|ortho")
+        r"sea[ _-]?level|geoid|ortho(?:m|h|_|(?![a-z]))|height[ _]datum|msl|"
+        + _WORD.format(r"asl|ahd\d*|n[ag]vd\d*|egm\d*")
     ),
 }
 """Zero levels of heights, and the words that name them."""
@@ -56,6 +61,8 @@ def contradiction_of_axis(key: str, name: str, values: NDArray[np.float64]) -> s
         return f"it names a {other}: check whether the columns are swapped"
     if key == "latitude_deg" and _COLATITUDE.search(plain):
         return "colatitudes are not supported; give latitudes, positive north"
+    if key in ("latitude_deg", "longitude_deg") and _SEXAGESIMAL.search(plain):
+        return "degrees, minutes and seconds are not supported; give decimal degrees"
     if key in _NEGATIVE:
         direction, words = _NEGATIVE[key]
         if words.search(plain) and (values > 0.0).any():
@@ -78,3 +85,8 @@ def zero_level(name: str) -> str:
     if "ellips" in plain:
         return ""
     return next((level for level, words in _LEVELS.items() if words.search(plain)), "")
+
+
+def names_axes_down(text: str) -> bool:
+    """Return whether a text names axes north, east, down, or a z axis down."""
+    return _NED.search(text.casefold()) is not None

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from ..archives import gunzipped
 from ..errors import text_of
 from ..files import content_of
-from ..gravity.coordinate_names import contradiction_of_axis, old_datum, zero_level
+from ..gravity.coordinate_names import (
+    contradiction_of_axis,
+    names_axes_down,
+    old_datum,
+    zero_level,
+)
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
 from ..gravity.optional_modules import imported
@@ -136,6 +141,12 @@ def read_lines(
             "attraction of its rock"
         )
     remarks += _remarks_on_comments(table, crs)
+    texts = [table.comments, *(_described(table, named_columns[key]) for key in components_read)]
+    if axes == "east-north-up" and quantity == "gradient" and any(map(names_axes_down, texts)):
+        remarks.append(
+            "a name or a comment says north, east, down or z down: if the components are in these "
+            "axes, give --axes"
+        )
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
         remarks.append("the file has no time_s; only the noise model needs it")
@@ -146,6 +157,7 @@ def read_lines(
     if "time_s" not in named_columns:
         values["time_s"] = np.full(int(whole.sum()), np.nan)
     if crs is not None:
+        _require_metres(path, crs, places, values)
         values["longitude_deg"], values["latitude_deg"] = _to_degrees(
             path, crs, *(values[key] for key in places)
         )
@@ -369,6 +381,26 @@ def _together(remarks: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
         for text in texts:
             columns.setdefault(text, []).append(name)
     return [f"{', '.join(names)}: {text}" for text, names in columns.items()]
+
+
+def _require_metres(
+    path: Path, crs: str, places: tuple[str, str], values: Mapping[str, Array]
+) -> None:
+    """Raise MapError if a projection in metres is given for coordinates that are degrees."""
+    limits = (360.0, 90.0)
+    small = [
+        bool(np.abs(values[key]).max(initial=0.0) <= limit)
+        for key, limit in zip(places, limits, strict=True)
+    ]
+    try:
+        system = imported("rasterio.crs", path).CRS.from_user_input(crs)
+    except Exception:  # of a text that is no reference system, which is said below
+        return
+    if system.is_projected and all(small):
+        raise MapError(
+            f"{path}: --crs {crs} is a projection in metres, but all coordinates are within "
+            "degrees: give the code of degrees, or the columns easting_m and northing_m."
+        )
 
 
 def _to_degrees(path: Path, crs: str, east: Array, north: Array) -> tuple[Array, Array]:

@@ -123,7 +123,8 @@ def test_coordinates_that_could_be_radians_are_refused_unless_their_unit_is_stat
 
 
 @pytest.mark.parametrize(
-    "name", ["ALT_MSL", "Alt [m above mean sea level]", "Alt (m AMSL)", "Orthometric height", "AHD"]
+    "name",
+    ["ALT_MSL", "Alt [m above mean sea level]", "Alt (m AMSL)", "OrthoHeight", "MSLALT", "AHD"],
 )
 def test_heights_above_sea_level_are_made_ellipsoidal(name, tmp_path):
     lines = read(tmp_path, {"HGT": name})
@@ -282,3 +283,24 @@ def test_fortran_writes_exponents_and_stars(tmp_path):
 def test_a_format_without_measure_is_refused_at_once(form, tmp_path):
     with pytest.raises(MapError, match="at most 10000 columns of 10000 characters"):
         read_lines(gdf2(tmp_path, form), KEYS | {"zz": "VALUE"})
+
+
+def test_a_projection_for_degrees_is_refused(tmp_path):
+    read(tmp_path)
+    with pytest.raises(MapError, match="a projection in metres, but all coordinates"):
+        read_lines(tmp_path / "s.csv", KEYS | {"zz": "VALUE"}, crs="EPSG:32754")
+    found = read_lines(tmp_path / "s.csv", KEYS | {"zz": "VALUE"}, crs="EPSG:4283")
+    np.testing.assert_allclose(found.latitude_deg[0], -33.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["Longitude_DMS", "LONG DDMM", "lon (dms)"])
+def test_degrees_minutes_and_seconds_by_name_are_refused(name, tmp_path):
+    with pytest.raises(MapError, match=r"decimal degrees|units of longitude_deg"):
+        read(tmp_path, {"LONG": name})
+
+
+@pytest.mark.parametrize(
+    ("renamed", "above"), [({"VALUE": "Tzz_NED"}, ""), ({}, "# z axis down\n"), ({}, "# NED\n")]
+)
+def test_axes_that_are_named_are_remarked_on(renamed, above, tmp_path):
+    assert any("give --axes" in remark for remark in read(tmp_path, renamed, above=above).remarks)
