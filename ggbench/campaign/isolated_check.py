@@ -44,7 +44,7 @@ def main(pipe: str, text: str, names: list[str]) -> None:
     tell(prepared="")
     try:
         estimator = registry.choose(text).estimator
-    except registry.EstimatorError as error:
+    except GGBenchError as error:  # of a program or a file of estimates, too
         cause = error.__cause__
         line = _line_of(cause, EstimatorSpec.parse(text).name) if cause else ""
         tell(cannot=f"{error}{f' ({line})' if line else ''}")

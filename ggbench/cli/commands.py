@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import sys
 from typing import Any
 
@@ -16,8 +17,28 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
+def _finite(context: click.Context, option: click.Parameter, value: Any) -> Any:
+    """Return the value of an option; raise GGBenchError if it is nan or infinite.
+
+    Ranges of click let nan pass. Only a void value may be nan.
+    """
+    values = value if isinstance(value, tuple) else (value,)
+    for each in values if option.name != "void" else ():
+        if isinstance(each, float) and not math.isfinite(each):
+            raise GGBenchError(f"{option.opts[0]} {each:g} must be a finite number")
+    return value
+
+
 class Commands(click.Group):
     """A group of commands in which a user error prints its message and exits with code 2."""
+
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
+        """Add a command, or a group of commands, whose numbers must be finite."""
+        for command in (cmd, *getattr(cmd, "commands", {}).values()):
+            for option in command.params:
+                if isinstance(option.type, click.types.FloatParamType) and not option.callback:
+                    option.callback = _finite
+        super().add_command(cmd, name)
 
     def main(self, *arguments: Any, **options: Any) -> Any:
         """Run a command; replace characters in the output that the terminal cannot encode."""

@@ -55,8 +55,9 @@ def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
         if key.endswith("_s"):
             continue  # of times none is a grade's
         sensor = "gyros" if "gyro" in key else "accelerometers"
+        size = "larger" if value > 1.0 else "smaller"
         warning = (
-            f"{key} = {value:.3g} is larger than that of any grade ({usual}): "
+            f"{key} = {value:.3g} is {size} than that of any grade ({usual}): "
             f"{_cause(value, sensor)}"
         )
         click.echo(f"Warning: {warning}", err=True)
@@ -65,12 +66,12 @@ def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
 
 def _cause(value: float, sensor: str) -> str:
     """Return what a noise beyond any grade is likely to come from."""
-    if sensor == "gyros":
+    if sensor == "gyros" and value > 1.0:
         return (
             f"if the gyros are in °/s, it is {math.radians(value):.3g}: state the unit, as in "
             "--column 'angular_rate_x_radps=angular_rate_x_radps [deg/s]'."
         )
-    return "are the accelerometers' columns in another unit?"
+    return f"are the columns of the {sensor} in another unit?"
 
 
 def _lines(noise: ImuNoise, name: str) -> Iterator[str]:

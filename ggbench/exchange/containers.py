@@ -75,6 +75,10 @@ def read(path: Path) -> dict[str, np.ndarray | str]:
         raise
     except OSError as error:
         raise ExchangeError(f"cannot read {path}: {error.strerror or text_of(error)}") from None
+    except NotImplementedError:  # scipy's, of a MATLAB file that is HDF5
+        raise ExchangeError(
+            f"{path} is a file of MATLAB 7.3: save it with the option '-v7', or as .nc"
+        ) from None
     except Exception as error:  # readers of damaged files raise anything
         raise ExchangeError(f"{path} is damaged: {text_of(error)}") from None
 

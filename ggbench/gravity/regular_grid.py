@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +18,14 @@ Array = NDArray[np.floating]
 
 _MOST_CELLS = 100_000_000
 _IRREGULAR = 0.02  # of a step: more than coordinates in single precision are off
+_AXIS_UNITS = {
+    "latitude": re.compile(r"deg(?:ree)?s?_?n(?:orth)?"),
+    "longitude": re.compile(r"deg(?:ree)?s?_?e(?:ast)?"),
+}
+"""Units of CF's coordinates."""
+_SHORT = {"latitude": ("lat",), "longitude": ("lon", "long")}
+_DEGREES = re.compile(r"deg|°")
+_REVERSED = re.compile(r"(?:west|south|_w|_s)$")
 _NETCDF = (b"CDF", b"\x89HDF")
 
 
@@ -139,6 +148,41 @@ def is_netcdf(path: Path) -> bool:
     """Return whether a file has the signature of netCDF version 3 or 4."""
     with path.open("rb") as file:
         return file.read(4).startswith(_NETCDF)
+
+
+def axis_of(name: str, coordinate: Any, generic: str, file: str) -> str | None:
+    """Return whether a coordinate of a netCDF file is latitude or longitude; None if neither.
+
+    Its units and standard name decide, else its name. ``generic`` is its meaning if it is named x
+    or y without such attributes.
+
+    Raises TerrainError if these contradict each other, or if it is not in degrees north or east.
+    """
+    attributes = {key: str(value).strip().lower() for key, value in coordinate.attrs.items()}
+    unit = attributes.get("units", "")
+    by_unit = next((kind for kind, form in _AXIS_UNITS.items() if form.fullmatch(unit)), None)
+    standard = attributes.get("standard_name", "")
+    by_name = next((kind for kind in _AXIS_UNITS if name.lower() in (kind, *_SHORT[kind])), None)
+    stated = {by_unit, standard if standard in _AXIS_UNITS else None, by_name} - {None}
+    if len(stated) > 1:
+        raise TerrainError(
+            f"{file}: units {unit!r} or standard_name {standard!r} contradict the name of the "
+            f"coordinate {name}."
+        )
+    kind = str(stated.pop()) if stated else generic
+    if not kind:
+        return None
+    if (unit and not _DEGREES.match(unit)) or _REVERSED.search(unit):
+        raise TerrainError(
+            f"{file} has {name} in {unit!r}; degrees are needed, positive north and east: warp "
+            "the grid to EPSG:4326, for example with gdalwarp."
+        )
+    if re.search(r"co-?lat|geocentric", attributes.get("long_name", "")):
+        raise TerrainError(
+            f"{file} has {name} described as {attributes['long_name']!r}; geodetic latitudes are "
+            "needed."
+        )
+    return kind
 
 
 def refuse_old_gmt(dataset: Any, name: str) -> None:

@@ -22,19 +22,19 @@ from ..netcdf_files import netcdf_file
 from .datums import require_wgs84
 from .meridians import Area
 from .rasters import read_raster
-from .regular_grid import Grid, check_size, is_netcdf, refuse_old_gmt, regular_grid
+from .regular_grid import Grid, axis_of, check_size, is_netcdf, refuse_old_gmt, regular_grid
 from .terrain import Terrain, TerrainError
-from .units import HEIGHTS, Units, upward
+from .units import HEIGHTS, Units, unit_of, upward
 from .voids import marks_removed
 
 Array = NDArray[np.floating]
 
-_LATITUDE_NAMES = ("lat", "latitude", "y")
-_LONGITUDE_NAMES = ("lon", "long", "longitude", "x")
+_GENERIC = {"y": "latitude", "x": "longitude"}
 _HEIGHT_NAMES = ("z", "elevation", "band1", "altitude", "topo", "topography", "height")
 _OF_A_TERRAIN = {"south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m"}
 _TILE_NAME = re.compile(r"([NS])(\d{2})([EW])(\d{3})", re.IGNORECASE)
 _TILE_VOID = -32768
+_ROUGH = 200.0  # median step between neighbours that no terrain has [m]
 _HALF_TILE = (3601, 1801)  # rows and columns, near the poles
 
 
@@ -61,6 +61,7 @@ def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
             "needed, for example 1201 x 1201 or 3601 x 3601."
         )
     check_size(path.name, shape)
+    _require_big_endian(path.name, values)
     written = np.where(values == _TILE_VOID, np.nan, values.astype(float)).reshape(shape)
     heights, of_marks = marks_removed(written, written, units)
     south = int(corner[2]) * (1 if corner[1] in "nN" else -1)
@@ -69,6 +70,19 @@ def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
     return regular_grid(
         south + latitude[::-1], west + longitude, heights, path.name, [of_marks], area
     )
+
+
+def _require_big_endian(name: str, values: NDArray[np.int16]) -> None:
+    """Raise TerrainError if heights (N,) are much smoother with their bytes swapped."""
+    roughness, swapped = (
+        float(np.median(np.abs(np.diff(each.astype(float)))))
+        for each in (values, values.byteswap())
+    )
+    if roughness > _ROUGH and swapped < 0.1 * roughness:
+        raise TerrainError(
+            f"{name} has its bytes in the wrong order, little-endian: swap them, for example with "
+            "'dd conv=swab'."
+        )
 
 
 def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
@@ -85,7 +99,7 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
         if variable.dtype.kind not in "iuf":
             continue
         squeezed = variable.squeeze(drop=True)
-        axes = {_axis_kind(dataset, dim): dim for dim in squeezed.dims}
+        axes = {_axis_kind(dataset, dim, name): dim for dim in squeezed.dims}
         if squeezed.ndim == 2 and axes.keys() == {"latitude", "longitude"}:
             grids[str(key)] = squeezed.transpose(axes["latitude"], axes["longitude"])
     if len(grids) > 1:
@@ -100,15 +114,11 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
     ((key, grid),) = grids.items()
     check_size(name, grid.shape)
     latitude, longitude = (dataset[dim] for dim in grid.dims)
-    for axis in (latitude, longitude):
-        unit = str(axis.attrs.get("units", "degrees"))
-        if not unit.lower().startswith("deg"):
-            raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are needed.")
     place = float(longitude.values.mean()), float(latitude.values.mean())
     require_wgs84(dataset.variables, grid, place, path)
-    factor, of_unit = units.factor(
-        str(grid.attrs.get("units", "")), name, str(grid.attrs.get("long_name", ""))
-    )
+    described = str(grid.attrs.get("long_name", ""))
+    units.require_named(f"{key} {described}", name)
+    factor, of_unit = units.factor(unit_of(grid.attrs), name, described)
     written = np.asarray(grid.values, dtype=float)
     heights, of_marks = marks_removed(written, written * factor, units)
     heights, of_sign = upward(heights, grid.attrs, key, name)
@@ -116,20 +126,18 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
     return regular_grid(latitude.values, longitude.values, heights, name, remarks, area)
 
 
-def _axis_kind(dataset: Any, dimension: Any) -> str | None:
+def _axis_kind(dataset: Any, dimension: Any, file: str) -> str | None:
     """Whether a dimension is one of latitude or longitude, by its coordinate variable."""
     if dimension not in dataset.variables:
         return None
-    name = str(dimension).lower()
+    name = str(dimension)
     standard = str(dataset[dimension].attrs.get("standard_name", "")).lower()
     if "projection" in standard:
         raise TerrainError(
             f"The coordinate {dimension} belongs to a projection; degrees are needed: warp the "
             "grid to EPSG:4326 with gdalwarp."
         )
-    if standard == "latitude" or name in _LATITUDE_NAMES:
-        return "latitude"
-    return "longitude" if standard == "longitude" or name in _LONGITUDE_NAMES else None
+    return axis_of(name, dataset[dimension], _GENERIC.get(name.lower(), ""), file)
 
 
 def _read_npz(path: Path, area: Area | None, units: Units) -> Grid:

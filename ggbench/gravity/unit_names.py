@@ -22,13 +22,15 @@ _UNITS = {
         0.1: "dm|decim", 0.01: "cm", 1e-3: "mm", 1000.0: "km", 1852.0: "nmi|nauticalmile",
     },
     "gravity": {
-        1.0: "m/s2|ms-2", 1e-5: "mgal|10-5m/s2", 1e-8: "ugal", 1e-2: "gal|cm/s2|cms-2",
-        1e-6: "um/s2|ums-2|gu|gravityunit|gravityunits", 1e-3: "mm/s2|mms-2",
-        1e-9: "nm/s2|nms-2", 9.80665: "g", 9.80665e-3: "mg", 9.80665e-6: "ug",
+        1.0: "m/s2|ms-2|mps2|ms2", 1e-5: "mgal|10-5m/s2", 1e-8: "ugal", 1e-2: "gal|cm/s2|cms-2",
+        1e-6: "um/s2|ums-2|ums2|gu|g.u.|gravityunit|gravityunits",
+        1e-3: "mm/s2|mms-2|mms2",
+        1e-9: "nm/s2|nms-2|nms2", 9.80665: "g", 9.80665e-3: "mg", 9.80665e-6: "ug",
         0.3048: "ft/s2",
     },
     "gradient": {
-        1e-9: "e|eotvos|etvs|eotvosunit|eotvosunits|ns-2|n/s2|10-9s-2", 1.0: "s-2|1/s2|/s2",
+        1e-9: "e|e.u.|eotvos|etvs|eotvosunit|eotvosunits|ns-2|n/s2|ns2|10-9s-2",
+        1.0: "s-2|1/s2|/s2",
         1e-12: "me", 1e-6: "ke|us-2|10-6s-2", 1e-5: "mgal/m", 1e-8: "mgal/km|ugal/m",
     },
     "angle": {
@@ -49,6 +51,7 @@ _UNITS = {
         1e-3: "mrad/s",
     },
     "magnetic field": {1e-9: "nt|gamma|gammas", 1e-6: "ut", 1e-4: "gauss"},
+    "magnetic gradient": {1e-9: "nt/m|ntm|ntm-1", 1e-12: "nt/km"},
     "density": {1.0: "kg/m3", 1e3: "g/cm3|g/cc"},
     "temperature": {1.0: "k|kelvin|degc|celsius"},
     "pressure": {1.0: "pa", 100.0: "hpa|mbar|millibar|millibars"},
@@ -71,6 +74,23 @@ _WORDS = (
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*[*×·]?\s*(?=[^\d/.])(.+)")
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _ZERO_LEVEL = re.compile(r"[\s,(]+((above|over|rel\w*)\b.*|a\.?\s?s\.?\s?l\.?|a?msl)\)?$")
+_CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_SEPARATOR = re.compile(r"[_\s.,:;-]+")
+_GLUED = re.compile(
+    r"(?:.(?=gu$|mgal$)|(?:alt|altitude|height|elev|hgt|ht)(?=f))(gu|mgal|ft|feet)$", re.IGNORECASE
+)
+_LETTERS = frozenset("mseh")
+"""Units of one letter that count at the end of a name."""
+_SPELLINGS = {
+    "s2": "1/s2",
+    **{f"{metre}_s2": f"{metre}/s2" for metre in ("m", "mm", "um", "nm")},
+    **{f"{angle}_s": f"{angle}/s" for angle in ("deg", "rad", "m")},
+    "degps": "deg/s",
+    "deg_h": "deg/h",
+}
+_SI = {"gradient": "1/s2", "gravity": "m/s2"}
+_RARELY_WORDS = frozenset(("nt", "ntm", "nt/m", "mgal", "ugal", "eotvos", "ft", "feet"))
+"""Units that end a name by chance hardly ever: of another quantity, they contradict it."""
 _BASE = {
     "_s": Unit("time", 1.0),
     "_m": Unit("length", 1.0),
@@ -138,6 +158,27 @@ def base_of(key: str) -> Unit:
 def examples_for(key: str) -> str:
     """Return examples of units that a column for a key may have, for a message."""
     return ", ".join(names.split("|")[0] for names in _UNITS[base_of(key).quantity].values())
+
+
+def unit_at_end(text: str, key: str) -> str:
+    """Return the unit at the end of a name or a description; "" if there is none.
+
+    Examples: ``ALT_FT``, ``HeightFeet``, ``GFAAGU``, ``Grav um/s2``. A unit of the quantity of
+    ``key`` counts, and also another unit that is rarely part of a name, such as nT.
+    """
+    quantity = base_of(key).quantity
+    split = _CAPITAL.sub("_", text.strip())
+    ends = [split[match.end() :].casefold() for match in _SEPARATOR.finditer(split)]
+    if match := _GLUED.search(text.strip()):
+        ends.append(match[1].casefold())
+    for end in ends:
+        if len(end) == 1 and end not in _LETTERS:
+            continue
+        for spelling in (end, _SPELLINGS.get(end, ""), _SI.get(quantity, "") * (end == "si")):
+            unit = unit_named(spelling) if spelling else None
+            if unit and (unit.quantity == quantity or end.replace("_", "") in _RARELY_WORDS):
+                return spelling.replace("_", "")
+    return ""
 
 
 def unit_in_brackets(text: str) -> str:

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from .quantity_names import contradiction, named_quantities
 from .terrain import HIGHEST_M, LOWEST_M, TerrainError
-from .unit_names import has_zero_level, unit_in_brackets, unit_named
+from .unit_names import has_zero_level, unit_at_end, unit_in_brackets, unit_named
 
 Array = NDArray[np.floating]
 
+_KEYS = {"gravity": "value_mgal", "length": "value_m"}
+"""Keys of quantities, for :func:`.unit_names.unit_at_end`."""
 _DEPTH = re.compile(r"(water|sea.?floor|ocean|bottom)?[ _]?depths?(?![a-z])")
 
 
@@ -49,9 +51,11 @@ class Units:
     def require_named(self, described: str, name: str) -> None:
         """Raise TerrainError if the description of a file's values names another quantity.
 
-        If the description names no quantity, the name of the file is checked instead.
+        If the description names no quantity, the name of the file is checked instead, except for
+        terrains, whose files are named after places.
         """
-        text = described.strip() if named_quantities(described) else Path(name).stem
+        is_named = named_quantities(described) or self.kind == "terrain"
+        text = described.strip() if is_named else Path(name).stem
         if self.kind and (reason := contradiction(self.kind, text)):
             raise TerrainError(f"{name} holds {text!r}: {reason}.")
 
@@ -59,11 +63,15 @@ class Units:
         """Return the factor from a file's unit to the SI unit, and a remark on the unit.
 
         ``unit`` is the unit stated by the file. If it is empty, the unit comes from brackets in the
-        description, as in GMT's ``faa (mGal)``.
+        description, as in GMT's ``faa (mGal)``, or from its end.
 
         Raises TerrainError if the unit belongs to another quantity; the message names the file.
         """
-        stated = unit.strip() or unit_in_brackets(described)
+        stated = (
+            unit.strip()
+            or unit_in_brackets(described)
+            or unit_at_end(described, _KEYS[self.quantity])
+        )
         usual = unit_named(self.assumed)
         assert usual is not None  # a unit of the tables
         if not stated:
@@ -77,7 +85,7 @@ class Units:
         return named.factor, "" if named.factor == usual.factor else f"converted from {stated}"
 
 
-HEIGHTS = Units("heights", "length", "metres or feet", "m", LOWEST_M, HIGHEST_M)
+HEIGHTS = Units("heights", "length", "metres or feet", "m", LOWEST_M, HIGHEST_M, kind="terrain")
 GEOID = Units("a geoid", "length", "metres or feet", "m", -150.0, 150.0)
 GRAVITY = Units(
     what="gravity",
@@ -88,6 +96,12 @@ GRAVITY = Units(
     highest=0.02,
     says_assumed=True,
 )
+
+
+def unit_of(attributes: Mapping[str, Any]) -> str:
+    """Return the unit that attributes of a variable state, as ``units`` or ``unit``; or ""."""
+    stated = (str(v) for k, v in attributes.items() if k.lower() in ("units", "unit"))
+    return next(stated, "").strip()
 
 
 def upward(

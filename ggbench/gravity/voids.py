@@ -19,6 +19,8 @@ Array = NDArray[np.floating]
 
 _MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)  # values that are none, whatever the unit
 _MARKS_BEYOND = (32767.0, 9999.0, 99999.0, 999999.0, -999999.0)  # where nothing is as large
+_MARKS_APART = (-99.0, -999.0, 999.0, -10000.0)  # where they are far from all other values
+_APART = 0.1  # of the range of the other values
 _OF_SINGLE = 1e-6  # relative difference of equal numbers in single precision
 _HUGE = 1e20  # no value is as large: 1.7e38 (Surfer), 3.4e38 (ESRI), 9.97e36 (netCDF)
 _MOST_VOIDS = 0.01  # share of the cells that may be filled
@@ -28,9 +30,9 @@ _SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
 def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, str]:
     """Return values with undeclared void values replaced by NaN, and a remark.
 
-    Void values are those of ``units`` and common void values, such as -9999 always and 32767
-    outside the limits of the quantity. The remark names the common void values that were replaced;
-    "" if there are none.
+    Void values are those of ``units`` and common void values, such as -9999 always, 32767 outside
+    the limits of the quantity, and -999 far from all other values. The remark names the common void
+    values that were replaced; "" if there are none.
 
     Parameters
     ----------
@@ -45,6 +47,12 @@ def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, s
     beyond = (values < units.lowest) | (values > units.highest)
     void = np.isin(written, _MARKS) | (beyond & np.isin(written, _MARKS_BEYOND))
     void = (void | (np.abs(written) >= _HUGE)) & ~marked
+    others = np.isfinite(values) & ~void & ~marked & ~np.isin(written, _MARKS_APART)
+    if others.any() and np.isin(written, _MARKS_APART).any():
+        low, high = float(written[others].min()), float(written[others].max())
+        for mark in _MARKS_APART:
+            if max(low - mark, mark - high) > max(_APART * (high - low), abs(0.1 * mark)):
+                void |= (written == mark) & ~marked
     if not void.any():
         return values, ""
     marks = ", ".join(f"{mark:.8g}" for mark in np.unique(written[void])[:3])

@@ -15,12 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from ..gravity.gradient_map import MapError
+from ..gravity.unit_names import unit_named
 from .survey_tables import SurveyTable, text_in
 
 _STATEMENT = re.compile(r"DEFN\s*\d*\s*ST\s*=\s*\w+\s*,\s*RT\s*=\s*(\w*)\s*;(.*)", re.IGNORECASE)
 _FORMAT = re.compile(r"\s*(\d*)\s*([AIFEDG])(\d+)(?:\.(\d+))?\s*", re.IGNORECASE)
-_NULL = re.compile(r"NULL\s*=\s*([-+]?[\d.]+(?:[ED][-+]?\d+)?)", re.IGNORECASE)
+_NULL = re.compile(r"NULL\s*=\s*([-+]?\d+\.?\d*(?:[ED][-+]?\d+)?)", re.IGNORECASE)
 _UNIT = re.compile(r"UNITS?\s*[=:]\s*([^,:;]*)", re.IGNORECASE)
+_MOST_COLUMNS, _WIDEST = 10_000, 10_000  # of one field
 _DATA = ("", "DATA")  # types of the records that hold samples
 _IDENTIFIER = "RT"  # field of a record's type, in front of the others where rows have one
 _OTHER_RECORDS = ("COMM", "PROJ")
@@ -58,7 +60,7 @@ def read_gdf2(path: Path, text: str) -> SurveyTable:
 
     Raises MapError if the definitions are missing, or if rows differ from the definitions.
     """
-    fields = _fields(path, text)
+    fields, other_definitions = _fields(path, text)
     columns = [(label, field) for field in fields for label in field.labels]
     labels = _distinct([label for label, _ in columns])
     numeric = np.array([field.number for _, field in columns])
@@ -70,7 +72,7 @@ def read_gdf2(path: Path, text: str) -> SurveyTable:
     described = {
         label: field.description for label, (_, field) in zip(labels, columns, strict=True)
     }
-    units = {label: m[1].strip() for label, text in described.items() if (m := _UNIT.search(text))}
+    units = {label: _unit(text) for label, text in described.items()}
     voids = {
         label: float(m[1].upper().replace("D", "E"))
         for label, text in described.items()
@@ -78,13 +80,30 @@ def read_gdf2(path: Path, text: str) -> SurveyTable:
     }
     return SurveyTable(
         path=path,
-        columns=dict(zip(labels, map(list, zip(*cells, strict=True)), strict=True)),
+        columns={
+            label: [cell.replace("D", "E").replace("d", "e") for cell in column]
+            if field.number
+            else column
+            for label, (_, field), column in zip(
+                labels, columns, map(list, zip(*cells, strict=True)), strict=True
+            )
+        },
         rows=np.array(numbers),
         units=units,
         descriptions={label: _free_text(text) for label, text in described.items()},
         voids=voids,
         cut=cut,
+        comments="\n".join(row for row in text.splitlines() if row.startswith(_OTHER_RECORDS))
+        + other_definitions,
     )
+
+
+def _unit(text: str) -> str:
+    """Return the unit in a field's description: behind UNIT, or a part that is a unit; or ""."""
+    if match := _UNIT.search(text):
+        return match[1].strip(" \"'")
+    parts = (part.strip() for part in re.split(r"[:,]", text))
+    return next((part for part in parts if len(part) > 1 and unit_named(part)), "")
 
 
 def _free_text(text: str) -> str:
@@ -93,23 +112,32 @@ def _free_text(text: str) -> str:
     return " ".join(filter(None, (part.strip().removeprefix("NAME=") for part in parts)))
 
 
-def _fields(path: Path, text: str) -> list[Field]:
-    """Return the fields of the records of samples."""
+def _fields(path: Path, text: str) -> tuple[list[Field], str]:
+    """Return the fields of the records of samples, and the text of all other definitions."""
     stem = path.with_suffix("") if path.suffix.lower() == ".gz" else path
     candidates = [stem.with_suffix(ending) for ending in (".dfn", ".DFN", ".Dfn")]
     definition_file = next((file for file in candidates if file.exists()), None)
     if definition_file is not None:
         text = text_in(definition_file, definition_file.read_bytes())
     fields: list[Field] = []
+    others = ""
     for row in text.splitlines():
         statement = _STATEMENT.match(row.strip())
         if statement is None or statement[1].upper() not in _DATA:
+            others += f"\n{row}"
             continue
         for definition in statement[2].split(";"):
             name, _, rest = (part.strip() for part in definition.partition(":"))
             if not rest or name.upper() in (_IDENTIFIER, "COMMENTS"):
                 continue  # END DEFN, or the type of the record
             shape = _FORMAT.match(rest)
+            if shape is not None and not (
+                int(shape[1] or 1) <= _MOST_COLUMNS and int(shape[3]) <= _WIDEST
+            ):
+                raise MapError(
+                    f"{path}: field {name} has the format {rest[:40]!r}; at most {_MOST_COLUMNS} "
+                    f"columns of {_WIDEST} characters are allowed."
+                )
             if shape is None:
                 raise MapError(f"{path}: field {name} has the unknown format {rest[:40]!r}.")
             fields.append(
@@ -128,7 +156,7 @@ def _fields(path: Path, text: str) -> list[Field]:
                 "ST=RECD,RT=;LINE:I8."
             )
         raise MapError(f"{path} needs its definition file {candidates[0].name} in the same folder.")
-    return fields
+    return fields, others
 
 
 def _distinct(labels: Sequence[str]) -> list[str]:
@@ -204,7 +232,7 @@ def _first_wrong(cells: Sequence[Sequence[str]], numeric: np.ndarray) -> tuple[i
     columns = np.flatnonzero(numeric).tolist()
     for n, row in enumerate(cells):
         for column in columns:
-            if row[column] and row[column] != "*" and not _is_number(row[column]):
+            if row[column].strip("*") and not _is_number(row[column]):
                 return n, column
     return None
 

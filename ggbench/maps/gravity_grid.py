@@ -18,11 +18,12 @@ from ..errors import text_of
 from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, turns
+from ..gravity.quantity_names import named_quantities
 from ..gravity.rasters import read_raster
-from ..gravity.regular_grid import cut_elsewhere, is_netcdf, refuse_old_gmt
+from ..gravity.regular_grid import axis_of, cut_elsewhere, is_netcdf, refuse_old_gmt
 from ..gravity.remove_restore import GravityGrid, linear_weights
 from ..gravity.terrain import TerrainError
-from ..gravity.units import GEOID, GRAVITY, Units
+from ..gravity.units import GEOID, GRAVITY, Units, unit_of
 from ..gravity.voids import marks_removed
 from ..netcdf_files import netcdf_file
 from .icgem_grid import ReadGrid, read_icgem
@@ -35,6 +36,7 @@ Array = NDArray[np.floating]
 _UNITS = {"geoid": GEOID, "anomaly": GRAVITY, "disturbance": GRAVITY}
 _FEWEST = 16  # nodes per axis
 _ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
+_GENERIC = {"y": "latitude", "x": "longitude"}
 _HEIGHT_ANOMALY = re.compile(r"height[ _]?anomal|quasi[ _-]?geoid", re.IGNORECASE)
 
 
@@ -87,7 +89,8 @@ def read_grid(
             )
         height_m = read.height_m
     latitude, longitude, values = read[:3]
-    longitude = np.unwrap(longitude, period=360.0)
+    if np.abs(longitude).max(initial=0.0) <= 360.0:  # else it is refused for that
+        longitude = np.unwrap(longitude, period=360.0)
     latitude, values = _ascending(latitude, values, 0)
     longitude, values = _ascending(longitude, values, 1)
     step_lat = _regular_step(path, "latitude", latitude)
@@ -224,8 +227,14 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
             )
         dataset.load()
     refuse_old_gmt(dataset, path.name)
-    names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
-    dims = tuple(names.values())
+    kinds = {
+        axis_of(str(name), dataset.coords[name], _GENERIC.get(str(name).lower(), ""), path.name): (
+            str(name)
+        )
+        for name in dataset.dims
+        if name in dataset.coords
+    }
+    dims = tuple(kinds.get(kind) for kind in ("latitude", "longitude"))
     if "ggxfVersion" in dataset.attrs:
         raise MapError(
             f"{path} is a GGXF file, which is not supported: convert it to GeoTIFF or to netCDF "
@@ -239,16 +248,22 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
         and variable.dtype.kind in "fiu"
     ]
     if len(grids) != 1:
+        larger = [
+            f"{name} on {', '.join(f'{dim} ({size})' for dim, size in variable.sizes.items())}"
+            for name, variable in dataset.data_vars.items()
+            if set(dims) < set(variable.dims)
+        ]
         raise MapError(
             f"{path} must contain one variable on latitude and longitude; found "
-            f"{', '.join(map(str, grids)) or 'none'}."
+            f"{', '.join(map(str, grids or larger)) or 'none'}."
         )
     variable: Any = dataset[grids[0]].squeeze().transpose(*dims)
     called = " ".join(
         [str(grids[0]), *(str(variable.attrs.get(k, "")) for k in ("long_name", "standard_name"))]
     )
-    units.require_named(called, path.name)
-    unit = str(variable.attrs.get("units", ""))
+    texts = [called, variable.attrs.get("description", ""), dataset.attrs.get("title", "")]
+    units.require_named(next(filter(named_quantities, map(str, texts)), called), path.name)
+    unit = unit_of(variable.attrs)
     values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units, called)
     latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
     place = float(longitude.mean()), float(latitude.mean())
@@ -277,20 +292,6 @@ def _named(path: Path, *remarks: str) -> tuple[str, ...]:
     return tuple(f"{path.name}: {remark}" for remark in remarks if remark)
 
 
-def _axis_name(dataset: Any, standard_name: str) -> str | None:
-    """Name of the dimension that is the latitude or the longitude."""
-    short = standard_name[:3]
-    for name in dataset.dims:
-        coordinate = dataset.coords.get(name)
-        standard = "" if coordinate is None else coordinate.attrs.get("standard_name", "")
-        if coordinate is not None and (
-            standard == standard_name
-            or str(name).lower() in (standard_name, short, {"lat": "y", "lon": "x"}[short])
-        ):
-            return str(name)
-    return None
-
-
 def _ascending(axis: Array, values: Array, index: int) -> tuple[Array, Array]:
     if axis.size > 1 and axis[0] > axis[-1]:
         return axis[::-1], np.flip(values, index)
@@ -304,7 +305,7 @@ def _regular_step(path: Path, name: str, axis: Array) -> float:
     regular = np.linspace(axis[0], axis[-1], axis.size)
     if not (step > 0.0 and np.abs(axis - regular).max() < 1e-2 * step):
         raise MapError(f"{path}: its {name} must be regular, with one step between all nodes.")
-    limit = 90.0 if name == "latitude" else 360.0
-    if max(abs(axis[0]), abs(axis[-1])) > limit or not math.isfinite(step):
+    limit, unwrapped = (90.0, 90.0) if name == "latitude" else (360.0, 720.0)
+    if max(abs(axis[0]), abs(axis[-1])) > unwrapped or not math.isfinite(step):
         raise MapError(f"{path}: its {name} must be in degrees, from -{limit:g} to {limit:g}.")
     return step

@@ -13,10 +13,16 @@ from numpy.typing import NDArray
 from ..archives import gunzipped
 from ..errors import text_of
 from ..files import content_of
+from ..gravity.coordinate_names import (
+    contradiction_of_axis,
+    names_axes_down,
+    old_datum,
+    zero_level,
+)
 from ..gravity.ellipsoid import normal_gravity
 from ..gravity.gradient_map import MapError
 from ..gravity.optional_modules import imported
-from ..gravity.quantity_names import contradiction
+from ..gravity.quantity_names import contradiction, is_corrected_for_terrain, names_gravity
 from ..gravity.terrain import TerrainError
 from ..gravity.unit_names import without_unit
 from .aseg_gdf import read_gdf2
@@ -114,6 +120,33 @@ def read_lines(
         (named_columns[key].name, column_numbers.remarks) for key, column_numbers in read.items()
     )
     values = {key: column_numbers.values for key, column_numbers in read.items()}
+    for key in (*places, "height_m"):
+        _require_axis(table, key, named_columns[key], values[key])
+    if crs is None:
+        for column in (named_columns[key] for key in places):
+            if datum := old_datum(_described(table, column)):
+                raise MapError(
+                    f"{path}: the column {column.name} is in the datum {datum} by its name: give "
+                    "--crs, the EPSG code of its degrees, for example EPSG:4202 for AGD66."
+                )
+        _require_degrees(table, {named_columns[key]: values[key] for key in places})
+    corrected = [
+        described
+        for key in components_read
+        if is_corrected_for_terrain(described := _described(table, named_columns[key]))
+    ]
+    if corrected:
+        remarks.append(
+            f"{', '.join(corrected)}: corrected for the terrain by name; the map lacks the "
+            "attraction of its rock"
+        )
+    remarks += _remarks_on_comments(table, crs)
+    texts = [table.comments, *(_described(table, named_columns[key]) for key in components_read)]
+    if axes == "east-north-up" and quantity == "gradient" and any(map(names_axes_down, texts)):
+        remarks.append(
+            "a name or a comment says north, east, down or z down: if the components are in these "
+            "axes, give --axes"
+        )
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
         remarks.append("the file has no time_s; only the noise model needs it")
@@ -124,10 +157,13 @@ def read_lines(
     if "time_s" not in named_columns:
         values["time_s"] = np.full(int(whole.sum()), np.nan)
     if crs is not None:
+        _require_metres(path, crs, places, values)
         values["longitude_deg"], values["latitude_deg"] = _to_degrees(
             path, crs, *(values[key] for key in places)
         )
     require_limits(table, values, np.flatnonzero(whole))
+    height = named_columns["height_m"]
+    remarks += _above_ellipsoid(f"{_described(table, height)} {height.unit}".strip(), values)
     require_size(path, {named_columns[key]: values[key] for key in components_read}, quantity)
     if quantity == ANOMALY:
         values[DISTURBANCE] = values.pop(ANOMALY) + _anomaly_to_disturbance(values)
@@ -245,10 +281,12 @@ def _required(table: SurveyTable, names: Mapping[str, str], key: str) -> Column:
 
 def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: Quantity) -> None:
     """Raise MapError if name or description of a column is of another quantity."""
-    description = table.descriptions.get(column.name, "")
-    described = (
-        column.name if description in ("", column.name) else f"{column.name} ({description})"
-    )
+    described = _described(table, column)
+    if quantity == "gradient" and not column.unit and names_gravity(described):
+        raise MapError(
+            f"{path}: the column {described!r} is gravity by its name, not a gradient: give it as "
+            f"--quantity disturbance, or state its unit, as in --column 'KEY={column.name} [E]'."
+        )
     if reason := contradiction(quantity, described):
         other = {"disturbance": ANOMALY, ANOMALY: DISTURBANCE}.get(quantity, "")
         option = (
@@ -257,6 +295,65 @@ def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: 
             else ""
         )
         raise MapError(f"{path}: the column {described!r} is not a {quantity}: {reason}{option}.")
+
+
+def _described(table: SurveyTable, column: Column) -> str:
+    """Return the name of a column with its description."""
+    description = table.descriptions.get(column.name, "")
+    return column.name if description in ("", column.name) else f"{column.name} ({description})"
+
+
+def _require_axis(table: SurveyTable, key: str, column: Column, values: Array) -> None:
+    """Raise MapError if the name of a coordinate's column is that of another one."""
+    described = _described(table, column)
+    if reason := contradiction_of_axis(key, described, values):
+        raise MapError(f"{table.path}: the column {described!r} is given as {key}: {reason}.")
+
+
+def _require_degrees(table: SurveyTable, places: Mapping[Column, Array]) -> None:
+    """Raise MapError if longitudes and latitudes without a unit could be radians."""
+    named = [column for column in places if not column.unit and not column.name.endswith("_deg")]
+    largest = [float(np.nanmax(np.abs(values), initial=0.0)) for values in places.values()]
+    limits = (np.pi, 0.5 * np.pi)
+    if len(named) == len(places) and any(largest) and all(np.less_equal(largest, limits)):
+        names = " and ".join(column.name for column in places)
+        raise MapError(
+            f"{table.path}: all of {names} could be radians: state the unit, as in --column "
+            f"'longitude_deg={named[0].name} [deg]'."
+        )
+
+
+def _remarks_on_comments(table: SurveyTable, crs: str | None) -> list[str]:
+    """Return remarks on a datum or a zero level of heights that comments of the file name."""
+    remarks = []
+    if crs is None and (datum := old_datum(table.comments)):
+        remarks.append(f"a comment names the datum {datum}: if the places are in it, give --crs")
+    if level := zero_level(table.comments):
+        remarks.append(
+            f"a comment names heights above {level}: heights above the ellipsoid are needed"
+        )
+    return remarks
+
+
+def _above_ellipsoid(height: str, values: dict[str, Array]) -> list[str]:
+    """Make heights above sea level ellipsoidal; return remarks on their zero level.
+
+    ``height`` is the column's name and description. ``values`` are the columns by key.
+    """
+    level = zero_level(height)
+    if level == "sea level":
+        geoid = geoid_over(values["latitude_deg"], np.unwrap(values["longitude_deg"], period=360.0))
+        values["height_m"] = values["height_m"] + geoid
+        return [
+            f"{height}: heights are above sea level by their name: the geoid height of EGM2008 to "
+            f"degree 120, {geoid.mean():.0f} m on average, was added"
+        ]
+    if level:
+        return [
+            f"{height}: by their name heights are above {level}, but heights above the "
+            "ellipsoid are needed"
+        ]
+    return []
 
 
 def _without_zeros(
@@ -284,6 +381,26 @@ def _together(remarks: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
         for text in texts:
             columns.setdefault(text, []).append(name)
     return [f"{', '.join(names)}: {text}" for text, names in columns.items()]
+
+
+def _require_metres(
+    path: Path, crs: str, places: tuple[str, str], values: Mapping[str, Array]
+) -> None:
+    """Raise MapError if a projection in metres is given for coordinates that are degrees."""
+    limits = (360.0, 90.0)
+    small = [
+        bool(np.abs(values[key]).max(initial=0.0) <= limit)
+        for key, limit in zip(places, limits, strict=True)
+    ]
+    try:
+        system = imported("rasterio.crs", path).CRS.from_user_input(crs)
+    except Exception:  # of a text that is no reference system, which is said below
+        return
+    if system.is_projected and all(small):
+        raise MapError(
+            f"{path}: --crs {crs} is a projection in metres, but all coordinates are within "
+            "degrees: give the code of degrees, or the columns easting_m and northing_m."
+        )
 
 
 def _to_degrees(path: Path, crs: str, east: Array, north: Array) -> tuple[Array, Array]:

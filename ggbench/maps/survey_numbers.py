@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..gravity.gradient_map import MapError
-from ..gravity.unit_names import examples_for, factor_to_key
+from ..gravity.unit_names import examples_for, factor_to_key, unit_at_end, unit_in_brackets
 from .survey_lines import ANOMALY, COMPONENTS, DISTURBANCE, Quantity
 from .survey_tables import SurveyTable
 
@@ -32,7 +32,7 @@ _LIMITS = {
 """Of what is measured anywhere: m, degrees, E and mGal."""
 _HUGE = 1e20  # no value is as large: 1e32 (Geosoft), 1.7e38 (Surfer)
 _ALWAYS_MARKS = re.compile(r"-(?:9{4,}(?:\.[09]*)?|3276[78](?:\.0*)?)")
-_MAYBE_MARKS = re.compile(r"[-+]?9{2,}(?:\.[09]*)?")
+_MAYBE_MARKS = re.compile(r"[-+]?9{2,}(?:\.[09]*|\.25)?")
 _ISOLATED = 3.0
 """Distance of a mark of nines from the other values, over their range."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
@@ -61,12 +61,12 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
     """
     cells = [cell.strip() for cell in table.columns[column.name]]
     if key == "time_s" and any(_CLOCK.fullmatch(cell) for cell in cells[:1]):
-        return Numbers(np.array([_seconds(cell) for cell in cells]), ())
+        seconds = np.array([_seconds(cell) for cell in cells])
+        _require_numbers(table, column, cells, seconds, "a time, hh:mm:ss")
+        return Numbers(seconds, ())
     written = _written(cells)
-    bad = np.isnan(written) & np.array([cell.casefold() not in ("", "*", "nan") for cell in cells])
-    if bad.any():
-        row = int(bad.argmax())
-        raise table.error(row, f"{column.name} is {cells[row][:40]!r} and must be a number")
+    allowed = "a number" + (", seconds or hh:mm:ss" if key == "time_s" else "")
+    _require_numbers(table, column, cells, written, allowed)
     factor, of_unit = _factor(table, key, column)
     for mark in (*voids, *([table.voids[column.name]] if column.name in table.voids else ())):
         written[np.isclose(written, mark, rtol=1e-6, atol=0.0)] = np.nan
@@ -77,6 +77,25 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
         of_marks = f"undeclared {examples} read as missing values, {marks.sum()} times"
         written[marks] = np.nan
     return Numbers(factor * written, tuple(filter(None, (of_unit, of_marks))))
+
+
+def _require_numbers(
+    table: SurveyTable, column: Column, cells: Sequence[str], values: Array, allowed: str
+) -> None:
+    """Raise MapError if a cell holds neither a number nor a mark of a missing value."""
+    bad = np.isnan(values) & np.array(
+        [cell.strip("*").casefold() not in ("", "nan") for cell in cells]
+    )
+    if not bad.any():
+        return
+    row = int(bad.argmax())
+    cell = cells[row][:40]
+    hint = "leave missing values empty"
+    if re.fullmatch(r"[-+]?\d+,\d+", cell):
+        hint = "write 33.5, not a decimal comma"
+    elif re.search(r"\d\W*[NSEW]$|\d\s*[°:]", cell) and "hh" not in allowed:
+        hint = "write degrees with a sign, negative in the south and the west"
+    raise table.error(row, f"{column.name} is {cell!r} and must be {allowed}; {hint}")
 
 
 def written_numbers(table: SurveyTable, columns: Sequence[str]) -> Array:
@@ -102,7 +121,13 @@ def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
     """
     end = {DISTURBANCE: "_mgal", ANOMALY: "_mgal"}.get(key, "_eotvos" if key in COMPONENTS else "")
     named = key + end
-    unit = column.unit or _unit_at_end(column.name, named)
+    described = table.descriptions.get(column.name, "")
+    unit = (
+        column.unit
+        or unit_at_end(column.name, named)
+        or unit_in_brackets(described)
+        or unit_at_end(f"_{described}", named)
+    )
     if not unit:
         return 1.0, "no unit given, mGal assumed" if end == "_mgal" else ""
     factor = factor_to_key(unit, named)
@@ -113,15 +138,6 @@ def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
             "[UNIT]'."
         )
     return factor, "" if factor == 1.0 else f"converted from {unit}"
-
-
-def _unit_at_end(name: str, key: str) -> str:
-    """Return the unit at the end of a column's name, as of ``ALT_FT`` and ``GFAAGU``; or "".
-
-    It counts if it is one of the key's quantity.
-    """
-    match = re.search(r"(?:_|(?=(?:gu|mgal)$))([a-z]{2,}|[mse])$", name.casefold())
-    return match[1] if match and factor_to_key(match[1], key) is not None else ""
 
 
 def _undeclared(

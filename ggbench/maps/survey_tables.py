@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,10 +16,11 @@ from numpy.typing import NDArray
 
 from ..errors import text_of
 from ..gravity.gradient_map import MapError
-from ..gravity.unit_names import without_unit
+from ..gravity.unit_names import unit_named, without_unit
 from .survey_lines import PRIMARY, TIE
 
 LINE, KIND = "line", "kind"
+_COMMENT = re.compile(r"\s*(?:#|//|%[^,;\t]*$)")
 _NUMBER = re.compile(r"(^|[,;\t])\s*[-+]?\d*\.\d*\s*([,;\t]|$)")  # of a row, not of names
 _KINDS = {
     "line": PRIMARY,
@@ -57,6 +59,7 @@ class SurveyTable:
     descriptions : descriptions stated by the file, by column.
     voids : values that the file declares as missing, by column.
     cut : whether an incomplete last row was omitted.
+    comments : comments of the file.
     """
 
     path: Path
@@ -66,6 +69,7 @@ class SurveyTable:
     descriptions: Mapping[str, str] = field(default_factory=dict)
     voids: Mapping[str, float] = field(default_factory=dict)
     cut: bool = False
+    comments: str = ""
 
     def named(self, name: str) -> str:
         """Return the full name of a column; "" if it does not exist.
@@ -107,6 +111,11 @@ def text_in(path: Path, content: bytes) -> str:
         place, text = bad, content[:bad].decode("latin-1")
     if bad < 0:
         return text
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise MapError(
+            f"the survey {path} is UTF-16 text, and must be UTF-8: convert it, for example with "
+            "'iconv -f utf-16 -t utf-8'."
+        )
     raise MapError(
         f"the survey {path}: line {text.count(chr(10), 0, place) + 1} has {flaw}, and must be "
         "UTF-8 text: convert it, for example with 'iconv -f latin1 -t utf-8'."
@@ -116,7 +125,9 @@ def text_in(path: Path, content: bytes) -> str:
 def read_csv(path: Path, text: str) -> SurveyTable:
     """Return the table of a CSV text.
 
-    Cells are separated by commas, semicolons or tabs. Lines that begin with # are comments.
+    Cells are separated by commas, semicolons or tabs. Lines that begin with # or //
+    are comments, and lines that begin with % and have no separator. A row of units may follow the
+    names.
 
     The first line that is no comment names the columns. If this line contains numbers, the comment
     before it must name the columns (format of ``numpy.savetxt``).
@@ -124,7 +135,7 @@ def read_csv(path: Path, text: str) -> SurveyTable:
     Raises ValueError or MapError if the text is not a table.
     """
     rows = text.splitlines()
-    filled = [n for n, row in enumerate(rows) if row.strip() and row.lstrip()[:1] != "#"]
+    filled = [n for n, row in enumerate(rows) if row.strip() and not _COMMENT.match(row)]
     if not filled:
         raise ValueError("it has no samples")
     top = filled[0]
@@ -136,11 +147,30 @@ def read_csv(path: Path, text: str) -> SurveyTable:
     head, *numbers = filled
     names = [name.strip() for name in _cells(rows[head], separator)]
     _require_distinct(path, names)
+    units: dict[str, str] = {}
+    if numbers and (words := _units_in([c.strip() for c in _cells(rows[numbers[0]], separator)])):
+        units = dict(zip(names, words, strict=False))
+        numbers = numbers[1:]
     if not numbers:
         raise ValueError("it has no samples below the column names")
-    frame = _frame(path, [rows[n] for n in numbers], numbers, names, separator)
-    columns = {name: frame[name].tolist() for name in names}
-    return SurveyTable(path, columns, np.array(numbers) + 1)
+    labels = [name or f"(column {n})" for n, name in enumerate(names, 1)]
+    frame = _frame(path, [rows[n] for n in numbers], numbers, labels, separator)
+    columns = {name: frame[name].tolist() for name in labels}
+    comments = "\n".join(row for row in rows[:head] if _COMMENT.match(row))
+    return SurveyTable(path, columns, np.array(numbers) + 1, units, comments=comments)
+
+
+def _units_in(words: Sequence[str]) -> list[str]:
+    """Return the units of a row that has nothing else, "" where a cell is empty; else none.
+
+    A unit may be in brackets; a dash is no unit.
+    """
+    bare = ["" if set(word) <= {"-"} else word.strip("[]() ") for word in words]
+    named = [unit_named(word) for word in bare if word]
+    return bare if len(named) >= _FEWEST_UNITS and all(named) else []
+
+
+_FEWEST_UNITS = 2
 
 
 def _cells(row: str, separator: str) -> list[str]:
@@ -156,36 +186,53 @@ def _require_distinct(path: Path, names: Sequence[str]) -> None:
 def _frame(
     path: Path, rows: Sequence[str], numbers: Sequence[int], names: Sequence[str], separator: str
 ) -> pd.DataFrame:
-    """Return rows as texts; ``numbers`` are those of their lines, from 0."""
+    """Return rows as texts; ``numbers`` are those of their lines, from 0.
+
+    Raises MapError if a row has more cells than there are columns; an empty one at the end is none.
+    """
+    last = f"(column {len(names) + 1})"
     try:
-        frame = pd.read_csv(
-            io.StringIO("\n".join(rows)),
-            sep=separator,
-            header=None,
-            names=list(names),
-            index_col=False,
-            dtype=str,
-            keep_default_na=False,
-            skipinitialspace=True,
-            on_bad_lines="error",
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # on rows that are refused below
+            frame = pd.read_csv(
+                io.StringIO("\n".join(rows)),
+                sep=separator,
+                header=None,
+                names=[*names, last],
+                index_col=False,
+                dtype=str,
+                keep_default_na=False,
+                skipinitialspace=True,
+                on_bad_lines="error",
+            )
     except ValueError as error:
         match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
         if match is None:
             raise
         wide = numbers[int(match[2]) - 1] + 1
-        raise MapError(
-            f"{path}: line {wide} has {match[3]} fields, but there are {len(names)} columns."
-        ) from None
+        raise _too_wide(path, wide, int(match[3]), names) from None
     if len(frame) != len(rows):
         raise MapError(f"{path}: a quoted field does not end on its line.")
-    return frame.fillna("")
+    frame = frame.fillna("")
+    surplus = np.flatnonzero(frame.pop(last).str.strip() != "")
+    if surplus.size:
+        first = int(surplus[0])
+        raise _too_wide(path, numbers[first] + 1, len(_cells(rows[first], separator)), names)
+    return frame
+
+
+def _too_wide(path: Path, line: int, count: int, names: Sequence[str]) -> MapError:
+    return MapError(
+        f"{path}: line {line} has {count} fields, but there are {len(names)} columns: "
+        "write 33.5, not a decimal comma, and quote cells that contain the separator."
+    )
 
 
 def read_xyz(path: Path, text: str) -> SurveyTable:
     """Return the table of a Geosoft XYZ text.
 
-    The last comment with as many words as a row has cells names the columns. A heading before each
+    The last comment with as many words as a row has cells names the columns, and one of units below
+    it states them. A heading before each
     survey line names the line, in any of the forms ``Line 1000``, ``L1000``, ``LINE:1000`` and
     ``Line 1000 2008/07/03``. ``*`` is a missing value.
 
@@ -227,7 +274,8 @@ def read_xyz(path: Path, text: str) -> SurveyTable:
             f"{path}: line {numbers[odd]} has {len(cells[odd])} fields, but there are {count} "
             "columns: write missing values as *."
         )
-    names = named[-1]
+    units = _units_in(named[-1]) if len(named) > 1 else []
+    names = named[-2] if units else named[-1]
     _require_distinct(path, names)
     columns: dict[str, Sequence[str]] = {
         column: ["" if cell == "*" else cell for cell in values]
@@ -235,7 +283,9 @@ def read_xyz(path: Path, text: str) -> SurveyTable:
     }
     columns.setdefault(LINE, lines)
     columns.setdefault(KIND, kinds)
-    return SurveyTable(path, columns, np.array(numbers), cut=cut)
+    stated = dict(zip(names, units, strict=False))
+    text = "\n".join(" ".join(words) for words in comments if words is not names)
+    return SurveyTable(path, columns, np.array(numbers), stated, cut=cut, comments=text)
 
 
 def _heading(row: str) -> tuple[str, str] | None:

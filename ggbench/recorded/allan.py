@@ -31,6 +31,8 @@ _MOST_LOST_SHARE = 0.1
 _SLOWEST = 0.5
 """Median step from which on times are in doubt [s]: no IMU is as slow."""
 _GRAVITY, _GRAVITY_SLIP = 9.80665, 0.5
+_LARGEST_FORCE = 1000.0
+"""Of any sample [m/s²], and more than any angular rate [rad/s]."""
 """Specific force at rest, and how far a mean may be from it [m/s²]."""
 _EARTH_SLIP = 0.05
 """How far the mean angular rate may be off the Earth's, to be taken for it."""
@@ -108,6 +110,8 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
         raise FlightError(
             f"{path}: has {len(times)} samples; at least {_FEWEST_SAMPLES} are needed"
         )
+    if quantities is RATES:
+        _require_possible(columns)
     readings, period, remarks = _evenly(columns, times, columns.stacked(quantities))
     if quantities is DELTAS:
         readings = readings / period
@@ -118,6 +122,16 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
         raise columns.error(str(error)) from None
     doubts = tuple(_gyro_doubts(readings[:, :3]))
     return ImuNoise(period, period * len(readings), gyros, accelerometers, remarks, doubts)
+
+
+def _require_possible(columns: files.Columns) -> None:
+    """Raise FlightError if a few rows have values that no IMU measures, as marks of missing ones.
+
+    If the usual specific force is not that of rest, the unit is wrong, which is another error.
+    """
+    usual = float(np.median(np.linalg.norm(columns.stacked(RATES[3:]), axis=1)))
+    if abs(usual - _GRAVITY) <= _GRAVITY_SLIP:
+        columns.require_within(dict.fromkeys(RATES, (-_LARGEST_FORCE, _LARGEST_FORCE)))
 
 
 def _require_seconds(columns: files.Columns, times: np.ndarray) -> None:
@@ -219,7 +233,16 @@ def _require_rest(path: Path, forces: np.ndarray, period: float, increments: boo
 
 
 def _noise(readings: np.ndarray, period: float) -> SensorNoise:
-    """Return the noise of three sensors from their readings (N, 3)."""
+    """Return the noise of three sensors from their readings (N, 3).
+
+    Raises FlightError if the readings of an axis are constant or not finite.
+    """
+    if (readings == readings[0]).all(axis=0).any():
+        axes = ", ".join("xyz"[n] for n in np.flatnonzero((readings == readings[0]).all(axis=0)))
+        raise FlightError(
+            f"the measurements of three axes are constant or not finite ({axes} constant): their "
+            "noise cannot be estimated"
+        )
     duration = period * len(readings)
     taus, deviations = _allan(readings, period)
     if not (np.isfinite(deviations).all() and (deviations > 0.0).all()):

@@ -12,6 +12,7 @@ import numpy as np
 from ..archives import MOST_ARRAYS
 from ..errors import GGBenchError
 from ..files import written_whole
+from ..gravity.coordinate_names import contradiction_of_axis, zero_level
 from ..gravity.unit_names import factor_to_key
 from ..netcdf_files import netcdf_file
 from ..spec.flight import FlightError
@@ -126,6 +127,7 @@ def read(
         if not text.rows:
             raise FlightError(f"{path}: has no rows below the column names")
         values = text.numbers({key: place.at for key, place in places.items()}, empty)
+        _require_named(path, text.names, values, places)
         stated = frozenset(key for key, place in places.items() if place.stated)
         return Columns(path, _scaled(values, places), text.first, stated)
     except FlightError:
@@ -145,6 +147,22 @@ def _called(path: Path, names: str | Mapping[str, str] | None, keys: Sequence[st
             f"{path}: columns.{other[0]} is not a column of this table; known: {', '.join(keys)}"
         )
     return called
+
+
+def _require_named(
+    path: Path,
+    header: Sequence[str],
+    values: Mapping[str, np.ndarray],
+    places: Mapping[str, Place],
+) -> None:
+    """Raise FlightError if the name of a column contradicts its key."""
+    for key, place in places.items():
+        name = header[place.at]
+        reason = contradiction_of_axis(key, name, values[key])
+        if key == "height_m" and zero_level(name) == "sea level":
+            reason = "heights above the ellipsoid are needed: add the height of the geoid"
+        if reason:
+            raise FlightError(f"{path}: the column '{name}' is read as {key}: {reason}")
 
 
 def _scaled(values: Mapping[str, np.ndarray], places: Mapping[str, Place]) -> dict[str, np.ndarray]:

@@ -39,8 +39,13 @@ _LIMITS = {
     "m": (LOWEST_M, HIGHEST_M),
 }
 """Of readings, by the ends of the names of columns: beyond any field, speed or height."""
+_MARKS = (-9999.0, -999.0, -99999.0, -999999.0, 9999.0, 99999.0, -32768.0)
+"""Usual marks of missing values: a row of one of them is no measurement."""
 _FARTHEST = 20_000.0
 """How far from the INS a receiver may be at first, beyond what the prior allows [m]."""
+_FOOT = 0.3048
+_FEET_FROM, _NEARLY = 100.0, 0.02
+"""Difference of heights [m] from which feet are looked for, and share to which it must fit."""
 
 
 class Series(NamedTuple):
@@ -109,6 +114,14 @@ def _read(
     values = columns.stacked(names)
     zeros = zero_rows(values) & (sensor == "gradiometer")
     values[zeros] = np.nan
+    marks = (values == values[:, :1]).all(axis=1) & np.isin(values[:, 0], _MARKS)
+    if marks.any() and values.shape[1] > 1:
+        row = int(marks.argmax())
+        raise columns.error(
+            f"{', '.join(names)} are all {values[row, 0]:g}, in {marks.sum()} of {len(values)} "
+            "rows: leave the cells of missing measurements empty",
+            row,
+        )
     if not np.isfinite(values[rows]).any():
         what = "0 or empty" if zeros[rows].any() else "empty"
         raise columns.error(f"has no measurement: {', '.join(names)} are all {what}")
@@ -195,6 +208,8 @@ def require_near(
 ) -> None:
     """Raise FlightError if a receiver's first position is far from that of the INS.
 
+    The error is also raised if one of their heights is likely to be in feet.
+
     ``away`` (G, 3) [m] has the differences from the INS positions for the rows ``rows`` (G,), NaN
     if missing. ``allowed`` is the largest distance that the prior allows [m]. ``what`` is the name
     of the record in the message.
@@ -211,5 +226,15 @@ def require_near(
             f"{what} is {distance / 1e3:.4g} km away from the INS at its first "
             f"measurement:{hint} check the clocks (clock_offset_s), and the order and signs of "
             "latitude and longitude",
+            int(rows[n]),
+        )
+    apart, height = abs(float(away[n, 2])), abs(float(columns[POSITION[2]][rows[n]]))
+    if apart > _FEET_FROM and any(
+        abs(apart - share * height) < _NEARLY * height for share in (1.0 - _FOOT, 1.0 / _FOOT - 1.0)
+    ):
+        raise columns.error(
+            f"{what} is {apart:.4g} m above or below the INS at its first measurement, at a height "
+            f"of {height:.4g}: one of the two heights is in feet; state the unit, as in columns = "
+            '{ height_m = "height_m [ft]" }',
             int(rows[n]),
         )

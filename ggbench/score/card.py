@@ -183,7 +183,7 @@ def read(path: Path) -> Card:
     """Read a card; raise ScoreError if the file is no card, or has another format version."""
     content = content_of(path, ScoreError, "the card ", MOST_BYTES)
     try:
-        loaded = from_json(content)
+        loaded = from_json(content.removeprefix(b"\xef\xbb\xbf"))
     except ValueError as error:
         raise ScoreError(f"cannot read the card {path}: {text_of(error)}") from None
     if isinstance(loaded, dict) and loaded.get("format", FORMAT) != FORMAT:

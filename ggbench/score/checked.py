@@ -36,9 +36,16 @@ class CheckedCard:
 
 
 def files_of(folder: Path) -> list[Path]:
-    """Return the JSON files in a folder and its subfolders; raise ScoreError if there are none."""
+    """Return the JSON files in a folder and its subfolders, without manifests of results folders.
+
+    Raises ScoreError if there are none.
+    """
     try:
-        files = sorted(path for path in folder.rglob("*.json") if path.is_file())
+        files = sorted(
+            path
+            for path in folder.rglob("*.json")
+            if path.is_file() and path.name != "manifest.json"
+        )
     except OSError as error:
         raise ScoreError(f"cannot read {folder}: {error.strerror}") from None
     if not files:

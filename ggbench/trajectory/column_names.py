@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from ..gravity.unit_names import examples_for, factor_to_key, without_unit
+from ..gravity.unit_names import examples_for, factor_to_key, unit_at_end, without_unit
 from .manoeuvres import TrajectoryError
 
 _FEWEST_KNOWN = 3  # names of a preset by which its files are known
@@ -94,7 +94,8 @@ def find(
 
     Parameters
     ----------
-    key : key of the column; its suffix states the unit.
+    key : key of the column; its suffix states the unit. Without a unit in brackets, a unit at the
+        end of the column's name counts, as in ``alt_ft``.
     columns : column names of the file, in lower case.
     names : names in the file, by key; without an entry the name is the key.
     where : description of the line with the names, for messages.
@@ -109,6 +110,8 @@ def find(
         if (match := _matching(name.casefold(), columns)) is None:
             continue
         at, unit = match
+        if not unit and columns[at] != key:
+            unit = unit_at_end(columns[at], key)
         factor = factor_to_key(unit, key) if unit else 1.0
         if factor is None:
             raise TrajectoryError(

@@ -17,13 +17,14 @@ import numpy as np
 import pandas as pd
 
 from ..errors import text_of
+from ..gravity.unit_names import unit_named
 from .manoeuvres import Array, TrajectoryError
 
 _EXCEL = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)  # its first line, which names the separator
 _IN_BRACKETS = re.compile(r"\s*[\[(][^\])]*[\])]")
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d")
 _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
-_COMMENT = re.compile(r"#|//")
+_COMMENT = re.compile(r"#|//|%[^,;\t]*$")
 _QUOTED = re.compile(r'"[^"]*"')
 _PERIODS = ((604_800.0, "GPS week"), (86_400.0, "day"))  # after which clocks begin at 0 [s]
 _NEAR = 100.0  # of such an end, where times fall [s]
@@ -53,9 +54,9 @@ class CsvText:
     def of(cls, content: bytes, needed: str, known_names: Collection[str]) -> CsvText:
         """Return the content of a file with fields separated by commas, semicolons or tabs.
 
-        Fields may be quoted. Lines that begin with # or // before the line of the names are
-        ignored. Exception: such a line can name the columns if the next line does not (format of
-        ``numpy.savetxt``).
+        Fields may be quoted. Before the line of the names, lines are ignored that begin with # or
+        //, and lines that begin with % and have no separator. Exception: such a line can name the
+        columns if the next line does not (format of ``numpy.savetxt``).
 
         Parameters
         ----------
@@ -73,7 +74,9 @@ class CsvText:
         except UnicodeDecodeError:
             text = "\0"
         if "\0" in text:
-            raise TrajectoryError("is not UTF-8 text; it must be a CSV file")
+            raise TrajectoryError(
+                "is not UTF-8 text; it must be a CSV file: unpack it, or convert its characters"
+            )
         lines = text.replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
         excel = _EXCEL.fullmatch(lines[0])
         lines[0] = "" if excel else lines[0]
@@ -84,9 +87,12 @@ class CsvText:
             raise TrajectoryError(f"is empty; its first line must name the columns, {needed}")
         named, first = _line_of_names(lines, top, known_names)
         separator = excel[1] if excel else _separator(lines[named])
-        header = _unquoted(lines[named].lstrip("# "), separator, named + 1)
+        header = lines[named].lstrip("# ").removeprefix("% ")
+        header = _unquoted(header, separator, named + 1)
         names = [name.strip().lower() for name in header.split(separator)]
         rows = [_unquoted(lines[n], separator, n + 1) for n in range(first, len(lines))]
+        if all(row.count(separator) == len(names) and row.endswith(separator) for row in rows):
+            rows = [row.removesuffix(separator) for row in rows]
         for n, row in enumerate(rows, first + 1):
             if row.count(separator) != len(names) - 1:
                 count = row.count(separator) + 1 if row.strip() else 0
@@ -138,10 +144,13 @@ def _line_of_names(lines: list[str], top: int, known_names: Collection[str]) -> 
     """Which line names the columns, and which is the first row; ``top`` is no comment."""
 
     def count(line: str) -> int:
-        plain = _IN_BRACKETS.sub("", line.strip("# ").replace('"', "").lower())
+        plain = _IN_BRACKETS.sub("", line.strip("# ").removeprefix("% ").replace('"', "").lower())
         words = plain.split(_separator(line))
         return sum(word.strip() in known_names for word in words)
 
+    if lines[top].startswith("%") and not count(lines[top]):  # a comment with a separator
+        rest = range(top, len(lines))
+        top = next((n for n in rest if not lines[n].startswith("%") and lines[n].strip()), top)
     comments = [n for n in range(top) if count(lines[n]) >= _FEWEST_KNOWN]
     return (comments[-1], top) if comments and not count(lines[top]) else (top, top + 1)
 
@@ -184,6 +193,10 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
         hint = ""
         if re.fullmatch(r"\s*[-+]?\d+[, ]\d+\s*", str(cell)):
             hint = "; write 33.5, not a decimal comma"
+        elif n == 0 and unit_named(str(cell)):
+            hint = f"; write units in brackets behind the names, as in {key} [{str(cell).strip()}]"
+        elif re.search(r"[NSEW]\s*$|\d\s*[°:]", str(cell)) and key[:3] in ("lat", "lon"):
+            hint = "; give degrees with a sign, negative in the south and the west"
         elif key == "time_s" and re.match(r"\s*\d+[-:/]", str(cell)):
             hint = "; give seconds, or dates as 2024-05-01T10:00:00Z (ISO 8601)"
         raise TrajectoryError(f"line {first + n}: {key} is {stated} and must be a number{hint}")

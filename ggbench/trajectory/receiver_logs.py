@@ -15,7 +15,10 @@ _DAY = 86_400.0
 _WEEK = 7.0 * _DAY
 FORMATS = {
     "nmea": re.compile(rb"(?:^|[\s,\\\\])[$!][A-Z]{2}[A-Z]{3},", re.MULTILINE),
-    "pos": re.compile(rb"\A%(?!time\b)"),
+    "pos": re.compile(
+        rb"\A(?!%time\b)(?:%[^\n]*\n)*?"
+        rb"%[^\n]*(?:program *:|RTKLIB|GPST|UTC|JST|lat/lon|x/y/z|e/n/u)"
+    ),
     "csrs": re.compile(rb"\AHDR GRP|^DIR +FRAME +STN", re.MULTILINE),
     "novatel": re.compile(rb"^#[A-Z0-9]+A,[^;\r\n]*;", re.MULTILINE),
 }
@@ -25,6 +28,7 @@ _NO_FIX = {"0": "without a fix", "6": "estimated", "7": "manual", "8": "simulate
 """Qualities of GGA sentences that no receiver measured."""
 _MOST_DAMAGED = 0.1
 """Share of the sentences that may be damaged, and are left out."""
+_POS_DATUM = re.compile(r"lat/lon/height=(\w+)")
 _CSRS_NAMES = (
     "YEAR-MM-DD",
     "HR:MN:SS.SS",
@@ -45,7 +49,7 @@ class Fix(NamedTuple):
 
     ``geoid`` is the height of the zero level of ``height`` above the ellipsoid [m]; None if
     ``height`` is above sea level and the log states no geoid height. ``place`` describes the line
-    of the log, for messages.
+    of the log, for messages. ``states_geoid`` says whether ``geoid`` is from the log.
     """
 
     time: float
@@ -54,6 +58,7 @@ class Fix(NamedTuple):
     height: float
     geoid: float | None
     place: str
+    states_geoid: bool = False
 
 
 Found = tuple[list[Fix], str]
@@ -124,6 +129,8 @@ def _reason(error: Exception) -> str:
 def _gga(sentence: Any, place: str, before: Sequence[Fix]) -> Fix:
     if not (sentence.lat and sentence.lon):
         raise ValueError("it has no position")
+    if sentence.lat_dir not in ("N", "S") or sentence.lon_dir not in ("E", "W"):
+        raise ValueError("its position has no N or S, or no E or W")
     clock = sentence.timestamp
     time = 3600.0 * clock.hour + 60.0 * clock.minute + clock.second + 1e-6 * clock.microsecond
     if before:
@@ -131,10 +138,11 @@ def _gga(sentence: Any, place: str, before: Sequence[Fix]) -> Fix:
         time += _DAY * (days + (time < of_day - 0.5 * _DAY))
     if sentence.altitude_units != "M":
         raise ValueError("its height is not in metres")
+    if sentence.geo_sep and sentence.geo_sep_units not in ("M", "", None):
+        raise ValueError("its geoid height is not in metres")
     separation = float(sentence.geo_sep) if sentence.geo_sep else None
-    return Fix(
-        time, sentence.latitude, sentence.longitude, float(sentence.altitude), separation, place
-    )
+    position = sentence.latitude, sentence.longitude, float(sentence.altitude)
+    return Fix(time, *position, separation, place, states_geoid=True)
 
 
 def _pos(text: str) -> Found:
@@ -146,6 +154,12 @@ def _pos(text: str) -> Found:
         raise TrajectoryError(
             "has no header with latitude(deg), longitude(deg), height(m); RTKLIB writes it with "
             "out-solformat = llh, out-degform = deg and out-outhead = on"
+        )
+    datum = next((match[1] for line in heads if (match := _POS_DATUM.search(line))), "WGS84")
+    if datum != "WGS84":
+        raise TrajectoryError(
+            f"is in the datum {datum}; only WGS84 is allowed: compute it with out-solformat = llh "
+            "in WGS84"
         )
     above_sea = any("/geodetic" in line for line in heads)
     fixes = []

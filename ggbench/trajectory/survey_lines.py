@@ -41,6 +41,10 @@ _TIMING = 1e-3
 _JITTER = 0.05
 """By how much samples may be off the interval of their line [intervals]."""
 _MOST_NAMED = 12
+_LARGEST = {"gradient": 1e5, DISTURBANCE: 2000.0}
+"""Beyond any field [E, mGal]."""
+_MARKS = (-9999.0, -9999.9, -9999.99, -9999.999, -99999.0, -999999.0, -32768.0)
+"""Usual marks of missing values."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +176,8 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
         )
     columns = {name: text.names.index(name) for name in _PLACES} | components
     numbers = text.numbers(columns, may_be_empty=frozenset(components))
+    for key in components:
+        _require_possible(text.first, key, numbers[key])
     _require_no_row_of_zeros(text.first, {key: numbers[key] for key in components})
     cells = [row.split(text.separator) for row in text.rows]
     names, kinds = (
@@ -191,6 +197,21 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
         readings = {key: numbers[key][start:stop] for key in components}
         lines[name] = SurveyLine(name, kinds[start], row, places, readings)
     return lines
+
+
+def _require_possible(first: int, name: str, values: Array) -> None:
+    """Raise TrajectoryError if a measurement is a mark of a missing value, or beyond any field.
+
+    ``first`` is the line number of the first sample.
+    """
+    limit = _LARGEST[DISTURBANCE if name == DISTURBANCE else "gradient"]
+    off = np.isin(values, _MARKS) | (np.abs(values) > limit)
+    if off.any():
+        n = int(off.argmax())
+        raise TrajectoryError(
+            f"line {first + n}: {name} is {values[n]:g}, in {off.sum()} rows; leave the cells of "
+            f"missing measurements empty; others lie between {-limit:g} and {limit:g}"
+        )
 
 
 def _require_no_row_of_zeros(first: int, readings: Mapping[str, Array]) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from ..gravity.coordinate_names import contradiction_of_axis, zero_level
 from ..gravity.unit_names import examples_for, factor_to_key
 from . import column_names
 from .csv_text import CsvText
@@ -38,8 +39,11 @@ def parse(
     keys: Sequence[str] = tuple(_ALIASES),
     fewest: int = FEWEST_ROWS,
     columns: str | Mapping[str, str] | None = None,
-) -> tuple[dict[str, Array], int]:
-    """Return the known columns (N,) of a CSV text, and the line number of the first row.
+) -> tuple[dict[str, Array], int, str]:
+    """Return the known columns (N,) of a CSV text, the line number of the first row, and a level.
+
+    The level is the zero level that the name of the heights states, see
+    :func:`.coordinate_names.zero_level`.
 
     Columns may be separated by commas, semicolons or tabs. Columns with unknown names, or not in
     ``keys``, are ignored. A name may have a unit in brackets, and times may be dates (ISO 8601). At
@@ -80,10 +84,18 @@ def parse(
     read = text.numbers(places | {key: place.at for key, place in places_given.items()})
     for key, factor in factors.items():
         read[key] = factor * read[key]
+    at = {key: place.at for key, place in places_given.items()} | places
+    for key, values in read.items():
+        if reason := contradiction_of_axis(key, text.names[at[key]], values):
+            raise TrajectoryError(
+                f"line {text.line} names a column '{text.names[at[key]]}', which is read as {key}: "
+                f"{reason}"
+            )
+    level = zero_level(text.names[at["height_m"]]) if "height_m" in at else ""
     plain = [name for name, part in zip(free, parts, strict=True) if not part]
     for group in _BARE:
         _require_degrees({key: read[key] for key in places}, plain, group)
-    return read, text.first
+    return read, text.first, level
 
 
 def _factor(key: str, name: str, unit: str, line: int) -> float:

@@ -34,6 +34,9 @@ _FORMATS = {
     **receiver_logs.FORMATS,
 }
 """What the head of a file of each format holds."""
+_GEOID_DIFFERENCE = 15.0
+"""Difference from EGM2008 beyond which stated geoid heights are doubtful [m]; receivers have coarse
+tables."""
 _HEAD = 65_536
 
 
@@ -63,8 +66,18 @@ def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> R
         )
     if name in readers:
         return _checked(*readers[name](text))
-    read, first = parse(content, columns=columns)
-    return Rows(read, lambda n: f"line {first + n}")
+    read, first, level = parse(content, columns=columns)
+    remark = ""
+    if level == "sea level":
+        read["height_m"], remark = _above_ellipsoid(
+            read["height_m"], read["latitude_deg"], read["longitude_deg"]
+        )
+    elif level:
+        remark = (
+            f"the heights are above {level} by their name, but were taken as heights above the "
+            "ellipsoid"
+        )
+    return Rows(read, lambda n: f"line {first + n}", remark)
 
 
 def recognised(content: bytes) -> tuple[str, str]:
@@ -138,13 +151,10 @@ def _checked(fixes: Sequence[Fix], remark: str) -> Rows:
     times, latitude, longitude, height = numbers.T
     if all(fix.geoid is not None for fix in fixes):
         height = height + np.array([fix.geoid for fix in fixes], dtype=float)
-    elif (np.abs(latitude) <= 90.0).all():  # else it is refused for that
-        from ..maps.geoid import geoid_heights  # loads a model, which few tracks need
-
-        geoid = geoid_heights(latitude, longitude)
-        heights = _SEA_LEVEL.format(f"{geoid.mean():.0f} m on average")
-        remark = "; ".join(filter(None, (remark, heights)))
-        height = height + geoid
+        remark = "; ".join(filter(None, (remark, _doubtful_geoid(fixes, latitude, longitude))))
+    else:
+        height, of_heights = _above_ellipsoid(height, latitude, longitude)
+        remark = "; ".join(filter(None, (remark, of_heights)))
     columns = {
         "time_s": times - times[0],
         "latitude_deg": latitude,
@@ -152,6 +162,33 @@ def _checked(fixes: Sequence[Fix], remark: str) -> Rows:
         "height_m": height,
     }
     return Rows(columns, lambda n: fixes[n].place, remark)
+
+
+def _above_ellipsoid(height: Array, latitude: Array, longitude: Array) -> tuple[Array, str]:
+    """Return ellipsoidal heights (N,) of heights above sea level [m], and a remark."""
+    if not (np.abs(latitude) <= 90.0).all():
+        return height, ""  # the track is refused for that
+    from ..maps.geoid import geoid_heights  # loads a model, which few tracks need
+
+    geoid = geoid_heights(latitude, longitude)
+    return height + geoid, _SEA_LEVEL.format(f"{geoid.mean():.0f} m on average")
+
+
+def _doubtful_geoid(fixes: Sequence[Fix], latitude: Array, longitude: Array) -> str:
+    """Return a remark if the geoid heights of a file are far from those of EGM2008, else ""."""
+    stated = np.array([fix.geoid for fix in fixes], dtype=float)
+    if not fixes[0].states_geoid or not (np.abs(latitude) <= 90.0).all():
+        return ""
+    from ..maps.geoid import geoid_heights
+
+    expected = float(geoid_heights(latitude, longitude).mean())
+    if abs(float(stated.mean()) - expected) <= _GEOID_DIFFERENCE:
+        return ""
+    return (
+        f"it states geoid heights of {stated.mean():.0f} m on average, but EGM2008 has "
+        f"{expected:.0f} m: if its heights are not above the ellipsoid already, they are wrong by "
+        "the difference"
+    )
 
 
 def _gpx(text: str) -> tuple[list[Fix], str]:
@@ -179,6 +216,7 @@ def _gpx(text: str) -> tuple[list[Fix], str]:
                 point.elevation,
                 point.geoid_height,
                 place,
+                states_geoid=True,
             )
         )
     return fixes, ""

@@ -48,7 +48,7 @@ def _places(content: bytes) -> Array:
         return _kml(text)
     if kind != "csv":
         raise TrajectoryError("is a receiver log; waypoints are read from GPX, KML or CSV")
-    columns, _ = parse(content, _COLUMNS, fewest=1)
+    columns, _, _ = parse(content, _COLUMNS, fewest=1)
     return np.stack([columns[key] for key in _COLUMNS], axis=1)
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import textwrap
 
 import pytest
+from click.testing import CliRunner
 from command import invoke
 
+from ggbench.cli.main import main
 from ggbench.contract.catalogue import CHECKS
 
 START = """
@@ -140,3 +142,13 @@ def test_one_that_takes_nothing_is_no_success(tmp_path):
     assert code == 2
     assert output.count("not asked: ") == len(CHECKS)
     assert "refuses every problem of the contract" in error
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("exec:./no_such_program", "no_such_program"), ("estimates.mat", "cannot read estimates.mat")],
+)
+def test_a_program_or_a_file_of_estimates_that_does_not_exist_is_named(text, said):
+    result = CliRunner().invoke(main, ["check", text])
+    assert result.exit_code == 2
+    assert said in result.output and "cannot be imported: it ended" not in result.output

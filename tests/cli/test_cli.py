@@ -14,9 +14,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from campaigns import COMMAND, DEADLINE_S, stored
+from click.testing import CliRunner
 from command import Outcome, invoke
 from problems import SMALL
 
+from ggbench.cli.main import main
 from ggbench.judging.summary import METRICS
 
 LAGGED = "factor-graph[mode=fixed-lag,lag="
@@ -282,3 +284,22 @@ def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, 
         done = invoke([*run[:3], "1", *run[4:]], tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         assert stored(tmp_path / "out") >= 4
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "new scenario mine --speed nan",
+        "map build --lines a.csv --depth nan -o a.nc",
+        "map build --terrain a.tif --density inf -o a.nc",
+        "map show a.nc --height nan",
+        "map score a.nc --noise nan",
+    ],
+)
+def test_options_are_finite_numbers(words, tmp_path, monkeypatch):
+    """Ranges of click let nan pass, into scenarios and maps."""
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(main, words.split())
+    assert result.exit_code == 2
+    assert "must be a finite number" in result.output
+    assert not list(tmp_path.iterdir())

@@ -91,3 +91,11 @@ def test_complex_numbers_are_refused(tmp_path):
     containers.write(tmp_path / "file.mat", {"z": np.array([1j])}, {})
     with pytest.raises(GGBenchError, match="z contains complex numbers, not real numbers"):
         containers.read(tmp_path / "file.mat")
+
+
+def test_a_file_of_matlab_7_3_is_named(tmp_path):
+    path = tmp_path / "estimates.mat"
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(head.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n".ljust(512, b"\0"))
+    with pytest.raises(GGBenchError, match=r"MATLAB 7\.3: save it with the option '-v7'"):
+        containers.read(path)

@@ -62,3 +62,41 @@ def test_times_in_messages_have_no_digits_of_rounding(tmp_path):
         columns = read(write(tmp_path / "a.csv", "time_s,height_m", rows), ("height_m",))
         with pytest.raises(FlightError, match=message):
             clocked(columns, 0.0)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "% made by a program\ntime_s,height_m",
+        "% 5 Hz, at rest\ntime_s,height_m",
+        "% time_s,height_m",
+    ],
+)
+def test_comments_of_matlab_are_passed_over(names, tmp_path):
+    columns = read(write(tmp_path / "a.csv", names), ("height_m",))
+    np.testing.assert_allclose(columns["height_m"], 0.1 * np.arange(6.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"), [("alt_ft", 0.3048), ("Height feet", 0.3048), ("alt_mm", 1e-3)]
+)
+def test_a_unit_at_the_end_of_a_name_counts(name, factor, tmp_path):
+    path = write(tmp_path / "a.csv", f"time_s,{name}")
+    columns = read(path, ("height_m",), names={"height_m": name})
+    np.testing.assert_allclose(columns["height_m"], 0.1 * factor * np.arange(6.0))
+    assert columns.states_unit("height_m")
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "said"),
+    [
+        ("height_m", "alt_msl", "add the height of the geoid"),
+        ("height_m", "depth", "positive down"),
+        ("latitude_deg", "longitude", "columns are swapped"),
+        ("longitude_deg", "lon_w", "positive west"),
+    ],
+)
+def test_a_name_that_contradicts_its_key_is_refused(key, name, said, tmp_path):
+    path = write(tmp_path / "a.csv", f"time_s,{name}")
+    with pytest.raises(FlightError, match=said):
+        read(path, (key,), names={key: name})

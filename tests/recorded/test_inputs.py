@@ -51,9 +51,10 @@ def _set(row, **values):
     return change
 
 
-def _zeros(rows):
-    def change(table: pd.DataFrame) -> None:
-        table.loc[rows, [name for name in table if name.startswith("gradient_")]] = 0.0
+def _zeros(rows, value=0.0):
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        table.loc[rows, [name for name in table if name.startswith("gradient_")]] = value
+        return table
 
     return change
 
@@ -228,6 +229,18 @@ ROWS = {
         "reference",
         lambda t: t.assign(longitude_deg=t.longitude_deg + 20.0),
         "km away",
+    ),
+    "reference in feet": (
+        "solution",
+        "reference",
+        _scale(1.0 / 0.3048, "height_m"),
+        "one of the two heights is in feet",
+    ),
+    "gradients of a mark of missing values": (
+        "gradiometer",
+        "gradiometer",
+        _zeros([3], -9999.0),
+        "are all -9999, in 1 of",
     ),
     "reference of another day": (
         "solution",

@@ -260,3 +260,20 @@ def test_a_log_that_lacks_too_many_samples_is_refused(tmp_path):
     kept = np.arange(COUNT) % 5 != 4
     said = run(log(tmp_path / "a.csv", VALUES[kept], TIMES[kept]), code=2).output
     assert "of the samples are missing" in " ".join(said.split())
+
+
+def test_an_axis_that_is_constant_and_marks_of_missing_values_are_refused(tmp_path):
+    values = VALUES.copy()
+    values[:, 1] = 1e-5
+    path = log(tmp_path / "constant.csv", values)
+    assert "constant or not finite (y constant)" in run(path, code=2).output
+    values = VALUES.copy()
+    values[700, 5] = -9999.0
+    output = run(log(tmp_path / "mark.csv", values), code=2).output
+    assert "line 702: specific_force_z_mps2 is -9999 and must lie between" in output
+
+
+def test_noise_below_any_grade_is_not_called_larger(tmp_path):
+    values = np.hstack([1e-12 * GYROS, FORCES])
+    result = run(log(tmp_path / "a.csv", values))
+    assert "smaller than that of any grade" in result.stderr and "larger" not in result.stderr

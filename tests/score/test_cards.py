@@ -70,6 +70,9 @@ def card(seed: int = 1, factor: float = 1.0, **changes) -> Card:
 def test_a_card_is_read_as_it_was_written(tmp_path):
     cards.write(card(), tmp_path / "card.json")
     assert cards.read(tmp_path / "card.json") == card()
+    marked = tmp_path / "marked.json"
+    marked.write_bytes(b"\xef\xbb\xbf" + (tmp_path / "card.json").read_bytes())
+    assert cards.read(marked) == card()
     schema = json.loads(cards.schema_text())
     assert set(card().model_dump(mode="json")) <= set(schema["properties"])
 

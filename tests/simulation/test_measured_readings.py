@@ -144,6 +144,15 @@ def test_a_row_of_zeros_is_refused(folder, tmp_path):
         read_lines(str(tmp_path / "0.0,-0.0,0.csv"))
 
 
+@pytest.mark.parametrize("cell", ["-9999", "-9999.999", "-1e32", "2e5"])
+def test_a_mark_of_a_missing_value_is_refused(cell, folder, tmp_path):
+    rows = (folder / "lines.csv").read_text().splitlines()
+    rows[7] = ",".join([*rows[7].split(",")[:7], "1.0", cell, "2.5"])
+    (tmp_path / "lines.csv").write_text("\n".join(rows))
+    with pytest.raises(GGBenchError, match=r"line 8: xz is .* leave the cells of missing"):
+        read_lines(str(tmp_path / "lines.csv"))
+
+
 def test_all_lines_are_flown_by_their_times_with_turns_between(folder, keys, tmp_path):
     """Readings on lines only, the turns smooth, of the speeds of the lines' ends; one cluster."""
     rows = (folder / "lines.csv").read_text().splitlines()

@@ -18,7 +18,9 @@ from receiver_tracks import (
     iso,
     kml,
     nmea,
+    nmea_line,
     novatel,
+    pos,
 )
 
 from ggbench.trajectory.manoeuvres import TrajectoryError
@@ -185,3 +187,35 @@ def test_empty_elements_that_the_standard_allows_are_left_out():
     assert "3 empty positions are left out" in found.remark
     segments = gpx().replace("<trkseg>", "<trkseg></trkseg><trkseg>")
     assert is_the_flight(rows_of(segments.encode()))
+
+
+def with_cells(old, new):
+    """The log with another text in each fix, and with right checksums."""
+    lines = [line.partition("*")[0].lstrip("$") for line in nmea().split("\r\n") if ",M,46" in line]
+    return "\r\n".join(nmea_line(line.replace(old, new)) for line in lines).encode()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (",E,", ",,", "no N or S, or no E or W"),
+        (",N,", ",,", "no N or S, or no E or W"),
+        (",46.5,M,", ",152.6,F,", "geoid height is not in metres"),
+    ],
+)
+def test_a_fix_without_direction_or_in_feet_is_none(old, new, said):
+    with pytest.raises(TrajectoryError, match=said):
+        rows_of(with_cells(old, new))
+
+
+@pytest.mark.parametrize(("stated", "is_doubtful"), [("0.0", True), ("44.0", False)])
+def test_geoid_heights_far_from_those_of_a_model_are_remarked_on(stated, is_doubtful):
+    rows = rows_of(with_cells(",46.5,M,", f",{stated},M,"))
+    assert ("EGM2008 has 47 m" in rows.remark) is is_doubtful
+    text = gpx().replace(f"<geoidheight>{46.5}", f"<geoidheight>{stated}")
+    assert ("EGM2008 has 47 m" in rows_of(text.encode()).remark) is is_doubtful
+
+
+def test_a_solution_in_another_datum_is_refused():
+    with pytest.raises(TrajectoryError, match="datum Tokyo; only WGS84"):
+        rows_of(pos().replace("WGS84", "Tokyo").encode())

@@ -112,3 +112,62 @@ def test_other_names_are_another_flight(tmp_path):
         keys.add(problem_key(small_case({}).model_copy(update={"trajectory": spec}), 1))
         assert hash(spec) == hash(spec.model_copy())
     assert len(keys) == 3
+
+
+def csv_text(names, scale=1.0):
+    """The flight with other names of its columns."""
+    rows = np.column_stack([SECONDS, LATITUDES, LONGITUDES, scale * HEIGHTS])
+    return "\n".join([names, *(",".join(f"{v:.12g}" for v in row) for row in rows)]).encode()
+
+
+@pytest.mark.parametrize("name", ["alt_ft", "Altitude ft", "altitude_feet", "AltFt"])
+def test_a_unit_at_the_end_of_a_name_counts(name):
+    content = csv_text(f"time_s,latitude_deg,longitude_deg,{name}", 1.0 / 0.3048)
+    found = rows_of(content, {"height_m": name}).columns
+    np.testing.assert_allclose(found["height_m"], HEIGHTS, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [
+        ("altitude (m AMSL)", None),
+        ("height [m above mean sea level]", None),
+        ("alt_msl", {"height_m": "alt_msl"}),
+        ("orthometric_height", {"height_m": "orthometric_height"}),
+    ],
+)
+def test_heights_above_sea_level_by_name_become_ellipsoidal(name, columns):
+    """The geoid is 46.8 m at Munich."""
+    found = rows_of(csv_text(f"time_s,latitude_deg,longitude_deg,{name}"), columns)
+    np.testing.assert_allclose(found.columns["height_m"], HEIGHTS + 46.8, atol=1.5)
+    assert "above sea level" in found.remark
+
+
+@pytest.mark.parametrize(
+    ("names", "columns", "said"),
+    [
+        ("time_s,lon,longitude_deg,height_m", {"latitude_deg": "lon"}, "columns are swapped"),
+        ("time_s,latitude_deg,lon_w,height_m", {"longitude_deg": "lon_w"}, "positive west"),
+        ("time_s,latitude_deg,longitude_deg,depth", {"height_m": "depth"}, "positive down"),
+    ],
+)
+def test_a_name_that_contradicts_its_key_is_refused(names, columns, said):
+    with pytest.raises(TrajectoryError, match=said):
+        rows_of(csv_text(names), columns)
+
+
+def test_heights_above_the_ground_by_name_are_remarked_on():
+    content = csv_text("time_s,latitude_deg,longitude_deg,height_agl")
+    assert "above the ground" in rows_of(content, {"height_m": "height_agl"}).remark
+
+
+@pytest.mark.parametrize("comment", ["% made by a program\n", "% one\n% two\n"])
+def test_comments_of_matlab_are_passed_over(comment):
+    content = comment.encode() + csv_text("time_s,latitude_deg,longitude_deg,height_m")
+    np.testing.assert_allclose(rows_of(content).columns["height_m"], HEIGHTS, atol=1e-3)
+
+
+def test_rows_may_end_in_a_separator():
+    content = csv_text("time_s,latitude_deg,longitude_deg,height_m").replace(b"\n", b",\n") + b","
+    content = content.replace(b"height_m,", b"height_m", 1)
+    np.testing.assert_allclose(rows_of(content).columns["height_m"], HEIGHTS, atol=1e-3)
