@@ -182,9 +182,9 @@ def wide_prior(of: Metrics) -> str:
         for name in good
     ]
     return (
-        f"With a prior of three correlation lengths use one of these filters (RMS error, time per "
-        f"run): {', '.join(costs)}. The EKF [succeeds](definitions.md) in {share(linear)} of the "
-        "runs and is unsafe (‡)."
+        f"With a prior of three correlation lengths use (RMS error, time per run) "
+        f"{', '.join(costs[:-1])} or {costs[-1]}. The EKF [succeeds](definitions.md) in "
+        f"{share(linear)} of the runs and is unsafe (‡)."
     )
 
 
