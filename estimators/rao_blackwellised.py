@@ -78,7 +78,10 @@ class RaoBlackwellisedFilter(CloudFilter):
     name = "rao-blackwellised"
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems nonlinear in states after the position; else None."""
+        """Return the reason to skip a problem that is nonlinear in other states than the position.
+
+        None if it is linear in them.
+        """
         return mixing(problem)
 
     def drawn(self, problem: Problem) -> int:

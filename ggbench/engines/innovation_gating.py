@@ -48,7 +48,7 @@ def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> Gat
 
 
 def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
-    """Return the largest accepted yᵀ S⁻¹ y (...) of measurements.
+    """Return the largest accepted value of yᵀ S⁻¹ y, with the leading axes of ``present``.
 
     The limit is the quantile of χ² with one degree of freedom per available channel. It is ∞ if no
     channel is available or there is no gate.

@@ -98,7 +98,8 @@ def roughness(g: Array, east_m: float, north_m: float) -> float:
 
     The result is the mean of the values along rows and along columns. In the literature the
     difference is not divided by the distance between nodes, and therefore depends on the node
-    spacing. A dependence by short wavelengths that the nodes do not resolve remains.
+    spacing. The result still depends on the spacing if the nodes do not resolve
+    short wavelengths of the field.
     """
     along_rows = math.sqrt(float(np.mean(np.diff(g, axis=1) ** 2))) / east_m
     along_columns = math.sqrt(float(np.mean(np.diff(g, axis=0) ** 2))) / north_m
