@@ -80,7 +80,8 @@ class _Candidate(NamedTuple):
             one.advance(stop)
         if self.first_evidence is not None:
             self.sums[0].evidence[0, 0] = self.first_evidence
-        return np.asarray((self.sums[0].evidence + self.peak)[:, first:stop])
+        # Later epochs are not filled yet.
+        return np.asarray(self.sums[0].evidence[:, first:stop] + self.peak[:, first:stop])
 
 
 class Mixture(NamedTuple):

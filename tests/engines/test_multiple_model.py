@@ -413,6 +413,23 @@ def test_less_noise_is_no_answer_to_errors_that_are_modelled_too_rough():
         assert left == ([less, more] if taken else [more])
 
 
+def test_epochs_that_are_not_filled_yet_are_not_used(monkeypatch):
+    """With signalling NaN in new arrays, as memory may hold them, no operation warns of one."""
+    block, empty = flight("prior-0.3", runs=1, epochs=12), np.empty
+    signalling = np.array([0x7FF0000000000001], dtype=np.uint64).view(float)
+
+    def filled(*arguments, **options):
+        array = empty(*arguments, **options)
+        if array.dtype == float:
+            array.reshape(-1)[:] = signalling
+        return array
+
+    monkeypatch.setattr(np, "empty", filled)
+    with np.errstate(invalid="raise"):
+        found = MultipleModel().estimate_block(block)
+    assert np.isfinite(found.mean).all()
+
+
 @pytest.mark.long
 def test_the_search_ends_over_a_rough_map_with_coloured_noise():
     """Along measured lines: the grid is as fine as the noise needs, and all hypotheses begin."""
