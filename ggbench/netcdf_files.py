@@ -1,4 +1,8 @@
-"""Reader of untrusted netCDF files, with one user error for any failure.
+"""Access to netCDF files: one user error for any failure to read, and one thread at a time.
+
+The libraries netCDF and HDF5 are not safe for threads ("Questions about thread-safety and
+concurrent access", HDF5 documentation). Two threads that use different files at a time end in a
+segmentation fault. Therefore a thread holds :data:`NETCDF_LOCK` while it uses a file.
 
 HDF5, the format of netCDF-4, can read values from other files of the computer in three ways:
 external storage, virtual datasets and external links (HDF5 File Format Specification 3.0, IV.A.2.g,
@@ -12,12 +16,16 @@ import importlib
 import mmap
 import re
 import struct
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 from .errors import GGBenchError, reported, text_of
 from .files import reason_of
+
+NETCDF_LOCK = threading.RLock()
+"""Held while a thread opens, reads, writes or closes any netCDF file."""
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _LINK = re.compile(rb"\x01[\x08-\x1f]\x40", re.DOTALL)
@@ -34,8 +42,10 @@ def netcdf_file(
     error: type[GGBenchError],
     what: str,
     library: Literal["netCDF4", "xarray"] = "netCDF4",
+    *,
+    again: bool = False,
 ) -> Iterator[Any]:
-    """Open a netCDF file for reading, and close it.
+    """Open a netCDF file for reading, and close it. The thread holds the lock in between.
 
     Parameters
     ----------
@@ -46,8 +56,10 @@ def netcdf_file(
     what : name of the file in the error message.
     library : ``netCDF4`` yields a ``netCDF4.Dataset``; ``xarray`` yields an ``xarray.Dataset`` with
         missing values as NaN and times as numbers.
+    again : whether the file was opened before, and is not searched for references again.
     """
-    require_own_values(path, error, what)
+    if not again:
+        require_own_values(path, error, what)
     try:
         package = importlib.import_module(library)
         importlib.import_module("netCDF4")
@@ -57,6 +69,7 @@ def netcdf_file(
             "install 'ggbench[terrain]'"
         ) from None
     with (
+        NETCDF_LOCK,
         reported(error, f"{what} cannot be read as a netCDF file"),
         (
             package.open_dataset(path, engine="netcdf4", decode_times=False)
@@ -65,6 +78,24 @@ def netcdf_file(
         ) as file,
     ):
         yield file
+
+
+@contextlib.contextmanager
+def new_netcdf_file(path: Path) -> Iterator[Any]:
+    """Create a netCDF-4 file, yield its ``netCDF4.Dataset``, and close it.
+
+    The thread holds the lock only while it creates or closes the file. Hold :data:`NETCDF_LOCK`
+    while you write.
+    """
+    import netCDF4
+
+    with NETCDF_LOCK:
+        file = netCDF4.Dataset(path, "w", format="NETCDF4")
+    try:
+        yield file
+    finally:
+        with NETCDF_LOCK:
+            file.close()
 
 
 def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import GGBenchError, text_of
 from ..files import written_whole
-from ..netcdf_files import netcdf_file
+from ..netcdf_files import NETCDF_LOCK, netcdf_file, new_netcdf_file
 
 Content = Mapping[str, np.ndarray | str]
 """Arrays of floats, and texts, by name."""
@@ -121,9 +121,7 @@ def _checked(path: Path, name: str, value: Any) -> np.ndarray | str:
 
 
 def _write_netcdf(path: Path, content: Content, notes: Mapping[str, str]) -> None:
-    import netCDF4
-
-    with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
+    with NETCDF_LOCK, new_netcdf_file(path) as file:
         for name, value in content.items():
             if isinstance(value, str):
                 file.setncattr_string(name, value)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..files import end_if_asked, written_whole
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError, unknown
+from ..netcdf_files import NETCDF_LOCK, new_netcdf_file
 from ..numerics.source import VERSION
 
 Array = NDArray[np.floating]
@@ -178,47 +179,14 @@ def write_layers(
     MapError
         If the file cannot be written.
     """
-    import netCDF4
-
     values = (len(TENSOR) + len(VECTOR)) * math.prod(nodes.shape)
     size = values * np.dtype(dtype).itemsize
-    options: dict[str, Any] = {
-        "zlib": compression > 0,
-        "complevel": compression,
-        "fletcher32": True,  # a damaged value is an error, never another number
-        "chunksizes": (1, *map(_chunk, nodes.shape[:2])),
-        "fill_value": False,
-    }
     with (
         written_whole(path, MapError, "the map ", size) as temporary,
-        netCDF4.Dataset(temporary, "w", format="NETCDF4") as file,
+        new_netcdf_file(temporary) as file,
     ):
-        file.setncatts(
-            {
-                "Conventions": "CF-1.11",
-                "format": FORMAT,
-                "ggbench_version": VERSION,
-                "frame": FRAME,
-                "comment": CONTENT,
-                **attributes,
-            }
-        )
-        file.createVariable("crs", "i4").setncatts(_CRS)
-        axes = axes_of(nodes.base_m is not None)
-        for name, axis in zip(
-            axes, (nodes.height_m, nodes.latitude_deg, nodes.longitude_deg), strict=True
-        ):
-            file.createDimension(name, axis.size)
-            variable = file.createVariable(name, "f8", (name,))
-            variable.setncatts(axes[name])
-            variable[:] = axis
-        if nodes.base_m is not None:
-            variable = file.createVariable(BASE, "f8", ("latitude", "longitude"), fletcher32=True)
-            variable.setncatts(_BASE)
-            variable[:] = nodes.base_m
-        for index, (name, attrs) in enumerate(variables().items()):
-            variable = file.createVariable(name, dtype, tuple(axes), **options)
-            variable.setncatts({**attrs, **_error_of(errors, index), "grid_mapping": "crs"})
+        with NETCDF_LOCK:
+            _define(file, nodes, attributes, errors, dtype, compression)
         _write_layers(file, nodes, layers, dtype)
 
 
@@ -253,6 +221,50 @@ def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None
     write_layers(path, nodes, layers, attributes, dtype, errors=errors)
 
 
+def _define(
+    file: Any,
+    nodes: Nodes,
+    attributes: Mapping[str, str],
+    errors: Errors | None,
+    dtype: str,
+    compression: int,
+) -> None:
+    """Write everything but the values of the layers, and create the variables for those."""
+    file.setncatts(
+        {
+            "Conventions": "CF-1.11",
+            "format": FORMAT,
+            "ggbench_version": VERSION,
+            "frame": FRAME,
+            "comment": CONTENT,
+            **attributes,
+        }
+    )
+    file.createVariable("crs", "i4").setncatts(_CRS)
+    axes = axes_of(nodes.base_m is not None)
+    for name, axis in zip(
+        axes, (nodes.height_m, nodes.latitude_deg, nodes.longitude_deg), strict=True
+    ):
+        file.createDimension(name, axis.size)
+        variable = file.createVariable(name, "f8", (name,))
+        variable.setncatts(axes[name])
+        variable[:] = axis
+    if nodes.base_m is not None:
+        variable = file.createVariable(BASE, "f8", ("latitude", "longitude"), fletcher32=True)
+        variable.setncatts(_BASE)
+        variable[:] = nodes.base_m
+    options: dict[str, Any] = {
+        "zlib": compression > 0,
+        "complevel": compression,
+        "fletcher32": True,  # a damaged value is an error, never another number
+        "chunksizes": (1, *map(_chunk, nodes.shape[:2])),
+        "fill_value": False,
+    }
+    for index, (name, attrs) in enumerate(variables().items()):
+        variable = file.createVariable(name, dtype, tuple(axes), **options)
+        variable.setncatts({**attrs, **_error_of(errors, index), "grid_mapping": "crs"})
+
+
 def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) -> None:
     """Write the values of all heights into a file that has its variables."""
     count = 0
@@ -269,7 +281,8 @@ def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) 
                         f"the field at {nodes.height_m[index]:g} m has values that are not "
                         "finite: no map is written."
                     )
-                file.variables[prefix + name][index] = layer
+                with NETCDF_LOCK:
+                    file.variables[prefix + name][index] = layer
         count += 1
     if count != nodes.height_m.size:
         raise MapError(

@@ -91,7 +91,7 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
     return (
         Nodes(nodes["latitude"], nodes["longitude"], nodes["height"], base),
         attributes,
-        _layers(path),
+        _layers(path, nodes["height"].size),
     )
 
 
@@ -109,30 +109,34 @@ def source_files(path: Path) -> dict[str, str]:
         return {}
 
 
-def _layers(path: Path) -> Iterator[Layer]:
-    with _opened(path) as file:
+def _layers(path: Path, count: int) -> Iterator[Layer]:
+    for index in range(count):
+        yield _read_layer(path, index)
+
+
+def _read_layer(path: Path, index: int) -> Layer:
+    """Return one layer. The file is closed between layers: another thread may write its own."""
+    with _opened(path, again=True) as file:
         nodes, slices = _read_nodes(path, file)
-        whole = _kept(path, nodes, None)
-        for index in range(nodes["height"].size):
-            keep = whole | {"height": slice(index, index + 1)}
-            tensor, disturbance = (
-                _read_components(path, file, prefix, names, keep, slices)[:, :, 0]
-                for prefix, names in (("gradient", TENSOR), ("disturbance", VECTOR))
-            )
-            what = f"{path}, at {nodes['height'][index]:g} m"
-            checks.require_possible(what, tensor, disturbance)
-            yield tensor, disturbance
+        keep = _kept(path, nodes, None) | {"height": slice(index, index + 1)}
+        tensor, disturbance = (
+            _read_components(path, file, prefix, names, keep, slices)[:, :, 0]
+            for prefix, names in (("gradient", TENSOR), ("disturbance", VECTOR))
+        )
+    what = f"{path}, at {nodes['height'][index]:g} m"
+    checks.require_possible(what, tensor, disturbance)
+    return tensor, disturbance
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(path: Path, again: bool = False) -> Iterator[Any]:
     """Open a netCDF file as it is stored. Raises MapError if it is none."""
     if path.suffix == ".npz" and path.is_file():
         raise MapError(
             f"{path} is a NumPy archive; maps are netCDF files: build it again with 'ggbench map "
             "build -o MAP.nc'."
         )
-    with netcdf_file(path, MapError, f"the map {path}") as file:
+    with netcdf_file(path, MapError, f"the map {path}", again=again) as file:
         file.set_auto_maskandscale(False)
         yield file
 
