@@ -33,9 +33,18 @@ def source(tmp_path_factory):
     tensor[..., 5] = -tensor[..., 0] - tensor[..., 3]
     disturbance = 1e-5 * rng.standard_normal((30, 30, 24, 3))
     path = tmp_path_factory.mktemp("map") / "map.nc"
-    netcdf.write(
-        path, GradientMap(0.7, 0.2, 100.0, 1e-4, 1e-4, 100.0, tensor, disturbance, "noise")
+    gradient_map = GradientMap(
+        latitude0=0.7,
+        longitude0=0.2,
+        height0=100.0,
+        latitude_step=1e-4,
+        longitude_step=1e-4,
+        height_step=100.0,
+        tensor=tensor,
+        gravity_disturbance=disturbance,
+        provenance="noise",
     )
+    netcdf.write(path, gradient_map)
     return path
 
 
