@@ -55,6 +55,7 @@ def test_intensities_are_told_apart() -> None:
     assert rms[1] < 0.8 * rms[2] < 0.5 * rms[3]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("intensity", ["moderate", "severe"])
 def test_the_noise_of_vibrating_disks_is_that_of_the_track(intensity: str) -> None:
     """The scenario has the figure of the study, to its last digit, with the noise at rest.

@@ -67,9 +67,9 @@ class Choice:
 
     @cached_property  # each run asks for it
     def content(self) -> dict[str, Any]:
-        """All inputs of the estimator's results: class, all parameters, hash of the source file.
+        """What determines the estimator's results: class, all parameters, hash of the source file.
 
-        For an estimator of another package the versions of that package are included. Names in the
+        For an estimator from other packages, their installed versions are included. Names in the
         source that give access to the truth are included too (:func:`.suspicious_names`).
         """
         cls = type(self.estimator)

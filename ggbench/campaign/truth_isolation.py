@@ -31,7 +31,7 @@ _NAMES = {
 class HiddenArray:
     """An array in hidden memory; it becomes a NumPy object only while :meth:`looked_at` is open.
 
-    The original array is overwritten with NaN, because its memory will be used again.
+    The original array is overwritten with NaN: code that gets its memory later cannot read it.
     """
 
     def __init__(self, array: np.ndarray) -> None:

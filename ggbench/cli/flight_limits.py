@@ -105,7 +105,7 @@ class Examined:
 
     @property
     def name(self) -> str:
-        """Name ``CASE``, or ``STUDY/CASE`` for a case of an assumption."""
+        """Name of the case; ``STUDY/CASE`` for a case in the study of an assumption."""
         return f"{self.study}/{self.case.name}" if self.study else self.case.name
 
 

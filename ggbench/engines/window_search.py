@@ -315,7 +315,7 @@ class WindowSearch(TrajectorySearch):
 
         Parameters
         ----------
-        starts : multipliers (n,) of each start, see :meth:`Search.multipliers`.
+        starts : start points, each as multipliers λ (n,) of :meth:`Search.multipliers`.
         """
         if not len(starts):
             return []
@@ -337,9 +337,9 @@ def refined(window: WindowSearch, starts: Sequence[np.ndarray], apart: float) ->
     Parameters
     ----------
     window : searches within the window of one run.
-    starts : multipliers (n,) of each start, see :meth:`Search.multipliers`.
-    apart : smallest distance between returned positions [m] at the window's end; a position that is
-        closer to a more probable position is dropped.
+    starts : start points, each as multipliers λ (n,) of :meth:`Search.multipliers`.
+    apart : smallest distance between returned positions at the window's end [m]. A position within
+        this distance of a more probable one is dropped.
     """
     places = [place for place in window.places(starts) if place is not None]
     return distinct(window.block.problem(0), places, apart)

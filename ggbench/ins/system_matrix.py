@@ -134,10 +134,10 @@ def entries_between(
     increments : (N, 6, LANES) increments of angle [rad] and velocity [m/s].
     dt : IMU interval [s].
     first, last : indices of the two samples.
-    constant : (ENTRIES,) constants added to F: damping by an altimeter, decay of biases and, at
-        ``DISTANCE``, −1/D [1/m] of the gravity disturbance, which is multiplied by the speed. Other
-        entries are zero.
-    gravity : gravity disturbance that the mechanization adds, after :func:`.receive_all`.
+    constant : (ENTRIES,) constants added to F: damping by an altimeter and decay of biases.
+        The entry ``DISTANCE`` is −1/D [1/m], with the correlation length D of the gravity
+        disturbance; F gets −1/D times the speed. Other entries are zero.
+    gravity : gravity disturbance that the mechanization adds; call :func:`.receive_all` first.
     out : (., ENTRIES, LANES) output; the first ``last - first`` elements are filled.
     """
     rate = 1.0 / dt

@@ -32,7 +32,9 @@ def geoid_heights(latitude: Array, longitude: Array) -> Array:
     """
     rows = np.arange(len(latitude))
     nodes = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_NODES)).round())
-    heights = [_geoid_height(latitude[int(n)], longitude[int(n)]) for n in nodes]
+    at = nodes.astype(int)
+    # All pairs of latitude and longitude: the Legendre functions cost far more than the sums.
+    heights = _grid_of_heights(*(np.asarray(axis)[at] for axis in (latitude, longitude))).diagonal()
     return np.asarray(np.interp(rows, nodes, heights))
 
 
@@ -43,7 +45,7 @@ def geoid_over(latitude: Array, longitude: Array) -> Array:
     positions, and interpolated.
     """
     axes = [_axis(places) for places in (latitude, longitude)]
-    heights = np.array([[_geoid_height(lat, lon) for lon in axes[1]] for lat in axes[0]])
+    heights = _grid_of_heights(*axes)
     return np.asarray(RectBivariateSpline(*axes, heights).ev(latitude, longitude))
 
 
@@ -54,11 +56,12 @@ def _axis(places: Array) -> Array:
     return np.linspace(first, last, max(count, _FEWEST_NODES))
 
 
-def _geoid_height(latitude: float, longitude: float) -> float:
-    place = np.radians([[latitude], [longitude]])
-    disturbing = float(potential(_disturbing(), place[0], place[1], [0.0])[0, 0, 0])
-    gravity = float(normal_gravity(float(place[0, 0]), 0.0)[0])
-    return disturbing / gravity + _ZERO_DEGREE
+def _grid_of_heights(latitude: Array, longitude: Array) -> Array:
+    """Return geoid heights (n, m) [m] at all pairs of latitudes (n,) and longitudes (m,) [deg]."""
+    parallels, meridians = np.radians(latitude), np.radians(longitude)
+    disturbing = potential(_disturbing(), parallels, meridians, [0.0])[:, :, 0]
+    gravity = np.array([normal_gravity(parallel, 0.0)[0] for parallel in parallels.tolist()])
+    return np.asarray(disturbing / gravity[:, np.newaxis] + _ZERO_DEGREE)
 
 
 @lru_cache(maxsize=1)

@@ -140,8 +140,8 @@ def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -
     The sum is over the positions p of the track; ``grid`` (s, s, 2) contains the offsets d.
 
     A(d) is the expected difference of the log likelihoods of the true track and the track displaced
-    by d. It is NaN in the corners of the grid, where |d| exceeds the length of the axes, and if the
-    displaced track leaves the map.
+    by d. It is NaN where |d| exceeds the largest offset along an axis (the corners of the grid) and
+    where the displaced track leaves the map.
     """
     flat = grid.reshape(-1, 2)
     distances = np.full(len(flat), np.nan)

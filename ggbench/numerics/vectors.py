@@ -188,7 +188,7 @@ def splat(typing: Any, number: Any) -> Any:
 
 @intrinsic
 def like(typing: Any, kind: Any, number: Any) -> Any:
-    """Convert a number to the type of ``kind``, which is a number or a vector."""
+    """Return ``number``, or a vector with it in all lanes if ``kind`` is a vector."""
     if not (isinstance(kind, _Vector) or kind == types.float64):
         return None
 

@@ -39,9 +39,9 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Gradiometer", _each(cases, gradiometer_conditions)),
         ("Other sensors", other_conditions(cases)),
         ("Map", _each(cases, map_conditions)),
-        ("Model differences", _each(cases, _differences)),
+        ("Wrongly modelled", _each(cases, _differences)),
     ]
-    relevant = [row for row in rows if row[1] and row != ("Model differences", _NO_DIFFERENCE)]
+    relevant = [row for row in rows if row[1] and row != ("Wrongly modelled", _NO_DIFFERENCE)]
     return pd.DataFrame(relevant, columns=["condition", "value"])
 
 

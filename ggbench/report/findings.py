@@ -204,7 +204,10 @@ def outliers(of: Metrics) -> str:
 
 
 def wrong_noise(of: Metrics) -> str:
-    """Return the finding that noise larger than assumed increases the EKF's error by a fifth."""
+    """Return the finding of the case with three times the assumed noise.
+
+    It is empty unless this noise increases the EKF's RMS error by at least a fifth.
+    """
     case, known = "wrong-noise", "wrong-noise-known"
     plain, told, one = of.rms(case, "ekf"), of.rms(known, "ekf"), of.rms(case, ONE_FILTER)
     if not plain >= 1.2 * told:

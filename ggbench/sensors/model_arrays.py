@@ -145,7 +145,8 @@ class EpochContext:
 
     Attributes
     ----------
-    references : (T, 3, lanes) INS positions of the T combined measurements [rad, rad, m].
+    references : (T, 3, lanes) INS positions at the T times of the combined readings
+        [rad, rad, m].
     attitudes : (1, 9, lanes) INS attitude C_nb, row by row.
     offset : (1, m, lanes) constant term of h [unit of the channel].
     gain : (1, 1, lanes) gain of the gradiometer.

@@ -130,7 +130,9 @@ class Loop:
         self._part = problem
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the next part: epochs after the last correction to ``last``.
+        """Return the problem of the next part: the epochs after the last correction.
+
+        ``last`` is the index of its last epoch.
 
         Its prior is the estimate at the last correction.
         """

@@ -192,7 +192,7 @@ class LogChange(Section):
 
 
 class TrueLog(LogChange, Interruptions):
-    """``[truth.velocity_log]``: the true log."""
+    """``[truth.velocity_log]``: parameters of the velocity log in the simulated truth."""
 
     outlier_mps: q.Outlier = 0.0
     """Standard deviation of outliers, drawn for each measurement."""

@@ -236,7 +236,7 @@ def table_of(sensor: str) -> str:
 
 
 def short_key(key: str) -> str:
-    """Return a dotted key in the short form if the sensor is named like its kind."""
+    """Return a dotted key; without ``sensor.`` if the name of the sensor is its kind."""
     return re.sub(rf"^(truth\.|model\.)?sensor\.({'|'.join(KINDS)})(?=\.|$)", r"\1\2", key)
 
 

@@ -1,4 +1,4 @@
-"""Base tables with the path of a record."""
+"""Base classes of scenario tables that contain the path of a recording."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def text_of(found, **changes) -> str:
 def test_the_answer_counts_the_cases_without_a_recommendation():
     found = stated(recommended=["ekf", ""])
     text = text_of(found, total=3, count=2, without=["c1"], inconsistent=["ukf"])
-    assert "`gaussian-sum` is recommended in 2 of 3 cases (no estimator in 1). Its RMS" in text
+    assert "`gaussian-sum` is recommended in 2 of 3 cases, no estimator in 1. Its RMS" in text
     assert "Its RMS error in “case 0” is 4.00 m (95%: " in text and "; INS: " in text
     text = text_of(stated(), inconsistent=["ukf"])
     assert "is recommended in all 2 cases." in text and "Not always consistent: `ukf`." in text
@@ -77,11 +77,11 @@ def test_the_answer_of_a_sweep_lists_the_values_that_reach_each_target():
     several = pd.DataFrame(rows, columns=heads)
     found = stated() | {"axis": "noise"}
     assert text_of(found, targets=several).endswith(
-        "In “a” the EKF reaches an RMS error of 1 m for no noise, 10 m up to 3.2 E (3–4), 20 m "
+        "In “a” the EKF reaches an RMS error of 1 m for no noise; 10 m for up to 3.2 E (3–4); 20 m "
         "at 1, 5 E."
     )
     text = text_of(found, targets=several.iloc[1:])
-    assert "10 m for noise up to 3.2 E (3–4), 20 m at 1, 5 E." in text
+    assert "10 m for noise up to 3.2 E (3–4); 20 m at 1, 5 E." in text
     text = text_of(found, targets=several.iloc[2:])
     assert "of 20 m for noise at 1, 5 E." in text
     text = text_of(found, targets=pd.DataFrame([["1", "a", "–", "any"]] * 2, columns=heads))

@@ -17,14 +17,14 @@ def test_conditions_are_those_of_the_scenario():
     assert table["Initial σ"] == "5 m, 0.1 m/s, 1′"
     assert table["Gradiometer"].startswith("0.01 E or 0.001 E, every 1 s or every 5 s")
     assert table["Flight"] == "1.00 min, 50.0 m/s, height 1000 m"
-    assert "Model differences" not in table  # of none of its cases
+    assert "Wrongly modelled" not in table  # of none of its cases
 
 
 def test_differences_of_the_model_are_listed():
     """The keys in which truth and model differ, of cases without any "none"."""
     loaded = scenario.load("below_summits")
     table = conditions(loaded.cases, cases(9)).set_index("condition")["value"]
-    assert table["Model differences"] == "none or field"
+    assert table["Wrongly modelled"] == "none or field"
 
 
 @thinned("name", scenario.shipped())

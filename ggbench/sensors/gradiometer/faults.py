@@ -1,4 +1,4 @@
-"""Simulated gradiometer errors that estimators do not model.
+"""Simulated gradiometer errors, also those that no estimator models.
 
 Errors are applied in this order: tilt of the mount, misalignment and scale factors, errors of
 rotating disks, drift of the scale factors, bias and drift, white noise, outliers, low-pass filter,
