@@ -85,7 +85,7 @@ def test_the_answer_of_a_sweep_lists_the_values_that_reach_each_target():
     text = text_of(found, targets=several.iloc[2:])
     assert "of 20 m for noise at 1, 5 E." in text
     text = text_of(found, targets=pd.DataFrame([["1", "a", "–", "any"]] * 2, columns=heads))
-    assert "1 m for any noise, 1 m for any." in text
+    assert "1 m for any noise; 1 m for any." in text
 
 
 def test_the_answer_on_priors_names_the_largest_ratio():
