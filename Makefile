@@ -93,22 +93,22 @@ test test-long coverage agreement: export PYTHONDONTWRITEBYTECODE :=
 test test-long coverage agreement: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
 
 # A file's tests stay in one process, in their order: what they share is made once. One process more
-# than there are processors, for one or the other waits for what another one compiles.
-PROCESSES = $(shell $(BIN)/python -c "import os; print(min(os.cpu_count() + 1, 8))")
-IN_PARALLEL = pytest -n $(PROCESSES) --dist loadfile --no-loadscope-reorder
-PYTEST = $(BIN)/python -m $(IN_PARALLEL)
+# than there are processors, for one or the other waits for what another one compiles; of the long
+# tests two more, for many wait for processes that they start.
+processes = $(shell $(BIN)/python -c "import os; print(min(os.cpu_count() + $(1), 8))")
+in_parallel = pytest -n $(call processes,$(1)) --dist loadfile --no-loadscope-reorder
 
 test: $(INSTALLED)
-	$(PYTEST)
+	$(BIN)/python -m $(call in_parallel,1)
 
 test-long: $(INSTALLED)
-	$(PYTEST) -m long --durations=60 --durations-min=5
+	$(BIN)/python -m $(call in_parallel,2) -m long --durations=60 --durations-min=5
 
 test-all: test test-long
 
 coverage: $(INSTALLED)
 	mkdir -p build/coverage
-	$(BIN)/python -m coverage run -m $(IN_PARALLEL)
+	$(BIN)/python -m coverage run -m $(call in_parallel,1)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report --skip-covered --show-missing
 

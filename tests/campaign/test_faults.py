@@ -9,19 +9,16 @@ import random
 import re
 import resource
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 
+import power_cuts
 import psutil
 import pytest
 from campaigns import DEADLINE_S, assert_equal, command, finish, ran, stored
-from command import invoke
 from problems import SMALL
 
-from ggbench.cli.main import main
 from ggbench.results.folder import Results
 
 
@@ -113,56 +110,6 @@ def test_kills_while_it_is_compiled(tmp_path, started, monkeypatch):
     assert_equal(Results(tmp_path / "out"), Results(tmp_path / "whole"))
 
 
-def in_child(action: Callable[[], None]) -> int:
-    """Do something in a forked process; return how it ended, as subprocess does."""
-    pid = os.fork()
-    if pid == 0:
-        code = 1
-        try:
-            action()
-            code = 0
-        except SystemExit as end:
-            code = end.code or 0
-        finally:
-            os._exit(code)
-    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-
-
-def killed_at_write(number: int, arguments: list[str]) -> int:
-    """Run the command in a child that kills itself before its write ``number``; its exit code.
-
-    Writes are: opening a file to write, renaming and removing one, making a folder, and every
-    statement that reaches the database.
-    """
-
-    def run() -> None:
-        left = number
-
-        def tick(*_: object) -> None:
-            nonlocal left
-            left -= 1
-            if left < 0:
-                os.kill(os.getpid(), signal.SIGKILL)
-
-        def connect(*arguments: object, **options: object) -> sqlite3.Connection:
-            connection = plain_connect(*arguments, **options)
-            connection.set_trace_callback(tick)
-            return connection
-
-        def watch(event: str, values: tuple) -> None:
-            if event in ("os.rename", "os.remove", "os.mkdir") or (
-                event == "open" and isinstance(values[2], int) and values[2] & os.O_ACCMODE
-            ):
-                tick()
-
-        plain_connect, sqlite3.connect = sqlite3.connect, connect
-        sys.addaudithook(watch)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno())
-        main(arguments, prog_name="ggbench")
-
-    return in_child(run)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "stride"),
@@ -172,30 +119,21 @@ def killed_at_write(number: int, arguments: list[str]) -> int:
         (("--fresh",), 1),
     ],
 )
-def test_a_power_cut_between_any_two_writes(options, stride, tmp_path, monkeypatch):
+def test_a_power_cut_between_any_two_writes(options, stride, tmp_path):
     """Killed before its first write, a later one, ...: every time the same command completes it.
 
     With --fresh the folder holds results of another seed, which are discarded on the way.
     """
-    (tmp_path / "small.toml").write_text(SMALL)
-    monkeypatch.chdir(tmp_path)
-    whole = ran(tmp_path, "whole", ("ins", "ekf"), runs=2)
-    run = ["run", "small.toml", "-s", "5", "-n", "2", "-j", "0"]
-    # What a child would import each time is loaded here, once.
-    assert invoke([*run, "-o", str(tmp_path / "first")], tmp_path).returncode == 0
-    number, code = len(options), -signal.SIGKILL
-    while code != 0:
-        folder = tmp_path / f"out{number}"
-        if options:
-            ran(tmp_path, folder.name, ("ins",), runs=1, seed=6).store.close()
-        code = killed_at_write(number, [*run, "-o", str(folder), *options])
-        assert code in (0, -signal.SIGKILL), f"ended with {code} at write {number}"
-        if code:
-            assert killed_at_write(10**9, [*run, "-o", str(folder)]) == 0
-        assert_equal(Results(folder), whole)
-        assert not list(folder.glob(".*.part"))
-        number += stride
-    assert number > 40
+    done = subprocess.run(
+        [sys.executable, power_cuts.__file__, str(stride), *options],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 40
 
 
 @pytest.mark.long
