@@ -28,7 +28,9 @@ _MISSING = "0.9"
 _ROW, _HEAD, _PROFILE = 0.29, 1.35, 2.1
 """Heights [in] of a row of the grid, of its head, of the profile."""
 KEY = (
-    "Number: RMS error over oracle or bound\n"
+    "Number: RMS error over the oracle's,\n"
+    "over the bound if the model is wrong\n"
+    "In brackets: bound of filters\n"
     "Frame: recommended\n"
     "\N{DAGGER} overconfident, \N{DOUBLE DAGGER} unsafe\n"
     "lost: share of runs that end far off"
