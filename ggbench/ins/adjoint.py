@@ -358,7 +358,7 @@ def propagate_short_series(
 
     This requires :func:`is_slow`. The series has third order, and fourth order in the attitude,
     where the chain position ← velocity ← attitude ends. Biases are constant, so their columns
-    change by the means of velocity and attitude: y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
+    change by the averages of the velocity and attitude columns: y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
 
     Parameters
     ----------

@@ -44,8 +44,8 @@ def base_surface(
 ) -> NDArray[np.float64]:
     """Return heights (n_lat, n_lon) of the base surface above the ellipsoid [m] at the nodes.
 
-    The height is the highest cell of the terrain within half the distance between nodes (or within
-    one cell, if that is more), averaged over the same width. Nodes are raised where the spline
+    The height is a running maximum of the terrain, averaged over the same width: half the distance
+    between nodes on each side, at least one cell. Nodes are raised where the spline
     through the nodes would lie below a cell. ``geoid_height_m`` is the height of the terrain's zero
     level above the ellipsoid.
     """

@@ -203,14 +203,14 @@ def score(
 
 
 def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
-    """Return the cells of a map, row by row from the south, and the design without None.
+    """Return the cells of a map, row by row from the south, and the design with its defaults.
 
     The map extends beyond the cells by the largest displacement of a track.
 
     Raises
     ------
     MapError
-        In the cases of :func:`score`.
+        Under the same conditions as in :func:`score`.
     """
     if not field.has_map:
         raise MapError("the normal field has no map to score")

@@ -131,7 +131,10 @@ class GradiometerBias(SensorStates):
         return readings + values
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return gain times identity (..., G, c, s); biases are filtered like measurements."""
+        """Return the gain of the filter times the identity (..., G, c, s).
+
+        Biases pass the low-pass filter as measurements do.
+        """
         if not isinstance(sensor, Gradiometer):
             return None
         return seen.gain[..., np.newaxis, np.newaxis] * np.eye(len(self.sigma))
