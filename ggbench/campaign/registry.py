@@ -67,7 +67,7 @@ class Choice:
 
     @cached_property  # each run asks for it
     def content(self) -> dict[str, Any]:
-        """What determines the estimator's results: class, all parameters, hash of the source file.
+        """Origin of the estimator's results: class, all parameters, hash of the source file.
 
         For an estimator from other packages, their installed versions are included. Names in the
         source that give access to the truth are included too (:func:`.suspicious_names`).

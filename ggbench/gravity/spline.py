@@ -238,7 +238,7 @@ def vector_at(
 def _surface(base: np.ndarray, i: int, j: int, work: np.ndarray, rows: int, columns: int) -> float:
     """Return a sum over the 16 nodes of a base around a cell, with weights in the scratch.
 
-    The sums of the rows do not wait for each other, and within each the two pairs do not.
+    Chains of additions are short: the four rows are independent, and so are the two pairs of a row.
     """
     total = 0.0
     for a in range(4):

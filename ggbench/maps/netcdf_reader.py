@@ -91,7 +91,7 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
     return (
         Nodes(nodes["latitude"], nodes["longitude"], nodes["height"], base),
         attributes,
-        _layers(path, nodes["height"].size),
+        _layers(path, nodes, descends),
     )
 
 
@@ -109,23 +109,18 @@ def source_files(path: Path) -> dict[str, str]:
         return {}
 
 
-def _layers(path: Path, count: int) -> Iterator[Layer]:
-    for index in range(count):
-        yield _read_layer(path, index)
-
-
-def _read_layer(path: Path, index: int) -> Layer:
-    """Return one layer. The file is closed between layers: another thread may write its own."""
-    with _opened(path, again=True) as file:
-        nodes, slices = _read_nodes(path, file)
-        keep = _kept(path, nodes, None) | {"height": slice(index, index + 1)}
-        tensor, disturbance = (
-            _read_components(path, file, prefix, names, keep, slices)[:, :, 0]
-            for prefix, names in (("gradient", TENSOR), ("disturbance", VECTOR))
-        )
-    what = f"{path}, at {nodes['height'][index]:g} m"
-    checks.require_possible(what, tensor, disturbance)
-    return tensor, disturbance
+def _layers(path: Path, nodes: Mapping[str, Array], descends: dict[str, bool]) -> Iterator[Layer]:
+    """Yield the layers. The file is closed in between: another thread may use a file of its own."""
+    whole = _kept(path, nodes, None)
+    for index, height in enumerate(nodes["height"]):
+        keep = whole | {"height": slice(index, index + 1)}
+        with _opened(path, again=True) as file:
+            tensor, disturbance = (
+                _read_components(path, file, prefix, names, keep, descends)[:, :, 0]
+                for prefix, names in (("gradient", TENSOR), ("disturbance", VECTOR))
+            )
+        checks.require_possible(f"{path}, at {height:g} m", tensor, disturbance)
+        yield tensor, disturbance
 
 
 @contextlib.contextmanager
