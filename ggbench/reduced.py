@@ -38,7 +38,7 @@ class Reduction:
 
         The other states have the mean and covariance of the propagated prior, uncorrelated with the
         chosen states. The result has no innovations, because those of the original problem are
-        different. Fixes belong to the first chosen states.
+        different. Position fixes refer to the first chosen states.
         """
         chosen = list(self.states)
         mean, cov = self.mean.copy(), None

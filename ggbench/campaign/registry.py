@@ -94,7 +94,7 @@ def registered() -> dict[str, type[Estimator]]:
 
 @cache
 def estimator_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Return the entry points of the registered estimators by name, in order.
+    """Return the entry points of the registered estimators by name, sorted.
 
     They are cached, because reading them from all installed packages takes 50 ms.
     """
@@ -104,7 +104,7 @@ def estimator_points() -> dict[str, importlib.metadata.EntryPoint]:
 
 @cache
 def framework_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Return the entry points of other packages' estimators by name, in order."""
+    """Return the entry points of other packages' estimators by name, sorted."""
     points = importlib.metadata.entry_points(group=FRAMEWORKS)
     return {point.name: point for point in sorted(points, key=lambda p: p.name)}
 

@@ -356,8 +356,7 @@ def propagate_short_series(
 ) -> int:
     """Propagate as :func:`propagate` does, with a series of lower order.
 
-    This requires :func:`is_slow`. The series has third order, and fourth order in the attitude,
-    where the chain position ← velocity ← attitude ends. Biases are constant, so their columns
+    This requires :func:`is_slow`. The series has fourth order in the attitude and third order in other states. Biases are constant, so their columns
     change by the averages of the velocity and attitude columns: y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
 
     Parameters

@@ -68,7 +68,7 @@ class Within:
 
 
 def short(number: float) -> str:
-    """Return a limit as the shortest text."""
+    """Format a limit with as few characters as possible, for example ``1e6``."""
     return f"{number:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 

@@ -127,11 +127,13 @@ def _index(mean: pd.DataFrame, index: str) -> dict[str, str]:
     own = mean[mean["index"] == index].set_index("outcome")
     row = {"index": index}
     for outcome, title in OUTCOMES.items():
-        row |= {title: "–", f"{title}: vs roughness": "–"}
+        row |= {title: "–", f"{title} against roughness": "–"}
         if outcome in own.index:
             found = own.loc[outcome]
             row[title] = _interval(found.spearman, found.spearman_lo, found.spearman_hi)
-            row[f"{title}: vs roughness"] = found.versus_roughness
+            row[f"{title} against roughness"] = (
+                "undecided" if found.versus_roughness == "no" else found.versus_roughness
+            )
     fit = own.index[own["trusted"]]
     return row | {"reliable for": "both" if len(fit) == 2 else "".join(fit) or "none"}
 
@@ -146,7 +148,8 @@ def _false_fixes(compared: pd.DataFrame) -> pd.DataFrame:
     """Return predicted and found shares, bin by bin."""
     return pd.DataFrame(
         {
-            "predicted [%]": f"{100 * row.from_share:g}–{100 * row.to_share:g}",
+            "predicted [%]": f"{100 * row.from_share:g}–{100 * row.to_share:g}"
+            + (", together" if (row.from_share, row.to_share) == findings.JUDGED else ""),
             "tracks": str(row.tracks),
             "fixes": str(row.fixes),
             "mean prediction [%]": _percent(row.predicted_share),
