@@ -236,6 +236,7 @@ def test_progress_is_shown_where_somebody_looks(scenario, monkeypatch, capsys):
     assert shown(progress=False) == ""
 
 
+@pytest.mark.long
 def test_a_first_use_compiles_ahead(scenario, monkeypatch):
     """In a process of its own, which ends with the call; there is none when nothing is new."""
     helpers, start = [], compile_ahead._started

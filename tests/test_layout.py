@@ -24,7 +24,7 @@ def skipped(source: str) -> int:
 def is_compiled(node: ast.AST) -> bool:
     """Return whether a node is a compiled function, which may pass on arrays by position."""
     decorators = getattr(node, "decorator_list", [])
-    return not {ast.unparse(decorator) for decorator in decorators}.isdisjoint(COMPILED)
+    return any(ast.unparse(decorator) in COMPILED for decorator in decorators)
 
 
 def long_calls(node: ast.AST) -> list[str]:

@@ -34,8 +34,9 @@ def uses(node: ast.AST, names: set[str]) -> list[str]:
     if isinstance(node, ast.Attribute):
         own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
         return [node.attr] if node.attr in names and not own else []
-    if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("setattr"):
-        texts = [a.value for a in node.args if isinstance(a, ast.Constant)]
+    called = getattr(node, "func", None)
+    if getattr(called, "attr", getattr(called, "id", "")) == "setattr":
+        texts = [getattr(argument, "value", None) for argument in node.args]
         return [t for t in texts if isinstance(t, str) and t.rpartition(".")[2] in names]
     return []
 

@@ -60,6 +60,7 @@ def test_the_gallery_shows_every_scenario(scripts):
     assert pictures >= 30
 
 
+@pytest.mark.long
 def test_thumbnails_are_small_and_lead_to_the_reports(scripts, tmp_path):
     """One a report: all together less than a megabyte."""
     import site_pages
@@ -134,6 +135,7 @@ def test_the_sites_definitions_are_those_of_the_reports(scripts, tmp_path, monke
     import site_pages
 
     monkeypatch.setattr(site_pages, "GENERATED", tmp_path / "site")
+    monkeypatch.setattr(site_pages, "write_thumbnails", lambda folder: None)  # they take seconds
     site_pages.write()
     render.write_definitions(tmp_path)
     written = (tmp_path / "site" / "reports" / "definitions.md").read_text(encoding="utf-8")

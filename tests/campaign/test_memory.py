@@ -29,6 +29,7 @@ def test_memory_is_that_of_a_process_with_numpy_and_numba():
     assert 30.0 < peak_memory_mb() < 30_000.0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(platform.system() != "Linux", reason="getrusage(2) of Linux")
 def test_memory_is_not_that_of_the_parent():
     """A parent of 1 GB starts a process of a quarter of it; control: getrusage says 1 GB."""
