@@ -18,7 +18,7 @@ from .advice import Advice
 ESTIMATOR_HEAD = ("estimator", "RMS m", "× oracle", "success", "", "usual ms/run")
 LIMIT_HEAD = ("cause", "bound m", "change")
 TRACK_HEAD = ("heading °", "east km", "north km", "bound m")
-LIMITS = "What limits the accuracy: each cause halved"
+LIMITS = "Error sources that limit the accuracy: bound if one source is halved"
 HALVED = "For each cause, truth and model have half the errors."
 _SMALL = 0.005
 """Relative gain of the bound below which a cause does not limit the accuracy."""

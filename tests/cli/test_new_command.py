@@ -323,7 +323,7 @@ def test_a_flight_in_a_draped_map_is_planned_bounded_and_advised_on(tmp_path):
     outside = output(f"{score} --height 2000", code=2)
     assert "outside low.nc, which has 100 to 800 m above the base surface" in outside
     advice = output("advise mine.toml -n 2 -j 0 -o advice")
-    assert "After landing" in advice and "What limits the accuracy" in advice
+    assert "After landing" in advice and "Error sources that limit the accuracy" in advice
     text = (tmp_path / "mine.toml").read_text()
     wrong = "[model.field.error]\ncorrelated_noise_eotvos = 3.0\ncorrelation_km = {}\n\n[imu]"
     (tmp_path / "wrong.toml").write_text(text.replace("[imu]", wrong.format(1.5), 1))
