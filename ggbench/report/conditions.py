@@ -90,8 +90,8 @@ def _initial(cases: Sequence[CaseSpec]) -> str:
 
 
 def _span(values: Iterable[float]) -> str:
-    """Return a value, or the least and the largest."""
-    ordered = sorted(values)
+    """Return a value, or the least and the largest, with four significant digits."""
+    ordered = [float(f"{value:.4g}") for value in sorted(values)]
     return span(f"{ordered[0]:g}", f"{ordered[-1]:g}", separator="–")
 
 
@@ -125,15 +125,21 @@ def gradiometer_conditions(case: CaseSpec) -> list[str]:
 
 def other_conditions(cases: Sequence[CaseSpec]) -> str:
     """Return a text on the other sensors: those in all cases, then those in some cases."""
-    names_of_cases = [
-        [f"{spec.in_words} every {spec.period_s:g} s" for spec in case.sensor.values()]
-        for case in cases
-    ]
-    every = [name for name in names_of_cases[0] if all(name in names for names in names_of_cases)]
-    some = [name for name in dict.fromkeys(itertools.chain(*names_of_cases)) if name not in every]
+    periods: dict[str, list[str]] = {}
+    for case in cases:
+        for spec in case.sensor.values():
+            periods.setdefault(spec.in_words, []).append(f"{spec.period_s:g}")
+    texts = {
+        name: f"{name} every {' or '.join(dict.fromkeys(values))} s"
+        for name, values in periods.items()
+    }
+    sensors_of_cases = [{spec.in_words for spec in case.sensor.values()} for case in cases]
+    in_all = [name for name in texts if all(name in names for names in sensors_of_cases)]
+    parts = [texts[name] for name in in_all]
+    some = [texts[name] for name in texts if name not in in_all]
     if some:
-        every.append(f"in some cases {' or '.join(some[:_MOST_VALUES])}")
-    return ", ".join(every)
+        parts.append(f"in some cases {' or '.join(some[:_MOST_VALUES])}")
+    return ", ".join(parts)
 
 
 def map_conditions(case: CaseSpec) -> list[str]:

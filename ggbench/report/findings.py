@@ -137,9 +137,10 @@ def east_victoria(of: Metrics) -> str:
     if not (aided >= 0.6 * ins and every):
         return ""
     return (
-        f"At [East Victoria]({EAST_VICTORIA}.md) one measurement a minute of a gravimeter reduces "
-        f"the INS's RMS error of {metres(ins)} m to {metres(aided)} m. With every sample as white "
-        f"noise the EKF has {metres(of.rms('2s', name))} m and is overconfident."
+        f"At [East Victoria]({EAST_VICTORIA}.md) one gravimeter measurement a minute reduces "
+        f"the INS's RMS error of {metres(ins)} m to {metres(aided)} m. If all samples "
+        f"count as white noise, the EKF's error is {metres(of.rms('2s', name))} m, and it is "
+        "overconfident."
     )
 
 
@@ -182,7 +183,7 @@ def wide_prior(of: Metrics) -> str:
         for name in good
     ]
     return (
-        f"With a prior of three correlation lengths use (RMS error, time per run) "
+        f"With a prior of three correlation lengths use one of these (RMS error, time per run): "
         f"{', '.join(costs[:-1])} or {costs[-1]}. The EKF [succeeds](definitions.md) in "
         f"{share(linear)} of the runs and is unsafe (‡)."
     )

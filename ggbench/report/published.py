@@ -153,11 +153,12 @@ def gravity_claims(results: Results) -> pd.DataFrame:
         until = values[arrays["times"] <= claim.until_s + 1e-9]
         largest = float(until.max()) if len(until) else 0.0
         possible = claim.published <= _NEAR * largest
+        unit = claim.unit if claim.unit == "′" else f" {claim.unit}"
         rows.append(
             {
                 "claim": claim.title,
-                "published": f"{claim.published:g} {claim.unit}",
-                "largest response": f"{columns.metres(largest)} {claim.unit}",
+                "published": f"{claim.published:g}{unit}",
+                "largest response": f"{columns.metres(largest)}{unit}",
                 "possible": "yes" if possible else "no",
             }
         )
