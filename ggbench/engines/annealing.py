@@ -6,9 +6,9 @@ Del Moral, Doucet & Jasra 2006). Each β_i is chosen such that a minimum number 
 effective. Then the samples are resampled and moved by Metropolis–Hastings steps, which preserve the
 tempered posterior. The result is exact in the limit of many samples, for any number of modes.
 
-A proposed step is γ times the difference of two other samples of dimension r, γ = 2.38 / √(2r) (ter
-Braak 2006). Such differences have the scale of the width of a mode or of the distance between
-modes.
+Each proposed step is γ times the difference of two random samples of dimension r. The factor is
+γ = 2.38 / √(2r) (ter Braak 2006). Such differences have the scale of the width of a mode or of the
+distance between modes.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from ..numerics.kernels import compiled
 from .resampling import Resampling, effective_size, normalise, resample, unique
 
 _LEAST_SHARE, _BISECTIONS, MOST_STAGES = 1e-16, 20, 60
-"""Share of a reading that a stage takes at least; halvings (of its logarithm) by which a stage is
-found; stages after which all that is left of a reading is taken at once."""
+"""Smallest increase of the power in a stage; number of bisections of its logarithm; number of
+stages after which the power becomes 1."""
 _STEPS = 5
 """Metropolis–Hastings steps after each stage."""
 
@@ -79,10 +79,10 @@ class Annealed(NamedTuple):
 def _raise(
     whitened: np.ndarray, linear: np.ndarray, before: float, after: float, out: np.ndarray
 ) -> None:
-    """Fill (N,) with what log weights gain as the power β of the likelihood is raised.
+    """Fill ``out`` (N,) with the change of the log weights from power ``before`` to ``after``.
 
-    Integrated over the linear states it is exp(−½ Σ [β y² / (1 + β λ) + ln(1 + β λ)]), but for
-    |2π R|^{−β/2}.
+    With the linear states integrated out, the power β of the likelihood is
+    exp(−½ Σ [β y² / (1 + β λ) + ln(1 + β λ)]). The common factor |2π R|^{−β/2} is omitted.
     """
     m, constant = whitened.shape[1], 0.0
     factors = np.empty(m)
@@ -138,7 +138,13 @@ def annealed(
 def _stage(
     whitened: np.ndarray, linear: np.ndarray, before: float, least: float
 ) -> tuple[np.ndarray, float, float, float]:
-    """Return weights (M,) of the next power, ln of their mean, that power, and the ESS of 1."""
+    """Choose the next power of the likelihood by bisection.
+
+    Returns
+    -------
+    Normalised weights (M,) at this power, logarithm of their mean before normalisation, the power,
+    and the effective sample size at the power 1.
+    """
     logs, weights = np.empty(len(whitened)), np.empty(len(whitened))
 
     def weigh(after: float) -> tuple[float, float]:
@@ -169,7 +175,7 @@ def _step(
     power: float,
     rng: np.random.Generator,
 ) -> None:
-    """Move draws (N, r), and their y (N, m), by one Metropolis–Hastings step each."""
+    """Move each sample (N, r) and its residuals y (N, m) by one Metropolis–Hastings step."""
     count, rank = normals.shape
     others = normals[rng.permutation(count)]
     trial = normals + 2.38 / math.sqrt(2.0 * max(rank, 1)) * (others - np.roll(others, 1, axis=0))

@@ -22,7 +22,7 @@ from .robust_weights import number_of
 from .whitened_measurements import Batch, batch_of, linearise, readings_of
 
 _MARGIN = 1e-3
-"""Added to the logarithm of the ratio of weights at which Gaussians are dropped: for rounding."""
+"""Margin for rounding of the log weight ratio below which Gaussians are dropped."""
 
 
 class Screened(NamedTuple):
@@ -72,7 +72,7 @@ def screened_with_loss(
 
 
 def _kept(prior: Hypotheses, weights: np.ndarray) -> Screened:
-    """Return the result of an epoch after which the Gaussians have weights (J,), logarithms."""
+    """Return the result of screening from the log weights (J,) after the first epoch."""
     weights = np.where(np.isfinite(weights), weights, -np.inf)
     kept = weights > weights.max() + math.log(NEGLIGIBLE) - _MARGIN
     if not np.isfinite(weights.max()):
@@ -86,9 +86,10 @@ def _kept(prior: Hypotheses, weights: np.ndarray) -> Screened:
 def _predict(
     batch: Batch, prior: Hypotheses, group: np.ndarray, phi: np.ndarray, p: np.ndarray
 ) -> int:
-    """Fill Φ and the common covariance (n, n, lanes) of the first epoch; return the moving states.
+    """Fill Φ and the predicted covariance; return the number of states that Φ changes.
 
-    ``group`` (lanes,) has the run in every lane.
+    ``phi`` and the common covariance ``p`` are (n, n, lanes) at the first epoch. Every lane of
+    ``group`` (lanes,) contains the same run.
     """
     n = prior.means.shape[1]
     q, x, scratch = lanes.lanes(n, n), lanes.lanes(1, n), lanes.lanes(n, n)

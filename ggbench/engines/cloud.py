@@ -1,10 +1,10 @@
 """Particle cloud: some states are sampled, the others are in Kalman filters.
 
-Row i of the cloud is (p_i, l_i): the d sampled states, and the mean of the other states. Prior,
-prediction and kernels sample p from a Gaussian with joint covariance J of all states, and condition
-l on the sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl, where e is standard normal
-and G has full column rank with G Gᵀ = J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a non-zero
-cross-block J_lp, because process noise moves p and l together.
+Row i of the cloud is (p_i, l_i): the d sampled states, and the mean of the other states. The prior,
+the prediction and the kernels sample p from a Gaussian of all states with covariance J. They
+condition l on the sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl. Here e is standard
+normal, and G has full column rank with G Gᵀ = J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a
+non-zero cross-block J_lp, because process noise moves p and l together.
 """
 
 from __future__ import annotations
@@ -24,23 +24,26 @@ from .resampling import effective_size, moments, normalise, repaired, resample, 
 from .straightness import bending, is_gaussian
 
 _LEAST_STEP, _BISECTIONS, _MOST_STAGES = 1e-16, 40, 60
-"""Share of a reading that a stage takes at least; halvings (of its logarithm) by which a stage is
-found; stages in which a reading is taken in at most."""
+"""Smallest power of the likelihood in a stage; number of bisections of its logarithm; largest
+number of stages of an update."""
 _FEWEST = 4.0
-"""Effective particles, over √N, which a reading leaves at least of a cloud that it belongs to."""
+"""Effective sample size over √N below which a measurement lies in the tail of the cloud."""
 _PER_STATE = 10.0
-"""Effective particles per drawn state from which a regression on them says anything."""
+"""Least effective sample size per sampled state for a regression on the cloud."""
 _PROBES = 100
-"""Points with the exact moments of a Gaussian, by which it is seen whether h is straight there."""
+"""Number of samples of a Gaussian for the test of h for linearity."""
 _CHUNK = 8192
-"""Particles whose readings are asked for at once: more of them leave the processor's cache."""
+"""Particles whose measurements are predicted at once: more of them exceed the cache."""
 
 
 @compiled
 def _log_likelihoods(
     residuals: np.ndarray, inverse: np.ndarray, log: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill log (N,) − ½ |W r_i|² of residuals (N, m); W (m, m) is lower triangular."""
+    """Fill ``out`` (N,) with log_i − ½ |W r_i|², for residuals r_i (N, m).
+
+    W (m, m) is ``inverse``, the inverse of the lower Cholesky factor of the innovation covariance.
+    """
     m = residuals.shape[1]
     for i in range(residuals.shape[0]):
         total = 0.0
@@ -53,7 +56,14 @@ def _log_likelihoods(
 
 
 class _Reading(NamedTuple):
-    """A reading of epoch k: its m channels, slope ∂h/∂l (m, n − d) and noise (m, m)."""
+    """Measurement of epoch ``k`` with m available channels.
+
+    Attributes
+    ----------
+    there : mask of the available channels.
+    slope : (m, n − d) Jacobian ∂h/∂l of the linear states.
+    noise : (m, m) noise covariance.
+    """
 
     k: int
     there: np.ndarray
@@ -61,7 +71,7 @@ class _Reading(NamedTuple):
     noise: np.ndarray
 
     def spread(self, rest: np.ndarray) -> np.ndarray:
-        """Return the covariance (m, m) of the reading from that of the linear states."""
+        """Return the covariance (m, m) of h(x) caused by the covariance ``rest`` of l."""
         return np.asarray(self.slope @ rest @ self.slope.T)
 
 
@@ -162,9 +172,10 @@ class Cloud:
         return mean, cov
 
     def _update_gaussian(self, residuals: np.ndarray, reading: _Reading) -> float:
-        """Update the Gaussian by a reading, linearised statistically; return its NIS.
+        """Update the Gaussian by statistical linearisation of h; return the NIS.
 
-        By regression on points that have its moments (Särkkä & Svensson 2023, ch. 9).
+        The linear regression of h uses points with the mean and covariance of the Gaussian
+        (Särkkä & Svensson 2023, ch. 9).
         """
         assert self.gaussian
         (mean, cov), n = self.gaussian, self.x.shape[1]
@@ -180,7 +191,7 @@ class Cloud:
         return squared
 
     def _anneal(self, reading: _Reading) -> np.ndarray:
-        """Draw the posterior of the Gaussian by exact stages; return the residuals (N, m)."""
+        """Sample the posterior of the Gaussian in tempered stages; return residuals (N, m)."""
         assert self.gaussian
         mean, cov = self.gaussian
         steps = self._steps(cov)
@@ -209,10 +220,11 @@ class Cloud:
         return np.asarray(np.linalg.solve(space.rows, found.whitened.T).T)
 
     def _depletes(self, residuals: np.ndarray, reading: _Reading) -> bool:
-        """Return whether a reading lies in the tail of the cloud; keep the weights.
+        """Return whether a measurement lies in the tail of the cloud; keep the weights.
 
-        There the cloud has too few particles, and a Gaussian of its moments has a tail. It is a
-        smaller share of the particles the more there are, so that the limit stays exact.
+        In the tail the effective sample size is below 4 √N. A Gaussian with the moments of the
+        cloud also covers the tail, where particles are missing. The limit is a fraction 4 / √N of
+        the particles, so the filter stays exact for N → ∞.
         """
         before = self.weights.copy()
         size = self._weigh(residuals, reading.spread(self.rest) + reading.noise)
@@ -222,9 +234,10 @@ class Cloud:
     def _weigh_by_stages(
         self, residuals: np.ndarray, reading: _Reading
     ) -> tuple[np.ndarray, float]:
-        """Weigh the cloud, by stages if a kernel parts copies between them.
+        """Weight the cloud with a measurement, in stages if noise separates copies.
 
-        Return the residuals (N, m), and which share of the reading is left to correct by.
+        Return the residuals (N, m), and the power of the likelihood with which the linear states
+        are still to be updated.
         """
         if self.gaussian:
             self._draw(self.to_draw)
@@ -254,7 +267,7 @@ class Cloud:
         return residuals, left
 
     def _residuals(self, reading: _Reading) -> np.ndarray:
-        """Return what is left of a reading (N, m) at all particles."""
+        """Return the residuals z − h(x) (N, m) of all particles."""
         self.evaluations += len(self.x)
         k, there = reading.k, reading.there
         residuals, read = np.empty((len(self.x), len(there))), self.problem.measurements[k]
@@ -264,16 +277,19 @@ class Cloud:
         return residuals if there.all() else np.ascontiguousarray(residuals[:, there])
 
     def _weigh(self, residuals: np.ndarray, innovation: np.ndarray) -> float:
-        """Put log weights after a share of a reading on trial; return the ESS that they leave."""
+        """Fill trial log weights and normalised weights; return the effective sample size.
+
+        ``innovation`` (m, m) is the covariance of the residuals.
+        """
         _log_likelihoods(residuals, _inverse_root(innovation), self.log, self.trial)
         self.on_trial = normalise(self.trial, self.weights)
         return float(effective_size(self.weights))
 
     def _count_evidence(self, innovation: np.ndarray, noise: np.ndarray, step: float) -> None:
-        """Add what a share of a reading has added to ln p(z).
+        """Add the contribution of a stage to the evidence ln p(z).
 
-        The share of a density N(r; 0, R) is its power, which is N(r; 0, R / share) but for a factor
-        that depends on R alone.
+        A stage uses the power s = ``step`` of the noise density N(r; 0, R). This power equals
+        N(r; 0, R / s) times a factor that does not depend on r.
         """
         m = len(noise)
         of_power = (1.0 - step) * np.linalg.slogdet(2.0 * np.pi * noise)[1] - m * math.log(step)
@@ -284,7 +300,10 @@ class Cloud:
     def _step(
         self, residuals: np.ndarray, spread: np.ndarray, noise: np.ndarray, most: float
     ) -> float:
-        """Return which share of a reading leaves as many effective particles as it should."""
+        """Return the largest power of the likelihood with enough effective particles.
+
+        The power is at most ``most``.
+        """
         least = self.moves.tempering * self.count
         low, high = math.log(_LEAST_STEP), math.log(most)
         for _ in range(_BISECTIONS):
@@ -296,9 +315,9 @@ class Cloud:
         return math.exp(low)
 
     def _correct(self, residuals: np.ndarray, reading: _Reading, share: float) -> None:
-        """Update the linear states by a share of a reading.
+        """Update the linear states with the power ``share`` of the likelihood.
 
-        One gain for all particles, P_l in Joseph's form.
+        All particles have the same gain. P_l is updated in Joseph's form.
         """
         if not reading.slope.any():
             return
@@ -309,14 +328,14 @@ class Cloud:
         self.rest = keep @ self.rest @ keep.T + gain @ noise @ gain.T
 
     def _bending(self, residuals: np.ndarray, reading: _Reading) -> float:
-        """Return how much h bends over the weighted cloud, over the noise."""
+        """Return the nonlinear part of h over the cloud, see :func:`.straightness.bending`."""
         d = self.drawn
         # Of what the drawn states alone make of h.
         alone = residuals + self.x[:, d:] @ reading.slope.T
         return bending(self.weights, self.x[:, :d], alone @ _inverse_root(reading.noise).T)
 
     def _has_become_gaussian(self, residuals: np.ndarray, reading: _Reading) -> bool:
-        """Return whether h is straight over the cloud, and the cloud shaped like a Gaussian."""
+        """Return whether h is linear over the cloud and the cloud is Gaussian."""
         most = self.moves.most_bending
         return (
             most > 0.0
@@ -326,7 +345,7 @@ class Cloud:
         )
 
     def _renew(self) -> None:
-        """Replace the cloud by one of equal weights."""
+        """Resample the cloud to equal weights, and add the noise of :class:`.Moves`."""
         moves = self.moves
         self.resamplings += 1
         ancestors = resample(moves.resampling, self.weights, self.rng, self.count)
@@ -348,9 +367,9 @@ class Cloud:
         self.total = math.log(count)
 
     def _draw(self, count: int) -> None:
-        """Draw the cloud from the Gaussian, whose mean and covariance it then has exactly.
+        """Sample the cloud from the Gaussian, with exactly equal mean and covariance.
 
-        Second-order exact sampling (Pham 2001): the draw adds no error to either.
+        The method is second-order exact sampling (Pham 2001).
         """
         assert self.gaussian
         mean, cov = self.gaussian
@@ -359,7 +378,7 @@ class Cloud:
         self._level()
 
     def _blur(self) -> None:
-        """Move all particles by the kernel of Liu and West, and P_l with them."""
+        """Move all particles by the kernel of Liu and West (2001), and update P_l."""
         b = self.moves.kernel
         mean, cov = moments(np.full(self.count, 1.0 / self.count), self.x)
         cov *= b * b
@@ -369,7 +388,11 @@ class Cloud:
         self.x += self.rng.standard_normal((self.count, len(steps))) @ steps
 
     def _steps(self, joint: np.ndarray) -> np.ndarray:
-        """Return (r, n) what r normal numbers make of a particle, and keep the rest as P_l."""
+        """Return the matrix (r, n) that maps r standard normal numbers to a step; set P_l.
+
+        ``joint`` (n, n) is the covariance of all states. P_l becomes the covariance of the linear
+        states, conditioned on the sampled states.
+        """
         d = self.drawn
         root, inverse = ranked_root(joint[:d, :d])
         known = inverse.T @ joint[:d, d:]
@@ -378,7 +401,10 @@ class Cloud:
         return np.hstack([root.T, known])
 
     def _balanced(self, count: int, rank: int) -> np.ndarray:
-        """Return normal numbers (N, r) whose mean is zero and whose covariance is one, exactly."""
+        """Return normal numbers (N, r) with exact sample mean 0 and sample covariance I.
+
+        With N ≤ r the numbers are not adjusted.
+        """
         noise = self.rng.standard_normal((count, rank))
         if count <= rank or rank == 0:
             return noise
@@ -388,5 +414,5 @@ class Cloud:
 
 
 def _inverse_root(cov: np.ndarray) -> np.ndarray:
-    """Return the inverse of the lower triangular root of a covariance (m, m)."""
+    """Return the inverse of the lower Cholesky factor of a covariance (m, m)."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)))

@@ -21,7 +21,10 @@ class Contour(NamedTuple):
 
 
 class Feet(NamedTuple):
-    """Contour points (N, 2) [m] nearest to the N points of a track; ``found`` (N,): one exists."""
+    """Contour points (N, 2) [m] nearest to the N points of a track.
+
+    ``found`` (N,) is the mask of the track points whose contour has any point.
+    """
 
     points: np.ndarray
     found: np.ndarray
@@ -59,8 +62,8 @@ def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) ->
 def feet(contours: Sequence[Contour], track: np.ndarray, cell: float) -> Feet:
     """Return the point of contour i nearest to point i of the track (N, 2) [m].
 
-    This point is the foot of the perpendicular on the contour's tangent at the nearest contour
-    point, moved by at most one cell [m].
+    This point is the foot of the perpendicular from the track point to the contour's tangent at the
+    nearest contour point. Its distance from that contour point is limited to ``cell`` [m].
     """
     ends = np.cumsum([0, *(len(each.points) for each in contours)])
     points = np.concatenate([each.points for each in contours])

@@ -44,7 +44,7 @@ class AdaptiveNoise:
         noise.
     variances : (1, m, lanes) variance of each component, relative to the assumed noise.
     taken : (1, m, lanes) number of processed measurements of each component, plus one for the
-        assumed noise.
+        assumed noise; at most ``memory``.
     """
 
     memory: int
@@ -178,13 +178,13 @@ def _extended(
 
     Parameters
     ----------
-    rules : of the search in each update; None for the plain one. Branches that ask for None are
-        compiled apart, so that the plain filter is compiled without the search.
+    rules : options of the iterated update; None for the plain update. Branches on None are resolved
+        by the compiler, so the plain filter contains no code of the iterated update.
     memory : see :class:`AdaptiveNoise`.
     whole : see :func:`.readings_of`.
-    gating : of plain updates.
-    evidence : (R, K) output; (0, 0) if it is not wanted, and then takes no time.
-    counts : (R, 3) output, of linearisations, evaluations of h and rejected readings.
+    gating : gate and underweighting of plain updates.
+    evidence : (R, K) output; with shape (0, 0) it is not computed.
+    counts : (R, 3) output: numbers of linearisations, evaluations of h and rejected measurements.
     """
     runs, epochs, n = batch.transition.shape[:3]
     expected = lanes.moving_states(batch.transition, batch.process_cov)

@@ -56,8 +56,8 @@ def _moments(
 ) -> None:
     """Fill the offset of the mean, the lower half of S (m, m) and the cross-covariance.
 
-    Deviations of a pair from h(x) are e ± o: of the products of e + o and e − o only e eᵀ + o oᵀ
-    is left, and the weights' sum is one.
+    The two points of a pair deviate from h(x) by e + o and e − o. The mean of the outer products of
+    these deviations is e eᵀ + o oᵀ. The weights of the mean add up to one.
     """
     m, n = points.odd.shape[0], points.odd.shape[1]
     weight = weights.weight
@@ -85,7 +85,10 @@ def _moments(
 
 @interpreted
 def _repaired(p: np.ndarray, r: int, lower: np.ndarray) -> np.ndarray:
-    """Put the root of the nearest positive part of P into lane ``r`` of L; return that part."""
+    """Fill the Cholesky factor of the repaired P of lane ``r``; return the repaired P (n, n).
+
+    The repair is that of :func:`.nearest_root`. ``p`` is not changed.
+    """
     matrix = p[:, :, r].copy()
     # Rarely needed, and LAPACK takes ten seconds to compile.
     with objmode(upper="float64[:, :]", nearest="float64[:, :]"):
@@ -111,7 +114,10 @@ def _unscented(
     counts: np.ndarray,
     rejected: np.ndarray,
 ) -> None:
-    """Fill the unscented Kalman filter's results; counts (R, 2) of repairs and of evaluations."""
+    """Run the unscented Kalman filter on all runs, and fill the results.
+
+    ``counts`` (R, 2) are the numbers of repaired covariances and of evaluations of h.
+    """
     runs, epochs, m = batch.measurements.shape
     model, n = batch.model, batch.prior_cov.shape[0]
     expected = lanes.moving_states(batch.transition, batch.process_cov)
@@ -230,7 +236,7 @@ def _unscented(
 
 @compiled
 def _innovations(reading: LinearisedMeasurement, offset: np.ndarray) -> None:
-    """Turn the readings into innovations, against the weighted mean of the points' readings."""
+    """Replace the measurements z by innovations: z minus the weighted mean of h."""
     for c in range(reading.z.shape[1]):
         expected = load(reading.expansion.predicted, 0, c) + load(offset, 0, c)
         store(reading.z, 0, c, load(reading.z, 0, c) - expected)

@@ -19,7 +19,7 @@ from .robust_weights import NONE, number_of
 from .whitened_measurements import Batch, batch_of, linearise, readings_of
 
 WIDTH = 0.6
-"""Standard deviation of a Gaussian over the grid's spacing: their sum ripples by less than 1 %."""
+"""Standard deviation of each Gaussian over the spacing: the sum has ripples below 1 %."""
 NEGLIGIBLE = 1e-6
 """Weight against the largest one below which a hypothesis is dropped."""
 SAME = 1.0
@@ -54,14 +54,15 @@ def _filter(
     counts: np.ndarray,
     sizes: np.ndarray,
 ) -> None:
-    """Fill mean (R, K, n), cov (R, K, n, n), counts of h and mean sizes (R,).
+    """Fill mean (R, K, n), cov (R, K, n, n), ``counts`` (R,) and ``sizes`` (R,).
 
-    The mean is NaN from the epoch on at which no hypothesis has a finite likelihood.
+    If no hypothesis has a finite likelihood at an epoch, the mean is NaN from this epoch on.
 
     Parameters
     ----------
-    prior : J hypotheses of one covariance (1, n, n).
-    space : from :func:`space_for`, scratch.
+    prior : J hypotheses with a common covariance (1, n, n).
+    space : scratch from :func:`space_for`.
+    counts, sizes : number of evaluations of h; mean number of Gaussians.
     """
     runs, epochs = batch.measurements.shape[:2]
     for run in range(runs):
@@ -180,7 +181,10 @@ def advance(
 
 @compiled
 def _log_sum(weights: np.ndarray) -> float:
-    """Return the logarithm of the sum of the weights whose logarithms (J,) are finite; or −∞."""
+    """Return the logarithm of the sum of weights, given their logarithms (J,).
+
+    Logarithms that are not finite are ignored. Without a finite logarithm the result is −∞.
+    """
     largest = -math.inf
     for weight in weights:
         if math.isfinite(weight) and weight > largest:
@@ -194,7 +198,7 @@ def _log_sum(weights: np.ndarray) -> float:
 
 @compiled
 def _pack(source: Hypotheses, first: int, used: int, x: np.ndarray, p: np.ndarray) -> None:
-    """Fill lanes with hypotheses from ``first`` on; the last one repeats."""
+    """Copy ``used`` hypotheses from ``first`` on to lanes; unused lanes repeat the last one."""
     n = source.means.shape[1]
     for r in lanes.each():
         j = first + min(r, used - 1)
@@ -206,7 +210,7 @@ def _pack(source: Hypotheses, first: int, used: int, x: np.ndarray, p: np.ndarra
 
 @compiled
 def _unpack(x: np.ndarray, p: np.ndarray, first: int, used: int, out: Hypotheses) -> None:
-    """Write the used lanes back."""
+    """Copy the used lanes to the hypotheses from ``first`` on."""
     n = out.means.shape[1]
     for r in range(used):
         for a in range(n):
@@ -217,7 +221,7 @@ def _unpack(x: np.ndarray, p: np.ndarray, first: int, used: int, out: Hypotheses
 
 @compiled
 def _copy(source: Hypotheses, j: int, out: Hypotheses, place: int) -> None:
-    """Copy a hypothesis."""
+    """Copy hypothesis ``j`` of ``source`` to index ``place`` of ``out``."""
     n = source.means.shape[1]
     out.weights[place] = source.weights[j]
     for a in range(n):
@@ -228,7 +232,7 @@ def _copy(source: Hypotheses, j: int, out: Hypotheses, place: int) -> None:
 
 @compiled
 def _dropped(now: Hypotheses, count: int) -> int:
-    """Keep the hypotheses that weigh something against the heaviest; return how many."""
+    """Drop hypotheses of negligible weight relative to the largest; return the new number."""
     weights, largest = now.weights, -math.inf
     for j in range(count):
         if math.isfinite(weights[j]) and weights[j] > largest:
@@ -245,10 +249,10 @@ def _dropped(now: Hypotheses, count: int) -> int:
 
 @compiled
 def _merged(now: Hypotheses, count: int) -> int:
-    """Merge hypotheses whose means are the same (Salmond 1990); return how many are left.
+    """Merge hypotheses with close means (Salmond 1990); return the new number.
 
-    From the heaviest on, each takes in the lighter ones within its deviations, so that mean and
-    covariance of their sum are kept.
+    In order of decreasing weight, each hypothesis is merged with the lighter hypotheses within a
+    Mahalanobis distance of 1. A merge preserves the mean and covariance of the sum.
     """
     if count == 1:
         return count
@@ -307,7 +311,10 @@ def _merged(now: Hypotheses, count: int) -> int:
 
 @compiled
 def _root(matrix: np.ndarray, root: np.ndarray) -> None:
-    """Fill the lower triangle of L, L Lᵀ = a matrix; NaN where it is not positive definite."""
+    """Fill the lower triangle of the Cholesky factor L of a matrix A, L Lᵀ = A.
+
+    L contains NaN if A is not positive definite.
+    """
     for i in range(matrix.shape[0]):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -325,9 +332,10 @@ def _moments(
     mean: np.ndarray,
     cov: np.ndarray,
 ) -> float:
-    """Fill mean (n,) and covariance (n, n) of the hypotheses whose leader (J,) is ``first``.
+    """Fill mean (n,) and covariance (n, n) of the hypotheses that are merged into ``first``.
 
-    Return what they weigh together, in a unit of which the logarithm is given.
+    ``leader`` (J,) is the index of the hypothesis into which each one is merged. Return the sum of
+    the merged weights, divided by exp(``log_unit``).
     """
     weights, means, covs = now.weights, now.means, now.covs
     n = means.shape[1]

@@ -90,7 +90,8 @@ class Bank:
         used.
     scales : (F, m) factors on the noise standard deviations of the channels.
     heights : (F, 2) logarithm, per channel, of the peak of the assumed normal noise density over
-        the peak of the filter's noise density: for map-matched channels, and for all channels.
+        the peak of the filter's noise density. The first value is the effect of the noise factor
+        on map-matched channels, the second the effect of the loss on all channels.
     peaks : (R, K, 3) log peak of the assumed noise density without the term in 2π; number of
         available map-matched channels; number of available channels.
     motions : (F,) row of ``moves`` and ``drives`` for each filter.
@@ -229,7 +230,10 @@ def follow(
 
 @compiled
 def _members(bank: Bank, g: int, slots: np.ndarray, states: np.ndarray) -> Members:
-    """Return the filters of a family whose hypotheses have slots (J, R) in a stage."""
+    """Return the filters of a family that are active in a stage.
+
+    ``slots`` (J, R) are indices into the pairs of :class:`Stage`; negative for dropped hypotheses.
+    """
     start, stop = bank.families.starts[g], bank.families.starts[g + 1]
     runs = slots.shape[1]
     found, at = np.empty((3, (stop - start) * runs), dtype=np.int64), 0
@@ -315,7 +319,7 @@ def _family_batch(bank: Bank, g: int, size: int) -> Batch:
 
 @compiled
 def _advance(bank: Bank, g: int, members: Members, stage: Stage) -> None:
-    """Carry filters of a family through the epochs of a stage."""
+    """Run the filters of a family over the epochs of a stage."""
     families, processes = bank.families, bank.variances.shape[1]
     n = bank.batch.transition.shape[2]
     size = _dimension(bank, g, n)
@@ -408,7 +412,7 @@ def _load_states(members: Members, at: np.ndarray, x: np.ndarray, p: np.ndarray)
 def _store_states(
     members: Members, at: np.ndarray, count: int, x: np.ndarray, p: np.ndarray
 ) -> None:
-    """Keep the states of the filters in lanes."""
+    """Copy the states from ``count`` lanes back to their filters."""
     size = p.shape[0]
     for r in range(count):
         state = members.states[members.filters[at[r]], members.runs[at[r]]]
@@ -445,7 +449,7 @@ def _scale(
 
 @compiled
 def _load_motion(bank: Bank, filters: np.ndarray, group: np.ndarray, k: int, added: Added) -> None:
-    """Fill the motion of the added states to an epoch."""
+    """Fill Φ and Q of the added states, and their coupling, at epoch ``k``."""
     if added.order > 0 or added.coupled > 0:
         for r in range(len(group)):
             row = bank.motions[filters[r]]
@@ -516,12 +520,12 @@ def _mix(
     cov: np.ndarray,
     weights: np.ndarray,
 ) -> None:
-    """Fill weights (J, R, K) and moments (K, n), (K, n, n) of the mixture of a run in a stage.
+    """Fill weights (J, R, K), mean (K, n) and cov (K, n, n) of a run's mixture in a stage.
 
     Parameters
     ----------
-    slots : (J,).
-    logs : (J, R) logarithms of the weights before the stage; those after it at the end.
+    slots : (J,) index of each hypothesis into the pairs of ``stage``; negative if dropped.
+    logs : (J, R) log weights before the stage; replaced by the log weights after the stage.
     """
     hypotheses, n = logs.shape[0], mean.shape[1]
     totals, off = np.zeros(hypotheses), np.empty(n)

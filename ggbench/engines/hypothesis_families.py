@@ -20,7 +20,7 @@ from .robust_weights import NONE, number_of
 from .whitened_measurements import Batch, batch_of, gradient_equations
 
 _FIXED = 1e-6
-"""Standard deviation of the state that stands for the number one: a covariance is positive."""
+"""Standard deviation of the state with the constant value 1: keeps P positive definite."""
 
 
 class _Filter(NamedTuple):
@@ -28,9 +28,10 @@ class _Filter(NamedTuple):
 
     Attributes
     ----------
-    hypothesis : whose model it has.
-    owner : number of the hypothesis that it belongs to.
-    evident, estimating : whether it gives that one's evidence, and its estimates.
+    hypothesis : hypothesis that defines the model of the filter.
+    owner : index of the hypothesis for which the filter is run.
+    evident, estimating : whether the filter provides the evidence of hypothesis ``owner``; whether
+        it provides the estimates.
     """
 
     hypothesis: Hypothesis
@@ -44,12 +45,12 @@ class _Family(NamedTuple):
 
     Attributes
     ----------
-    order : states of an error process.
-    coupled : states that act on those of the block.
+    order : number of states of each error process; 0 without error processes.
+    coupled : number of added states that act on the states of the block.
     constant : whether each channel has a constant error.
     loss, threshold : see :mod:`.robust_weights`.
-    noise : factor on the standard deviation of the noise, if channels that are matched with the
-        map have noise that is correlated with that of others; else one, and filters differ in it.
+    noise : factor on the noise standard deviation of map-matched channels, if their noise is
+        correlated with that of other channels. Otherwise 1, and each filter has its own factor.
     """
 
     order: int
@@ -152,8 +153,8 @@ def _family_of(hypothesis: Hypothesis, mixed: bool, known: bool) -> _Family:
     Parameters
     ----------
     mixed : whether noise of map-matched and other channels is correlated.
-    known : whether filters with unknown gravity have a state for its known change. One family of
-        all of them fills the lanes better than a family of each kind.
+    known : whether filters with unknown gravity have a state for the known change of gravity. One
+        family of all these filters fills the lanes better than a family for each kind.
     """
     order = (1 if hypothesis.rough else 2) if hypothesis.wander else 0
     coupled = 3 + known if hypothesis.gravity_mgal else 0
@@ -173,7 +174,10 @@ def _sizes(block: ProblemBlock, families: Iterable[_Family]) -> list[int]:
 
 
 def _inverse(batch: Batch, of_map: np.ndarray, noise: float) -> np.ndarray:
-    """Return the inverse root of noise that is scaled by a factor in channels of the map."""
+    """Return the inverse Cholesky factor of R with the factor ``noise`` on map-matched channels.
+
+    ``of_map`` (m,) is the mask of these channels.
+    """
     return batch.noise_inverse / np.where(of_map, noise, 1.0)
 
 
@@ -301,13 +305,14 @@ def _fill_markov(decay: np.ndarray, move: np.ndarray, drive: np.ndarray) -> None
 
 
 def _fill_matern(decay: np.ndarray, move: np.ndarray, drive: np.ndarray) -> None:
-    """Fill Φ and Q of processes of Matérn's covariance, ν = 3/2 (Särkkä & Solin 2019, sec. 12.3).
+    """Fill Φ and Q of Matérn processes with ν = 3/2 (Särkkä & Solin 2019, sec. 12.3).
 
-    Their states are the error and its derivative by √3 d/ℓ, of the same variance.
+    The two states of a process are the error and its derivative with respect to √3 d/ℓ. Both have
+    the same variance.
 
     Parameters
     ----------
-    decay : (R, K) the way to each epoch over the distance ℓ.
+    decay : (R, K) distance flown since the previous epoch, divided by the correlation length ℓ.
     move, drive : (R, K, 5) output, Φ and Q of unit variance, row by row.
     """
     scaled = math.sqrt(3.0) * decay
@@ -321,10 +326,11 @@ def _fill_matern(decay: np.ndarray, move: np.ndarray, drive: np.ndarray) -> None
 
 
 def _coupling(block: ProblemBlock, motion: Motion, wanted: bool) -> np.ndarray:
-    """Return the effect (R, K, n, 4) of uncompensated acceleration ENU [m/s²] on x.
+    """Return the effect (R, K, n, 4) of an uncompensated acceleration, ENU [m/s²], on x.
 
-    Three columns: of an acceleration that is constant from epoch to epoch, like an accelerometer
-    bias. The last one: of its known change. Of no epoch unless it is wanted.
+    The first three columns are the effect of an acceleration that is constant between epochs, like
+    an accelerometer bias. The last column is the effect of its known change ``motion.known``. If
+    ``wanted`` is false, the result is zeros (1, 1, 1, 4).
     """
     if not wanted:
         return np.zeros((1, 1, 1, 4))

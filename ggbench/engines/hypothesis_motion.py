@@ -24,9 +24,10 @@ class Motion(NamedTuple):
     Attributes
     ----------
     ways : (R, K) distance flown since the previous epoch or the start [m]; zero without a track.
-    known : (R, K, 3) change of the uncompensated gravity since the start, from integrated gradients
-        and averaged since the previous epoch [m/s²] ENU; zero if not available.
-    walked : (R, K) variance of ``known`` caused by gradient noise [m²/s⁴].
+    known : (R, K, 3) change since the start of the acceleration error −δg of uncompensated gravity,
+        from integrated gradients, ENU [m/s²]. The value is the mean since the previous epoch; zero
+        if not available.
+    walked : (R, K) variance that gradient noise adds to the integral at each epoch [m²/s⁴].
     """
 
     ways: np.ndarray
@@ -59,9 +60,10 @@ def whole_tensor(block: ProblemBlock) -> bool:
 
 
 def _integrated_gradients(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray]:
-    """Return the change (R, K, 3) of what the INS errs by, from gradients along its track.
+    """Return the change (R, K, 3) of the acceleration error of the INS, ENU [m/s²].
 
-    In m/s², ENU; and the variance (R, K) that the noise of the readings adds at each epoch.
+    The change is integrated from measured gradients along the INS track. The second result (R, K)
+    is the variance that measurement noise adds at each epoch [m²/s⁴].
     """
     assert block.tracks is not None
     model, tracks = block.model, block.tracks
@@ -109,14 +111,16 @@ def _integrate(
     steps: np.ndarray,
     change: np.ndarray,
 ) -> None:
-    """Fill −∫ (T v + ω × change) dt (R, K, 3), ω being the rate of the local level along a track.
+    """Fill ``change`` (R, K, 3) with −∫ (T v + ω × change) dt along tracks.
+
+    T is the disturbing gradient, v the velocity, and ω the transport rate.
 
     Parameters
     ----------
-    tensors : (R, K, 9) gradients [1/s²] ENU, row by row.
-    there : (R, K) which of them were measured; the last one is held otherwise.
-    tracks : (R, K, 15).
-    steps : (K,) time from the epoch before [s].
+    tensors : (R, K, 9) disturbing gradients T [s⁻²] ENU, row by row.
+    there : (R, K) mask of the measured gradients; a missing one is replaced by the previous one.
+    tracks : (R, K, 15) indicated position, velocity and C_nb (row by row).
+    steps : (K,) time since the previous epoch [s].
     """
     held, velocity, total = np.empty(9), np.empty(3), np.empty(3)
     for r in range(tensors.shape[0]):

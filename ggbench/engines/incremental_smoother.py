@@ -116,9 +116,10 @@ def _moved(
     count: int,
     relinearized: np.ndarray,
 ) -> bool:
-    """Take the estimates of a node that have moved as its points, and return if there are any.
+    """Update the linearisation points of node ``j``; return whether any point has changed.
 
-    The trial of the others becomes their point, about which they are linearised as before.
+    If any state of a run has moved from its point by the limit or more, the estimate becomes the
+    point. Otherwise the trial state is reset to the point, so the linearisation does not change.
     """
     states, trial = path.states[j], path.trial[j]
     n = limits.shape[1]

@@ -29,7 +29,7 @@ class Rules:
     Attributes
     ----------
     iterations : largest number of linearisations; 1 is a linear update.
-    halvings : largest number of halvings of a step.
+    halvings : largest number of trial steps: the full step, and steps halved successively.
     loss, threshold : robust loss, see :mod:`.robust_weights`. With a loss, measurements have
         ``whole`` set, see :class:`.LinearisedMeasurement`.
     settled : whether the weights of a loss are iterated to convergence at each linearisation,
@@ -182,7 +182,7 @@ def update(out: Search, x: np.ndarray, p: np.ndarray, scratch: np.ndarray) -> No
 
 @compiled
 def _left(out: Search, r: int) -> float:
-    """Return Σ ρ of a run's residuals at the state of its reading."""
+    """Return the sum Σ ρ of a run's residuals at its linearisation point."""
     reading, rules = out.reading, out.rules
     total = 0.5 * reading.squared[0, 0, r]
     for c in range(reading.innovation.shape[1]):
@@ -192,7 +192,11 @@ def _left(out: Search, r: int) -> float:
 
 @compiled
 def _take(out: Search, x: np.ndarray, p: np.ndarray, first: bool) -> None:
-    """Take the equations of a reading at x, seen from x⁻, for the runs that still seek."""
+    """Fill the equations of unconverged runs, linearised at x and relative to x⁻.
+
+    A loss multiplies the equations by the square roots of its weights. ``first`` states whether
+    this is the first linearisation of the update.
+    """
     reading, rules = out.reading, out.rules
     m, n = out.rows.shape[0], out.rows.shape[1]
     for r in each():
@@ -235,9 +239,10 @@ def _take(out: Search, x: np.ndarray, p: np.ndarray, first: bool) -> None:
 def _descend(
     out: Search, group: np.ndarray, count: int, k: int, x: np.ndarray, p: np.ndarray
 ) -> None:
-    """Take as much of the step as lets the cost fall; who gains too little by it has arrived.
+    """Halve the step of each run until its cost decreases, and mark the converged runs.
 
-    At the end the reading is linearised at x for all runs that still seek.
+    A run has converged if the decrease is negligible. On return the measurement is linearised at x
+    for all runs that have not converged.
     """
     n = x.shape[1]
     before = out.cost.copy()

@@ -10,7 +10,7 @@ that has ended stays unchanged.
 The motion cost ½ M(x, x) of a trajectory x is that of the prior and of the process noise. Let b be
 the minimum of the linear problem about the trajectory a. Between a and b the motion cost is
 quadratic, so M(a, a), M(a, b) and M(b, b) define it. At b the gradient of the linear problem is
-zero, M(b, a − b) = (y − H b)ᵀ H (a − b), so no multipliers are stored:
+zero: M(b, a − b) = (y − H b)ᵀ H (a − b). Therefore M(a, b) needs no stored multipliers:
 
     M(a, b) = M(b, b) + |y − H b|² − (y − H b)ᵀ (y − H a).
 """
@@ -109,7 +109,7 @@ class TrialSlots:
 
 @compiled
 def _evaluate(smoother: Smoother, count: int, slots: TrialSlots) -> None:
-    """Fill what is left of the readings along what ``count`` slots try."""
+    """Fill ``slots.left``, the sums of losses after the trial steps of ``count`` slots."""
     problems, path, reading = smoother.problems, smoother.path, smoother.reading
     n = path.states.shape[2]
     slots.left[:] = 0.0
@@ -127,13 +127,13 @@ def _evaluate(smoother: Smoother, count: int, slots: TrialSlots) -> None:
 
 @compiled
 def _left(costs: CostTerms, r: int) -> float:
-    """Return Σ ρ of the residuals along the trajectory that a lane is linearised about."""
+    """Return Σ ρ of the residuals along the linearisation trajectory of lane ``r``."""
     return 0.5 * (costs.unexplained[0, 0, r] + costs.explained[0, 0, r])
 
 
 @compiled
 def _add_losses(problems: BatchProblem, reading: LinearisedMeasurement, left: np.ndarray) -> None:
-    """Add Σ ρ of the residuals of a reading (lanes,)."""
+    """Add Σ ρ of the residuals of a measurement to ``left`` (lanes,)."""
     for c in range(reading.residual.shape[1]):
         for r in lanes.each():
             residual = reading.residual[0, c, r]
@@ -145,7 +145,7 @@ def _add_losses(problems: BatchProblem, reading: LinearisedMeasurement, left: np
 
 @compiled
 def _mixed_motion(path: Linearisation, costs: CostTerms, mixed: np.ndarray) -> None:
-    """Fill M(a, b) of the trajectories a and the trials b of a group, as 1, 1, lanes."""
+    """Fill ``mixed`` (1, 1, lanes) with M(a, b) of trajectories a and trial trajectories b."""
     total = load(costs.motion, 0, 0) + load(costs.promised, 0, 0)
     for k in range(path.moving.shape[0]):
         rows, target, states, trial = path.rows[k], path.target[k], path.states[k], path.trial[k]
@@ -194,7 +194,7 @@ def assign_trials(
 
 @compiled
 def _to_lanes(tracks: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
-    """Fill (K, 1, n, lanes) with the tracks (J, K, n) of some searches (lanes,)."""
+    """Copy the trajectories (J, K, n) of searches ``which`` (lanes,) to (K, 1, n, lanes)."""
     for r in lanes.each():
         for k in range(out.shape[0]):
             for j in range(out.shape[2]):
@@ -203,7 +203,7 @@ def _to_lanes(tracks: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
 
 @compiled
 def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray) -> None:
-    """Fill the tracks (J, K, n) of ``count`` searches from ``first`` on."""
+    """Copy (K, 1, n, lanes) to trajectories (J, K, n) of ``count`` searches from ``first`` on."""
     for r in range(count):
         for k in range(values.shape[0]):
             for j in range(values.shape[2]):
@@ -314,9 +314,10 @@ def search(problems: BatchProblem, most: int, enough: float, found: MapSearches)
 def _move(
     path: Linearisation, share: float, r: int, job: int, back: np.ndarray, found: MapSearches
 ) -> None:
-    """Go a share of the way in a lane ``r`` of a search; keep where it was.
+    """Apply the fraction ``share`` of the Gauss–Newton step of search ``job`` in lane ``r``.
 
-    ``back`` (1, n, lanes) has the starts that the linear problems lead to.
+    The previous trajectory is stored in ``found.about``. ``back`` (1, n, lanes) are the starts λ of
+    the solutions of the linear problems.
     """
     about = found.about[job]
     for j in range(found.start.shape[1]):
@@ -437,7 +438,7 @@ def ends(
 
 @compiled
 def _filter_again(smoother: Smoother, found: MapSearches, first: int) -> None:
-    """Filter the linear problems of a group of searches, as they were linearised last."""
+    """Run the Kalman filter on the latest linearised problems of a group of searches."""
     searches, path, group = found.states.shape[0], smoother.path, lanes.integers()
     count, own = lanes.count_from(first, searches), lanes.group_members(first, searches)
     for r in lanes.each():

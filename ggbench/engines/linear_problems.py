@@ -246,7 +246,7 @@ def relinearise_epoch(smoother: Smoother, k: int) -> None:
 
 @compiled
 def _weigh(smoother: Smoother) -> None:
-    """Multiply equations with the roots of their weights; add up twice their losses."""
+    """Multiply each equation by the square root of its weight; add twice its loss to the cost."""
     problems, reading, costs = smoother.problems, smoother.reading, smoother.costs
     loss, threshold = problems.loss, problems.threshold
     m, n = reading.rows.shape[0], reading.rows.shape[1]

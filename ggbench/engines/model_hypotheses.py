@@ -14,11 +14,11 @@ from .hypothesis_motion import whole_tensor
 from .robust_weights import losses
 
 _LARGER, _SHORTER = 2.0, 0.7
-"""Deviation and distance of the process by which a map's error is estimated over those found."""
+"""Factors on standard deviation and correlation length of a map error, for the estimates."""
 _THRESHOLD, _HEAVY = 2.385, 1.5
-"""Thresholds of Cauchy's loss: as usual (Zhang 1997); of the density of many outliers."""
+"""Thresholds of Cauchy's loss: the usual one (Zhang 1997), and the one for many outliers."""
 _CORE = 0.7
-"""Scale of that density over the standard deviation of the noise among the outliers."""
+"""Factor on the noise standard deviation in the filter for many outliers."""
 _ADAPTED = 1.03
 """Noise of the filter for the estimates over that of the hypothesis. The weights of a loss follow
 from the innovations, so that the gain is slightly too large."""
@@ -36,10 +36,10 @@ class Hypothesis:
     loss, threshold : robust loss for noise with outliers, see :mod:`.robust_weights`.
     constant : standard deviation of a constant error of each gravity or gradient channel [unit of
         the channel].
-    wander, length_m : standard deviation σ [unit of the channel] and correlation length ℓ of an
-        error of each gravity or gradient channel that varies with the distance d along the track.
-        The process is a Matérn process with ν = 3/2 and covariance σ² (1 + √3 d/ℓ) exp(−√3 d/ℓ),
-        which is smooth like map errors.
+    wander, length_m : standard deviation σ [unit of the channel] and correlation length ℓ [m] of a
+        variable error of each gravity or gradient channel. The error is a Matérn process of the
+        distance d along the track, with ν = 3/2 and covariance σ² (1 + √3 d/ℓ) exp(−√3 d/ℓ). It is
+        smooth like map errors.
     rough : whether the covariance of the variable error is σ² exp(−d/ℓ) instead.
     gravity_mgal, gravity_km : standard deviation of each component of the unknown gravity, and
         distance at which the correlation is 1/e.
@@ -93,8 +93,8 @@ def heavy_tails(kind: str, noise: float) -> Hypothesis:
     The evidence comes from a filter with tails heavy enough for 20 % outliers, so that outliers do
     not bias the estimated size of other model errors. These tails are too heavy if outliers are
     few. Therefore the estimates come from a filter with the usual threshold of Cauchy's loss, and
-    with 3 % more noise. Without it the mean NEES of nine campaigns with 10 % outliers is 6.26 with
-    a standard error of 0.09, instead of 6.
+    with 3 % more noise. Without the additional noise the mean NEES of nine campaigns with 10 %
+    outliers is 6.26 with a standard error of 0.09, instead of 6.
     """
     usual = Hypothesis(kind=kind, noise=_ADAPTED * noise, loss="cauchy", threshold=_THRESHOLD)
     return Hypothesis(
@@ -158,7 +158,7 @@ def of_the_map(block: ProblemBlock) -> np.ndarray:
 
 
 def _walking_errors(block: ProblemBlock) -> bool:
-    """Return whether the model has errors of the map's channels that change during a flight."""
+    """Return whether map-matched channels depend linearly on states with process noise."""
     channels = np.flatnonzero(of_the_map(block))
     if not (channels >= block.model.first_linear).any():
         return False

@@ -27,18 +27,18 @@ from .model_words import in_words
 _GROUP = 8
 """Runs whose filters are in memory at the same time."""
 _SUMMARIES = 4
-"""Times in a flight at which the weights are put in words."""
+"""Number of times in a flight for which the weights are summarised as a text."""
 _STAGES = tuple(2.0 ** (-0.5 * number) for number in range(10, -1, -1))
 """Ends of the stages, in parts of the epochs."""
 _LEAST = 8
-"""Epochs before a hypothesis is dropped or the search ends: one may be an outlier."""
+"""Least number of epochs before a hypothesis is dropped or the search ends."""
 _SAMPLES, _STEP_M, _EARTH_RADIUS = 64, 50.0, 6.371e6
 _STRAIGHT = 0.3
-"""Spacing over the distance in which the gradients' derivative changes by itself."""
+"""Spacing over the distance in which the derivative of the gradients changes by its own size."""
 _CHECKS = 24
-"""How often in a flight the search may end."""
+"""Approximate number of epochs in a flight at which the search may end."""
 _BEND = 0.1
-"""Change of a gradient by its second derivative, one deviation off, over its noise."""
+"""Second-order term of a gradient at one standard deviation, over the noise."""
 _ROUGHNESS: WeakKeyDictionary[GravityMap, tuple[float, float]] = WeakKeyDictionary()
 """Roughness of the maps that are in use."""
 
@@ -63,10 +63,11 @@ class _Candidate(NamedTuple):
 
     Attributes
     ----------
-    place : number of the hypothesis.
-    sums : the one whose evidence counts; then that of the estimates, if it is another one.
-    peak : (1, K) see :func:`_with_noise`.
-    first_evidence : of the first epoch, if the sums have not all Gaussians of the prior.
+    place : index of the hypothesis.
+    sums : Gaussian sum for the evidence, and the Gaussian sum for the estimates if it differs.
+    peak : (1, K) log peak of the noise density, see :func:`_with_noise`.
+    first_evidence : evidence of the first epoch, if screening has dropped Gaussians of the prior;
+        else None.
     """
 
     place: int
@@ -75,7 +76,7 @@ class _Candidate(NamedTuple):
     first_evidence: float | None
 
     def advance(self, first: int, stop: int) -> np.ndarray:
-        """Carry the sums through epochs from ``first`` to before ``stop``; return the evidence."""
+        """Filter up to epoch ``stop`` − 1; return the evidence from epoch ``first`` on."""
         for one in self.sums:
             one.advance(stop)
         if self.first_evidence is not None:
@@ -106,8 +107,8 @@ def multiple_model(
     """Run the multiple-model filter with the hypotheses that apply to the block.
 
     Hypotheses that do not apply are omitted. With a wide prior, the hypotheses without added states
-    first run as Gaussian sums. As soon as the position uncertainty is below one spacing of the
-    Gaussians, all hypotheses start.
+    first run as Gaussian sums. All hypotheses start when the largest standard deviation of the
+    position is below 0.6 spacings of the Gaussians. This is tested about 24 times in a flight.
     """
     chosen = applicable(hypotheses, block)
     priors = np.log([hypothesis.prior for hypothesis in chosen])
@@ -164,9 +165,10 @@ def cell_spacing(block: ProblemBlock) -> float:
 
 
 def _roughness_of(gravity_map: GravityMap) -> tuple[float, float]:
-    """Return the rms first [E/m] and second derivative [E/m²] of a map's gradients.
+    """Return rms first [E/m] and second derivatives [E/m²] of a map's gradients to the north.
 
-    Along meridians across the whole map at half its height; computed once for each map.
+    The points cover the whole map at the middle of its height range. The result is stored for each
+    map that has a hash.
     """
     try:
         if gravity_map in _ROUGHNESS:
@@ -208,8 +210,9 @@ def _search(
 
     Parameters
     ----------
-    logs : (J, R) the weights of the hypotheses; made what they are at that epoch.
-    prior : the prior's Gaussians.
+    logs : (J, R) log weights of the hypotheses before the first epoch; overwritten with those
+        before the returned epoch.
+    prior : Gaussians of the prior.
     """
     simple = [j for j, hypothesis in enumerate(hypotheses) if hypothesis.keeps_states]
     begins = np.empty(block.runs, dtype=np.int64)
@@ -238,7 +241,7 @@ def _search_run(
     options: SearchOptions,
     out: Mixture,
 ) -> int:
-    """Fill the mixture of one run until its position is known; return the epoch after that."""
+    """Fill the mixture of one run until the search ends; return the following epoch."""
     states = position_grid.states_in_metres(block)
     candidates = _candidates(block, hypotheses, prior, options, out.counts)
     sums = [one for candidate in candidates for one in candidate.sums]
@@ -278,7 +281,10 @@ def _candidates(
     options: SearchOptions,
     counts: np.ndarray,
 ) -> list[_Candidate]:
-    """Return the sums of one run at its start; evaluations of h are added to ``counts`` (1,)."""
+    """Return the Gaussian sums of one run before its first epoch.
+
+    The number of evaluations of h is added to ``counts`` (1,).
+    """
     whole = space_for(prior)
     first_epoch: dict[float, Screened] = {}
     noises = [one.noise for one in hypotheses if one.loss == "none"]
@@ -308,9 +314,9 @@ def _candidates(
 def _follow(
     bank: Bank, begins: np.ndarray, block: ProblemBlock, logs: np.ndarray, out: Mixture
 ) -> None:
-    """Fill the mixture of all hypotheses from the epoch (R,) on from which each run has them.
+    """Fill the mixture of all hypotheses, from epoch ``begins`` (R,) of each run on.
 
-    ``logs`` (J, R) are the logarithms of the weights before that epoch.
+    ``logs`` (J, R) are the log weights before this epoch.
     """
     runs, epochs = block.runs, block.epochs
     for begin in np.unique(begins[begins < epochs]):
@@ -336,14 +342,15 @@ def _follow(
 
 
 def _iterations(hypothesis: Hypothesis, options: SearchOptions) -> int:
-    """Return how often an update linearises; a loss needs a second time."""
+    """Return the largest number of linearisations of an update; at least 2 with a loss."""
     return options.iterations if hypothesis.loss == "none" else max(options.iterations, 2)
 
 
 def _with_noise(block: ProblemBlock, hypothesis: Hypothesis) -> tuple[ProblemBlock, np.ndarray]:
-    """Return a block with the noise of a hypothesis.
+    """Return a block with the noise of a hypothesis, and the log peak of the noise density.
 
-    Also what the evidence (R, K) lacks of it: the logarithm of the density of noise that is zero.
+    The log peak (R, K) is the noise term that the evidence of the filters lacks. The term in 2π is
+    omitted.
     """
     scales = np.where(of_the_map(block), hypothesis.noise, 1.0)
     noise_cov = block.noise_cov * np.outer(scales, scales)
@@ -397,6 +404,8 @@ def summaries(
     times: np.ndarray, hypotheses: Sequence[Hypothesis], shares: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return texts (R,) with the hypotheses of significant weight at several times.
+
+    The keys of the result are named by the time, for example ``at_600_s``.
 
     Parameters
     ----------

@@ -18,20 +18,21 @@ from .trajectory_search import TrajectorySearch, chosen
 from .window_search import ITERATIONS, Search, best_apart
 
 _SCREENED = 50
-"""Number of epochs at which the cost of a start is looked at."""
+"""Largest number of epochs at which the costs of starts are compared."""
 _MOST_POINTS = 50_000
-"""Points of the grid on which the first window is searched."""
+"""Largest number of grid points of the map search of a window."""
 NO_RIVAL = 50.0
-"""Log odds against a place by which it needs no search of the whole flight."""
+"""Excess of the cost over the best one above which a position is not searched further."""
 
 
 def across_prior(problem: Problem, count: int) -> np.ndarray:
     """Return multipliers λ (S, n) of S starts spread across the prior.
 
     A start is the state prior_mean + P_0 λ, in units of the prior's standard deviations. The first
-    is the prior mean. The others are a Halton sequence, mapped to the normal distribution whose
-    density is proportional to the power d / (d + 2) of the prior density of the d position states.
-    This power minimises the mean square distance to the nearest start (Zador 1982).
+    is the prior mean. The others are a Halton sequence, mapped to a normal distribution. The
+    density of this distribution is proportional to the power d / (d + 2) of the prior density of
+    the d position states. This power minimises the mean square distance to the nearest start
+    (Zador 1982).
     """
     axes = states_in_metres(problem)
     if count == 1 or not axes:
@@ -126,10 +127,13 @@ def multistart(
 
 
 class _Multistart(TrajectorySearch):
-    """Searches of the problems of a block, and where they are begun."""
+    """Trajectory searches of a block, and the construction of their starts."""
 
     def best_starts(self, count: int, keep: int) -> MapSearches:
-        """Return undisturbed motions of lowest costs from positions across the prior."""
+        """Return searches from the ``keep`` starts of least cost, of ``count`` across the prior.
+
+        Their trajectories are noise-free.
+        """
         block, first = self.block, self.block.problem(0)
         starts = across_prior(first, count) / self.scale
         if len(starts) == 1:
@@ -139,7 +143,10 @@ class _Multistart(TrajectorySearch):
         return self.from_prior(np.tile(self.runs, len(best)), starts[best.ravel()])
 
     def _screened(self, starts: np.ndarray, axes: list[int]) -> np.ndarray:
-        """Return costs (R, S) of starts (S, n) of states ``axes``, from a part of the epochs."""
+        """Return approximate costs (R, S) of starts (S, n), from a part of the epochs.
+
+        ``axes`` are the indices of the states in which the starts differ.
+        """
         block, count = self.block, len(starts)
         shown = shown_epochs(block.epochs)
         there = np.isin(np.arange(block.epochs), shown)
@@ -153,14 +160,18 @@ class _Multistart(TrajectorySearch):
         return np.asarray(prior + block.epochs / len(shown) * costs)
 
     def from_filter(self) -> MapSearches:
-        """Return the smoothed track of an extended Kalman filter of each run."""
+        """Return searches that start at the smoothed trajectory of each run's EKF."""
         found = self.unstarted(self.runs, np.zeros((self.block.runs, self.block.dimension)))
         filtered_tracks(self._arrays.batch, found)
         self.evaluations += self.block.epochs
         return found
 
     def from_windows(self, count: int, spacing_m: float, keep: int) -> MapSearches:
-        """Return the motions that fit the first readings of their runs, the most probable first."""
+        """Return searches from the best matches of the first measurements of each run.
+
+        A run has up to ``keep`` searches, the most probable first. Their trajectories are
+        noise-free.
+        """
         window_ends = np.array([window_end(there, count) for there in self.block.present])
         runs, starts = [], [np.zeros((0, self.block.dimension))]
         for stop in dict.fromkeys(window_ends.tolist()):
@@ -184,7 +195,10 @@ class _Multistart(TrajectorySearch):
         return self.from_prior(np.array(runs, dtype=int), np.vstack(starts))
 
     def places(self, windows: dict[int, Search], keep: int) -> MapSearches:
-        """Return the ends of searches from the best places of windows, by their runs."""
+        """Run searches from the best positions of each window, and return them.
+
+        ``windows`` are the map searches of windows, by run.
+        """
         begun = [
             np.array(found.starts(keep)).reshape(-1, len(self.scale)) for found in windows.values()
         ]

@@ -13,7 +13,7 @@ from ..sensors.model_arrays import ModelArrays, PointScratch, point_scratch
 from ..sensors.model_kernels import Expansion, read
 
 _NEAR, _STRAIGHT = 0.01, 1e-7
-"""Displacements [m], [rad] of the instrument over which h is a straight line."""
+"""Displacement [m] and rotation [rad] of the instrument below which h is linearised."""
 
 
 @record
@@ -136,7 +136,7 @@ def read_sigma_points(
 def _add_linear_pairs(
     model: ModelArrays, lower: np.ndarray, factor: float, at: Expansion, odd: np.ndarray
 ) -> None:
-    """Add D d_q to half the difference of h(x ± d_q): exact where h is linear."""
+    """Add D d_q to ``odd``: the exact contribution of the linear part of h."""
     columns, n = model.columns, lower.shape[0]
     for c in range(model.first_linear, odd.shape[0]):
         first = 0
@@ -151,7 +151,7 @@ def _add_linear_pairs(
 
 @compiled
 def _far(out: SigmaPoints, r: int) -> int:
-    """List the points of a run over which h may bend; return how many pairs there are."""
+    """List the pairs of a run at which h is to be evaluated; return their number."""
     shift, far = out.shift, out.far
     moving, n = shift.shape[0], shift.shape[1]
     count = 0
@@ -169,7 +169,7 @@ def _far(out: SigmaPoints, r: int) -> int:
 
 @compiled
 def _alike(count: int, points: SigmaPoints) -> int:
-    """Return of how many pairs, the first in the lists, ``count`` runs have the same."""
+    """Return the number of leading pairs that are equal in the lists of ``count`` runs."""
     fewest = points.counts[0]
     for r in range(1, count):
         fewest = min(fewest, points.counts[r])
@@ -184,9 +184,9 @@ def _alike(count: int, points: SigmaPoints) -> int:
 def _evaluate(
     model: ModelArrays, k: int, pairs: int, alike: int, at: Expansion, out: SigmaPoints
 ) -> None:
-    """Evaluate the far points of all runs; a run with fewer than ``pairs`` is filled up with x.
+    """Evaluate h at the listed pairs of all runs, up to ``pairs`` pairs for each run.
 
-    The first ``alike`` pairs are the same ones in all runs.
+    A run with fewer pairs is filled up with x. The first ``alike`` pairs are the same in all runs.
     """
     shift, odd, even, far, counts = out.shift, out.odd, out.even, out.far, out.counts
     errors, found, chosen = out.errors, out.found, out.chosen

@@ -21,9 +21,10 @@ from .linear_problems import Linearisation, Scratch, Smoother, Updates, scratch_
 def _update(
     rows: np.ndarray, target: np.ndarray, updates: Updates, k: int, p: np.ndarray, work: Scratch
 ) -> None:
-    """Update x and P with linear readings (m, n) of an epoch; keep what the way back needs.
+    """Update x and P with the linear measurement (m, n) of epoch ``k``.
 
-    x and P are those of a work, ``p`` the P, and ``work.scratch`` of that of m equations.
+    The state x is ``work.x``, and P is ``p``. ``work`` is scratch for m equations. The data for the
+    backward pass are stored in ``updates``.
     """
     lower, gain = updates.lower[k], updates.gains[k]
     m, n = rows.shape[0], rows.shape[1]
@@ -71,7 +72,7 @@ def filter_epoch(smoother: Smoother, k: int) -> None:
 def _back_through(
     rows: np.ndarray, updates: Updates, k: int, work: Scratch, back: np.ndarray
 ) -> None:
-    """Take the multipliers r (1, n) back through an update: r + Hᵀ (S⁻¹ y − Kᵀ r)."""
+    """Propagate the multipliers r (1, n) back through an update: r ← r + Hᵀ (S⁻¹ y − Kᵀ r)."""
     gain, pulls = updates.gains[k], updates.pulls[k]
     m, n = rows.shape[0], rows.shape[1]
     for c in range(m):
@@ -88,7 +89,10 @@ def _back_through(
 
 @compiled
 def _smoothed(path: Linearisation, k: int, back: np.ndarray, out: np.ndarray) -> None:
-    """Fill x_f + P_f r (1, n) of an epoch with the multipliers r of what comes later."""
+    """Fill ``out`` (1, n) with the smoothed state x_f + P_f r of epoch ``k``.
+
+    ``back`` (1, n) are the multipliers r of all later measurements.
+    """
     filtered, half = path.filtered[k], path.half_cov[k]
     n = filtered.shape[1]
     for j in range(n):
@@ -105,7 +109,7 @@ def _smoothed(path: Linearisation, k: int, back: np.ndarray, out: np.ndarray) ->
 
 @compiled
 def _back_in_time(phi: np.ndarray, moving: int, back: np.ndarray, scratch: np.ndarray) -> None:
-    """Take the multipliers r (1, n) back to the epoch before: Φᵀ r."""
+    """Propagate the multipliers r (1, n) back to the previous epoch: r ← Φᵀ r."""
     n = back.shape[1]
     for j in range(n):
         total = splat(0.0)
@@ -148,7 +152,7 @@ def smooth_back(smoother: Smoother, newest: int, oldest: int) -> None:
 
 @compiled
 def _whole(half: np.ndarray, matrix: np.ndarray) -> None:
-    """Fill a symmetric matrix (n, n) of which half is kept."""
+    """Fill a symmetric matrix (n, n) from its stored lower half (1, n (n + 1) / 2)."""
     place = 0
     for i in range(matrix.shape[0]):
         for j in range(i + 1):
@@ -243,10 +247,11 @@ def covariances(
 def _inform_before(
     path: Linearisation, k: int, later: np.ndarray, root: np.ndarray, work: Scratch
 ) -> None:
-    """Take the information Λ (n, n) from behind the readings of an epoch to the epoch before.
+    """Propagate the information Λ (n, n) back over epoch ``k``, to the previous epoch.
 
-    Readings add Hᵀ H. Process noise Q = R Rᵀ leaves (Λ⁻¹ + Q)⁻¹ of it: what an update leaves of a
-    covariance Λ, with rows Rᵀ. Motion makes Φᵀ Λ Φ of that. ``root`` (n, n) is overwritten.
+    The measurement adds Hᵀ H. Process noise Q = R Rᵀ reduces Λ to (Λ⁻¹ + Q)⁻¹, which has the form
+    of a covariance Λ updated with the rows Rᵀ. The transition gives Φᵀ Λ Φ. ``root`` (n, n) is
+    overwritten.
     """
     rows, phi, p = path.rows[k], path.phi[k], work.p
     n, moving = p.shape[0], max(path.moving[k], 3)

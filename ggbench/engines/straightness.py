@@ -9,9 +9,9 @@ from ..numerics.positive import ranked_root
 from .resampling import moments
 
 _SHAPE = 1.0
-"""Hermite moments of a cloud shaped like a Gaussian are smaller, times N^{1/4}."""
+"""Limit of the normalised Hermite moments of a Gaussian cloud, times N^{1/4}."""
 _NORMS = np.sqrt([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0])
-"""Deviations of the Hermite polynomials of a normal number, from order 0 on."""
+"""Standard deviations of the Hermite polynomials of a standard normal number, orders 0 to 6."""
 
 
 def bending(weights: np.ndarray, drawn: np.ndarray, read: np.ndarray) -> float:
@@ -37,10 +37,10 @@ def bending(weights: np.ndarray, drawn: np.ndarray, read: np.ndarray) -> float:
 def is_gaussian(weights: np.ndarray, drawn: np.ndarray) -> bool:
     """Return whether a cloud has the shape of a Gaussian.
 
-    The test uses the weighted means of the Hermite polynomials of orders 3 to 6, along the axes of
-    the states and along the principal axes of the cloud. For a Gaussian these means are zero, with
-    a sampling error of N^{−1/2}. Order 6 detects a cloud of three modes whose skewness and kurtosis
-    equal those of a Gaussian.
+    The test uses the weighted means of the Hermite polynomials of orders 3 to 6. They are computed
+    along the axes of the states and along the principal axes of the cloud. For a Gaussian these
+    means are zero, with a sampling error of N^{−1/2}. Order 6 detects a cloud of three modes whose
+    skewness and kurtosis equal those of a Gaussian.
 
     Parameters
     ----------

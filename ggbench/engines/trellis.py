@@ -19,9 +19,9 @@ from .lattices import Lattice
 from .position_grid import REACH
 
 _NEGLIGIBLE = 1e-10
-"""Probability against the largest one below which a cell is left out."""
+"""Probability, relative to the largest one, below which a cell is dropped."""
 _DRAWN = 64
-"""Cells at which it is asked how much a reading changes within one."""
+"""Number of cells at which the Jacobian is evaluated."""
 
 
 class Layer(NamedTuple):
@@ -114,7 +114,10 @@ class Trellis:
         kernels: list[np.ndarray],
         lattice: Lattice,
     ) -> Layer:
-        """Return the layer of epoch k from what is predicted of it."""
+        """Return the layer of epoch k, updated with its measurement.
+
+        ``masses`` are the predicted probabilities in a box, and ``low`` is its first lattice index.
+        """
         flat = masses.reshape(-1)
         cells = np.flatnonzero(flat > _NEGLIGIBLE * flat.max())
         index = np.stack(np.unravel_index(cells, masses.shape), axis=-1) + low
@@ -135,7 +138,7 @@ class Trellis:
         kernels: list[np.ndarray],
         lattice: Lattice,
     ) -> Layer:
-        """Return the cells that weigh something, in a box that is no larger than they need."""
+        """Return a layer with the cells of significant probability, in the smallest box."""
         flat = masses.reshape(-1)
         limit = _NEGLIGIBLE * flat.max()
         if np.count_nonzero(flat > limit) > self.most:
@@ -159,10 +162,11 @@ class Trellis:
     def _log_likelihoods(
         self, k: int, lattice: Lattice, places: np.ndarray, masses: np.ndarray
     ) -> np.ndarray:
-        """Return the logarithms (N,) of the likelihood of reading k, averaged over each cell.
+        """Return the log likelihoods (N,) of measurement k, averaged over each cell.
 
-        As if it were linear there: with the covariance of a uniform position, as noise. The slopes
-        are those at some of the cells, drawn evenly from the prediction.
+        The average assumes that h is linear within a cell: the covariance of h for a uniform
+        position is added to R. This covariance is the mean over up to 64 cells, which are drawn
+        systematically from the prediction.
         """
         problem = self.problem
         there = problem.present[k]
@@ -241,7 +245,8 @@ def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
 
     ``side`` is the requested side; it is increased if more than ``most`` cells were needed. Along
     an axis where the prior's standard deviation is smaller, the side is this standard deviation,
-    which gives at least nine cells. ``cov`` (d, d) is the covariance of the prior.
+    which gives eleven cells. With eleven cells along every axis, ``most`` may be exceeded. ``cov``
+    (d, d) is the covariance of the prior.
     """
     sigma = np.sqrt(np.diag(cov))
     sides = np.minimum(side, sigma)
@@ -252,19 +257,19 @@ def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
 
 
 def _sums_along(box: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
-    """Return a box convolved along an axis, which gains the reach of the kernel."""
+    """Return a box convolved with a kernel (2r + 1,) along an axis, which grows by 2r cells."""
     shape = (*box.shape[:axis], box.shape[axis] + len(kernel) - 1, *box.shape[axis + 1 :])
     return np.asarray(_sums(_parts(box, axis), kernel).reshape(shape))
 
 
 def _parts(box: np.ndarray, axis: int) -> np.ndarray:
-    """Return a box as three axes: those before one, it, and those behind."""
+    """Reshape a box to three axes: all axes before ``axis``, ``axis`` itself, and all after."""
     before = int(np.prod(box.shape[:axis]))
     return np.ascontiguousarray(box).reshape(before, box.shape[axis], -1)
 
 
 def _best_along(box: np.ndarray, logs: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best sums over steps along an axis, and at each which step was taken."""
+    """Return :func:`_maxima` along an axis of a box of scores."""
     shape = (*box.shape[:axis], box.shape[axis] + len(logs) - 1, *box.shape[axis + 1 :])
     best, steps = _maxima(_parts(box, axis), logs)
     return best.reshape(shape), steps.reshape(shape)
@@ -272,7 +277,7 @@ def _best_along(box: np.ndarray, logs: np.ndarray, axis: int) -> tuple[np.ndarra
 
 @compiled
 def _sums(masses: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """Convolve masses (a, n, b) along the middle axis; (a, n + 2r, b)."""
+    """Convolve masses (a, n, b) with a kernel (2r + 1,) along the middle axis: (a, n + 2r, b)."""
     outer, size, inner = masses.shape
     out = np.zeros((outer, size + len(kernel) - 1, inner))
     for a in range(outer):
@@ -285,9 +290,10 @@ def _sums(masses: np.ndarray, kernel: np.ndarray) -> np.ndarray:
 
 @compiled
 def _maxima(scores: np.ndarray, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest sums of a score (a, n, b) and of the logarithm of the step that leads on from it.
+    """Return for each cell the largest sum of a previous score and the log step probability.
 
-    And the index of that step (a, n + 2r, b): how far ahead of the start the cell is.
+    The scores are (a, n, b), and ``logs`` (2r + 1,) are the log probabilities of the steps. The
+    second result is the index in ``logs`` of the best step. Both results are (a, n + 2r, b).
     """
     outer, size, inner = scores.shape
     shape = (outer, size + len(logs) - 1, inner)

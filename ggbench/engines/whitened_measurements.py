@@ -190,7 +190,7 @@ def linearise(
 
 @inlined
 def _find_present(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasurement) -> None:
-    """Fill in which runs any channel delivers a measurement."""
+    """Fill ``out.there`` with 1 for each run with an available channel, else with 0."""
     for r in range(group.shape[0]):
         present = batch.present[group[r], k]
         out.there[0, 0, r] = 0.0
@@ -203,7 +203,10 @@ def _find_present(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasur
 def _fill_row(
     model: ModelArrays, root: np.ndarray, c: int, place: int, out: LinearisedMeasurement
 ) -> None:
-    """Fill an equation's row of H: channel ``c`` of whitened A B_k + D; compressed, of A B_k."""
+    """Fill row ``place`` of H with row ``c`` of the whitened matrix A B_k + D.
+
+    After :func:`_compress` the row is that of the compressed A B_k.
+    """
     rows, white, b = out.rows, out.white, out.expansion.b
     linear, columns = out.expansion.linear, model.columns
     width = 0
@@ -279,7 +282,7 @@ def scale_equations(out: LinearisedMeasurement) -> None:
 
 @inlined
 def _whiten_residuals(root: np.ndarray, out: LinearisedMeasurement) -> None:
-    """Fill z − h(x), multiplied by the inverse root of R."""
+    """Fill ``out.residual`` with z − h(x), whitened by ``root``, the inverse factor of R."""
     predicted, residual = out.expansion.predicted, out.residual
     for i in range(residual.shape[1]):
         total = splat(0.0)
@@ -290,7 +293,7 @@ def _whiten_residuals(root: np.ndarray, out: LinearisedMeasurement) -> None:
 
 @copied
 def _whiten_slope(root: np.ndarray, out: LinearisedMeasurement) -> None:
-    """Fill A, multiplied by the inverse root of R."""
+    """Fill ``out.white`` with A, whitened by ``root``, the inverse Cholesky factor of R."""
     slope, white = out.expansion.slope, out.white
     for i in range(white.shape[0]):
         for j in range(white.shape[1]):
@@ -302,10 +305,10 @@ def _whiten_slope(root: np.ndarray, out: LinearisedMeasurement) -> None:
 
 @copied
 def _compress(out: LinearisedMeasurement) -> None:
-    """Turn m equations A e = residual + noise of unit variance into as many as e has numbers.
+    """Reduce m equations A e = residual + unit noise to one equation for each component of e.
 
-    By an orthogonal transformation (Householder): the first rows, upper triangular, hold all that
-    the equations say about e; the residuals of the others say nothing.
+    An orthogonal transformation (Householder) makes A upper triangular. The first rows then contain
+    all information on e. The residuals of the other rows do not depend on e.
     """
     slope, residual = out.white, out.residual
     m, columns = slope.shape[0], slope.shape[1]

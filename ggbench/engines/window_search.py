@@ -26,19 +26,20 @@ from .trajectory_search import TrajectorySearch
 
 Criterion = Literal["cor", "mad", "msd", "ncc", "nccdm", "ml"]
 _CHUNK = 8192
-"""States whose readings are looked up at once: what is made of them stays in the cache."""
+"""Number of states at which h is evaluated at once: the results stay in the cache."""
 _BOX = 4e6
-"""Points of a grid that fit in memory before those beyond the map are left out."""
+"""Largest number of grid points before points outside the map are dropped."""
 _APART = 3.0
-"""Distance of two places on the grid, in its steps: nearer ones are in one hollow."""
+"""Least distance of two minima on the grid, in steps: nearer ones are the same minimum."""
 _FINER = 5
 _AROUND = 2
 _DEEPEST = 2
-"""A hollow is looked at in steps of a fifth, to two steps to all sides, and begun with from its two
-deepest points: hollows of a field are curved and long, and Gauss–Newton from a point at their edge
-ends next to the lowest one."""
+"""Refinement of a minimum: steps of 1/5, up to two steps to all sides, two lowest points as starts.
+
+The valleys of a criterion are curved and long. Gauss–Newton from a point at the edge of a valley
+ends near the lowest point."""
 ITERATIONS = 30
-"""Limit of the steps to a place."""
+"""Largest number of Gauss–Newton steps to a position."""
 MOST = 1_000_000
 """Points of a grid that fit in memory."""
 
@@ -53,7 +54,7 @@ def unmatchable(problem: Problem) -> str | None:
 class Search:
     """Comparison of a window's measurements with the map, for displacements of its start on a grid.
 
-    The grid lies along the principal axes of the position prior and reaches to 3.5 standard
+    The grid lies along the principal axes of the position prior and reaches to 4.5 standard
     deviations. An axis whose standard deviation is smaller than a step has one point. A
     displacement is dropped when its track leaves the map by more than a step.
 
@@ -69,7 +70,7 @@ class Search:
     - ``cor``: − Σ z' h' / N.
     - ``ncc``: − Σ z' h' / √(Σ z'² Σ h'²).
     - ``nccdm``: ``ncc`` after the means of z' and h' over the window are subtracted from each
-      channel, so a constant bias has no influence. The literature does not define it.
+      channel, so a constant bias has no influence. The literature does not define ``nccdm``.
 
     The smallest value is the best.
 
@@ -117,7 +118,7 @@ class Search:
         self._own_squares, self._own_totals, self._counts = np.zeros((3, channels))
 
     def _lay(self) -> None:
-        """Lay the grid, as far as the map goes at the first epoch."""
+        """Create the grid, without points that are outside the map at the first epoch."""
         sigma, phi = np.sqrt(self._axes.variances), self.problem.transition[0]
         while not position_grid.fits(sigma, self.spacing, _BOX):
             self.spacing *= 1.1
@@ -129,7 +130,11 @@ class Search:
             self.spacing *= 1.1
 
     def _inside(self, k: int, moved: np.ndarray, gain: np.ndarray) -> np.ndarray:
-        """Return of which points (J,) the track is on the map at epoch ``k``."""
+        """Return a mask (J,) of the points whose track is on the map at epoch ``k``.
+
+        A margin of one step is allowed. ``moved`` (n,) is the state of the displacement zero, and
+        ``gain`` (n, d) the derivative of the state with respect to the displacement.
+        """
         track, field = self.problem.track, self.problem.map
         if track is None or field is None:
             return np.ones(len(self.points), dtype=bool)
@@ -173,7 +178,7 @@ class Search:
         self._compare(k, root @ problem.measurements[k], h)
 
     def _compare(self, k: int, z: np.ndarray, h: np.ndarray) -> None:
-        """Take readings z (m,) of epoch ``k`` and those of the points h (J, m) into the sums."""
+        """Add whitened measurements z (m,) and predictions h (J, m) of epoch ``k`` to the sums."""
         problem = self.problem
         self._count += float(problem.present[k].sum())
         if self.criterion in ("msd", "ml"):
@@ -271,12 +276,12 @@ class Search:
 
 
 def _lowest(steps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return which points (J,) of a grid have no lower neighbour.
+    """Return a mask (J,) of the points of a grid without a lower neighbour.
 
     Parameters
     ----------
-    steps : (J, d) where on the grid they are.
-    values : (J,).
+    steps : (J, d) grid indices of the points.
+    values : (J,) criterion at the points.
     """
     steps = steps - steps.min(axis=0)
     box = np.full(steps.max(axis=0) + 3, np.inf)  # a border, so that all have neighbours

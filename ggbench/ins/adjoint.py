@@ -40,7 +40,7 @@ from .system_matrix import (
 )
 
 MOST_FACTORS = 48
-"""How many factors of Q an interval has at most, see :func:`propagate`."""
+"""Largest number of factors of Q in an interval, see :func:`propagate`."""
 
 _LAST = 5
 """Order of the last term: F's chain bias → attitude → velocity → position ends after three
@@ -58,7 +58,7 @@ SCALED = ENTRIES + 1
 DISTURBANCE = STATES
 """The first of three states that come after the others where the gravity disturbance is one."""
 _HEIGHT = STATES + 3
-"""Where a term has what an altimeter's noise enters by, after its numbers."""
+"""Index of the altimeter component of a term, after the components of y."""
 
 
 @copied
@@ -66,6 +66,7 @@ def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
     """Return whether :func:`propagate_short_series` is accurate enough for all intervals.
 
     The result is False if biases or the gravity disturbance vary, or if an altimeter damps the INS.
+    Only the first and the last interval are examined.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
 
 @inlined
 def _position_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
-    """Return the position's numbers of Fᵀ y of y = (p, v, a, ...)."""
+    """Return the position components of Fᵀ y, for y = (p, v, a, ...)."""
     latitude = load(f, 0, 0) * p[0] + load(f, 0, 3) * p[1]
     height = load(f, 0, 1) * p[0] + load(f, 0, 4) * p[1] + load(f, 0, DAMPING) * p[2]
     return (
@@ -102,7 +103,7 @@ def _position_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
 
 @inlined
 def _velocity_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
-    """Return the velocity's numbers."""
+    """Return the velocity components of Fᵀ y, for y = (p, v, a, ...)."""
     return (
         load(f, 0, 5) * p[1]
         + entries_dot(f=f, n=0, j=VELOCITY + 2, stride=5, x=v[0], y=v[1], z=v[2])
@@ -117,7 +118,7 @@ def _velocity_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
 
 @inlined
 def _attitude_of(f: np.ndarray, v: Vector, a: Vector) -> Vector:
-    """Return the attitude's numbers."""
+    """Return the attitude components of Fᵀ y, for y = (p, v, a, ...)."""
     f_0, f_1, f_2 = three(f, 0, FORCE)
     w_0, w_1, w_2 = three(f, 0, TURN)
     return (
@@ -139,7 +140,7 @@ def _in_body(f: np.ndarray, n: Vector) -> Vector:
 
 @copied
 def _transpose_biases(f: np.ndarray, terms: np.ndarray, k: int) -> None:
-    """Fill the biases' numbers of term k + 1."""
+    """Fill the bias components of term k + 1 of a series."""
     pushed, turned = _in_body(f, three(terms, k, 3)), _in_body(f, three(terms, k, 6))
     d_g, d_a = load(f, 0, DECAY), load(f, 0, DECAY + 1)
     for axis in range(3):
@@ -149,10 +150,11 @@ def _transpose_biases(f: np.ndarray, terms: np.ndarray, k: int) -> None:
 
 @copied
 def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
-    """Fill the numbers of term k + 1 that belong to the gravity disturbance.
+    """Fill the gravity-disturbance components of term k + 1 of a series.
 
-    δv' = … − δg, as the accelerometers do not feel gravity; δg' = −(|v|/D) δg + w, or, where
-    gradients are integrated along the indicated velocity, δg' = −T δv − ω_en × δg + w.
+    The velocity error has δv' = … − δg, because accelerometers do not sense gravity. With a map
+    δg' = −(|v|/D) δg + w. With gradients integrated along the indicated velocity
+    δg' = −T δv − ω_en × δg + w; the term in T changes the velocity components of term k + 1.
     """
     decay = load(f, 0, DISTANCE)
     g_0, g_1, g_2 = three(terms, k, DISTURBANCE)
@@ -183,7 +185,7 @@ def scaled_entries(f: np.ndarray, n: int, time: float, out: np.ndarray) -> None:
 
 @inlined
 def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> None:
-    """Fill the terms (Fᵀ)^k y of the series of column ``i``, y itself the first."""
+    """Fill the terms (Fᵀ)^k y of the series of column ``i``, from y (k = 0) on."""
     for j in range(columns.shape[1]):
         store(terms, 0, j, load(columns, i, j))
     for k in range(_LAST):
@@ -203,9 +205,10 @@ def series_terms() -> np.ndarray:
 
 
 def _legendre_weights(degree: int) -> tuple[float, ...]:
-    """Return ∫ s^k / k! P_l(2s − 1) ds over 0..1, times √(2l + 1), for all k and l = ``degree``.
+    """Return √(2l + 1) ∫ s^k / k! P_l(2s − 1) ds over 0..1, for l = ``degree`` and all k.
 
-    With b_l = Σ_k of them times the terms (Fᵀ)^k y of a column y(s), ∫ y yᵀ ds = Σ_l b_l b_lᵀ.
+    The Legendre coefficient b_l of a column y(s) is the sum over k of these weights times the terms
+    (Fᵀ)^k y. Then ∫ y yᵀ ds = Σ_l b_l b_lᵀ.
     """
     return tuple(
         math.sqrt(2 * degree + 1)
@@ -223,7 +226,10 @@ _MEAN, _SLOPE, _CURVE = (_legendre_weights(degree) for degree in range(3))
 
 @inlined
 def _weighted(weights: tuple[float, ...], first: int, terms: np.ndarray, j: int) -> float:
-    """Return the sum of number ``j`` of weighted terms from ``first`` on, small terms first."""
+    """Return the weighted sum of component ``j`` of the terms from ``first`` on.
+
+    The term of highest order is added first, because it is the smallest.
+    """
     total = weights[_LAST] * load(terms, _LAST, j)
     for k in range(_LAST - 1, first - 1, -1):
         total = weights[k] * load(terms, k, j) + total
@@ -239,7 +245,10 @@ def _add_up(terms: np.ndarray, columns: np.ndarray, i: int) -> None:
 
 @inlined
 def _put(factors: np.ndarray, row: int, i: int, root: float, terms: np.ndarray, j: int) -> None:
-    """Fill three factors of column ``i`` from ``row`` on: b_0 to b_2 of number ``j``, by a root."""
+    """Fill rows ``row`` to ``row + 2`` of column ``i`` with b_0, b_1, b_2 of component ``j``.
+
+    Each coefficient is multiplied by the noise ``root``.
+    """
     store(factors, row, i, root * _weighted(_MEAN, 0, terms, j))
     store(factors, row + 1, i, root * _weighted(_SLOPE, 1, terms, j))
     store(factors, row + 2, i, root * _weighted(_CURVE, 2, terms, j))
@@ -320,7 +329,7 @@ def _sum(one: Vector, weight: float, two: Vector) -> Vector:
 
 @inlined
 def _times(roots: np.ndarray, first: int, numbers: Vector) -> Vector:
-    """Return three numbers by three roots, from the ``first`` one on."""
+    """Return the products of three numbers with three roots, from root ``first`` on."""
     return (
         roots[first] * numbers[0], roots[first + 1] * numbers[1], roots[first + 2] * numbers[2],
     )  # fmt: skip
@@ -337,7 +346,7 @@ def _put_sums(
     row: int,
     i: int,
 ) -> Vector:
-    """Fill factors with the roots' multiples of a sum of weighted terms, and return the sum."""
+    """Return a weighted sum of terms, and fill three factors with the sum times noise roots."""
     last = len(terms) - 1
     w = weights[last]
     total = (w * terms[last][0], w * terms[last][1], w * terms[last][2])
@@ -356,8 +365,9 @@ def propagate_short_series(
 ) -> int:
     """Propagate as :func:`propagate` does, with a series of lower order.
 
-    This requires :func:`is_slow`. The series has fourth order in the attitude and third order in other states. Biases are constant, so their columns
-    change by the averages of the velocity and attitude columns: y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
+    This requires that :func:`is_slow` is true. The series has fourth order in the attitude, and
+    third order in position and velocity. Biases are constant, so their columns change by the
+    averages of the velocity and attitude columns: y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
 
     Parameters
     ----------

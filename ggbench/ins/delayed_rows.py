@@ -92,11 +92,11 @@ def delayed_rows_lanes(
 
 @copied
 def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
-    """Replace rows Y (6, 15) by Y Φ⁻¹ of Φ (15, .), whose first 15 columns are overwritten.
+    """Replace rows Y (6, 15) by Y Φ⁻¹ for Φ (15, .), whose first 15 columns are overwritten.
 
-    By triangular factors of the navigation state's part without pivots: it is nearly an upper
-    triangle of ones and what adds up in the delay. Biases feel nothing but themselves. What the
-    disturbance of gravity adds in a delay, if it is a state, is neglected.
+    The navigation part of Φ is factorised into triangular matrices. Pivoting is not needed, because
+    this part is nearly unit upper triangular. A bias depends only on itself. The effect of a
+    gravity disturbance state within the delay is neglected.
     """
     nav = NAVIGATION_STATES
     for k in range(nav):
@@ -136,8 +136,8 @@ def intervals_of(delay: float, epoch: int, dt: float) -> tuple[int, float, int]:
 
     Returns
     -------
-    Index of the first interval, the part of this interval within the delay [s], and the IMU sample
-    nearest to the start of the delay.
+    Index of the first interval; the part of this interval that lies within the delay [s]; index of
+    the IMU sample nearest to the start of the delay.
     """
     steps = delay / dt
     whole = math.ceil(steps - 1e-9)

@@ -148,7 +148,11 @@ class Imu:
 def _measure(
     exact: np.ndarray, biases: np.ndarray, noise: np.ndarray, roots: np.ndarray, out: np.ndarray
 ) -> None:
-    """Run :meth:`Imu.measure`, with what biases and noise add to an increment."""
+    """Run :meth:`Imu.measure` with biases and noise of increments.
+
+    ``biases`` are multiplied by dt. ``roots`` (6,) are standard deviations of the noise of
+    increments.
+    """
     group = group_members(0, noise.shape[0])
     for n in range(out.shape[0]):
         for i in range(6):

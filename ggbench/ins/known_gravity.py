@@ -147,7 +147,7 @@ def extrapolate(
 def _turn(
     readings: GradientReadings, track: np.ndarray, n: int, dt: float, r: int, moved: np.ndarray
 ) -> None:
-    """Take δĝ of a run into the axes of the local level that has turned for a step."""
+    """Rotate δĝ of run ``r`` to the local-level axes after a step of ``dt`` seconds."""
     place = place_of(track[n, 0, r], track[n, 2, r])
     _, _, w_0, w_1, w_2 = frame_rates_of(place, track[n, 3, r], track[n, 4, r])
     g_0, g_1 = readings.total[n, 0, r], readings.total[n, 1, r]

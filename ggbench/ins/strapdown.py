@@ -67,9 +67,9 @@ def advance_position_of(position: Vector, v: Vector, next_v: Vector, dt: float) 
 
 @inlined
 def frame_turn(place: Place, v: Vector, time: float) -> Matrix:
-    """Return the inverse rotation matrix of the local-level frame in inertial space.
+    """Return the inverse rotation of the local-level frame in inertial space, exp(−[ω_in×] t).
 
-    The rotation takes place during ``time`` [s].
+    ω_in = ω_ie + ω_en is the rate of the frame, and t is ``time`` [s].
     """
     ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
     return small_turn(-time * en_e, -time * (ie_n + en_n), -time * (ie_u + en_u))
@@ -267,10 +267,11 @@ def navigate_lanes(
 def _damp(
     track: np.ndarray, heights: np.ndarray, n: int, dt: float, gains: tuple[float, float]
 ) -> None:
-    """Take row ``n + 1`` of a track towards the altimeter's mean height over the step.
+    """Correct height and vertical velocity of row ``n + 1`` of a track with the altimeter.
 
-    The mean difference d follows from the heights at both ends, of which that at the end is already
-    the corrected one: d = ((h_n + h_{n+1}) / 2 − h_a), h_{n+1} = h − (k₁ dt + k₂ dt² / 2) d.
+    The altimeter measures the mean height h_a over the step. The mean difference d uses the
+    corrected height at the end: d = (h_n + h_{n+1}) / 2 − h_a with
+    h_{n+1} = h − (k₁ dt + k₂ dt² / 2) d. The velocity changes by −k₂ dt d.
     """
     change = (gains[0] + 0.5 * gains[1] * dt) * dt
     end = load(track, n + 1, 2)
@@ -283,7 +284,7 @@ def _damp(
 def _look_up(
     track: np.ndarray, n: int, dt: float, gravity: DisturbanceMap, disturbance: np.ndarray
 ) -> None:
-    """Fill a map's gravity disturbances (1, 3, LANES) half a step beyond row ``n`` of a track."""
+    """Fill ``disturbance`` (1, 3, LANES) from a map, half a step after row ``n`` of a track."""
     place, value, derivative = np.empty(3), np.empty(3), np.empty((3, 3))
     for r in range(track.shape[2]):
         latitude, height = track[n, 0, r], track[n, 2, r]
@@ -319,7 +320,7 @@ def _step_lanes(
 ) -> None:
     """Run :func:`step` from row ``n`` of a track (., TRACK, LANES) to the next one.
 
-    With row ``n`` of the increments (., 6, LANES), and one disturbance (1, 3, LANES).
+    The step uses row ``n`` of the increments (., 6, LANES) and the disturbance (1, 3, LANES).
     """
     position, velocity, c_nb = step(
         position=three(track, n, 0),

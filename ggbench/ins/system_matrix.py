@@ -54,7 +54,7 @@ def _fill(
     out: np.ndarray,
     m: int,
 ) -> None:
-    """Fill the entries of F at ``m`` but C_nb, damping and decay.
+    """Fill the entries of F in element ``m`` of ``out``, except C_nb, damping and decay.
 
     Parameters
     ----------
@@ -107,10 +107,11 @@ def _fill(
 
 @inlined
 def _middle(track: np.ndarray, n: int, i: int) -> float:
-    """Return number ``i`` of a navigation state, halfway from one IMU sample to the next.
+    """Return component ``i`` of a navigation state midway between IMU samples n and n + 1.
 
-    One rule for all, though it is worth less than 1e-6 of any entry of F where the height is meant
-    (in a steep climb), and 3e-4 of those of the specific force where the attitude is (in a turn).
+    The mean is used for all components, although some effects are small. The mean of the height
+    changes an entry of F by a fraction below 1e-6 in a steep climb. The mean of the attitude
+    changes the entries of the specific force by a fraction of 3e-4 in a turn.
     """
     return 0.5 * (load(track, n, i) + load(track, n + 1, i))
 
@@ -185,7 +186,10 @@ def entries_between(
 def _add_gradient(
     track: np.ndarray, n: int, gravity: DisturbanceMap, out: np.ndarray, m: int
 ) -> None:
-    """Add to F at ``m`` how a map's gravity changes with the position, halfway from ``n`` on."""
+    """Add the position derivatives of a map's gravity to F in element ``m`` of ``out``.
+
+    The position is midway between samples n and n + 1 of the track.
+    """
     place, value, slope = np.empty(3), np.empty(3), np.empty((3, 3))
     for r in range(track.shape[2]):
         for axis in range(3):

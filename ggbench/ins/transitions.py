@@ -1,8 +1,8 @@
 """Transition matrix Φ and process noise Q along INS tracks, for eight runs at once.
 
 The error model x' = F x + w of :mod:`ggbench.ins.error_model` is integrated over the IMU intervals
-between two measurements by the adjoint equation, backwards from unit vectors at the end
-(:mod:`ggbench.ins.adjoint`). The last axis of arrays is the run (lane), see
+between two measurements. The adjoint equation (:mod:`ggbench.ins.adjoint`) is integrated backwards
+from unit vectors at the later measurement. The last axis of arrays is the run (lane), see
 :mod:`ggbench.numerics.lanes`.
 """
 

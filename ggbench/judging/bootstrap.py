@@ -16,7 +16,7 @@ from .statistics import ALPHA, FEWEST_CLUSTERS, ROUNDING
 FEWEST_OF_INTERVAL = 30
 """Least number of runs for the interval of an RMS error."""
 _GROUPS, _FAR = 64, 1e6
-"""Groups that are resampled at a time; score beyond which an interval is open."""
+"""Number of groups that are resampled at a time; limit of scores, beyond it an end is open."""
 _SAMPLES = 2000
 _SEED = 20130
 _BLOCK = 2_000_000
@@ -24,7 +24,7 @@ _BLOCK = 2_000_000
 
 
 def _draw(runs: int, seed: int) -> Iterator[np.ndarray]:
-    """Yield (b, runs): how often each of b bootstrap samples holds each run, in blocks."""
+    """Yield the counts (b, runs) of each run in b bootstrap samples, in blocks of samples."""
     rng = np.random.default_rng(seed)
     rows = max(1, _BLOCK // runs)
     for start in range(0, _SAMPLES, rows):
@@ -35,12 +35,12 @@ def _draw(runs: int, seed: int) -> Iterator[np.ndarray]:
 
 @lru_cache(maxsize=4)
 def _drawn(runs: int, seed: int) -> tuple[np.ndarray, ...]:
-    """Return the draws of a common number of runs, which most metrics of a campaign share."""
+    """Return all blocks of :func:`_draw`, kept for other metrics with the same number of runs."""
     return tuple(_draw(runs, seed))
 
 
 def _resampled_means(columns: np.ndarray, seed: int = _SEED) -> np.ndarray:
-    """Return (2000, ...): the means of (runs, ...) over bootstrap samples of the runs."""
+    """Return the means (2000, ...) of columns (runs, ...) over 2000 bootstrap samples."""
     runs = len(columns)
     draws = _drawn(runs, seed) if runs * _SAMPLES <= _BLOCK else _draw(runs, seed)
     with np.errstate(invalid="ignore"):  # an infinite error has no interval
@@ -90,9 +90,10 @@ def root_ratio_intervals(
 
 
 def _ratio_ends(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the ends (2, G) of intervals of root ratios of means, over the ratios found.
+    """Return the ends (2, G) of intervals of root ratios of means, divided by these ratios.
 
-    Written in differences of the normalised columns (C, G), which may be equal but for rounding.
+    ``first`` and ``second`` (C, G) are sums over clusters. The formulas use differences of the
+    normalised columns, because the columns may be equal except for rounding.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # infinite errors, zeros
         one, two = first / first.mean(axis=0), second / second.mean(axis=0)
@@ -112,8 +113,9 @@ def _bootstrap_t(shift: np.ndarray, error: np.ndarray, own: np.ndarray) -> np.nd
 
     Parameters
     ----------
-    shift, error : (B, G) logarithm of each sample's estimate over the found one; its error.
-    own : (G,) error of the logarithm of the found estimate.
+    shift, error : (B, G) logarithm of each sample's estimate divided by the original estimate, and
+        the standard error of this logarithm.
+    own : (G,) standard error of the logarithm of the original estimate.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # Without any spread a sample lies on its estimate, or beyond all quantiles.

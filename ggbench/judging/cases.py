@@ -129,7 +129,7 @@ def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], metrics: pd.DataFrame
 
 
 def _mean_speed(track: np.ndarray, times: np.ndarray) -> float:
-    """Return the mean horizontal speed [m/s] along a track (K, 3), NaN of a single epoch."""
+    """Return the mean horizontal speed [m/s] along a track (K, 3), NaN for a single epoch."""
     if len(times) < 2:
         return math.nan
     steps = np.diff(track[:, [1, 0]], axis=0) * metres_along(np.ascontiguousarray(track[:-1]))

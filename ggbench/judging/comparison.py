@@ -87,18 +87,18 @@ def compare(
     skewed squared errors would cause false alarms (30 against 300 runs: in a third of the
     comparisons of ten rows). Failed and diverged runs have a separate row, over all runs.
 
-    If an estimator has one set of parameters only in ``before`` and one only in ``after``, these
-    two are compared, in a row with both labels.
+    An estimator may have one set of parameters only in ``before`` and one only in ``after``. These
+    two are compared, in rows with both labels.
 
     Errors are worse if the RMS error grew by more than ``threshold`` (:func:`excess_p_value`).
     Failures are worse if there are more of them (one-sided exact tests: McNemar's for pairs,
     Fisher's for independent samples), for any threshold. Each verdict needs a p-value below 0.05
     after Holm's procedure over all rows that differ. The false-alarm rate of
     :attr:`Comparison.worse` is thus 5 % for the whole comparison, and so is that of "better".
-    Measured with ten rows, χ² or log-normal errors, paired or not: at most 6 % with 5 to 300 runs.
-    If only the shape of the distribution changes, the t-tests need more runs. Independent samples
-    with equal means, χ² with 1 and with 3 degrees of freedom, differ in 18 % of the comparisons
-    with 30 runs, and in 9 % with 300.
+    The measured rate is at most 6 % with ten rows, 5 to 300 runs, and χ² or log-normal errors,
+    paired or not. If only the shape of the distribution changes, the t-tests need more runs. An
+    example is independent samples of χ² with 1 and with 3 degrees of freedom, with equal means.
+    Then the false-alarm rate is 18 % with 30 runs and 9 % with 300.
 
     Parameters
     ----------
@@ -147,7 +147,11 @@ def compare(
 
 
 def _changed_parameters(before: pd.DataFrame, after: pd.DataFrame) -> dict[str, str]:
-    """Return the labels of estimators that differ in their parameters alone, as "old → new"."""
+    """Return a common label "old → new" for the old and the new label of an estimator.
+
+    The estimator has one label only in ``before`` and one only in ``after``, because its parameters
+    differ.
+    """
     old, new = (dict(zip(t["estimator"], t["name"], strict=True)) for t in (before, after))
     alone_old = {label: name for label, name in old.items() if label not in new}
     alone_new = {label: name for label, name in new.items() if label not in old}
@@ -208,7 +212,7 @@ def _rows(
 
 
 def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
-    """Return what was simulated: the case hashes and seeds of some runs."""
+    """Return the simulated problems of runs, as pairs of case hash and seed."""
     return set(zip(runs["problem"], runs.index.get_level_values("seed"), strict=True))
 
 
@@ -246,7 +250,10 @@ def unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> 
 def _missing(
     one: dict[tuple[str, ...], pd.DataFrame], other: dict[tuple[str, ...], pd.DataFrame]
 ) -> tuple[str, ...]:
-    """Return what the other lacks, in few words: whole estimators, assumptions or cases first."""
+    """Return descriptions of the groups of ``one`` that are missing in ``other``.
+
+    An estimator, assumption or case that is missing as a whole has one description.
+    """
     cases, estimators = {key[:2] for key in other}, {key[2] for key in other}
     assumptions = {key[0] for key in other}
     named: list[str] = []
@@ -264,7 +271,7 @@ def _missing(
 
 
 def _content(table: pd.DataFrame) -> str:
-    """Return what a table of runs holds, in words."""
+    """Return a text with the cases and the estimators of a table of runs."""
     if table.empty:
         return "no runs"
     return " and ".join(

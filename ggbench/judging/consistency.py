@@ -96,10 +96,10 @@ def noise_fit(
 ) -> str:
     """Return :data:`UNFIT` if the mean NIS does not fit the assumed noise, else "".
 
-    The noise does not fit if the mean NIS exceeds 1.1 times the upper end of ``band`` or is less
-    than the lower end divided by 1.1, and a t-test on the means of the clusters agrees. The t-test
-    is needed because innovations may have heavy tails. With fewer than ten clusters the result is
-    "".
+    The noise does not fit under two conditions. The mean NIS is above 1.1 times the upper end of
+    ``band``, or below the lower end divided by 1.1. A t-test on the means of the clusters agrees;
+    it is needed because innovations may have heavy tails. With fewer than ten clusters the result
+    is "".
 
     Parameters
     ----------
@@ -115,12 +115,12 @@ def noise_fit(
 
 
 def _above(values: np.ndarray, dimension: float, limit: float, cluster: np.ndarray) -> bool:
-    """Return whether a trimmed mean lies above a limit, and surely above the dimension."""
+    """Return whether a trimmed mean is above a limit and significantly above the dimension."""
     mean, low, _ = mean_interval(trimmed(values, dimension), cluster, _STRICT)
     return mean > limit and low > dimension
 
 
 def _below(values: np.ndarray, dimension: float, limit: float, cluster: np.ndarray) -> bool:
-    """Return whether a mean lies below a limit, and surely below the dimension."""
+    """Return whether a mean is below a limit and significantly below the dimension."""
     mean, _, high = mean_interval(values, cluster)
     return mean < limit and high < dimension

@@ -84,9 +84,9 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
     """Return the :data:`ROWS` of the fixes of a run, for storage.
 
-    The rows have the time [s], the horizontal error [m], the NEES of the two horizontal errors
-    (infinite if the covariance is too small to invert), the statistic (the largest float in place
-    of infinity) and whether the fix was accepted.
+    A row has the time [s], the horizontal error [m], the NEES of the two horizontal errors, the
+    statistic, and whether the fix was accepted. The NEES is infinite if the covariance is too small
+    to invert. An infinite statistic is replaced by the largest float.
 
     Parameters
     ----------

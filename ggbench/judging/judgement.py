@@ -98,9 +98,9 @@ def judge(
     Raises
     ------
     JudgingError
-        If the shapes of estimate and problem differ, the estimate is not finite or has an invalid
-        covariance, or the truth has other epochs or states than the problem. The truth of another
-        run of the same case is not detected, because its epochs and states are equal.
+        If the estimate has another shape than the problem, is not finite, or has an invalid
+        covariance; if the truth has other epochs or another number of states than the problem. The
+        truth of another run of the same case is not detected, because these are equal.
     """
     _require(problem, estimate, truth, windows)
     try:
@@ -115,7 +115,10 @@ def judge(
 
 
 def _named(metrics: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the metrics of a window by the names that summaries have for them."""
+    """Return the metrics of a window under the names of :attr:`Judgement.windows`.
+
+    Mean squared errors are replaced by their roots.
+    """
     return {
         "position_mrse_m": math.sqrt(metrics["position_ms"]),
         "velocity_mrse_mps": math.sqrt(metrics["velocity_ms"]),
@@ -126,7 +129,7 @@ def _named(metrics: Mapping[str, float]) -> Mapping[str, float]:
 
 
 def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
-    """Raise JudgingError unless these are what they are to be, of one problem."""
+    """Raise JudgingError unless the arguments have the right types and fit the problem."""
     for name, value, kind in (
         ("problem", problem, Problem),
         ("estimate", estimate, Estimate),

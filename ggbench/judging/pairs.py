@@ -145,7 +145,7 @@ class PairedRuns(NamedTuple):
 
     @classmethod
     def of(cls, runs: pd.DataFrame) -> PairedRuns:
-        """Take the data from a table of runs of one estimator on one case."""
+        """Return the data of one estimator in one case, from a table of its runs."""
         ordered = runs.sort_values("run")
         run, draw, squares = (ordered[name].to_numpy() for name in ("run", "draw", ERRORS))
         return cls(run, draw, squares, succeeded(ordered))

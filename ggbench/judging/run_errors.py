@@ -167,9 +167,10 @@ def _finite(array: np.ndarray) -> bool:
 
 @copied
 def _first_flaw(mean: np.ndarray, cov: np.ndarray) -> tuple[int, int]:
-    """Return which flaw the mean (K, n) and cov (K, n, n) of a run have first, and at which epoch.
+    """Return the code and the epoch of the first value that is not finite in a run.
 
-    Of definiteness nothing is said here.
+    The mean (K, n) is examined before the covariances (K, n, n). Their definiteness is not tested.
+    The result is 0, 0 if all values are finite.
     """
     for k in range(mean.shape[0]):
         if not _finite(mean[k]):
@@ -184,10 +185,11 @@ def _first_flaw(mean: np.ndarray, cov: np.ndarray) -> tuple[int, int]:
 def _consistency(
     cov: np.ndarray, error: np.ndarray, lower: np.ndarray, white: np.ndarray, sigma: np.ndarray
 ) -> float:
-    """Return eᵀP⁻¹e ≥ 0 of the judged states, −1 if P is not positive definite; fill their σ.
+    """Return the NEES eᵀP⁻¹e of the judged states, or −1 if P is not positive definite.
 
-    By the Cholesky factor of the correlation: the states are of different units. ``lower`` (6, 6)
-    and ``white`` (6,) are workspace.
+    ``sigma`` (6,) is filled with the standard deviations. The correlation matrix is factorised
+    instead of P, because the states have different units. ``lower`` (6, 6) and ``white`` (6,) are
+    scratch.
     """
     for i in range(JUDGED):
         if not cov[i, i] > 0.0:
@@ -224,7 +226,10 @@ def _evaluate(
     sigmas: np.ndarray,
     flaws: np.ndarray,
 ) -> None:
-    """Fill the judgement of every run; ``cov`` has no runs if there is none."""
+    """Fill the errors, NEES, standard deviations and flaws of every run.
+
+    ``cov`` has shape (0, ...) if there are no covariances. ``flaws`` (R, 2) are code and epoch.
+    """
     lower, white = np.zeros((JUDGED, JUDGED)), np.zeros(JUDGED)
     error, sigma = np.empty(JUDGED), np.empty(JUDGED)
     nothing = np.empty((0, 0, 0))

@@ -89,18 +89,18 @@ _OF_GRAVITY = {
 
 
 def _set_apart(case: CaseSpec) -> set[str]:
-    """Return the keys by which truth or model differ from what both share."""
+    """Return the keys that are set in the tables ``truth`` and ``model`` of a case."""
     changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
     return {key for key in changed if key.split(".")[0] in ("truth", "model")}
 
 
 def _unknown_gravity(case: CaseSpec) -> bool:
-    """Return whether the true gravity is felt and not compensated."""
+    """Return whether the truth has a gravity disturbance that the model does not compensate."""
     return case.side("truth").field.gravity_disturbance and not case.model.field.compensate
 
 
 def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted keys of nested tables that are set to anything."""
+    """Yield the dotted keys of nested tables whose values are not None."""
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _set_keys(value, f"{prefix}{key}.")

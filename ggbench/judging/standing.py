@@ -27,8 +27,8 @@ def standing(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return a table with a row for each causal estimator except the INS.
 
     The columns are :data:`STANDING`. ``recommended_in`` is the number of cases in which the
-    estimator is recommended. ``worst_ratio`` and ``mean_ratio`` are the largest value and the
-    geometric mean over the cases of the RMS error divided by that of the best estimator.
+    estimator is recommended. The error ratio of a case is the RMS error divided by that of the best
+    estimator. ``worst_ratio`` and ``mean_ratio`` are its largest value and its geometric mean.
     ``least_seconds`` and ``most_seconds`` are the extremes, over the cases, of the median time per
     run [s]. The order is by number of recommendations, then mean ratio, then geometric mean of the
     times. In each case only estimators with all runs count.

@@ -90,9 +90,9 @@ def runs_to_decide(
 ) -> float:
     """Return the number of runs that a verdict on a pair would need.
 
-    It is the least number with which the test detects a difference or equivalence with a power of
-    80 % (normal approximation), if further runs have the same statistics. It is ∞ if no number is
-    sufficient, and NaN with fewer than two clusters.
+    With this number the test detects a difference or equivalence with a power of 80 % (normal
+    approximation), if further runs have the same statistics. It is ∞ if no number is sufficient,
+    and NaN with fewer than two clusters.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def share_interval(hits: np.ndarray, cluster: np.ndarray) -> tuple[float, float,
 
 
 def _independent_runs(hits: np.ndarray, cluster: np.ndarray) -> float:
-    """Return the number of independent runs whose share varies as that of clustered ones."""
+    """Return the number of independent runs that give the share the same variance."""
     runs, share = len(hits), float(hits.mean())
     means = cluster_means(hits.astype(float), cluster)
     if not 1 < len(means) < runs:
@@ -258,7 +258,7 @@ def binomial_quantile(probability: float, count: int, share: float) -> int:
 
 
 def _difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return after − before (runs,), 0 where only rounding is between them."""
+    """Return after − before (runs,); 0 where the two are equal except for rounding."""
     if before.shape != after.shape:
         raise ValueError(f"pairs have one shape, not {before.shape} and {after.shape}")
     difference = after - before

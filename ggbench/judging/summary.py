@@ -183,7 +183,7 @@ def _of_the_end(group: pd.DataFrame) -> dict[str, Any]:
 
 
 def _with_ends(key: str, stem: str, values: Sequence[float]) -> dict[str, float]:
-    """Return a metric and the ends of its interval or band, by the names of their columns."""
+    """Return a metric and the ends of its interval or band, by column name."""
     return dict(zip((key, f"{stem}_lo", f"{stem}_hi"), values, strict=True))
 
 
@@ -217,7 +217,10 @@ def _ratios(
 def _window_row(
     good: pd.DataFrame, retained: np.ndarray, window: str, measurements: tuple[int, float]
 ) -> dict[str, Any]:
-    """Return metrics of one window over the runs that finished, of which some are retained."""
+    """Return the metrics of one window over the finished runs.
+
+    ``retained`` is the mask of the finished runs that are not lost, see :func:`lost`.
+    """
 
     def column(key: str) -> np.ndarray:
         return good[f"{window}_{key}"].to_numpy()
@@ -253,7 +256,10 @@ def _window_row(
 
 
 def _median_seconds(good: pd.DataFrame) -> float:
-    """Return the median time of a run; the first of a process compiles, and counts if alone."""
+    """Return the median time of a run [s], without cold runs if there are other runs.
+
+    A cold run is the first run of a process; its time includes the compilation.
+    """
     seconds, warm = good["seconds"].to_numpy(), ~good["cold"].to_numpy()
     return float(np.median(seconds[warm] if warm.any() else seconds))
 
@@ -270,8 +276,8 @@ def ordered(table: pd.DataFrame, case: str, window: str = "settled") -> list[dic
 def _with_ins(table: pd.DataFrame, groups: Mapping[tuple[str, str], pd.DataFrame]) -> pd.DataFrame:
     """Fill ``times_ins`` and ``as_ins``, which compare estimators with the INS on common runs.
 
-    RMS errors over those of the INS on the runs that both finished; whether the INS succeeds as
-    often (:func:`_succeeds_as`).
+    ``times_ins`` is the RMS error divided by that of the INS, on the runs that both finished.
+    ``as_ins`` states whether the INS succeeds as often as the estimator (:func:`_succeeds_as`).
     """
     unaided = {
         case: group for (case, _), group in groups.items() if group["causality"].iloc[0] == "none"
@@ -301,9 +307,10 @@ def _with_ins(table: pd.DataFrame, groups: Mapping[tuple[str, str], pd.DataFrame
 
 
 def _succeeds_as(own: np.ndarray, ins: np.ndarray, draws: np.ndarray) -> bool:
-    """Return whether runs do not succeed surely more often than those of an INS that succeeds.
+    """Return whether an estimator does not succeed significantly more often than the INS.
 
-    Exact test at 5 %, over clusters; an INS succeeds in more than 30 % of the runs.
+    The test is exact, at 5 %, over clusters. The result is false if the INS succeeds in at most
+    30 % of the runs.
 
     Parameters
     ----------

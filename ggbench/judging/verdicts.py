@@ -47,8 +47,8 @@ class Verdict(NamedTuple):
     best : label of the estimator with the least RMS error among the consistent estimators; among
         all estimators if none is consistent; "" if none was compared. If none is recommended,
         reports call it the *least bad*.
-    recommended : labels of the recommended estimators, the fastest first, else in the order of the
-        campaign.
+    recommended : labels of the recommended estimators, the fastest first. Times up to twice the
+        least time count as equal; these estimators are in the order of the campaign.
     consistent : number of consistent estimators.
     gain : verdict of the comparison with the INS: the best estimator of one half of the runs is
         compared in the other half. "undecided" if the two halves differ; "" without an INS or with
@@ -77,7 +77,7 @@ def require_equal_runs(runs: pd.DataFrame) -> None:
 
 
 def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of those estimators that have all runs of a case and rarely failed."""
+    """Return the runs of estimators that have all runs of a case and failed in at most 5 %."""
     own = [runs["case"], runs["estimator"]]
     flown = runs["run"].groupby(own).transform("count")
     failed = (runs["status"] != "ok").groupby(own).transform("mean")
@@ -142,14 +142,15 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
 
 
 def _half(own: PairedRuns, rest: int) -> PairedRuns:
-    """Return the runs of even (0) or odd (1) number."""
+    """Return the runs with an even (``rest`` = 0) or odd (``rest`` = 1) index."""
     return own.among(own.run[own.run % 2 == rest])
 
 
 def _with_failures(aided: pd.DataFrame, ins: pd.DataFrame) -> dict[str, PairedRuns]:
-    """Return the runs of each estimator, and as ``_INS`` those of the INS if it flew.
+    """Return the runs of each estimator by label, and those of the INS under ``_INS``.
 
-    Squared errors of failed runs are the largest of their run.
+    The squared error of a failed run is replaced by the largest squared error of any estimator in
+    this run. Without runs of the INS the key ``_INS`` is missing.
     """
     flown = {
         str(label): PairedRuns.of(own) for label, own in aided.groupby("estimator", sort=False)
@@ -164,12 +165,12 @@ def _with_failures(aided: pd.DataFrame, ins: pd.DataFrame) -> dict[str, PairedRu
 
 
 def _least(flown: Mapping[str, PairedRuns], among: Set[str]) -> str:
-    """Return which of some estimators has the least RMS error, the first of equals."""
+    """Return the label in ``among`` with the least RMS error; the first of equal errors."""
     return min((label for label in flown if label in among), key=lambda one: _mean(flown[one]))
 
 
 def _mean(own: PairedRuns) -> float:
-    """Return the mean squared error; of no runs, and of any run without one, it is infinite."""
+    """Return the mean squared error; infinite without runs, or if a run has no error."""
     mean = float(own.squares.mean()) if len(own.squares) else math.inf
     return math.inf if math.isnan(mean) else mean
 
@@ -177,11 +178,12 @@ def _mean(own: PairedRuns) -> float:
 def _near(
     choosing: Mapping[str, PairedRuns], comparing: Mapping[str, PairedRuns], among: Set[str]
 ) -> set[str]:
-    """Return which estimators are near the best of one half of the runs, in the other half.
+    """Return the labels of the estimators near the best one in the half ``comparing``.
 
-    The RMS error is surely within 10 % of that of the best one, and within 10 % of the least in the
-    compared half. Without the second condition an estimator would be near the best one if both end
-    far off in the same few runs.
+    The best estimator is that of the other half, ``choosing``. For a near estimator, the
+    RMS error is significantly within 10 % of that of the best estimator. It is also within 10 % of
+    the least RMS error in ``comparing``. Without the second condition an estimator would be near
+    the best one if both have large errors in the same few runs.
     """
     labels = [label for label in choosing if label in among]
     best = _least(choosing, among)
@@ -202,7 +204,7 @@ def _near(
 
 
 def _succeeding_less(flown: Mapping[str, PairedRuns]) -> set[str]:
-    """Return which estimators succeed surely less often than another one."""
+    """Return the labels of estimators that succeed significantly less often than another one."""
     tests = {
         (one, two): compared(flown[one], flown[two])
         for one, two in itertools.combinations(flown, 2)
@@ -219,7 +221,10 @@ def _gain(
     ins: PairedRuns,
     among: Set[str],
 ) -> str:
-    """Return the verdict on the best of each half against the INS, on the other half."""
+    """Return the verdict of the comparison with the INS, see :attr:`Verdict.gain`.
+
+    The best estimator of each half is compared with the INS in the other half.
+    """
     verdicts = set()
     for choosing, comparing in folds:
         if not all(len(own.run) for own in (*choosing.values(), *comparing.values())):

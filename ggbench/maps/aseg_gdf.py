@@ -99,7 +99,10 @@ def read_gdf2(path: Path, text: str) -> SurveyTable:
 
 
 def _unit(text: str) -> str:
-    """Return the unit in a field's description: behind UNIT, or a part that is a unit; or ""."""
+    """Return the unit in a field's description; "" if there is none.
+
+    The unit follows the word UNIT, or is a whole part between colons and commas.
+    """
     if match := _UNIT.search(text):
         return match[1].strip(" \"'")
     parts = (part.strip() for part in re.split(r"[:,]", text))
@@ -107,13 +110,13 @@ def _unit(text: str) -> str:
 
 
 def _free_text(text: str) -> str:
-    """Return the description of a field without its unit and its mark of missing values."""
+    """Return a field's description without its unit and its code for missing values."""
     parts = re.split(r"[:,]", _NULL.sub("", _UNIT.sub("", text)))
     return " ".join(filter(None, (part.strip().removeprefix("NAME=") for part in parts)))
 
 
 def _fields(path: Path, text: str) -> tuple[list[Field], str]:
-    """Return the fields of the records of samples, and the text of all other definitions."""
+    """Return the fields of the data records, and the text of all other definitions."""
     stem = path.with_suffix("") if path.suffix.lower() == ".gz" else path
     candidates = [stem.with_suffix(ending) for ending in (".dfn", ".DFN", ".Dfn")]
     definition_file = next((file for file in candidates if file.exists()), None)
@@ -160,7 +163,7 @@ def _fields(path: Path, text: str) -> tuple[list[Field], str]:
 
 
 def _distinct(labels: Sequence[str]) -> list[str]:
-    """Return labels, with a number behind those that are there already."""
+    """Return labels with a number appended to each repeated label."""
     return [
         label if label not in labels[:n] else f"{label}__{labels[: n + 1].count(label)}"
         for n, label in enumerate(labels)
@@ -168,7 +171,7 @@ def _distinct(labels: Sequence[str]) -> list[str]:
 
 
 def _rows(text: str) -> tuple[list[str], list[int]]:
-    """Return the rows of samples, without the type of their record, and their lines' numbers."""
+    """Return the data rows without their record type, and their line numbers in the file."""
     rows, numbers = [], []
     for number, row in enumerate(text.splitlines(), 1):
         if row.strip(" \x1a") and not row.startswith((*_OTHER_RECORDS, "DEFN")):
@@ -186,12 +189,12 @@ def _cells(
     widths: Sequence[int],
     numeric: np.ndarray,
 ) -> list[list[str]]:
-    """Return the cells of the rows, by widths or by separators, whichever fits.
+    """Return the cells of the rows, split at fixed widths or at separators.
 
-    Widths do not fit if a cell of a number holds none, or a word lies across two fields in a file
-    whose rows have as many words as there are fields.
+    Fixed widths are rejected if a numeric cell contains no number. They are also rejected if a word
+    extends across two fields, and every row has as many words as there are fields.
 
-    Raises MapError if neither fits.
+    Raises MapError if neither way of splitting fits.
     """
     ends = np.cumsum(widths)
     starts = [0, *ends[:-1].tolist()]
@@ -228,7 +231,7 @@ def _cells(
 
 
 def _first_wrong(cells: Sequence[Sequence[str]], numeric: np.ndarray) -> tuple[int, int] | None:
-    """Return row and column of the first cell of a number that holds none, or None."""
+    """Return row and column of the first numeric cell without a number; None if all are valid."""
     columns = np.flatnonzero(numeric).tolist()
     for n, row in enumerate(cells):
         for column in columns:

@@ -12,19 +12,23 @@ from ..gravity.gradient_map import MapError
 
 _BYTES_PER_NODE = 9 * 8
 MOST_NODES_READ = 20_000_000
-"""Nodes of which the values may be in memory at once: 1.4 GB, and twice that for a spline."""
+"""Largest number of nodes in memory at the same time: 1.4 GB, and twice that for a spline."""
 MOST_NODES = 10_000_000_000
-"""Nodes of a file that is read layer by layer: 720 GB in double precision."""
+"""Largest number of nodes of a file that is read by layers: 720 GB in double precision."""
 MOST_ON_AXIS = 1_000_000
 LARGEST_GRADIENT = 1e4
-"""Largest component of a disturbing gradient [E]: the gradient jumps by 4 pi G rho where ground
-begins, 2240 E at rock and 19000 E at osmium; no ground is near the latter."""
+"""Largest allowed component of a disturbing gradient [E]. At the surface of the ground the gradient
+changes by 4 pi G rho: 2240 E for rock. Only a density near that of osmium (19000 E)
+would exceed the limit."""
 LARGEST_DISTURBANCE = 0.1
-"""Largest component of a gravity disturbance [m/s²]: ten times that of the steepest mountains."""
+"""Largest allowed component of a gravity disturbance [m/s²], ten times that of mountains."""
 _MOST_TEXT = 4000
 _TRACE_SHARE, _TRACE = 1e-5, 1e-3
-"""Trace that is let pass, of the largest component and in E, whichever is more: what arithmetic in
-single precision leaves, and what it leaves of ground a thousand times as steep as what remains."""
+"""Largest allowed trace of a tensor: as a fraction of the largest component, and in E.
+
+The larger of the two limits applies. They allow for rounding in single precision, also if a
+remaining field is the difference of fields a thousand times as large.
+"""
 _SI = 1e-9 * LARGEST_GRADIENT
 _HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
@@ -90,5 +94,5 @@ def clean_text(text: str) -> str:
 
 
 def _largest(values: NDArray[np.floating]) -> float:
-    """Largest magnitude, without a copy of the values."""
+    """Return the largest magnitude without copying the values."""
     return max(float(values.max()), -float(values.min()))

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating]
 
 _RAISED = 4
-"""Times that the base is raised where ground stands out of it, before it is raised everywhere."""
+"""Number of local corrections of the base surface, before the whole surface is raised."""
 _LEVELS = 12
 """Level layers between which a smooth field is interpolated by a polynomial in the height."""
 _MOST_BYTES = 1.75e9
-"""Of the level layers that are kept, of nine components each."""
+"""Largest memory of the stored level layers, with nine components each [bytes]."""
 _REACH = 4.0
-"""Height over which a smooth terrain's field is known, over the depth to which it is continued."""
+"""Ratio of the height range of the level layers to the depth of the downward continuation."""
 _LEAST_REACH_M = 2000.0
 
 
@@ -44,10 +44,10 @@ def base_surface(
 ) -> NDArray[np.float64]:
     """Return heights (n_lat, n_lon) of the base surface above the ellipsoid [m] at the nodes.
 
-    The height is a running maximum of the terrain, averaged over the same width: half the distance
-    between nodes on each side, at least one cell. Nodes are raised where the spline
-    through the nodes would lie below a cell. ``geoid_height_m`` is the height of the terrain's zero
-    level above the ellipsoid.
+    The height is a running maximum of the terrain, followed by a running mean of the same width.
+    The window extends half the distance between nodes to each side, and at least one cell. Nodes
+    are raised where the spline through the nodes would lie below a cell. ``geoid_height_m`` is the
+    height of the terrain's zero level above the ellipsoid.
     """
     steps = terrain.latitude_step_deg, terrain.longitude_step_deg
     nodes = latitude_deg, longitude_deg
@@ -89,7 +89,7 @@ def _raise_needed(
     steps: tuple[float, float],
     nodes: tuple[Array, Array],
 ) -> Array:
-    """Return by how much cells stand out of a base near its nodes, (n_lat, n_lon) [m]."""
+    """Return the largest height (n_lat, n_lon) [m] of cells above a base, at the nearest node."""
     # Twice as dense as the cells: their middles, and their sides and corners with all neighbours.
     fine = np.repeat(np.repeat(ground, 2, axis=0), 2, axis=1)
     fine = maximum_filter(fine, 2, origin=-1)[:-1, :-1]
@@ -220,8 +220,8 @@ def draped(part: Part, nodes: Nodes) -> Iterator[Layer]:
 def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[Layer]:
     """Yield a field on draped layers, interpolated between level layers.
 
-    The interpolation is a polynomial in the height through level layers at Chebyshev points. If
-    ``floor`` [m] is above the lowest node, the level layers lie above the floor and the field is
+    The interpolation is a polynomial in the height through level layers at Chebyshev points. All
+    level layers lie above ``floor`` [m]. If the floor is above the lowest node, the field is
     extrapolated downwards, which is accurate only for a smooth field.
 
     Raises MapError if a layer has too many nodes.
@@ -252,7 +252,7 @@ def on_levels(part: Part, nodes: Nodes, floor: float = -math.inf) -> Iterator[La
 
 
 def _polynomials(nodes: Array, places: Array) -> Array:
-    """Return the weights (n, ...) of values at nodes (n,) in their polynomial at places (...)."""
+    """Return the Lagrange polynomials (n, ...) of nodes (n,), evaluated at ``places`` (...)."""
     weights = np.ones((nodes.size, *places.shape))
     for i, node in enumerate(nodes):
         for other in np.delete(nodes, i):

@@ -32,9 +32,9 @@ from .survey_lines import COMPONENTS, SurveyLines
 Array = NDArray[np.float64]
 
 WIDEST_M = 150e3
-"""Widest survey: beyond it the Earth is not flat."""
+"""Largest extent of a survey for the plane approximation."""
 MOST_SOURCES = 7000
-"""Most masses: the time to find them grows with the third power of their number."""
+"""Largest number of masses; the computing time grows with the third power of the number."""
 _MGAL = 1e5  # in a metre per square second
 _BLOCK = 0.3  # of the depth: the field hardly changes over it, and noise is averaged
 _REACH = 2.0  # depths: masses farther from every sample are left out
@@ -215,7 +215,7 @@ def metres_along(lines: SurveyLines, index: int) -> Array:
 
 
 def _grid(points: Array, depth_m: float, spacing_m: float) -> Array:
-    """Places of masses, (3, m): a grid under the flights, none far from every sample."""
+    """Return the places (3, m) of the masses: grid nodes below the flights, close to samples."""
     axes = [
         np.arange(axis.min() - depth_m, axis.max() + depth_m + spacing_m, spacing_m)
         for axis in points[:2]
@@ -239,7 +239,7 @@ def _too_many(count: int, spacing_m: float) -> str:
 
 
 def _blocks(values: Array, size: int) -> Array:
-    """Means of blocks of consecutive rows; the last block may be shorter."""
+    """Return the means of blocks of ``size`` consecutive rows; the last block may be shorter."""
     starts = np.arange(0, len(values), size)
     counts = np.diff([*starts, len(values)])
     means: Array = np.add.reduceat(values, starts, axis=0) / counts[:, np.newaxis]

@@ -16,12 +16,12 @@ from .shipped_parts import COEFFICIENTS, disturbing_coefficients
 Array = NDArray[np.float64]
 
 _ZERO_DEGREE = -0.41
-"""Geoid height of degree 0, from EGM2008's mass and potential to those of WGS84 [m]."""
+"""Zero-degree term of the geoid height, from the GM and W0 of EGM2008 and of WGS84 [m]."""
 _MOST_NODES = 50
-"""Places along a track at which the series is summed: it changes over 160 km and more."""
+"""Number of track points at which the series is summed; its shortest half wave is 160 km."""
 
 _STEP_DEG, _MARGIN_DEG, _FEWEST_NODES = 0.5, 0.05, 4
-"""Distance of a grid's nodes, which resolves degree 120, their margin and their least number."""
+"""Node spacing of a grid, which resolves degree 120; margin; smallest number of nodes."""
 
 
 def geoid_heights(latitude: Array, longitude: Array) -> Array:
@@ -50,7 +50,7 @@ def geoid_over(latitude: Array, longitude: Array) -> Array:
 
 
 def _axis(places: Array) -> Array:
-    """Return nodes that cover places, closer than the series changes."""
+    """Return nodes [deg] that cover ``places`` [deg] with a spacing that resolves degree 120."""
     first, last = float(places.min()) - _MARGIN_DEG, float(places.max()) + _MARGIN_DEG
     count = math.ceil((last - first) / _STEP_DEG) + 1
     return np.linspace(first, last, max(count, _FEWEST_NODES))

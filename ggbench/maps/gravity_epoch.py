@@ -1,9 +1,11 @@
 """Reduction of time-variable coefficients of ICGEM (gfct, trnd, acos, asin) to an epoch.
 
-G(t) = G(t0) + trnd (t − t0) + Σ acos cos(2π (t − t0)/p) + asin sin(2π (t − t0)/p), with time t,
-reference epoch t0 and period p in years (Ince et al., Earth System Science Data 11 (2019) 647). In
-the format icgem2.0 each line has an interval of validity t0 to t1, and lines whose interval
-contains the epoch are used. In the older format each ``gfct`` line has the reference epoch t0.
+G(t) = G(t0) + trnd (t − t0) + Σ acos cos(2π (t − t0)/p) + asin sin(2π (t − t0)/p)
+
+The time t, the reference epoch t0 and the period p are in years (Ince et al., Earth System Science
+Data 11 (2019) 647). In the format icgem2.0 each line has an interval of validity t0 to t1. Only
+lines whose interval contains the epoch are used. In the older format each ``gfct`` line has the
+reference epoch t0.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ _TREND = ("trnd", "dot")  # dot is an older trnd
 
 @dataclass
 class _Coefficient:
-    """C and S at a reference time [years], and the terms that are added: (word, C, S, period)."""
+    """C and S at a reference time [years], and time-variable terms (word, C, S, period [years])."""
 
     time: float
     values: tuple[float, float]
@@ -47,8 +49,8 @@ def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None
     ``body`` contains the lines below the header of a file. ``intervals`` states whether the lines
     have an interval of validity (icgem2.0).
 
-    Raises MapError if coefficients are time-variable and no epoch is given, or the reverse; if a
-    line cannot be read; if the epoch lies outside all intervals.
+    Raises MapError if coefficients are time-variable and no epoch is given; if an epoch is given
+    for static coefficients; if a line cannot be read; if the epoch lies outside all intervals.
     """
     lines = [match[0].decode("latin-1") for match in _VARYING.finditer(body)]
     if not lines:
@@ -74,7 +76,7 @@ def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None
 def _coefficients(
     path: Path, lines: Sequence[str], intervals: bool, time: float
 ) -> dict[tuple[int, int], _Coefficient]:
-    """Return the coefficients by degree and order, of the intervals that hold a time [years]."""
+    """Return the coefficients, by degree and order, whose interval contains a time [years]."""
     by_place: dict[tuple[int, int], _Coefficient] = {}
     outside: set[tuple[int, int]] = set()
     parsed = [_parsed(path, line, intervals) for line in lines]
@@ -137,6 +139,6 @@ def _date(cell: str) -> datetime.datetime:
 
 
 def _year(date: datetime.datetime) -> float:
-    """Return a date in years: the year, and the share of it that is over."""
+    """Return a date as a decimal year."""
     start, end = datetime.datetime(date.year, 1, 1), datetime.datetime(date.year + 1, 1, 1)
     return date.year + (date - start) / (end - start)

@@ -164,7 +164,7 @@ def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
 
 
 def _read(path: Path, kind: str, area: Area | None, units: Units) -> ReadGrid:
-    """Return what a file holds, by its suffix or else by its first bytes."""
+    """Read the grid of a file; its suffix or its first bytes determine the format."""
     suffix = path.suffix.lower()
     if suffix == ".npz":
         return _from_archive(path, kind, units)
@@ -195,7 +195,7 @@ def _from_archive(path: Path, kind: str, units: Units) -> ReadGrid:
 def _cropped(
     latitude: Array, longitude: Array, values: Array, area: Area
 ) -> tuple[Array, Array, Array]:
-    """The part of a grid that covers an area, as far as it reaches."""
+    """Return the smallest part of a grid that covers an area, as far as the grid extends."""
     placed = area.about(float(longitude.mean()))
     parts = []
     for axis, low, high in ((latitude, *placed[:2]), (longitude, *placed[2:])):
@@ -281,14 +281,14 @@ def _from_gdf(path: Path, kind: str, units: Units) -> ReadGrid:
 def _in_si(
     path: Path, written: Array, unit: str, units: Units, described: str = ""
 ) -> tuple[Array, tuple[str, ...]]:
-    """Values in SI units, NaN for marks of gaps, and what to say of them."""
+    """Return the values in SI units, NaN at gaps, and remarks on the unit and the gaps."""
     factor, of_unit = units.factor(unit, path.name, described)
     values, of_marks = marks_removed(written, written * factor, units)
     return values, _named(path, of_unit, of_marks)
 
 
 def _named(path: Path, *remarks: str) -> tuple[str, ...]:
-    """Remarks that name their file."""
+    """Return the non-empty remarks, each with the name of the file in front."""
     return tuple(f"{path.name}: {remark}" for remark in remarks if remark)
 
 

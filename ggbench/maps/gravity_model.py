@@ -25,7 +25,7 @@ from ..gravity.harmonics import HarmonicCoefficients
 from .gravity_epoch import static
 
 MOST_DEGREE = 5600
-"""Highest degree that is read: arrays of 0.5 GB, and ten of them for a synthesis."""
+"""Highest degree that is read; C and S then need 0.5 GB, a synthesis ten times as much."""
 
 _FLOAT = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
 _NORMS = ("fully_normalized", "unnormalized")
@@ -67,7 +67,7 @@ def read_model(
 
     Raises MapError if the file cannot be read or has another format; if coefficients are duplicate
     or missing; if its degree is below ``highest``; if coefficients are time-variable and no epoch
-    is given, or the reverse.
+    is given; if an epoch is given for static coefficients.
     """
     content = content_of(path, MapError, "the coefficients ")
     if path.suffix == ".npz":
@@ -144,7 +144,7 @@ def _from_text(
 
 
 def _unpacked(path: Path, content: bytes) -> bytes:
-    """Return the content of a file that may be packed; of an archive, the one file wanted."""
+    """Return the unpacked content of a file; of an archive, the content of its only model file."""
     only = functools.partial(_only, path)
     if content.startswith(_GZIP):
         content = gunzipped(content, MapError, str(path))
@@ -156,7 +156,7 @@ def _unpacked(path: Path, content: bytes) -> bytes:
 
 
 def _only(path: Path, files: list[str]) -> str:
-    """The only file of an archive, or the only one that is named so."""
+    """Return the name of an archive's only file, or of its only ``.gfc`` file."""
     suited = files if len(files) == 1 else [name for name in files if name.endswith(_SUFFIX)]
     if len(suited) != 1:
         raise MapError(
@@ -167,18 +167,18 @@ def _only(path: Path, files: list[str]) -> str:
 
 
 def _header(text: str) -> dict[str, str]:
-    """Keys and what follows them on their lines, below the prose that may come first."""
+    """Return the keys of the header and the text after each key; free text above is ignored."""
     pairs = (line.split(maxsplit=1) for line in text.rpartition(_HEADER_BEGIN)[2].splitlines())
     return {words[0].lower(): words[1].strip() for words in pairs if len(words) > 1}
 
 
 def _first_word(header: dict[str, str], key: str, default: str) -> str:
-    """The value of a key; what follows it on the line is for people."""
+    """Return the first word after a key; later words on the line are comments."""
     return header[key].split()[0] if key in header else default
 
 
 def _tide_part(path: Path, stated: str) -> float:
-    """Share of the permanent tide that C20 holds, for any spelling of a tide system."""
+    """Return the fraction of the permanent tide in C20 for a tide system in any spelling."""
     spelled = _APART.sub("_", stated.lower())
     for system, part in _TIDE_PARTS.items():
         if spelled.startswith(system):
@@ -202,7 +202,11 @@ def _number(path: Path, header: dict[str, str], *keys: str) -> float:
 def _body(
     path: Path, content: bytes, start: int, degree: int, declared: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """C and S, (degree + 1, degree + 1), of the lines after the header, which ends at a byte."""
+    """Return C and S (degree + 1, degree + 1) from the lines after the header.
+
+    ``start`` is the index of the first byte after the header. ``degree`` is the highest degree to
+    return, ``declared`` the highest degree that the header states.
+    """
     body = content[start:]
     if not body.strip():
         raise MapError(f"{path} has a header, but no coefficients.")
@@ -247,12 +251,12 @@ def _body(
 
 
 def _table(body: bytes) -> NDArray[np.void]:
-    """Lines as rows of key, n, m, C and S; errors of the coefficients may follow, or not."""
+    """Return the rows of key, n, m, C and S; errors of the coefficients on a line are ignored."""
     return np.loadtxt(io.BytesIO(body), dtype=_ROW, usecols=range(5), encoding="latin-1", ndmin=1)
 
 
 def _bad_line(path: Path, content: bytes, start: int, error: ValueError) -> MapError:
-    """An error that names the first line that is no coefficient."""
+    """Return a MapError that states the first line without a valid coefficient."""
     above = content[:start].count(b"\n")
     number = rf"{_FLOAT}|[-+]?(nan|inf)"
     good = re.compile(rf"\w+\s+\d+\s+\d+\s+({number})\s+({number})(\s|$)", re.IGNORECASE)
@@ -266,7 +270,10 @@ def _bad_line(path: Path, content: bytes, start: int, error: ValueError) -> MapE
 
 
 def _require_once(path: Path, count: NDArray[np.int32]) -> None:
-    """Each coefficient from degree 2 on once; EGM2008, say, stops at order 2159 of degree 2190."""
+    """Raise MapError if a coefficient from degree 2 on is missing or duplicate.
+
+    The highest order may be lower than the degree: EGM2008 ends at degree 2190 and order 2159.
+    """
     if (count > 1).any():
         n, m = np.argwhere(count > 1)[0]
         raise MapError(f"{path} has the coefficient of degree {n} and order {m} more than once.")
@@ -285,7 +292,7 @@ def _require_once(path: Path, count: NDArray[np.int32]) -> None:
 
 
 def _normalise(path: Path, cosine: NDArray[np.float64], sine: NDArray[np.float64]) -> None:
-    """Turn coefficients of functions that are not normalised into fully normalised ones."""
+    """Convert unnormalised coefficients to fully normalised coefficients, in place."""
     for n in range(len(cosine)):
         for m in range(n + 1):
             twice = 1.0 if m == 0 else 2.0
@@ -307,7 +314,7 @@ def _checked(
     cosine: NDArray[np.float64],
     sine: NDArray[np.float64],
 ) -> HarmonicCoefficients:
-    """Refuse what is not of the Earth, in metres."""
+    """Return the coefficients; raise MapError if they are not those of the Earth in SI units."""
     if not (3.98e14 < gm < 3.99e14 and 6.3e6 < radius < 6.4e6):
         raise MapError(
             f"{path}: earth_gravity_constant {gm:g} and radius {radius:g} are not the Earth's in "

@@ -24,7 +24,7 @@ _CONVERGING = 1.2  # times what the series takes, about
 _QUICK_NODES = 8_000_000  # of the Fourier grid, by default: some seconds
 _ROUND_M = 10.0
 _WORTH_SAYING_EOTVOS = 1.0
-"""What the ground beyond the terrain is worth before it is said."""
+"""Effect of unknown ground beyond the terrain above which a remark is made [E]."""
 _DRAPE_M = 200.0  # height of a flight above the ground, of which is said where the map serves it
 
 

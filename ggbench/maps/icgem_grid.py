@@ -20,7 +20,7 @@ _KINDS = {
     **dict.fromkeys(("gravity_anomaly", "gravity_anomaly_cl", "gravity_anomaly_sa"), "anomaly"),
     **dict.fromkeys(("gravity_disturbance", "gravity_disturbance_sa"), "disturbance"),
 }
-"""What a map can be made of, by ICGEM's names of functionals."""
+"""Kind of grid by ICGEM's name of the functional."""
 
 
 class ReadGrid(NamedTuple):
@@ -87,7 +87,7 @@ def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
 
 
 def _require_kind(path: Path, functional: str, kind: str) -> None:
-    """Raise MapError if a header's functional is not of the kind that the user says."""
+    """Raise MapError if a header's functional differs from the ``kind`` stated by the user."""
     stated = _KINDS.get(functional)
     if not functional or stated == kind:
         return

@@ -28,7 +28,7 @@ Array = NDArray[np.floating]
 Layer = tuple[NDArray[Any], NDArray[Any]]
 """Tensor (n_lat, n_lon, 6) [E] and gravity disturbance (n_lat, n_lon, 3) [m/s²] at one height."""
 Errors = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Standard errors of the nine components, and the distances of their correlation [m]; or NaN."""
+"""Standard errors (9,) of the components, and their correlation distances (9,) [m]; or NaN."""
 
 TENSOR = ("ee", "en", "eu", "nn", "nu", "uu")
 VECTOR = ("e", "n", "u")
@@ -38,7 +38,7 @@ FRAME = f"geodetic {ENU} (ENU) on the WGS84 ellipsoid"
 CONTENT = "disturbing field: normal field of WGS84 removed"
 FEWEST_NODES = 4  # per axis, what a cubic spline needs
 ERROR_KEYS = ("standard_error", "error_distance_m")
-"""Attributes of a component: in its unit; along a track, where the correlation is 1/e."""
+"""Attributes: standard error in the unit of the component; distance of correlation 1/e."""
 _CHUNK = 256
 AXES: dict[str, dict[str, Any]] = {
     "height": {
@@ -229,7 +229,7 @@ def _define(
     dtype: str,
     compression: int,
 ) -> None:
-    """Write everything but the values of the layers, and create the variables for those."""
+    """Write attributes and coordinates, and create empty variables for the layers."""
     file.setncatts(
         {
             "Conventions": "CF-1.11",
@@ -266,7 +266,7 @@ def _define(
 
 
 def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) -> None:
-    """Write the values of all heights into a file that has its variables."""
+    """Write the values of all layers into the variables of a file."""
     count = 0
     for index, (tensor, disturbance) in enumerate(_ahead(layers)):
         end_if_asked()
@@ -291,7 +291,7 @@ def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) 
 
 
 def _error_of(errors: Errors | None, index: int) -> dict[str, float]:
-    """What a variable says of its standard error."""
+    """Return the attributes for the standard error of the component ``index``."""
     errors_by_key = (
         {} if errors is None else dict(zip(ERROR_KEYS, (e[index] for e in errors), strict=True))
     )
@@ -299,12 +299,12 @@ def _error_of(errors: Errors | None, index: int) -> dict[str, float]:
 
 
 def _chunk(count: int) -> int:
-    """Nodes per chunk, so that the last one is nearly full, too."""
+    """Return the number of nodes per chunk for which all chunks are nearly full."""
     return math.ceil(count / math.ceil(count / _CHUNK))
 
 
 def _ahead(layers: Iterable[Layer]) -> Iterator[Layer]:
-    """Yield the layers, each while the next is being computed: compression takes as long."""
+    """Yield the layers; a thread computes the next layer while the caller writes this one."""
     iterator = iter(layers)
     with ThreadPoolExecutor(1) as pool:
         coming = pool.submit(next, iterator, None)

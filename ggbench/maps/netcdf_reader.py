@@ -110,7 +110,10 @@ def source_files(path: Path) -> dict[str, str]:
 
 
 def _layers(path: Path, nodes: Mapping[str, Array], descends: dict[str, bool]) -> Iterator[Layer]:
-    """Yield the layers. The file is closed in between: another thread may use a file of its own."""
+    """Yield the layers, from the lowest up.
+
+    The file is closed between layers, so that another thread can open another file.
+    """
     whole = _kept(path, nodes, None)
     for index, height in enumerate(nodes["height"]):
         keep = whole | {"height": slice(index, index + 1)}
@@ -125,7 +128,7 @@ def _layers(path: Path, nodes: Mapping[str, Array], descends: dict[str, bool]) -
 
 @contextlib.contextmanager
 def _opened(path: Path, again: bool = False) -> Iterator[Any]:
-    """Open a netCDF file as it is stored. Raises MapError if it is none."""
+    """Open a netCDF file without masking or scaling; raise MapError for another format."""
     if path.suffix == ".npz" and path.is_file():
         raise MapError(
             f"{path} is a NumPy archive; maps are netCDF files: build it again with 'ggbench map "
@@ -137,7 +140,7 @@ def _opened(path: Path, again: bool = False) -> Iterator[Any]:
 
 
 def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool]]:
-    """Coordinates by name, ascending, and which of them descend in the file.
+    """Return ascending coordinates by name, and whether each descends in the file.
 
     ``height`` is the height above the base surface if the map is draped.
     """
@@ -201,7 +204,10 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
 
 
 def _kept(path: Path, nodes: Mapping[str, Array], crop: Area | None) -> dict[str, slice]:
-    """The nodes to read, along each axis."""
+    """Return the slice of nodes to read along each axis.
+
+    Raises MapError if ``crop`` does not overlap the map.
+    """
     keep = {name: slice(0, values.size) for name, values in nodes.items()}
     if crop is None:
         return keep
@@ -231,7 +237,7 @@ def _read_components(
     keep: Mapping[str, slice],
     descends: Mapping[str, bool],
 ) -> NDArray[np.float64]:
-    """Components (n_lat, n_lon, n_h, len(names)) of the nodes to keep."""
+    """Return the components (n_lat, n_lon, n_h, len(names)) at the nodes in ``keep``."""
     order = ("latitude", "longitude", "height")
     shape = tuple(keep[name].stop - keep[name].start for name in order)
     out = np.empty((*shape, len(names)))
@@ -254,19 +260,19 @@ def _read_components(
 
 
 def _is_draped(file: Any) -> bool:
-    """Whether layers have equal heights above a base surface."""
+    """Return whether a map is draped, that is, has layers at heights above a base surface."""
     return CLEARANCE in file.variables
 
 
 def _stored(file: Any, name: str) -> str:
-    """The name of an axis in a file."""
+    """Return the variable name of an axis in a file."""
     return CLEARANCE if name == "height" and _is_draped(file) else name
 
 
 def _read_base(
     path: Path, file: Any, keep: Mapping[str, slice], descends: Mapping[str, bool]
 ) -> NDArray[np.float64] | None:
-    """The base surface (n_lat, n_lon) of the nodes to keep [m]; None of a map of level layers."""
+    """Return the base surface (n_lat, n_lon) [m] at the nodes in ``keep``; None if not draped."""
     if not _is_draped(file):
         return None
     variable = file.variables[BASE]
@@ -291,7 +297,7 @@ def _read_base(
 
 
 def _errors(path: Path, file: Any, key: str) -> NDArray[np.float64]:
-    """An attribute of the nine components, (9,); NaN where a file does not have it."""
+    """Return the attribute ``key`` (9,) of the nine components; NaN where it is missing."""
     errors = unknown()
     for index, name in enumerate(variables()):
         variable = file.variables[name]
@@ -309,7 +315,7 @@ def _errors(path: Path, file: Any, key: str) -> NDArray[np.float64]:
 
 
 def _fills(variable: Any) -> dict[str, NDArray[Any]]:
-    """What a variable names as the marks of missing values."""
+    """Return the codes for missing values that a variable declares, by attribute."""
     names = {"_FillValue", "missing_value"} & set(variable.ncattrs())
     return {name: np.ravel(variable.getncattr(name)) for name in sorted(names)}
 
@@ -319,7 +325,7 @@ def _has_fill(variable: Any, values: Array) -> bool:
 
 
 def _require_numbers(path: Path, name: str, variable: Any) -> None:
-    """Raise MapError if what marks a missing value is no number."""
+    """Raise MapError if a variable's code for missing values is not a number."""
     for key, fills in _fills(variable).items():
         if fills.dtype.kind not in "fiu":
             value = _text(variable, key)
@@ -346,5 +352,5 @@ def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> N
 
 
 def _text(holder: Any, key: str) -> str:
-    """An attribute of a file or a variable as text, empty if there is none; fit to be shown."""
+    """Return an attribute as text without control characters; "" if it is missing."""
     return checks.clean_text(str(holder.getncattr(key))) if key in holder.ncattrs() else ""

@@ -16,10 +16,10 @@ from .netcdf import FEWEST_NODES, Nodes
 Array = NDArray[np.floating]
 
 EVERYWHERE = np.array([-90.0, 90.0, -360.0, 360.0])
-"""Bounds of what serves the whole Earth: south, north, west, east [deg]."""
+"""Bounds of a global source: south, north, west, east [deg]."""
 _MOST_NODES = 400_000_000  # 14 GB of float32
 MOST_LAYER_NODES = 10_000_000
-"""Nodes of a layer; three layers are in memory: one is computed, one summed, one written."""
+"""Largest number of nodes of a layer; three layers are in memory at the same time."""
 _BYTES_PER_NODE = 3 * 9 * 8
 _MOST_CELLS = 1_000_000  # along an axis
 _FEWEST_STEPS = FEWEST_NODES - 1
@@ -27,9 +27,9 @@ HIGHEST_M = 1e6
 _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
 _NEAR_GROUND = (1.0, 100.0), (0.5, 50.0)
-"""Over ground, horizontally and vertically: what share of the height above it nodes may be apart,
-as far as that is more than a quarter, and up to how much [m]. Interpolation errs by 0.02 E rms
-where the gradient is 100 E, and by 0.005 E 100 m higher."""
+"""Horizontal and vertical node spacings over a terrain: fraction of the height above ground, and
+largest spacing [m]. A quarter of the height is always allowed. The interpolation error is 0.02 E
+RMS where the gradient is 100 E, and 0.005 E at points 100 m higher."""
 _LEAST_REACH_M = 1000.0  # upwards, by default
 _WIDEST_HEIGHT_SPACING = 1000.0
 _ROUNDING_DEG = 1e-6  # what a bound may lie outside for being typed with few digits
@@ -147,7 +147,7 @@ def nodes_for(
 
 
 def _require_degrees(request: GridRequest) -> None:
-    """Raise MapError if a bound is no latitude or longitude."""
+    """Raise MapError if a bound is outside the limits of latitude or longitude."""
     for name, most in (("south", 90.0), ("north", 90.0), ("west", 360.0), ("east", 360.0)):
         value = getattr(request, f"{name}_deg")
         if value is not None and abs(value) > most:
@@ -159,9 +159,9 @@ def _require_degrees(request: GridRequest) -> None:
 
 
 def _in_one_turn(extents: list[SourceExtent]) -> list[tuple[SourceExtent, Array]]:
-    """Reaches with what to add to their bounds, so that all count longitudes alike.
+    """Return extents, each with shifts (4,) [deg] that put all longitudes into one turn.
 
-    As the first one of a region; what serves the whole Earth serves every turn.
+    The turn is that of the first regional extent. A global extent has no shift.
     """
     middles = [float(extent.bounds[2:].mean()) for extent in extents]
     whole = [np.array_equal(extent.bounds, EVERYWHERE) for extent in extents]
@@ -171,7 +171,7 @@ def _in_one_turn(extents: list[SourceExtent]) -> list[tuple[SourceExtent, Array]
 
 
 def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
-    """The bounds that are asked for, longitudes counted as those that are allowed."""
+    """Return requested bounds with longitudes in the turn of the allowed bounds."""
     west, east = area.west, area.east
     if np.ptp(allowed[2:]) <= 360.0:
         middle = 0.5 * (allowed[2] + allowed[3])
@@ -226,7 +226,7 @@ def _heights_and_spacing(
 def _clearances_and_spacing(
     drape: tuple[float, float], request: GridRequest, remarks: list[str]
 ) -> tuple[Array, float]:
-    """Heights of draped layers above their base, and the spacing of nodes [deg]."""
+    """Return heights of draped layers above the base surface [m], and the node spacing [deg]."""
     lowest, highest = drape
     for option, value in (("lowest", request.lowest_m), ("highest", request.highest_m)):
         if value is not None:
@@ -252,9 +252,9 @@ def _clearances_and_spacing(
 
 
 def _horizontal(request: GridRequest, across: float, distance: float, remarks: list[str]) -> float:
-    """Spacing of nodes [deg]: what is asked for, or ``across`` [m] rounded down.
+    """Return the requested horizontal node spacing [deg], or ``across`` [m] rounded down.
 
-    ``distance`` is that of the lowest layer from the sources [m].
+    ``distance`` is the distance of the lowest layer from the sources [m].
     """
     widest = math.degrees(across / SEMI_MAJOR_AXIS)
     spacing_deg = request.spacing_deg
@@ -274,8 +274,8 @@ def _horizontal(request: GridRequest, across: float, distance: float, remarks: l
 def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
     """Return the largest horizontal and vertical distances between nodes [m].
 
-    ``distance`` is the distance from the masses [m]; ``ground`` states whether the masses are
-    ground.
+    ``distance`` is the distance from the masses [m]. ``ground`` states whether the masses are
+    those of a terrain, for which wider spacings are allowed.
     """
     quarter = _SPACING_PER_HEIGHT * distance
     if not ground:
@@ -286,13 +286,13 @@ def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
 
 
 def _share(spacing: float, distance: float) -> str:
-    """Which share of a distance a spacing is, in words."""
+    """Return the ratio of a spacing to a distance in words."""
     share = spacing / distance
     return "a quarter" if abs(share - _SPACING_PER_HEIGHT) < 1e-6 else f"{share:.2g}"
 
 
 def _too_low(extents: list[SourceExtent], lowest: float, floor: float) -> str:
-    """What is wrong with a lowest height, after the number."""
+    """Return the end of a message on a lowest height that is too low."""
     allowed = f"at least {floor:g} m is allowed"
     deciding = max(extents, key=lambda extent: extent.floor_m)
     if not deciding.ground:
@@ -308,7 +308,11 @@ def _too_low(extents: list[SourceExtent], lowest: float, floor: float) -> str:
 
 
 def _axis(low: float, high: float, step: float, limit: float) -> Array:
-    """Nodes from ``low`` to ``high``, or beyond it by less than a step if the limit allows it."""
+    """Return nodes from ``low`` to ``high`` at a distance of ``step``.
+
+    If the steps do not end at ``high``, the last node lies beyond it by less than a step. This node
+    is omitted if it would lie beyond ``limit``.
+    """
     cells = math.ceil(min((high - low) / step, 1e9) - 1e-6)
     if cells > _MOST_CELLS:
         raise MapError(
@@ -321,7 +325,7 @@ def _axis(low: float, high: float, step: float, limit: float) -> Array:
 
 
 def _round_down(value: float) -> float:
-    """Two significant digits, not more than the value."""
+    """Round a value down to two significant digits."""
     if not value > 0.0:
         return value
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating]
 
 FILTER_ORDER = 8
-"""Of the Butterworth filter that smooths a terrain: half the amplitude passes at the cut-off."""
+"""Order of the Butterworth filter that smooths a terrain; at its cut-off the gain is 1/2."""
 _NODES_PER_HALF_WAVE = 6.0  # of the highest degree: harmonics are computed on no denser nodes
 _SPLINE_DEGREE = 5
 _SPLINE_MARGIN = 6  # nodes beyond the map, so that the spline ends outside
@@ -73,9 +73,9 @@ class HarmonicPart:
     Attributes
     ----------
     coefficients : coefficients of the disturbing potential.
-    nodes_per_half_wave : density of nodes, per half wavelength of the highest degree, up to which
-        the series is summed at every node. If the map is denser, a spline of degree 5 interpolates
-        between summed nodes. Infinite: no interpolation.
+    nodes_per_half_wave : largest number of nodes at which the series is summed, per half wavelength
+        of the highest degree. In a denser map a spline of degree 5 interpolates between these
+        nodes. Infinite: no interpolation.
     """
 
     coefficients: HarmonicCoefficients
@@ -222,9 +222,10 @@ def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
 
 
 def _coarser(fine: Array, finest: float, limit: float) -> tuple[Array, Array | None]:
-    """Nodes at most as dense as ``finest`` [deg], and the matrix that leads from them to ``fine``.
+    """Return nodes ``finest`` [deg] or slightly less apart, and an interpolation matrix.
 
-    None for the matrix: the nodes are ``fine``.
+    The matrix maps values at these nodes to the nodes ``fine``. If there would not be fewer nodes,
+    or if one would lie beyond ``limit`` [deg], the nodes are ``fine`` and the matrix is None.
     """
     if finest == 0.0:
         return fine, None

@@ -42,10 +42,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating]
 
 TOLERANCE_EOTVOS = 0.5
-"""Of the field of a draped map's terrain, by default."""
+"""Default of the largest error from approximating terrain masses in a draped map [E]."""
 _SHIPPED_DEGREE = 120
 _WORTH_SAYING_M = 1.0
-"""Height of the geoid that matters to a map."""
+"""Geoid height from which on a remark on the zero level is made [m]."""
 _INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them matters most
 
 
@@ -160,7 +160,7 @@ def _with_base(part: TerrainPart, nodes: Nodes) -> Nodes:
 
 
 class _Sources:
-    """The parts of a map with what there is to say about them."""
+    """Parts of a map with their extents, descriptions, remarks and file hashes."""
 
     def __init__(self, inputs: Inputs, area: Area) -> None:
         self._area = area
@@ -192,7 +192,7 @@ class _Sources:
 
     @staticmethod
     def _check_heights(inputs: Inputs) -> None:
-        """Refuse heights that are none, and options of data that are not given."""
+        """Raise MapError if a height is not finite, or if an option lacks its input file."""
         for option, value in (
             ("--grid-height", inputs.grid_height_m),
             ("--geoid-height", inputs.geoid_height_m or 0.0),
@@ -409,7 +409,7 @@ class _Sources:
             )
 
     def _zero_level(self, inputs: Inputs, terrain: Terrain) -> float:
-        """Return the height of a terrain's zero level above the ellipsoid [m]; say where it is."""
+        """Return the height of a terrain's zero level above the ellipsoid [m], and add a remark."""
         assert inputs.terrain is not None
         if inputs.geoid_height_m is not None or ELLIPSOIDAL in terrain.name:
             return inputs.geoid_height_m or 0.0
@@ -459,7 +459,7 @@ class _Sources:
 
     @staticmethod
     def _around(area: Area) -> Area | None:
-        """As much of a terrain around an area as a map is inset by, if no bounds are given."""
+        """Return an area with a margin of terrain for accurate edges; None without bounds."""
         if area == Area():
             return None
         share = _INSET / (1.0 - 2.0 * _INSET)

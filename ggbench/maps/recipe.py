@@ -37,9 +37,9 @@ Array = NDArray[np.float64]
 _WIDEST_SMOOTHING_DEG = 1.0
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
 _LEAST_CLEARANCE_M = 10.0
-"""Lowest layer of a draped map."""
+"""Smallest height of the lowest layer of a draped map above the base surface [m]."""
 _TOLERANCE_EOTVOS = 0.5
-"""Of the field of a draped map's terrain."""
+"""Largest error from approximating terrain masses in a draped map [E]."""
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
 
 
@@ -55,21 +55,21 @@ class MapRecipe:
     source : a key of :data:`ggbench.maps.shipped.SOURCES`.
     south_deg, north_deg, west_deg, east_deg : bounds [deg], longitudes in any turn.
     min_height_m, max_height_m : bounds [m above the ellipsoid].
-    spacing_arcmin : distance between nodes in latitude and in longitude. In all but the two lowest
-        layers it must be at most a quarter of the height above the masses (on land, above the
-        ellipsoid); the error of a cubic spline is then below 1e-3 E. For a terrain it must be at
-        most 0.6 of the height above the highest ground in these layers; the error 100 m above the
+    spacing_arcmin : distance between nodes in latitude and in longitude. The height of the third
+        layer sets its limit. For a geoid the limit is a quarter of the height above the masses,
+        which on land lie at the ellipsoid; the error of a cubic spline is then below 1e-3 E. For a
+        terrain the limit is 0.6 of the height above the highest ground; the error 100 m above the
         highest ground is then 0.01 E RMS.
-    height_spacing_m : distance between layers. It must be at most a quarter of the lowest height
-        above half the depth of the masses; for a terrain, at most the lowest height above the
-        highest ground.
+    height_spacing_m : distance between layers. The height of the lowest layer sets its limit. For a
+        geoid the limit is a quarter of the height above half the depth of the masses. For a terrain
+        the limit is the height above the highest ground.
     land_correction : whether to convert the geoid to the height anomaly with the topography.
     relief_smoothing_deg : standard deviation of a Gaussian that smooths topography or terrain
         before use; 0 (no smoothing) to 1. The benchmark uses 0.
     density_kg_m3 : density of the ground of a terrain.
-    drape : whether heights count from the base surface of a terrain (:mod:`.drape`). In all but the
-        two lowest layers the distance between nodes must then be at most the height above the base
-        surface.
+    drape : whether heights count from the base surface of a terrain (:mod:`.drape`). The limits of
+        ``spacing_arcmin`` and ``height_spacing_m`` are then the heights of the third and the lowest
+        layer above the base surface.
     """
 
     source: str
@@ -151,7 +151,7 @@ def nodes_of(recipe: MapRecipe) -> Nodes:
 
 
 def _draped(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
-    """Yield the layers of the terrain that is the only part of a source."""
+    """Yield the draped layers of a source whose only part is a terrain."""
     from .drape import DrapedTerrain
 
     (part,) = parts
@@ -187,7 +187,7 @@ def _identity(gradient_map: GradientMap) -> tuple[object, ...]:
 
 
 def _keep(path: Path, nodes: Nodes, gradient_map: GradientMap) -> None:
-    """Write a map into the cache: in double precision, with checksums, nothing compressed.
+    """Write a map into the cache, in double precision, with checksums and without compression.
 
     Raises MapError if the file cannot be written.
     """
@@ -279,7 +279,7 @@ def _over_ground(name: str, limits: Limits) -> Limits:
 
 
 def _check_options(recipe: MapRecipe) -> None:
-    """Raise MapError if a key is changed that no part of the source follows."""
+    """Raise MapError if an option differs from its default but does not affect the source."""
     for option in dataclasses.fields(PartOptions):
         changed = getattr(recipe, option.name) != option.default
         if changed and option.name not in SOURCES[recipe.source].options:

@@ -1,8 +1,8 @@
 """Shipped sources of maps, declared in ``shipped.toml``.
 
-A source is a list of parts of the same kinds as in users' maps. A field that is computed from the
-EGM2008 geoid differs from the field of EGM2008 by some tenths of an E RMS over the Qinling
-mountains and by 0.03 E at sea (README of the data).
+A source is a list of parts of the same kinds as in users' maps. A field computed from the EGM2008
+geoid differs from the field of the EGM2008 coefficients. The RMS difference is some tenths of an E
+over the Qinling mountains and 0.03 E at sea (README of the data).
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class ShippedSource:
 
 
 def _source(table: dict[str, Any]) -> ShippedSource:
-    """Return a source of a table of ``shipped.toml``."""
+    """Return the source that a table of ``shipped.toml`` declares."""
     parts = (dict(part) for part in table["part"])
     return ShippedSource(
         provenance=table["provenance"],

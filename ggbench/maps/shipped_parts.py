@@ -45,9 +45,10 @@ MASS_KEYS = (
 )
 """Arrays of a file of point masses.
 
-Latitude and longitude of the plane's point [deg]; see :class:`EquivalentSources` and
-:class:`ggbench.gravity.gradient_map.GradientMap`; south, north, west, east of the lines [deg];
-depth below the flights [m].
+``plane`` is latitude and longitude of the plane's point [deg]. ``places`` and ``masses`` are those
+of :class:`EquivalentSources`. ``standard_error`` and ``error_distance`` are those of
+:class:`ggbench.gravity.gradient_map.GradientMap`. ``bounds`` are south, north, west and east of
+the lines [deg]. ``depth_m`` is the depth below the flights [m].
 """
 _LINES_MARGIN_DEG = 0.05  # around lines: there a map is continued by the masses at their edge
 _LEAST_CLEARANCE = 0.25  # of the depth of the masses: below, each of them is seen
@@ -101,7 +102,7 @@ class ShippedPart(Protocol):
     """Declaration of one part of a shipped source."""
 
     options: ClassVar[frozenset[str]]
-    """Fields of :class:`PartOptions` that this kind of part follows."""
+    """Names of the fields of :class:`PartOptions` that affect this kind of part."""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -212,8 +213,8 @@ class ShippedGeoid:
     def spacing(self) -> SpacingRule:
         """Return the rule: at most a quarter of the height above the masses.
 
-        Spline errors are then 1e-3 E. For the vertical distance the height counts from half the
-        depth of the masses, because the error is largest in the lowest layer, where the spline
+        Spline errors are then 1e-3 E. The vertical spacing uses the height above half the depth of
+        the masses. The reason is that the error is largest in the lowest layer, where the spline
         ends.
         """
         words = "a quarter of that height"
@@ -298,7 +299,7 @@ class ShippedTerrain:
         return TerrainPart(terrain, density, dtype="float64")
 
     def extent(self) -> SourceExtent:
-        """Return the area of the terrain, and heights above ``clearance_m`` over the summit."""
+        """Return the area of the terrain, with heights from ``clearance_m`` above the summit up."""
         terrain = self.terrain()
         sides = (terrain.latitudes_deg, terrain.longitudes_deg)
         bounds = np.array([limit for side in sides for limit in (side[0], side[-1])])

@@ -12,11 +12,11 @@ from .survey_fit import FitOptions, SurveyFit, fit
 from .survey_lines import AXES, CONVENTIONS, SurveyLines, Turn, axes_in_words, turned
 
 _MOST_SOURCES = 600
-"""Point masses with which conventions are compared: seconds for each."""
+"""Largest number of point masses for the comparison of conventions, which then takes seconds."""
 _BETTER = 0.5
-"""Residual of a convention over that of the axes that were said, from which on it is named."""
+"""Largest ratio of the residual of a convention to that of the stated axes, for a remark."""
 _FITS = 0.7
-"""Residual over the readings, from which on a convention fits."""
+"""Largest ratio of residual to measurement, both RMS, of a convention that fits."""
 _DIRECTIONS = ("east", "north", "up", "west", "south", "down")
 
 
@@ -54,7 +54,7 @@ def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
 
 
 def _coarse(survey_fit: SurveyFit) -> FitOptions:
-    """Return settings of a map with few point masses."""
+    """Return the settings of the fit with a spacing for few point masses."""
     east, north, _ = Plane.under(survey_fit.lines).metres(survey_fit.lines)
     widest = math.sqrt(float(np.ptp(east) * np.ptp(north)) / _MOST_SOURCES)
     depth, spacing, damping = survey_fit.settings
@@ -62,7 +62,7 @@ def _coarse(survey_fit: SurveyFit) -> FitOptions:
 
 
 def _turned(lines: SurveyLines, turn: Turn) -> SurveyLines | None:
-    """Return lines whose components are in other axes than it was said; None if two are one."""
+    """Return lines with components in other axes; None if two components become the same."""
     pairs = [turned(name, turn) for name in lines.components]
     names = tuple(name for name, _ in pairs)
     if len(set(names)) < len(names):
@@ -78,6 +78,6 @@ def _after(step: tuple[str, int], turn: Turn) -> tuple[str, int]:
 
 
 def _same(one: Turn, other: Turn) -> bool:
-    """Return whether two turns give a tensor the same components: all signs may be opposite."""
+    """Return whether two turns give the same tensor: same axes, signs equal or all opposite."""
     signs = {one[axis][1] * other[axis][1] for axis in one}
     return all(one[axis][0] == other[axis][0] for axis in one) and len(signs) == 1

@@ -8,9 +8,9 @@ autocovariance N:
 - the residuals of fitted lines have N − E, because the map has fitted part of the noise (exact for
   an optimal map: Rasmussen & Williams 2006, section 2.2).
 
-Half the difference of the two is an estimate of E without noise, averaged over the lines of the
-survey and positions one line spacing away. At the correlation distance, E is 1/e of its value at
-zero.
+Half the difference of the two is the estimate of E; the noise N cancels. This estimate is the mean
+of two values of E: on the fitted lines, and at one line spacing from the nearest fitted line. At
+the correlation distance, E is 1/e of its value at lag zero.
 
 The errors of tensor components that were not measured follow from an isotropic field, in which the
 variances of EE, EN, EU, NN, NU and UU have the ratio 3 : 1 : 4 : 3 : 4 : 8.
@@ -36,7 +36,10 @@ _TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def _isotropic() -> Array:
-    """Covariance (9, 9) of an isotropic harmonic field; variance 1 of UU and of gravity upward."""
+    """Return the covariance (9, 9) of an isotropic harmonic field.
+
+    The variances of UU and of upward gravity are 1.
+    """
     angle = 2.0 * np.pi * (np.arange(16) + 0.5) / 16.0
     c, s, one = np.cos(angle), np.sin(angle), np.ones(16)
     real = np.array([-c * c, -c * s, 0 * c, -s * s, 0 * c, one, 0 * c, 0 * c, one])
@@ -78,19 +81,19 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
 
 
 def _positive(variance: Array) -> Array:
-    """Variances; NaN where one is not positive and so not known."""
+    """Return variances with NaN in place of values that are not positive."""
     return np.where(variance > 0.0, variance, np.nan)
 
 
 def _autocovariance(fit: SurveyFit) -> Array:
-    """The map's error along a line, (lags, components, components): half of the difference."""
+    """Return the autocovariance E (lags, components, components) of the map error along a line."""
     counts = [len(rows) for rows in fit.held_back.values()]
     lags = min(_LAGS, min(counts) // 2)
     return 0.5 * (_lagged(fit.held_back, lags) - _lagged(fit.fitted, lags))
 
 
 def _lagged(series: dict[int, Array], lags: int) -> Array:
-    """Autocovariance of lines at lags from zero, (lags, components, components), symmetric."""
+    """Return the symmetrised autocovariance (lags, components, components) from lag 0 on."""
     out = []
     for lag in range(lags):
         total = sum(rows[: len(rows) - lag].T @ rows[lag:] for rows in series.values())
@@ -100,13 +103,13 @@ def _lagged(series: dict[int, Array], lags: int) -> Array:
 
 
 def _step(fit: SurveyFit, index: int) -> float:
-    """Mean distance between samples of a line [m]."""
+    """Return the mean distance between samples of the line ``index`` [m]."""
     distance = metres_along(fit.lines, index)
     return float(distance[-1] / (len(distance) - 1))
 
 
 def _fall(covariance: Array) -> float:
-    """Lag at which an autocovariance first falls to 1/e of its value at zero; NaN: never."""
+    """Return the lag at which an autocovariance first is 1/e of its value at 0; NaN if none."""
     if not covariance[0] > 0.0:
         return float("nan")
     share = covariance / covariance[0]

@@ -59,7 +59,7 @@ from .survey_tables import (
 Array = NDArray[np.float64]
 
 REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
-"""Columns of places, as they are called unless the user says otherwise; times may be missing."""
+"""Default names of the columns of times and positions; times may be missing."""
 _KEYS = (LINE, KIND, *REQUIRED, *PROJECTED, *COMPONENTS, DISTURBANCE, ANOMALY)
 _FEWEST = 4  # samples of a line that can be used
 
@@ -77,9 +77,9 @@ def read_lines(
 
     Values are converted from the units that the file states (``UNIT`` in a ``.dfn`` file, or a unit
     in brackets after a column's name). Free-air anomalies are converted to gravity disturbances
-    with the EGM2008 geoid to degree 120. A value is missing if it is one that the file or the user
-    declares as missing, or a common mark such as −9999.999. All gradients of a sample are missing
-    if every measured component is exactly 0, and there are at least two.
+    with the EGM2008 geoid to degree 120. Codes for missing values
+    are those declared by the file or the user, and common ones such as −9999.999. If at least two
+    components are measured and all of them are exactly 0, all gradients of the sample are missing.
 
     Parameters
     ----------
@@ -197,7 +197,10 @@ def _lines(
     axes: str,
     remarks: tuple[str, ...],
 ) -> SurveyLines:
-    """The lines of those samples that are whole."""
+    """Return the survey lines of complete samples, in east-north-up axes.
+
+    Lines with too few samples are omitted.
+    """
     index, order = pd.factorize(names)
     counts = np.bincount(index, minlength=len(order))
     if not len(order) or counts.max() < _FEWEST:
@@ -228,7 +231,10 @@ def _components(
     requested: Sequence[str],
     quantity: Quantity,
 ) -> list[str]:
-    """The components to read, each of which the file has."""
+    """Return the names of the components to read.
+
+    Raises MapError if a requested component is unknown or missing, or if the file has none.
+    """
     if quantity != "gradient":
         if requested and tuple(requested) != (quantity,):
             raise MapError(
@@ -260,7 +266,7 @@ def _places(table: SurveyTable, names: Mapping[str, str], crs: str | None) -> tu
 
 
 def _found(table: SurveyTable, name: str) -> Column | None:
-    """Return the column of a name, which may have a unit in brackets behind it."""
+    """Return the column with a name, which may end with a unit in brackets; None if missing."""
     if column := table.named(name):
         return Column(column, table.unit(column))
     bare, unit = without_unit(name)
@@ -280,7 +286,7 @@ def _required(table: SurveyTable, names: Mapping[str, str], key: str) -> Column:
 
 
 def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: Quantity) -> None:
-    """Raise MapError if name or description of a column is of another quantity."""
+    """Raise MapError if a column's name or description indicates another quantity."""
     described = _described(table, column)
     if quantity == "gradient" and not column.unit and names_gravity(described):
         raise MapError(
@@ -304,7 +310,7 @@ def _described(table: SurveyTable, column: Column) -> str:
 
 
 def _require_axis(table: SurveyTable, key: str, column: Column, values: Array) -> None:
-    """Raise MapError if the name of a coordinate's column is that of another one."""
+    """Raise MapError if a column's name or description indicates another coordinate."""
     described = _described(table, column)
     if reason := contradiction_of_axis(key, described, values):
         raise MapError(f"{table.path}: the column {described!r} is given as {key}: {reason}.")
@@ -324,7 +330,7 @@ def _require_degrees(table: SurveyTable, places: Mapping[Column, Array]) -> None
 
 
 def _remarks_on_comments(table: SurveyTable, crs: str | None) -> list[str]:
-    """Return remarks on a datum or a zero level of heights that comments of the file name."""
+    """Return remarks on a datum or a zero level of heights that a comment in the file states."""
     remarks = []
     if crs is None and (datum := old_datum(table.comments)):
         remarks.append(f"a comment names the datum {datum}: if the places are in it, give --crs")
@@ -336,7 +342,7 @@ def _remarks_on_comments(table: SurveyTable, crs: str | None) -> list[str]:
 
 
 def _above_ellipsoid(height: str, values: dict[str, Array]) -> list[str]:
-    """Make heights above sea level ellipsoidal; return remarks on their zero level.
+    """Convert heights above sea level to ellipsoidal heights; return remarks on the zero level.
 
     ``height`` is the column's name and description. ``values`` are the columns by key.
     """
@@ -359,9 +365,11 @@ def _above_ellipsoid(height: str, values: dict[str, Array]) -> list[str]:
 def _without_zeros(
     table: SurveyTable, names: Mapping[str, str], whole: NDArray[np.bool_]
 ) -> list[str]:
-    """Take samples with 0 in all measured components out of ``whole`` (N,); return a remark.
+    """Mark samples with 0 in all measured components as incomplete; return a remark.
 
-    Raises MapError if there is no other sample.
+    ``whole`` (N,) is the mask of complete samples, changed in place.
+
+    Raises MapError if no complete sample remains.
     """
     columns = [_found(table, names[key]) for key in COMPONENTS]
     measured = list(dict.fromkeys(column.name for column in columns if column))
@@ -375,7 +383,7 @@ def _without_zeros(
 
 
 def _together(remarks: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
-    """Return remarks on columns, equal ones once."""
+    """Return remarks on columns, with columns of equal remarks listed together."""
     columns: dict[str, list[str]] = {}
     for name, texts in remarks:
         for text in texts:
@@ -386,7 +394,7 @@ def _together(remarks: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
 def _require_metres(
     path: Path, crs: str, places: tuple[str, str], values: Mapping[str, Array]
 ) -> None:
-    """Raise MapError if a projection in metres is given for coordinates that are degrees."""
+    """Raise MapError if ``crs`` is a projection in metres, but the coordinates are degrees."""
     limits = (360.0, 90.0)
     small = [
         bool(np.abs(values[key]).max(initial=0.0) <= limit)
@@ -404,9 +412,9 @@ def _require_metres(
 
 
 def _to_degrees(path: Path, crs: str, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return longitudes and latitudes of WGS 84 [deg] of coordinates in a reference system.
+    """Convert coordinates in a reference system to WGS 84 longitudes and latitudes [deg].
 
-    Raises MapError if the system is not known, or has no such coordinates.
+    Raises MapError if the reference system is unknown, or coordinates are outside its area.
     """
     try:
         warp = imported("rasterio.warp", path)
@@ -426,9 +434,9 @@ def _to_degrees(path: Path, crs: str, east: Array, north: Array) -> tuple[Array,
 
 
 def _anomaly_to_disturbance(values: Mapping[str, Array]) -> Array:
-    """Return what turns free-air anomalies into disturbances (N,) [mGal].
+    """Return the correction (N,) from free-air anomalies to gravity disturbances [mGal].
 
-    Normal gravity at the geoid is subtracted in place of that at the ellipsoid below
+    It replaces normal gravity at the ellipsoid by normal gravity at the geoid
     (Hofmann-Wellenhof and Moritz, Physical Geodesy, 2006, sec. 2.12).
     """
     geoid = geoid_over(values["latitude_deg"], values["longitude_deg"])
@@ -438,7 +446,7 @@ def _anomaly_to_disturbance(values: Mapping[str, Array]) -> Array:
 
 
 def _table(path: Path) -> SurveyTable:
-    """The file's table, missing values as empty texts."""
+    """Return the table of a survey file, with missing values as empty texts."""
     packed = path.suffix.lower() == ".gz"
     ending = Path(path.stem).suffix.lower() if packed else path.suffix.lower()
     readers = {".csv": read_csv, ".xyz": read_xyz, ".dat": read_gdf2}

@@ -1,8 +1,8 @@
 """Cross-validation of maps of survey lines: best settings, residuals of held-back lines.
 
-In each of five folds every fifth line is held back from the fit. Whole lines are held back, because
-neighbouring samples have correlated noise. Tie lines are never held back, because they cross the
-other lines and level them.
+In each of five folds every fifth line is held back from the fit. With fewer than five lines, there
+is one fold for each line. Whole lines are held back, because neighbouring samples have correlated
+noise. Tie lines are never held back, because they cross the other lines and level them.
 """
 
 from __future__ import annotations
@@ -113,7 +113,10 @@ def fit(
 
 
 def _folds(lines: SurveyLines) -> list[list[int]]:
-    """Every fifth line that is no tie, in the order of the file."""
+    """Return the indices of the held-back lines of each fold: every fifth line except ties.
+
+    Raises MapError if fewer than two lines are not tie lines.
+    """
     others = [i for i, kind in enumerate(lines.kinds) if kind != TIE]
     if len(others) < 2:
         raise MapError(
@@ -126,7 +129,7 @@ def _folds(lines: SurveyLines) -> list[list[int]]:
 def _candidates(
     lines: SurveyLines, options: FitOptions
 ) -> tuple[list[tuple[float, float]], tuple[float, ...]]:
-    """Pairs of depth and spacing, and dampings, to try."""
+    """Return the pairs of depth and spacing [m], and the relative dampings, to test."""
     east, north, _ = Plane.under(lines).metres(lines)
     area = float(np.ptp(east) * np.ptp(north))
     depths = [options.depth_m] if options.depth_m else _depths(lines, area)
@@ -136,7 +139,10 @@ def _candidates(
 
 
 def _depths(lines: SurveyLines, area: float) -> list[float]:
-    """Depths to try, from the typical distance between lines: their area by their length."""
+    """Return the depths to test [m], multiples of the distance between lines.
+
+    The distance between lines is the area [m²] divided by the total length of the lines.
+    """
     length = sum(
         float(metres_along(lines, index)[-1])
         for index, kind in enumerate(lines.kinds)

@@ -30,30 +30,33 @@ COMPONENTS = {
     "yy-zz": (0.0, 0.0, 0.0, 0.5, 0.0, -0.5),
     "zz-xx": (-0.5, 0.0, 0.0, 0.0, 0.0, 0.5),
 }
-"""What each component is of the tensor [EE, EN, EU, NN, NU, UU]."""
+"""Weights of the tensor [EE, EN, EU, NN, NU, UU] for each component, by name."""
 DISTURBANCE = "disturbance"
 """The component of scalar gravity [mGal]: positive where gravity is stronger than normal."""
 ANOMALY = "anomaly"
-"""Free-air gravity anomalies of a file [mGal], of which disturbances are made."""
+"""Name of free-air gravity anomalies in a file [mGal], which are converted to disturbances."""
 Turn = Mapping[str, tuple[str, int]]
-"""Which axis of another frame each axis is, and in which direction."""
+"""Change of axes: for each axis the parallel axis of another frame, and the sign."""
 AXES: Mapping[str, Turn] = {
     "east-north-up": {"x": ("x", 1), "y": ("y", 1), "z": ("z", 1)},
     "east-north-down": {"x": ("x", 1), "y": ("y", 1), "z": ("z", -1)},
     "north-east-down": {"x": ("y", 1), "y": ("x", 1), "z": ("z", -1)},
 }
-"""Axes of a file: which of ours, and in which direction, each of them is."""
+"""Axes of a file: for each the parallel axis of east-north-up, and the sign."""
 CONVENTIONS: tuple[Turn, ...] = tuple(
     {"x": (x, a), "y": (y, b), "z": ("z", c)}
     for x, y in ("xy", "yx")
     for a, b, c in ((1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1))
 )
-"""The eight conventions in which a level tensor comes: ours first. All signs turned are none."""
+"""The eight axis conventions of a level tensor; east-north-up is the first.
+
+Reversing all three axes leaves a tensor unchanged; of each such pair only one is listed.
+"""
 PRIMARY, TIE = "primary", "tie"
 
 
 def zero_rows(measured: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which rows (N,) of measured gradients (N, c) are missing: all components exactly 0.
+    """Return the mask (N,) of missing samples, in which all gradients (N, c) are exactly 0.
 
     No gradiometer measures 0 in several components at once. A single component may be 0.
     """
@@ -192,5 +195,5 @@ def axes_in_words(turn: Turn, names: tuple[str, str, str, str, str, str]) -> str
 
 
 def _some(names: Sequence[str]) -> str:
-    """The first names and the last one, in words."""
+    """Return a list of names as text; a long list is shortened to the first and the last names."""
     return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:6])}, ... {names[-1]}"

@@ -89,7 +89,10 @@ def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
 
 
 def _interval(fit: SurveyFit) -> float:
-    """The interval of samples, to a millisecond."""
+    """Return the sampling interval, rounded to a millisecond [s].
+
+    Raises MapError if times are missing or irregular.
+    """
     steps = np.concatenate([np.diff(fit.lines.time_s[fit.lines.samples(i)]) for i in fit.held_back])
     if np.isnan(steps).any():
         raise MapError("a noise model needs time_s, which the file of lines lacks.")
@@ -102,18 +105,18 @@ def _interval(fit: SurveyFit) -> float:
 
 
 def _series(fit: SurveyFit, index: int, interval: float) -> list[Array]:
-    """The residuals of a line, cut where samples are missing."""
+    """Return the residuals of the line ``index``, as pieces without missing samples."""
     steps = np.diff(fit.lines.time_s[fit.lines.samples(index)])
     return np.split(fit.held_back[index], np.flatnonzero(np.abs(steps) > _GAP * interval) + 1)
 
 
 def _lagged(series: Array, order: int) -> Array:
-    """The samples before each from the order on, the nearest first, (n − p, p m)."""
+    """Return the p previous samples (n − p, p m) of each sample from p on, the latest first."""
     return np.hstack([series[order - lag : len(series) - lag] for lag in range(1, order + 1)])
 
 
 def _log_likelihood(model: VectorAutoregression, errors: Array) -> float:
-    """Of innovations, in nepers."""
+    """Return the log-likelihood (natural logarithm) of innovations ``errors`` (n, m)."""
     _, log_det = np.linalg.slogdet(2.0 * np.pi * model.innovation_cov)
     squared = np.einsum("ni,ni->", errors, np.linalg.solve(model.innovation_cov, errors.T).T)
     return float(-0.5 * (len(errors) * log_det + squared))

@@ -19,7 +19,7 @@ from .survey_tables import SurveyTable
 Array = NDArray[np.float64]
 
 PROJECTED = ("easting_m", "northing_m")
-"""Columns of coordinates of a projection, in place of longitude and latitude."""
+"""Columns of projected coordinates, in place of longitude and latitude."""
 _LIMITS = {
     "time_s": (-1e18, 1e18),
     "latitude_deg": (-90.0, 90.0),
@@ -29,15 +29,15 @@ _LIMITS = {
     **dict.fromkeys(COMPONENTS, (-1e5, 1e5)),
     **dict.fromkeys((DISTURBANCE, ANOMALY), (-2000.0, 2000.0)),
 }
-"""Of what is measured anywhere: m, degrees, E and mGal."""
+"""Limits of values, by key, in its unit."""
 _HUGE = 1e20  # no value is as large: 1e32 (Geosoft), 1.7e38 (Surfer)
 _ALWAYS_MARKS = re.compile(r"-(?:9{4,}(?:\.[09]*)?|3276[78](?:\.0*)?)")
 _MAYBE_MARKS = re.compile(r"[-+]?9{2,}(?:\.[09]*|\.25)?")
 _ISOLATED = 3.0
-"""Distance of a mark of nines from the other values, over their range."""
+"""Smallest distance of a code of nines from all other values, in units of their range."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
 _LEAST = 1e-3
-"""RMS of values below which their unit is in doubt [E or mGal]."""
+"""RMS below which the unit of values is doubtful [E or mGal]."""
 
 
 class Column(NamedTuple):
@@ -82,7 +82,7 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
 def _require_numbers(
     table: SurveyTable, column: Column, cells: Sequence[str], values: Array, allowed: str
 ) -> None:
-    """Raise MapError if a cell holds neither a number nor a mark of a missing value."""
+    """Raise MapError if a cell contains neither a number nor a code for a missing value."""
     bad = np.isnan(values) & np.array(
         [cell.strip("*").casefold() not in ("", "nan") for cell in cells]
     )
@@ -109,15 +109,15 @@ def _written(cells: Sequence[str]) -> Array:
 
 
 def _seconds(cell: str) -> float:
-    """Return the seconds of day of a clock's reading; NaN if it is none."""
+    """Return the seconds of day of a time ``hh:mm:ss``; NaN for other text."""
     match = _CLOCK.fullmatch(cell)
     return 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3]) if match else np.nan
 
 
 def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
-    """Return the factor of a column to its key's unit, and a remark.
+    """Return the conversion factor from a column's unit to the unit of ``key``, and a remark.
 
-    Raises MapError if the unit is not known, or is one of another quantity.
+    Raises MapError if the unit is unknown, or is a unit of another quantity.
     """
     end = {DISTURBANCE: "_mgal", ANOMALY: "_mgal"}.get(key, "_eotvos" if key in COMPONENTS else "")
     named = key + end
@@ -143,10 +143,11 @@ def _factor(table: SurveyTable, key: str, column: Column) -> tuple[float, str]:
 def _undeclared(
     cells: Sequence[str], written: Array, factor: float, limits: tuple[float, float]
 ) -> NDArray[np.bool_]:
-    """Return which values are marks of missing ones that the file does not declare.
+    """Return the mask of values that are codes for missing values, but not declared by the file.
 
-    Those of the size 1e20 and more, of four nines and more below zero, and other nines that lie
-    beyond the limits or far from all other values.
+    Such codes are magnitudes of at least 1e20, and negative numbers of at least four nines, as well
+    as −32767 and −32768. Other numbers of nines are codes if they lie beyond the limits or far from
+    all other values.
     """
     huge = np.abs(written) >= _HUGE
     always = np.array([_ALWAYS_MARKS.fullmatch(cell) is not None for cell in cells])

@@ -135,7 +135,10 @@ def doubts(fit: SurveyFit, axes: str) -> str:
 
 
 def _extent(fit: SurveyFit) -> SourceExtent:
-    """The area of the lines; beyond it, what the masses at its edge make."""
+    """Return the extent of a map: the area of the lines, and bounds one degree outside it.
+
+    Outside the lines the field is that of the masses at the edge of the survey.
+    """
     lines = fit.lines
     sides = (lines.latitude_deg, lines.longitude_deg)
     good = np.array([limit for side in sides for limit in (side.min(), side.max())])
@@ -145,9 +148,10 @@ def _extent(fit: SurveyFit) -> SourceExtent:
 
 
 def _with_heights(fit: SurveyFit, request: GridRequest) -> GridRequest:
-    """Return a request whose heights are those of the flights, unless the user says otherwise.
+    """Return a request with the heights of the flights where the user states no heights.
 
-    A height of the user's beyond those of the flights moves the other one, which is not given.
+    If the user states only one limit, the other limit is moved if necessary. The map then extends
+    over at least half the depth of the masses.
     """
     room = 0.5 * fit.settings.depth_m
     lowest, highest = fit.lines.height_m.min(), fit.lines.height_m.max() + room
@@ -163,7 +167,7 @@ def _with_heights(fit: SurveyFit, request: GridRequest) -> GridRequest:
 
 
 def provenance_of(inputs: SurveyInputs, fit: SurveyFit, order: int) -> str:
-    """Return a sentence on the lines to which a noise model of an order was fitted."""
+    """Return a text on the origin of a noise model: lines, order and settings."""
     left_out: Sequence[str] = inputs.leave_out
     return (
         f"ggbench {VERSION}: vector autoregression of order {order}, chosen and fitted on "

@@ -37,7 +37,7 @@ _KINDS = {
     "random": "random",
     "r": "random",
 }
-"""Kinds of lines by the words and letters that begin Geosoft's headings of lines."""
+"""Kinds of survey lines, by the word or letter at the start of a Geosoft heading."""
 _HEADING = re.compile(
     rf"\s*({'|'.join(sorted(_KINDS, key=len, reverse=True))})(?:\s*:\s*|\s+|(?=\d))(\S+)(\s.*)?",
     re.IGNORECASE,
@@ -125,9 +125,9 @@ def text_in(path: Path, content: bytes) -> str:
 def read_csv(path: Path, text: str) -> SurveyTable:
     """Return the table of a CSV text.
 
-    Cells are separated by commas, semicolons or tabs. Lines that begin with # or //
-    are comments, and lines that begin with % and have no separator. A row of units may follow the
-    names.
+    Cells are separated by commas, semicolons or tabs. Lines that begin with # or // are comments.
+    Lines that begin with % are comments if they contain no separator. A row of units may follow
+    the names.
 
     The first line that is no comment names the columns. If this line contains numbers, the comment
     before it must name the columns (format of ``numpy.savetxt``).
@@ -161,9 +161,9 @@ def read_csv(path: Path, text: str) -> SurveyTable:
 
 
 def _units_in(words: Sequence[str]) -> list[str]:
-    """Return the units of a row that has nothing else, "" where a cell is empty; else none.
+    """Return the units in a row that contains only units; an empty list for other rows.
 
-    A unit may be in brackets; a dash is no unit.
+    A unit may be in brackets. An empty cell or a dash gives "".
     """
     bare = ["" if set(word) <= {"-"} else word.strip("[]() ") for word in words]
     named = [unit_named(word) for word in bare if word]
@@ -186,9 +186,10 @@ def _require_distinct(path: Path, names: Sequence[str]) -> None:
 def _frame(
     path: Path, rows: Sequence[str], numbers: Sequence[int], names: Sequence[str], separator: str
 ) -> pd.DataFrame:
-    """Return rows as texts; ``numbers`` are those of their lines, from 0.
+    """Return the cells of rows as texts; ``numbers`` are the line numbers of the rows, from 0.
 
-    Raises MapError if a row has more cells than there are columns; an empty one at the end is none.
+    Raises MapError if a row has more cells than there are columns. An empty cell at the end is not
+    counted.
     """
     last = f"(column {len(names) + 1})"
     try:
@@ -231,10 +232,9 @@ def _too_wide(path: Path, line: int, count: int, names: Sequence[str]) -> MapErr
 def read_xyz(path: Path, text: str) -> SurveyTable:
     """Return the table of a Geosoft XYZ text.
 
-    The last comment with as many words as a row has cells names the columns, and one of units below
-    it states them. A heading before each
-    survey line names the line, in any of the forms ``Line 1000``, ``L1000``, ``LINE:1000`` and
-    ``Line 1000 2008/07/03``. ``*`` is a missing value.
+    The names of the columns are the last comment with as many words as a row has cells. A comment
+    of units may follow it. A heading before each survey line names the line, in any of the forms
+    ``Line 1000``, ``L1000``, ``LINE:1000`` and ``Line 1000 2008/07/03``. ``*`` is a missing value.
 
     Raises ValueError or MapError if the text is not a table.
     """
@@ -289,7 +289,7 @@ def read_xyz(path: Path, text: str) -> SurveyTable:
 
 
 def _heading(row: str) -> tuple[str, str] | None:
-    """Return kind and name of the line that a row begins; None of a row of numbers."""
+    """Return kind and name of the survey line if a row is a heading; None for other rows."""
     words = row.split()
     if match := _HEADING.fullmatch(row):
         # A row of numbers behind a text such as L1000 is a sample, a date or a flight is not.

@@ -37,7 +37,7 @@ class Kernel:
     """
 
     def __init__(self, function: Any, jit: Any) -> None:
-        """Prepare a function for the compiler; ``jit`` takes numba's options."""
+        """Prepare a function; ``jit`` is called with numba's options and returns a decorator."""
         update_wrapper(self, function)
         self.py_func, self._jit = function, jit
         file = Path(function.__code__.co_filename).resolve()
@@ -59,7 +59,7 @@ class Kernel:
         return _DiskCache(self.py_func, locator) if self._has_file else None
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Return what the compiled function does."""
+        """Call the compiled function and return its result."""
         return self._entry(*arguments, **named)
 
     @property
@@ -74,14 +74,14 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """By this name numba asks a value for its type."""
+        """Numba type of the kernel, under the name that numba expects."""
         return types.Dispatcher(self._part)
 
 
 def _compiled_once(dispatcher: Any, cache: _DiskCache | None) -> Any:
-    """Return a jitted function whose code one process compiles at a time and keeps on disk.
+    """Return a jitted function that is compiled by one process at a time and stored on disk.
 
-    Without a ``cache`` the code is kept in this process only.
+    Without a ``cache`` the code is not stored on disk.
     """
     compile_now = dispatcher.compile
 
@@ -104,7 +104,7 @@ def _compiled_once(dispatcher: Any, cache: _DiskCache | None) -> Any:
 
 @contextlib.contextmanager
 def _without_collections() -> Iterator[None]:
-    """Do not search for garbage: the compiler makes millions of objects, which it needs."""
+    """Disable garbage collection: the millions of objects of the compiler remain in use."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -153,7 +153,10 @@ class PartLocator(Locator):
 
 
 class _DiskCache(caching.FunctionCache):
-    """Code of one function on disk; a damaged file or a read-only folder costs only time."""
+    """Code of one function on disk.
+
+    If a file is damaged or the folder is read-only, the function is compiled again.
+    """
 
     _held: set[Path] = set()
     """Locks of this process."""

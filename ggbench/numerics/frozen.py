@@ -28,7 +28,7 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 
 def _contiguous(array: np.ndarray) -> np.ndarray:
-    """Return an array of truths as it is, any other one as floats."""
+    """Return a contiguous array: bool if ``array`` is bool, else float."""
     kind = bool if array.dtype.kind == "b" else float
     return np.ascontiguousarray(array, dtype=kind)
 

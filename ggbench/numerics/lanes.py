@@ -131,9 +131,10 @@ def out_of_lanes(values: np.ndarray, runs: int) -> np.ndarray:
 def _departure(
     transition: np.ndarray, process_cov: np.ndarray, group: np.ndarray, k: int, first: int
 ) -> float:
-    """Return zero if rows of Φ from ``first`` on are the identity's and those of Q are zero.
+    """Return a measure of the change of the states from ``first`` on; zero if Φ and Q keep them.
 
-    Of all runs of a group at epoch ``k``.
+    The measure is the sum of absolute values of Φ − I and of Q in the rows of these states. The sum
+    is over all runs of a group at epoch ``k``.
     """
     epochs, n = transition.shape[1], transition.shape[2]
     size = n * n

@@ -25,8 +25,8 @@ def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def nearest_root(matrix: np.ndarray) -> np.ndarray:
     """Return an upper triangular U (n, n) with UᵀU = P (n, n) after repair.
 
-    P is made symmetric and scaled to a correlation matrix. Negative eigenvalues of this matrix are
-    set to a value of the size of rounding errors.
+    P is made symmetric and scaled to a correlation matrix. Eigenvalues of this matrix below a limit
+    of the size of rounding errors are set to this limit.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class MatrixSquareRoot:
         self.repairs = 0
 
     def __call__(self, matrix: np.ndarray) -> np.ndarray:
-        """Return U (n, n), upper triangular, with UᵀU = P or its nearest positive part."""
+        """Return an upper triangular U (n, n) with UᵀU = P, or P after repair."""
         try:
             return np.linalg.cholesky(0.5 * (matrix + matrix.T)).T
         except np.linalg.LinAlgError:

@@ -99,7 +99,7 @@ _memory_of: Any = intrinsic(_memory)
 
 @unbox(RecordType)
 def _from_python(kind: Any, value: Any, code: Any) -> Any:
-    """Generate the code that takes a record from Python."""
+    """Generate the code that converts a record of Python to a record of compiled code."""
     memory = code.pyapi.object_getattr_string(value, "_memory")
     failed = cgutils.is_null(code.builder, memory)
     held = cgutils.create_struct_proxy(kind)(code.context, code.builder)

@@ -46,7 +46,7 @@ def module_hash(file: Path) -> str:
 
 
 def _hash_of(modules: set[Path]) -> str:
-    """Return a hash of modules of the package, with their names."""
+    """Return a hash of the names and contents of modules of the package."""
     digest = hashlib.sha256()
     for module in sorted(modules):
         content = module.read_bytes()

@@ -33,7 +33,7 @@ _ALIGNMENT = 8
 
 
 class _Vector(types.Type):
-    """The compiler's type of a vector."""
+    """Numba type of a vector."""
 
     def __init__(self) -> None:
         super().__init__(name="Vector")
@@ -44,7 +44,7 @@ _vector = _Vector()
 
 @register_model(_Vector)
 class _VectorModel(models.PrimitiveModel):
-    """A vector is kept as LLVM's vector of doubles."""
+    """Numba data model of a vector: an LLVM vector of doubles."""
 
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _DOUBLES)
@@ -59,7 +59,7 @@ def _spread(builder: Any, number: Any) -> Any:
 
 
 def _arithmetic(name: str, builder: Any, left: Any, right: Any) -> Any:
-    """Return the result of an instruction; a product in a sum becomes ``llvm.fma``."""
+    """Generate an arithmetic instruction; a sum with a product becomes ``llvm.fma``."""
     if name in ("fadd", "fsub"):
         if getattr(right, "opname", "") == "fmul":
             one, two = right.operands
@@ -72,9 +72,9 @@ def _arithmetic(name: str, builder: Any, left: Any, right: Any) -> Any:
 
 
 def _define(function: Any, count: int, code: Any) -> None:
-    """Define a function of ``count`` vectors, of which one may be a number.
+    """Define a compiled function of ``count`` vectors, one of which may be a number.
 
-    ``code`` makes its instructions, from a builder and the vectors.
+    ``code`` generates the instructions of the function, from a builder and the vectors.
     """
 
     class Typing(AbstractTemplate):
@@ -112,7 +112,10 @@ _define(math.floor, 1, lambda builder, vector: _call(builder, "floor", [vector])
 
 
 def _address(context: Any, builder: Any, kind: Any, value: Any, places: Any) -> Any:
-    """Return the address of a vector of an array: (i, j), or a place in memory order."""
+    """Return the address of a vector in an array.
+
+    ``places`` is (i, j), or the index of the vector's first number in memory order.
+    """
     array = context.make_array(kind)(context, builder, value)
     offset = places[-1]
     if len(places) == 2:
@@ -131,7 +134,10 @@ def _call(builder: Any, name: str, args: Any) -> Any:
 
 
 def _loading(array: Any, places: int) -> Any:
-    """Return the types and the code of reading a vector at (i, j), or at one place in memory."""
+    """Return the signature and the code generator for loading a vector from an array.
+
+    ``places`` is 2 for indices (i, j), and 1 for an index in memory order.
+    """
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         where = _address(context, builder, sig.args[0], args[0], args[1:])
@@ -141,7 +147,10 @@ def _loading(array: Any, places: int) -> Any:
 
 
 def _storing(array: Any, places: int, value: Any) -> Any:
-    """Return the types and the code of writing a vector, or a number to all of its lanes."""
+    """Return the signature and the code generator for storing a vector in an array.
+
+    A number is stored in all lanes. ``places`` is as in :func:`_loading`.
+    """
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         where = _address(context, builder, sig.args[0], args[0], args[1:-1])

@@ -25,25 +25,25 @@ from .time_base import USUAL_GAP, clocked, missing_rows
 
 _FEWEST_SAMPLES = 1000
 _MOST_LOST = 3
-"""Samples that may be lost at one place and are skipped; a longer gap ends a piece."""
+"""Largest number of consecutive missing samples that are skipped; a longer gap ends a piece."""
 _MOST_LOST_SHARE = 0.1
-"""Share of the samples that may be lost."""
+"""Largest allowed fraction of missing samples."""
 _SLOWEST = 0.5
-"""Median step from which on times are in doubt [s]: no IMU is as slow."""
+"""Median step from which on the unit of times is doubtful [s]; all IMUs are faster."""
 _GRAVITY, _GRAVITY_SLIP = 9.80665, 0.5
+"""Specific force at rest, and largest deviation of a mean from it [m/s²]."""
 _LARGEST_FORCE = 1000.0
-"""Of any sample [m/s²], and more than any angular rate [rad/s]."""
-"""Specific force at rest, and how far a mean may be from it [m/s²]."""
+"""Largest possible specific force of a sample [m/s²]; also the limit of angular rates [rad/s]."""
 _EARTH_SLIP = 0.05
-"""How far the mean angular rate may be off the Earth's, to be taken for it."""
+"""Largest relative deviation of a mean angular rate that is identified as the Earth rate."""
 _MOST_MOTION = 0.5
-"""How far the mean of a second may be from that of the log [m/s²]."""
+"""Largest deviation of the mean over one second from the mean of a log at rest [m/s²]."""
 _LONGEST = 9.0
-"""Averages are of at most the log's duration over this."""
+"""Smallest ratio of the duration of a log to the averaging time."""
 _FLICKER = 0.664
-"""Least Allan deviation of flicker noise, over its coefficient (IEEE Std 952-1997, B)."""
+"""Ratio of the minimum Allan deviation of flicker noise to its coefficient B (IEEE Std 952)."""
 _GAIN = 25.0
-"""By how much a Gauss–Markov bias must lower chi-squared, to be seen at all."""
+"""Smallest decrease of chi-squared for which a Gauss–Markov bias counts as detected."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,9 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
     """Return the noise parameters of an IMU from a static log.
 
     The file is CSV or netCDF with ``time_s`` and rates or increments, as in ``[imu_record]``.
-    ``names`` maps standard column names to those of the file, or is the name of a preset. Single
-    missing samples are skipped. If there are longer gaps, the longest piece between gaps is used.
+    ``names`` maps standard column names to those of the file, or is the name of a preset. Gaps of
+    up to three missing samples are skipped. With longer gaps, the longest piece between them is
+    used.
 
     Raises FlightError if the file cannot be read, is too short, has too many gaps, or the IMU was
     not at rest.
@@ -125,9 +126,10 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
 
 
 def _require_possible(columns: files.Columns) -> None:
-    """Raise FlightError if a few rows have values that no IMU measures, as marks of missing ones.
+    """Raise FlightError if a row has impossible values, such as codes for missing values.
 
-    If the usual specific force is not that of rest, the unit is wrong, which is another error.
+    Rows are checked only if the median specific force is that of rest. Otherwise the unit is wrong,
+    and :func:`_require_rest` raises another error.
     """
     usual = float(np.median(np.linalg.norm(columns.stacked(RATES[3:]), axis=1)))
     if abs(usual - _GRAVITY) <= _GRAVITY_SLIP:
@@ -135,7 +137,7 @@ def _require_possible(columns: files.Columns) -> None:
 
 
 def _require_seconds(columns: files.Columns, times: np.ndarray) -> None:
-    """Raise FlightError if the steps of a log are those of another unit than seconds."""
+    """Raise FlightError if the times of a log are not in seconds, as their steps indicate."""
     step = float(np.median(np.diff(times)))
     if step < _SLOWEST or columns.states_unit("time_s"):
         return
@@ -151,12 +153,13 @@ def _require_seconds(columns: files.Columns, times: np.ndarray) -> None:
 def _evenly(
     columns: files.Columns, times: np.ndarray, readings: np.ndarray
 ) -> tuple[np.ndarray, float, tuple[str, ...]]:
-    """Return readings (n, 6) without gaps, their period [s], and what was done to them.
+    """Return measurements (n, 6) without long gaps, their period [s], and remarks.
 
-    Single samples that are lost are skipped: those around them follow one another, for interpolated
-    ones would be less noisy. Of pieces between longer gaps the longest is kept.
+    Gaps of up to three missing samples are skipped: the samples before and after a gap follow each
+    other. They are not interpolated, because interpolated samples have less noise. Of the pieces
+    between longer gaps the longest is used.
 
-    Raises FlightError if too many samples are lost, or the longest piece is short.
+    Raises FlightError if too many samples are missing, or the longest piece is too short.
     """
     steps = np.diff(times)
     usual = float(np.median(steps))
@@ -198,9 +201,9 @@ def _evenly(
 
 
 def _gyro_doubts(rates: np.ndarray) -> Iterator[str]:
-    """Yield a sentence if mean angular rates (N, 3) are the Earth's in degrees.
+    """Yield a warning if the mean angular rate (N, 3) is the Earth rate in deg/s or deg/h.
 
-    A gyro whose bias is small shows the Earth's rotation at rest.
+    At rest, gyros with a small bias measure the Earth rate.
     """
     rate = float(np.linalg.norm(rates.mean(axis=0)))
     for unit, factor in (("deg/s", math.degrees(1.0)), ("deg/h", math.degrees(3600.0))):
@@ -296,7 +299,11 @@ def _allan(readings: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def _variance(parameters: np.ndarray, taus: np.ndarray) -> np.ndarray:
-    """Return the Allan variance (n,) of white noise and a Gauss–Markov process, of logarithms."""
+    """Return the Allan variance (n,) of white noise plus a first-order Gauss–Markov process.
+
+    ``parameters`` are the natural logarithms of root PSD, standard deviation and correlation time.
+    ``taus`` (n,) are averaging times [s].
+    """
     white, bias, time = np.exp(parameters)
     r = taus / time
     # 2 σ² (T/τ) [1 − (T/2τ)(3 − 4 e^(−τ/T) + e^(−2τ/T))]; for small r the bracket is r²/3 − r³/4.

@@ -137,7 +137,7 @@ def read(
 
 
 def _called(path: Path, names: str | Mapping[str, str] | None, keys: Sequence[str]) -> Names:
-    """Return what a file calls its columns; FlightError if a key is no column of such a file."""
+    """Return the names of the columns in a file, by key; raise FlightError for an unknown key."""
     try:
         called = names_of(names)
     except GGBenchError as error:
@@ -181,7 +181,10 @@ def _places(
     called: Names,
     where: str,
 ) -> dict[str, Place]:
-    """Return where the columns are, and their units."""
+    """Return index, name and unit factor of the columns, by key.
+
+    Raises FlightError if a required column is missing or duplicate.
+    """
     keys = list(dict.fromkeys((*required, *optional)))
     twice = [name for name in keys if list(header).count(name) > 1]
     if twice:
@@ -241,7 +244,7 @@ def _read_netcdf(
 def _variable(
     path: Path, variable: Any, name: str, place: Place, empty: frozenset[str]
 ) -> np.ndarray:
-    """Return a variable's numbers (N,) in the unit of its key, NaN where they are masked."""
+    """Return the numbers (N,) of a variable in the unit of its key; NaN where masked."""
     if variable.ndim != 1 or np.dtype(variable.dtype).kind not in "fiu":
         raise FlightError(f"{path}: {name} must be one row of numbers")
     stated = str(getattr(variable, "units", "")).strip()

@@ -18,26 +18,26 @@ from .flight import RecordedFlight
 from .normal_field import normal_readings
 
 _FITS = 0.5
-"""Residual over the map's own RMS from which on a convention fits."""
+"""Largest ratio of residual to signal of the map, both RMS, of a convention that fits."""
 _BETTER = 0.5
-"""Residual over that of the record as it is from which on a convention is better."""
+"""Largest ratio of the residual of a better convention to that of the unchanged record."""
 _SI = 1e9
-"""Eötvös in a s⁻²."""
+"""Conversion factor from s⁻² to E."""
 _SAME_MEAN = 3.0
-"""Offset of a mean, over the residual, up to which two means are the same."""
+"""Largest ratio of RMS with mean to RMS without mean, for a negligible mean."""
 _FEWEST = 20
 _DIRECTIONS = {
     "local-level": ("east", "north", "up", "west", "south", "down"),
     "strapdown": ("right", "forward", "up", "left", "back", "down"),
 }
-"""Directions of x, y and z of a mount, and the opposite ones."""
+"""Names of the directions x, y, z of a mount, then of the opposite directions."""
 
 
 class Convention(NamedTuple):
     """Convention of a gradiometer record: axes, unit factor, and missing normal field or mean.
 
-    ``before`` is the RMS residual against the map [E] as the record stands, ``after`` with the
-    convention applied.
+    ``before`` is the RMS residual of the unchanged record against the map [E]. ``after`` is the RMS
+    residual with this convention [E].
     """
 
     turn: Turn
@@ -108,7 +108,7 @@ def in_words(convention: Convention, instrument: str) -> str:
 def _compared(
     problem: Problem, spec: GradiometerSpec
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
-    """Return names of channels, readings, the map and the normal field (N, g) at the INS [E]."""
+    """Return channel names, and measurements, total and normal field at the INS (N, g) [E]."""
     assert problem.track is not None
     own = [j for j, channel in enumerate(problem.channels) if channel.sensor == "gradiometer"]
     there = np.flatnonzero(problem.present[:, own].all(axis=1))
@@ -125,7 +125,7 @@ def _compared(
 
 
 def _turned(values: np.ndarray, names: tuple[str, ...], turn: Turn) -> np.ndarray | None:
-    """Return channels (N, g) in other axes; None if one of them is not among the channels."""
+    """Return channels (N, g) in other axes; None if a required channel is missing."""
     columns = []
     for name in names:
         other, sign = turned(name, turn)

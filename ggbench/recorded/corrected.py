@@ -88,7 +88,7 @@ def corrected_samples(
 
 
 def _arrays(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return mean and cov as they must be, or raise EstimateError."""
+    """Return mean and covariance; raise EstimateError for a wrong shape or non-finite values."""
     shape = (problem.epochs, problem.dimension)
     mean, cov = _real("mean", estimate.mean, shape), estimate.cov
     if cov is not None:
@@ -101,7 +101,7 @@ def _arrays(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarra
 
 
 def _real(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of an estimate as it must be, or raise EstimateError."""
+    """Return an array of an estimate as real numbers; raise EstimateError for a wrong shape."""
     try:
         return run_errors.real_array(name, value, shape)
     except (ValueError, TypeError) as error:
@@ -109,14 +109,14 @@ def _real(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _sigmas(mean: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
-    """Return the standard deviations (K, 9) of the first states."""
+    """Return the standard deviations (K, 9) of the first nine states; NaN without covariance."""
     if cov is None:
         return np.full((len(mean), 9), np.nan)
     return np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2)[:, :9], 0.0))
 
 
 def _whitened(errors: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return errors (K, m) in units of their covariances (K, m, m), by the Cholesky factor."""
+    """Return errors (K, m), multiplied by the inverse Cholesky factor of ``cov`` (K, m, m)."""
     try:
         roots = np.linalg.cholesky(cov)
     except np.linalg.LinAlgError:

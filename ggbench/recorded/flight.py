@@ -60,9 +60,9 @@ from .readings import Series, gradients, others, read_series, require_near
 from .time_base import TimeBase, clocked
 
 _SIGMAS = 5.0
-"""By how many of its deviations the INS may be outside the map at first: it may be wrong."""
+"""Largest distance of the first INS position outside the map, in prior standard deviations."""
 _LONGEST_GAP = 3.0
-"""Longest interval of a reference across which it is interpolated, in its usual ones."""
+"""Longest interval across which a reference is interpolated, in median intervals."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _remarks(ins: Inertial, series: dict[str, Series]) -> Iterator[str]:
 
 
 def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:
-    """Return the receiver whose record the reference is, by the files' content; "" for none."""
+    """Return the GNSS sensor whose file has the same content as the reference; "" if none."""
     if spec.reference is None:
         return ""
     key = sha256_of(folder / spec.reference.file, FlightError)
@@ -204,7 +204,10 @@ def _suite(spec: FlightSpec, path: Path) -> SensorSuite:
 
 
 def _told(spec: FlightSpec, folder: Path) -> RecordedField:
-    """Return the map that the estimators assume; a file's path is relative to the flight's."""
+    """Return the table of the assumed map, with the path of a map file resolved.
+
+    The path in the table is relative to the folder of the flight file.
+    """
     field = spec.field
     if is_file(field.source):
         field = field.model_copy(update={"source": str(folder / field.source)})
@@ -219,7 +222,7 @@ def _problem(
     series: dict[str, Series],
     path: Path,
 ) -> tuple[Problem, Motion]:
-    """Return what estimators are given, and what the INS indicates at all of its samples."""
+    """Return the estimation problem, and the INS solution at all INS samples."""
     epochs = functools.reduce(np.union1d, [of_sensor.samples for of_sensor in series.values()])
     at = {name: np.searchsorted(epochs, of_sensor.samples) for name, of_sensor in series.items()}
     read_at = [at[sensor.name] for sensor in model.aiding]
@@ -258,7 +261,7 @@ def _problem(
 
 
 def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> None:
-    """Raise OutsideMapError if a position (3,) is outside the map, whatever its error σ ENU [m]."""
+    """Raise OutsideMapError if a position (3,) is outside the map by more than five σ ENU [m]."""
     off = corrected_positions(position, -_SIGMAS * sigma) - position
     place = field.coordinates(position)
     inside = (field.lower - off <= place) & (place <= field.upper + off)
@@ -269,9 +272,10 @@ def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> 
 def _require_receivers_near(
     model: SensorSuite, series: dict[str, Series], at: dict[str, np.ndarray], read: np.ndarray
 ) -> None:
-    """Raise FlightError if the positions of a receiver are nowhere near the INS's.
+    """Raise FlightError if a receiver's first position is far from the INS position.
 
-    ``at`` says at which epochs the series are, ``read`` (K, e) has them all, NaN for none.
+    ``at`` contains the epoch indices of each sensor. ``read`` (K, e) contains the measurements of
+    all aiding sensors, NaN where missing.
     """
     prior, first = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum())), 0
     for sensor in model.aiding:
@@ -284,9 +288,9 @@ def _require_receivers_near(
 def _reference(
     table: ReferenceTrack, folder: Path, problem: Problem, base: TimeBase, noise: float
 ) -> Truth:
-    """Return the errors of the INS against a reference track, NaN where that says nothing.
+    """Return the errors of the INS against a reference track; NaN where it has no values.
 
-    ``noise`` is that of its positions, if it is the record of a receiver [m].
+    ``noise`` is the RMS position noise of the reference if the reference is a receiver record [m].
     """
     speeds = (*velocity_columns("ENU"), *velocity_columns("NED"))
     optional = tuple(dict.fromkeys((*ATTITUDE, *speeds)))
@@ -351,9 +355,11 @@ def _reference(
 def _places(
     at: np.ndarray, since: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return between which rows epochs lie: the row before, the share of the way, and whether.
+    """Return row before each epoch, fraction of the interval to the next row, and validity mask.
 
-    A row within the tolerance of an epoch is its own: the share is zero.
+    A row is used alone, with the fraction 0, if its time differs from the epoch by at most 1e-3 of
+    the tolerance.
+    An epoch is invalid outside the rows or in a long gap between rows.
     """
     nearest = np.clip(np.searchsorted(since, at), 0, len(since) - 1)
     before = np.clip(nearest - 1, 0, len(since) - 1)
@@ -373,7 +379,7 @@ def _places(
 def _between(
     values: np.ndarray, row: np.ndarray, share: np.ndarray, there: np.ndarray
 ) -> np.ndarray:
-    """Return values (K, 3), linear between rows; NaN where there is nothing."""
+    """Return values (K, 3), interpolated linearly between rows; NaN at invalid epochs."""
     after = np.minimum(row + 1, len(values) - 1)
     interpolated = values[row] + share[:, np.newaxis] * (values[after] - values[row])
     return np.where(there[:, np.newaxis], interpolated, np.nan)

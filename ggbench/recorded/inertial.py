@@ -36,7 +36,7 @@ DELTAS = (
     *(f"delta_angle_{axis}_rad" for axis in "xyz"),
     *(f"delta_velocity_{axis}_mps" for axis in "xyz"),
 )
-"""Columns of increments; a row's are those of the interval that ends with it."""
+"""Columns of increments; a row contains the increments of the interval before its time."""
 RATES = (
     *(f"angular_rate_{axis}_radps" for axis in "xyz"),
     *(f"specific_force_{axis}_mps2" for axis in "xyz"),
@@ -48,9 +48,9 @@ _TO_RIGHT_FORWARD_UP = {
 }
 _GRAVITY = 9.80665
 _FASTEST_SPIN, _LARGEST_FORCE = 100.0, 1000.0
-"""Of any sample [rad/s], [m/s²]."""
+"""Largest possible angular rate [rad/s] and specific force [m/s²] of a sample."""
 _SPINS = 10.0
-"""Angular rate [rad/s] that no vehicle has for half of its way."""
+"""Largest plausible median of the angular rate [rad/s]."""
 
 
 class Inertial(NamedTuple):
@@ -116,10 +116,10 @@ def inertial(spec: FlightSpec, folder: Path, model: SensorSuite, field: Field) -
 
 
 def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field) -> Inertial:
-    """Return an INS's own solution, and the increments that lead along it.
+    """Return a recorded INS solution, and the increments that reproduce it.
 
-    The inverse of the mechanization follows the velocities and attitudes; positions are kept as
-    they are recorded, wherever the rule lies by which they were made of the velocities.
+    The inverse mechanization computes the increments from velocities and attitudes. Recorded
+    positions are kept, because the integration rule of the INS is unknown.
     """
     columns = files.read(
         folder / record.file,
@@ -152,7 +152,7 @@ def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field
 
 
 def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: SensorSuite) -> Inertial:
-    """Return recorded increments, or what rates add up to, and where the mechanization starts."""
+    """Return recorded increments, or integrated rates, and the initial state."""
     columns = files.read(folder / record.file, (), (*DELTAS, *RATES), names=called(record.columns))
     kinds = [names for names in (DELTAS, RATES) if all(name in columns for name in names)]
     if len(kinds) != 1:
@@ -199,7 +199,7 @@ def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Sensor
 
 
 def _start(start: StartSpec) -> np.ndarray:
-    """Return the state (15,) at which the mechanization starts."""
+    """Return the initial state (15,) of the mechanization: position, velocity, C_nb."""
     if start.c_nb is not None:
         attitude = np.array(start.c_nb)
     else:
@@ -215,7 +215,7 @@ def _start(start: StartSpec) -> np.ndarray:
 
 
 def _heights(spec: FlightSpec, folder: Path, base: TimeBase) -> np.ndarray:
-    """Return the altimeter's heights (N,) in the middle of the intervals [m]."""
+    """Return altimeter heights (N,) at the middles of the INS intervals [m]."""
     altimeter = spec.altimeter
     assert altimeter is not None and altimeter.file is not None  # the specification checks it
     columns = files.read(folder / altimeter.file, ("height_m",), names=called(altimeter.columns))
@@ -231,7 +231,7 @@ def _heights(spec: FlightSpec, folder: Path, base: TimeBase) -> np.ndarray:
 
 
 def _interpolated(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values (N, m) at other times, linear between the rows."""
+    """Return values at times ``at`` (K, m), interpolated linearly between the rows (N, m)."""
     return np.stack([np.interp(at, times, column) for column in values.T], axis=-1)
 
 
@@ -271,7 +271,7 @@ def force_hint(force: float, period: float, increments: bool) -> str:
 def _require_felt(
     columns: Columns, rates: np.ndarray, c_nb: np.ndarray, axes: str, period: float
 ) -> None:
-    """Raise FlightError if angular rates and specific forces (N, 6), SI, cannot be a vehicle's."""
+    """Raise FlightError if angular rates or specific forces (N, 6), SI units, are implausible."""
     force = float(np.median(np.linalg.norm(rates[:, 3:], axis=1)))
     if not 0.4 * _GRAVITY < force < 2.5 * _GRAVITY:
         raise columns.error(

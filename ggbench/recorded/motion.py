@@ -26,11 +26,11 @@ _LIMITS = {
     "roll_deg": (-180.0, 180.0),
 }
 _SPAN = 10.0
-"""Over how long a displacement is held to the velocities [s]: longer than noise of positions."""
+"""Time span over which displacements and velocities are compared [s]; reduces position noise."""
 _SLOW = 0.3
-"""Speed below which a displacement says nothing of a frame [m/s]."""
+"""Speed below which displacements do not indicate the frame of velocities [m/s]."""
 _JUMP = 100.0
-"""How far a position may be from where the velocity leads, from row to row [m]."""
+"""Constant term of the largest deviation of a position from its prediction [m]."""
 
 
 def velocity_columns(frame: Frame) -> tuple[str, ...]:
@@ -101,8 +101,8 @@ def require_consistent(
     """Raise FlightError if velocities contradict the displacements between positions.
 
     The message states the likely cause: sign, frame, unit or order of the axes. ``times`` (N,) are
-    the times of the rows [s], ``frame`` is the frame that the user states, and ``noise`` is the RMS
-    noise of a position [m].
+    the times of the rows [s]. ``frame`` is the frame stated by the user. ``noise`` is the RMS noise
+    of a position [m].
     """
     there = np.isfinite(positions).all(axis=1) & np.isfinite(velocities).all(axis=1)
     if np.count_nonzero(there) < 3:
@@ -141,10 +141,16 @@ def require_consistent(
 def _alternatives(
     positions: np.ndarray, starts: np.ndarray, moved: np.ndarray, led: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Yield what may be meant: in words, and displacements of positions and of velocities.
+    """Yield likely causes of a contradiction, with displacements under each hypothesis.
 
-    Positions are (N, 3), and displacements (S, 3) [m] those of spans, each of which begins with one
-    of the steps between positions, its start.
+    Each item has the cause in words, displacements (S, 2) from positions, and displacements (S, 2)
+    from velocities [m].
+
+    Parameters
+    ----------
+    positions : (N, 3) positions [rad, rad, m].
+    starts : (S,) index of the first step of each time span.
+    moved, led : (S, 3) displacements over the spans, from positions and from velocities [m].
     """
     moved, led = moved[:, :2], led[:, :2]
     yield "the east and north velocities are exchanged (NED read as ENU)", moved, led[:, ::-1]
@@ -162,7 +168,7 @@ def _alternatives(
 def _require_smooth(
     columns: Columns, rows: np.ndarray, moved: np.ndarray, led: np.ndarray, noise: float
 ) -> None:
-    """Raise FlightError if a position is far from where the one before and the velocity lead."""
+    """Raise FlightError if a position is far from its prediction from the row before."""
     free = _JUMP + 10.0 * noise + 3.0 * np.linalg.norm(led, axis=1)
     for axes, what in (([2], "height"), ([0, 1], "position")):
         jump = np.linalg.norm((moved - led)[:, axes], axis=1)
@@ -184,6 +190,6 @@ def _displacements(positions: np.ndarray) -> np.ndarray:
 
 
 def _rms(steps: np.ndarray) -> float:
-    """Return the root of the mean squared length of displacements (N, .) or (N,)."""
+    """Return the RMS length of displacements (N, d), or the RMS of values (N,)."""
     squares = steps**2 if steps.ndim == 1 else np.sum(steps**2, axis=1)
     return float(np.sqrt(np.mean(squares)))

@@ -31,21 +31,21 @@ from .time_base import TimeBase, clocked, require_period
 
 _AXES = {"E": "east", "N": "north", "U": "up"}
 _ENDS = {"mGal": "mgal", "m/s": "mps", "m": "m"}
-"""Ends of the names of columns, by the units of channels."""
+"""Suffixes of column names, by unit of the channel."""
 _LIMITS = {
     "eotvos": (-1e7, 1e7),
     "mgal": (-1e7, 1e7),
     "mps": (-FASTEST_MPS, FASTEST_MPS),
     "m": (LOWEST_M, HIGHEST_M),
 }
-"""Of readings, by the ends of the names of columns: beyond any field, speed or height."""
+"""Limits of possible measurements, by suffix of the column name."""
 _MARKS = (-9999.0, -999.0, -99999.0, -999999.0, 9999.0, 99999.0, -32768.0)
-"""Usual marks of missing values: a row of one of them is no measurement."""
+"""Common codes for missing values; a row with only one of these codes has no measurement."""
 _FARTHEST = 20_000.0
-"""How far from the INS a receiver may be at first, beyond what the prior allows [m]."""
+"""Allowed initial distance between receiver and INS, in addition to that of the prior [m]."""
 _FOOT = 0.3048
 _FEET_FROM, _NEARLY = 100.0, 0.02
-"""Difference of heights [m] from which feet are looked for, and share to which it must fit."""
+"""Height difference from which a unit of feet is tested [m], and relative tolerance."""
 
 
 class Series(NamedTuple):
@@ -135,7 +135,10 @@ def _read(
 
 
 def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np.ndarray:
-    """Return positions [rad, rad, m] and velocities ENU [m/s] (N, 3 or 6)."""
+    """Return the measurements (N, 3 or 6) of a receiver: positions, velocities or both.
+
+    Positions are in [rad, rad, m], velocities are ENU [m/s].
+    """
     parts = []
     if table.position_noise_m is not None:
         parts.append(positions_of(columns))
@@ -181,10 +184,10 @@ def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndar
 def others(
     model: SensorSuite, series: dict[str, Series], at: list[np.ndarray], ins: Motion
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the measurements (1, K, e) of all sensors except the gradiometer.
+    """Return the measurements (1, K, e) of all sensors except the gradiometer, and a mask.
 
-    A mask (1, K, e) of the available measurements is returned too. ``at`` has the epoch indices of
-    each sensor. ``ins`` is the INS solution at the epochs, with arrays (1, K, ...).
+    The mask (1, K, e) marks available measurements. ``at`` contains the epoch indices of each
+    sensor. ``ins`` is the INS solution at the epochs, with arrays (1, K, ...).
     """
     width = sum(len(sensor.channels) for sensor in model.aiding)
     read = np.full((*ins.positions.shape[:2], width), np.nan)
@@ -208,7 +211,7 @@ def require_near(
 ) -> None:
     """Raise FlightError if a receiver's first position is far from that of the INS.
 
-    The error is also raised if one of their heights is likely to be in feet.
+    The error is also raised if the height of the receiver or of the INS is likely to be in feet.
 
     ``away`` (G, 3) [m] has the differences from the INS positions for the rows ``rows`` (G,), NaN
     if missing. ``allowed`` is the largest distance that the prior allows [m]. ``what`` is the name

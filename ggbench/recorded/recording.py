@@ -24,7 +24,7 @@ from .motion import track_columns
 from .readings import column_names
 
 FLIGHT = "flight.toml"
-"""The file of a recorded flight, among its records."""
+"""Name of the flight file in the folder of its records."""
 
 
 def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str = "") -> Path:
@@ -65,7 +65,7 @@ def _write(flight: Flight, seed: int, run: int, folder: Path, title: str) -> Non
 
 
 def require_empty(folder: Path) -> None:
-    """Raise FlightError if a path exists and is no empty folder."""
+    """Raise FlightError if a path exists and is not an empty folder."""
     if folder.exists() and not folder.is_dir():
         raise FlightError(f"{folder} is not a folder")
     if folder.exists() and any(folder.iterdir()):
@@ -73,7 +73,7 @@ def require_empty(folder: Path) -> None:
 
 
 def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
-    """Return the content of the flight's file."""
+    """Return the tables of the flight file; ``initial`` is the initial navigation state (15,)."""
     case = flight.case
     side = case.side("model")
     start = {

@@ -19,25 +19,25 @@ from .corrected import Residuals
 from .flight import RecordedFlight
 
 MOST_NIS = 10.0
-"""Mean NIS over the expected one beyond which the records contradict one another."""
+"""Ratio of mean NIS to its expected value, above which records contradict each other."""
 _FARTHEST = 30
-"""Largest offset of a clock that is tried [s]; GPS was ahead of UTC by 18 s from 2017 on."""
+"""Largest tested clock offset [s]; since 2017 GPS time minus UTC is 18 s."""
 _BLOCK = 300.0
-"""Time over which the INS's error is taken as a polynomial [s]."""
+"""Time over which the INS error is approximated by a polynomial [s]."""
 _BETTER = 0.5
-"""Residual over that without an offset from which on an offset is named."""
+"""Largest ratio of residuals with and without a clock offset, for a warning."""
 _MOST_MEDIAN = 3.0
-"""Median NIS over the expected one up to which a filter is right for most measurements."""
+"""Largest ratio of median NIS to its expected value, for a filter that fits most measurements."""
 _RARE = 1e-6
-"""Probability of a NIS beyond belief, of one measurement."""
+"""Probability of exceeding the limit of the NIS at one epoch."""
 _ROBUST = ("gate=", "loss=")
-"""Parameters of filters that reject outliers or weigh them down, in their labels."""
+"""Options in the labels of filters that reject or down-weight outliers."""
 _MOST_OUTLIERS = 0.4
-"""Share of the measurements beyond which they are no outliers."""
+"""Largest ratio of rejected measurements to epochs that outliers can explain."""
 _WINDOW, _MAD, _ISOLATED = 7, 0.6745, 10.0
-"""Epochs of a running median; median of |N(0, 1)|; deviations from which on one is isolated."""
+"""Window of the running median [epochs]; median of |N(0, 1)|; limit for an outlier [σ]."""
 _FEWEST = 20
-"""Readings below which no offset is looked for."""
+"""Smallest number of measurements for a clock-offset test."""
 
 
 class ClockFit(NamedTuple):
@@ -170,12 +170,12 @@ def _rejects_most(problem: Problem, count: int) -> bool:
 
 
 def _is_robust(label: str) -> bool:
-    """Return whether an estimator's label says that it rejects outliers or weighs them down."""
+    """Return whether an estimator's label has an option that rejects or down-weights outliers."""
     return any(word in label for word in _ROBUST)
 
 
 def _beyond(problem: Problem, differences: Residuals) -> tuple[int, int]:
-    """Return how many measurements have a NIS beyond belief, and how many there are."""
+    """Return the numbers of epochs with an improbably large NIS and of epochs with any NIS."""
     counts = problem.present.sum(axis=1)
     some = np.isfinite(differences.nis) & (counts > 0)
     limits = chi2.isf(_RARE, counts[some])
@@ -236,7 +236,10 @@ def clock_fit(problem: Problem, sensor: str) -> ClockFit | None:
 def _residual(
     problem: Problem, epochs: np.ndarray, read: np.ndarray, offset: float, velocities: bool
 ) -> float:
-    """Return the RMS of readings (G, 3) less what the INS indicates ``offset`` seconds later."""
+    """Return the RMS of measurements (G, 3) minus the INS solution ``offset`` seconds later.
+
+    A polynomial over each block of five minutes is removed.
+    """
     assert problem.track is not None
     track, times = problem.track, problem.times[epochs]
     indicated = track.velocities if velocities else track.positions

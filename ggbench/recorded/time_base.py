@@ -11,17 +11,17 @@ from ..trajectory.csv_text import rollover
 from .columns import Columns
 
 USUAL_GAP = 1.5
-"""Longest interval between two samples, in periods, unless the file says otherwise."""
+"""Default of the longest interval between two samples, in periods."""
 _USUAL_TOLERANCE = 0.1
-"""How far from a sample a reading may lie, in periods, unless the file says otherwise."""
+"""Default of the largest time between a measurement and its sample, in periods."""
 _EXACT = 1e-6
-"""Share of a period within which times are those of the samples."""
+"""Tolerance for times that lie exactly on samples, in periods."""
 _LONGEST = 1e10
-"""Beyond any clock that counts seconds [s]: it would be milliseconds."""
+"""Largest time of a clock in seconds [s]; larger numbers are in a shorter unit."""
 _SHORTER = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-"""Units of clocks shorter than the second."""
+"""Shorter units of clocks, with their factors to seconds."""
 _PERIOD_SLIP = 0.2
-"""Relative difference of the found period from the named one beyond which one of them is wrong."""
+"""Largest relative difference between the median interval and the stated period."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class TimeBase:
         of the prior and has no measurement. ``outside`` states whether measurements before or after
         the INS record are dropped.
 
-        Raises FlightError if a measurement lies outside the INS record (unless dropped) or too far
-        from a sample, or if two belong to the same sample.
+        Raises FlightError if a measurement lies outside the INS record and is not dropped; if it
+        lies too far from a sample; if two measurements belong to the same sample.
         """
         since = times - self.start
         nearest = np.rint(since / self.dt).astype(np.int64)
@@ -199,12 +199,12 @@ def time_base(
 def missing_rows(steps: np.ndarray, most: int = 1) -> np.ndarray:
     """Return the number of missing rows (N,) in each interval of a record.
 
-    Times that jitter have long and short intervals in turn: no row is missing.
+    If times jitter, long and short intervals alternate, and no row is missing.
 
     Parameters
     ----------
     steps : (N,) intervals [s].
-    most : largest number of rows in an interval that jitter may feign.
+    most : largest number of apparently missing rows in an interval that may be due to jitter.
     """
     usual = float(np.median(steps))
     missing = np.where(steps > USUAL_GAP * usual, np.rint(steps / usual) - 1.0, 0.0)

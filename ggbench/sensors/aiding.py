@@ -26,9 +26,9 @@ from .gradiometer.faults import Faults
 from .processes import gauss_markov, remaining
 
 MOVED = 9
-"""Position, velocity and attitude error: the first states, on which these readings depend."""
+"""Number of INS errors on which measurements depend: position, velocity and attitude."""
 MGAL = 1e5
-"""mGal in a m/s²."""
+"""Conversion factor from m/s² to mGal."""
 AXES = "xyz"
 _NO_FAULTS = Faults()
 _GRAVITY = ("east", "north", "scalar")
@@ -249,8 +249,9 @@ class Barometer(AidingSensor):
 class Gravimeter(AidingSensor):
     """Gravimeter; measurements are gravity disturbances, reduced with the INS solution [mGal].
 
-    In steady flight an accelerometer measures the specific force f = c(v, p) + γ(p) − δg, with the
-    Eötvös acceleration c = (2ω_ie + ω_en) × v and normal gravity −γ. The reduced measurement is
+    In steady flight an accelerometer measures the specific force f = c(v, p) + γ(p) − δg. In this
+    equation c = (2ω_ie + ω_en) × v is the Eötvös acceleration, and −γ is normal gravity. The
+    reduced measurement is
     c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f. It equals the disturbance δg at the true position plus effects
     of the INS errors on c, γ and f (Li 2011). The component ``scalar`` is −δg_U, the excess of
     downward gravity. Vehicle accelerations are assumed known; residual accelerations are part of
@@ -260,7 +261,7 @@ class Gravimeter(AidingSensor):
 
     components: tuple[str, ...] = ("scalar",)
     steady_force: Callable[[np.ndarray, np.ndarray], np.ndarray] = field(kw_only=True)
-    """c + γ (..., 3), ENU [m/s²], at positions and velocities, as the INS reckons with them."""
+    """Function of positions and velocities: c + γ (..., 3), ENU [m/s²], as computed in the INS."""
 
     kind = "gravimeter"
 
@@ -290,8 +291,8 @@ class Gravimeter(AidingSensor):
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
         """Return the measurements (..., K, e) [mGal], reduced with the new INS solution.
 
-        The measured specific force is rotated from the old to the new attitude. Components that are
-        not measured are set to those of steady flight at the new attitude.
+        The measured specific force is rotated from the old to the new attitude. For this rotation,
+        components that are not measured are assumed to be those of steady flight.
         """
         turn = new.attitudes @ np.swapaxes(old.attitudes, -1, -2)
         reduced = self.steady_force(new.positions, new.velocities)
@@ -324,11 +325,11 @@ class Gravimeter(AidingSensor):
 
 
 _SIGNS = np.array([1.0, 1.0, -1.0])
-"""Of the disturbance in the channels of a gravimeter."""
+"""Signs of the disturbance components E, N, U in the channels east, north, scalar."""
 
 
 _ENU = [1, 0, 2]
-"""Which of latitude, longitude and height lies along each axis."""
+"""Indices of longitude, latitude and height in a position, in the order ENU."""
 
 
 def position_error(indicated: np.ndarray, true: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from ..problem import Channel
 from .aiding import MOVED, AidingSensor, Motion, cross_matrix, metres_of, position_error
 
 _TIMING = 1e-9
-"""Within which times are equal [s]."""
+"""Tolerance for equal times [s]."""
 
 
 @dataclass(frozen=True)

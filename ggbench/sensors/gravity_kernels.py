@@ -46,7 +46,7 @@ def disturbance_at(
 
 @inlined
 def _weighs(weights: np.ndarray) -> bool:
-    """Return whether any channel of a run depends on the map's gravity, by its W_k (m, 3)."""
+    """Return whether any element of W_k (m, 3) of a run is non-zero."""
     for c in range(weights.shape[0]):
         for i in range(3):
             if weights[c, i] != 0.0:

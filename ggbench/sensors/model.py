@@ -21,9 +21,9 @@ from .model_kernels import linearise, linearised, predict
 from .states import PlacedStates, Seen, add_columns, turned
 
 NO_MAP = Field.normal().disturbance_map
-"""A map without gravity disturbance."""
+"""Empty map, for models without gravimeters."""
 NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
-"""An instrument without channels."""
+"""Gradiometer without channels, for models without a gradiometer."""
 
 
 class DelayedInsSolution(NamedTuple):
@@ -201,9 +201,10 @@ def model_arrays(
 
 
 def _unchangeable(arrays: Any, kept: Callable[[np.ndarray], np.ndarray]) -> Any:
-    """Return a record whose arrays cannot be written, as ``kept`` makes them; maps are not copied.
+    """Return a copy of a record with read-only arrays; arrays of maps are not copied.
 
-    Kernels of arrays that can be written would be compiled again.
+    ``kept`` converts each floating-point array to a read-only array. For writable arrays numba
+    would compile the kernels again.
     """
     changed: dict[str, Any] = {}
     for name, value in zip(arrays.__dataclass_fields__, fields_of(arrays), strict=True):
@@ -219,13 +220,13 @@ def _unchangeable(arrays: Any, kept: Callable[[np.ndarray], np.ndarray]) -> Any:
 def _combined(
     channels: np.ndarray, whitening: Whitening | None, at: np.ndarray, epochs: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which readings h combines, and how: ``combined`` and ``lags`` of the arrays.
+    """Return ``combined`` and ``lags`` of :class:`.ModelArrays`.
 
     Parameters
     ----------
-    channels : (g, 6) of the instrument.
-    whitening : of the G readings, None for white noise.
-    at : (G,) at which of the epochs they are.
+    channels : (g, 6) rows that map a tensor to the channels of the gradiometer.
+    whitening : whitening of the G measurements; None for white noise.
+    at : (G,) epochs of the measurements.
     epochs : number of epochs.
     """
     if whitening is None:
@@ -251,10 +252,10 @@ class SensorModel:
     position (and attitude) at t_k − τ_k; gain_k is the gain of low-pass and prefilter. Without a
     low-pass the offset is zero, and τ_k is the latency of the measurements.
 
-    Whitening of coloured noise combines a few successive measurements, each at its INS position
-    minus the present position error. This neglects the change of the error (velocity error times
-    lag) over at most 15 s in the shipped flights, and raises the bounds of ``vinton2008`` by 0.7 to
-    1.1 %.
+    Whitening of coloured noise combines a few successive measurements. Each is evaluated at its INS
+    position minus the position error at epoch k. This neglects the change of the position error
+    during the lag (velocity error times lag), which is at most 15 s in the shipped flights. In
+    ``vinton2008`` the neglect raises the error bounds by 0.7 to 1.1 %.
 
     Outside the map the field at the border is used. For a missing measurement h and H are zero.
 
@@ -303,7 +304,7 @@ class SensorModel:
         return self._along(at, x)[1]
 
     def _along(self, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return h and H at epochs for a state of each, and count these."""
+        """Return h and H with one state for each epoch, and count the evaluations."""
         epochs = np.ascontiguousarray(at, dtype=np.int64)
         self._states(int(epochs.min(initial=0)), x)
         states = self._states(int(epochs.max(initial=0)), x)
@@ -316,7 +317,10 @@ class SensorModel:
         return h, slopes
 
     def _states(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return states ready for the kernels, which check nothing."""
+        """Return states as a contiguous array for the kernels.
+
+        Raises IndexError for a wrong epoch ``k``, and ValueError for a wrong shape.
+        """
         states = np.ascontiguousarray(x, dtype=float)
         epochs, n = len(self.arrays.rows), self.arrays.dimension
         if not 0 <= k < epochs:

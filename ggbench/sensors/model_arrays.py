@@ -23,7 +23,7 @@ class ModelArrays:
     h_k(x) = offset_k + C_k x + gain_k Σ_i S_ki T(p̂_{k−lag_i} − B_k x) + W_k δg(p̂_k − x)
 
     The m channels are the g channels of the gradiometer, then those of the other sensors. T is the
-    gravity-gradient tensor of the field in mount axes, [xx, xy, xz, yy, yz, zz] in E, and δg is the
+    gravity-gradient tensor of the field in mount axes, [xx, xy, xz, yy, yz, zz] in E. δg is the
     gravity disturbance of the map, ENU [m/s²]. Both are evaluated at INS positions p̂ minus
     position errors ENU [m]. If the mount is fixed to the body, T is also rotated by the INS
     attitude minus the attitude error [rad]. The sum is over the measurements that the whitening of
@@ -121,7 +121,7 @@ OF_A_RUN = (
     "weights",
     "places",
 )
-"""The arrays that differ from run to run."""
+"""Names of the arrays that have the run as leading axis in a block."""
 
 
 def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarray]:

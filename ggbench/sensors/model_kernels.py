@@ -43,7 +43,7 @@ _TURN = 2.0 * math.pi
 
 @inlined
 def _near_zero(angle: float) -> float:
-    """Return an angle less whole turns, between −π and π."""
+    """Return an angle reduced to the interval from −π to π."""
     return angle - _TURN * math.floor(angle / _TURN + 0.5)
 
 
@@ -51,9 +51,9 @@ def _near_zero(angle: float) -> float:
 def _displaced(
     latitude: float, longitude: float, height: float, east: float, north: float, up: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the position that a position error [m] leads to, and metres per radian (N, E) before.
+    """Return an INS position minus a position error ENU [m], and metres per radian (north, east).
 
-    Linear in the error, as the error state is.
+    The metres per radian are those at the INS position, so the result is linear in the error.
     """
     sine, cosine = sine_cosine(latitude)
     per_north, per_east = metres_per_radian_of(sine, cosine, height)
@@ -64,7 +64,7 @@ def _displaced(
 
 @inlined
 def _whole_turns_less(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the rotation vector of the same rotation whose angle is below π."""
+    """Return the rotation vector of the same rotation with an angle of at most π."""
     angle = math.sqrt(x * x + y * y + z * z + 1e-300)
     factor = _near_zero(angle) / angle
     return factor * x, factor * y, factor * z
@@ -72,13 +72,13 @@ def _whole_turns_less(x: float, y: float, z: float) -> tuple[float, float, float
 
 @inlined
 def _body_matrix(c_nb: Matrix, error: tuple[float, float, float]) -> Matrix:
-    """Return C_bn of the attitude that an INS's C_nb and an attitude error [rad] lead to."""
+    """Return the true C_bn from the INS attitude C_nb and an attitude error [rad]."""
     return transpose(multiply(small_turn(error[0], error[1], error[2]), c_nb))
 
 
 @inlined
 def _combined(channel: np.ndarray, t: Tensor) -> float:
-    """Return what a channel (6,) makes of a tensor."""
+    """Return the value of a channel (6,) for a tensor."""
     return (
         channel[0] * t[0] + channel[1] * t[1] + channel[2] * t[2]
         + channel[3] * t[3] + channel[4] * t[4] + channel[5] * t[5]
@@ -87,7 +87,7 @@ def _combined(channel: np.ndarray, t: Tensor) -> float:
 
 @inlined
 def _attitude_error(errors: np.ndarray, s: int) -> tuple[float, float, float]:
-    """Return the attitude error (three vectors) of points ``s`` of errors (6, S, lanes)."""
+    """Return the attitude error (three vectors) of the points ``s`` from errors (6, S, lanes)."""
     return _whole_turns_less(load(errors, 3, s), load(errors, 4, s), load(errors, 5, s))
 
 
@@ -177,9 +177,9 @@ def read(
 def _put_column(
     channels: np.ndarray, t: Tensor, factor: float, i: int, j: int, out: np.ndarray
 ) -> None:
-    """Add a factor times the channels of a tensor to column ``j`` of a slope (m, 6, lanes).
+    """Add a factor times the channels of a tensor to column ``j`` of a Jacobian (m, 6, lanes).
 
-    The first of the readings that are combined, of number ``i`` = 0, fills it.
+    ``i`` is the index of the combined measurement. The first one, ``i`` = 0, overwrites the column.
     """
     for c in range(channels.shape[0]):
         value = factor * _combined(channels[c], t)
@@ -277,7 +277,7 @@ def linearise_reading(
 
 @inlined
 def _along(found: np.ndarray, first: int) -> Tensor:
-    """Return how the spline's tensor changes along an axis, from its derivatives."""
+    """Return a derivative of the spline tensor; ``first`` is the row of its first component."""
     return (
         load(found, first, 0), load(found, first + 3, 0), load(found, first + 6, 0),
         load(found, first + 9, 0), load(found, first + 12, 0), load(found, first + 15, 0),
@@ -348,7 +348,7 @@ def load_expansion(model: ModelArrays, group: np.ndarray, k: int, out: Expansion
 
 @inlined
 def _displace(x: np.ndarray, out: Expansion) -> None:
-    """Fill B_k x."""
+    """Fill ``out.errors`` with the instrument errors B_k x."""
     for i in range(out.b.shape[0]):
         total = splat(0.0)
         for j in range(out.b.shape[1]):
@@ -358,7 +358,7 @@ def _displace(x: np.ndarray, out: Expansion) -> None:
 
 @inlined
 def _add_linear(model: ModelArrays, x: np.ndarray, evaluated: int, out: Expansion) -> None:
-    """Fill h without δg from C_k x and what the first ``evaluated`` channels make of T."""
+    """Fill h without δg; ``out.by_tensor`` already has the first ``evaluated`` channels."""
     columns = model.columns
     for c in range(out.predicted.shape[1]):
         if c >= evaluated:

@@ -19,7 +19,7 @@ from .gradiometer.instrument import Gradiometer
 from .gradiometer.mounting import Mount, with_mounting_angles
 
 MOUNTING = "gradiometer mounting error"
-"""Name of the mounting angles among the states."""
+"""Name of the state block of the mounting angles."""
 
 
 class Seen(NamedTuple):
@@ -90,7 +90,7 @@ class SensorStates:
 
 @dataclass(frozen=True)
 class GravityDisturbance(SensorStates):
-    """Gravity disturbance that neither INS nor map contains [m/s²], as three states.
+    """Gravity disturbance unknown to INS and map, ENU [m/s²], as three states.
 
     The dynamics of these states are part of the INS error model.
     """
@@ -216,7 +216,7 @@ def _kinds(
     aiding: Sequence[AidingSensor],
     disturbance: tuple[float, ...],
 ) -> Iterator[SensorStates]:
-    """Yield all states that sensors may have; those that they have not are of no number."""
+    """Yield all kinds of sensor states; for a kind that is not used ``sigma`` is empty."""
     yield GravityDisturbance("gravity disturbance ENU", "m/s²", disturbance)
     if gradiometer is not None:
         yield from gradiometer_states(gradiometer)

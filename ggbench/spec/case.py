@@ -81,7 +81,7 @@ class ReferenceSpec(Section):
 
 
 def require_sensors(tables: Any, mapless: bool) -> None:
-    """Raise ValueError if there is no sensor, or a gravimeter has no map."""
+    """Raise ValueError if there is no sensor, or if a gravimeter is used without a map."""
     if not sensors_of(tables):
         raise ValueError(
             f"no sensor is on board: give at least one of gradiometer, {', '.join(KINDS)}, sensor"
@@ -94,7 +94,9 @@ def require_sensors(tables: Any, mapless: bool) -> None:
 
 
 def _changed(key: str, table: Any, change: Any) -> Any:
-    """Return a table of a case with the changes of one side, which a file has at ``key``.
+    """Return a table of a case with the changes of truth or model.
+
+    ``key`` is the dotted key of the changes in the scenario file.
 
     Raises
     ------
@@ -220,7 +222,10 @@ class CaseSpec(WithSensors):
         return self
 
     def _require_components(self) -> None:
-        """Raise ValueError if no channel has the axes of a map's standard error."""
+        """Raise ValueError if a map's standard error cannot be assigned to the channels.
+
+        It requires a map, a local-level gradiometer and white noise.
+        """
         key, model = "model.field.standard_error", self.side("model")
         if model.field.source == "normal":
             raise ValueError(f'{key} needs a map: source = "normal" has no error')

@@ -11,7 +11,7 @@ from .tables import Table
 
 
 def _checked(value: Any) -> Any:
-    """Return a preset's name or a table, hashable. Raises ValueError if it is neither."""
+    """Return the name of a preset, or a hashable table; raise ValueError for other values."""
     if isinstance(value, Table):
         return value
     if isinstance(value, str):

@@ -114,7 +114,7 @@ class StartSpec(Section):
 
 
 def _is_rotation(numbers: tuple[float, ...]) -> bool:
-    """Return whether nine numbers are those of a rotation, row by row."""
+    """Return whether nine numbers, row by row, are a rotation matrix."""
     matrix = np.reshape(numbers, (3, 3))
     return bool(np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-9 and np.linalg.det(matrix) > 0.0)
 

@@ -145,7 +145,7 @@ class GradiometerSpec(PeriodicSpec):
         return self
 
     def _require_plain(self, key: str) -> None:
-        """Raise ValueError if there is more than a key can go with."""
+        """Raise ValueError if the table has a setting that ``key`` excludes, such as a filter."""
         for other, wrong in (
             ("filter", self.filter != "none"),
             ("latency_s", self.latency_s > 0.0),

@@ -32,7 +32,7 @@ _OF_A_CASE = ("name", "title", "reference")
 
 
 class _Generator(GenerateJsonSchema):
-    """A generator that leaves out titles, null (TOML has none), and defaults that are tables."""
+    """Schema generator without titles, without null (absent in TOML) and without table defaults."""
 
     ignored_warning_kinds = {"non-serializable-default"}
 
@@ -103,7 +103,7 @@ def scenario_schema() -> Schema:
 
 
 def _written(schema: Schema) -> Schema:
-    """Return the schema of a key: a table, or a value, plain or with its provenance."""
+    """Return the schema of a key; a value may be plain or have its provenance."""
     if "oneOf" in schema.get("additionalProperties", ()):
         # A change of a named sensor may leave out its kind, and then fit several.
         tables = {"anyOf": schema["additionalProperties"]["oneOf"]}

@@ -22,7 +22,7 @@ def laid_over(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, A
 
 
 def _written_as_in(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a change with its sensors in the forms, short or not, that ``base`` has."""
+    """Return a change with each sensor in the form, short or long, that ``base`` uses."""
     tables = dict(change)
     for side in SIDES:
         both = base.get(side), change.get(side)

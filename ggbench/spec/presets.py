@@ -125,7 +125,7 @@ def expanded(table: str, content: Any) -> Any:
 
 
 def replaced(change: Mapping[str, Any]) -> Iterable[str]:
-    """Return the keys that a change replaces by naming a preset."""
+    """Return the keys that a change replaces if it contains a preset."""
     for key, presets in PRESETS.values():
         if isinstance(change.get(key), str) and change[key] in presets:
             return {*presets[change[key]].values, *(NOISES if key == "preset" else ())}

@@ -192,7 +192,7 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def from_text(source: str, name: str, notes: str) -> Scenario:
-    """Return the scenario of a text that was valid before, such as that of a results folder."""
+    """Return the scenario of a text that was validated before, such as in a results folder."""
     origin = f"scenario.toml of {name}"
     document = read_toml(source, origin)
     document.pop("notes", None)
@@ -310,7 +310,7 @@ def parse(
 def _claims(
     kind: type[C], key: str, tables: Any, cases: Sequence[CaseSpec], origin: str
 ) -> tuple[C, ...]:
-    """Return the claims of a file, each of a case that it has."""
+    """Return the claims of a file; raise ScenarioError if the case of a claim does not exist."""
     if not isinstance(tables, list):
         raise ScenarioError(f"{origin}: {key} must be written as [[{key}]] tables")
     claims = []
@@ -329,7 +329,11 @@ def _claims(
 def _comparisons(
     tables: Any, cases: Sequence[CaseSpec], campaign: CampaignSpec, origin: str
 ) -> tuple[ComparisonSpec, ...]:
-    """Return the comparisons of a file, each of estimators that its campaign runs."""
+    """Return the comparisons of a file.
+
+    Raise ScenarioError if the campaign does not run one of the estimators, or a case does not
+    exist.
+    """
     comparisons = _claims(ComparisonSpec, "comparison", tables, cases, origin)
     run = list(campaign.estimators)
     for number, comparison in enumerate(comparisons):
@@ -352,7 +356,10 @@ def _check_unique(kind: str, names: list[str], origin: str) -> None:
 def _spread(
     base: dict[str, Any], changes: list[dict[str, Any]], grid: Any, origin: str
 ) -> tuple[tuple[CaseSpec, ...], Sweep]:
-    """Return the points of a grid, laid over every case of the file or over the base alone."""
+    """Return the cases of a sweep, and its grid.
+
+    The grid varies every case of the file. Without cases it varies the tables ``base``.
+    """
     spec = validate(SweepSpec, grid, f"{origin}: sweep")
     titles, bases = {}, {}
     for number, change in enumerate(changes):

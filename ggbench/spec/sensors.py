@@ -228,15 +228,16 @@ class DisturbanceSpec(Section):
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
         """Raise ValueError if ``integrate_gradients`` is set but not possible.
 
-        The gradiometer must measure the whole tensor without delay, coloured noise, biases or
-        mounting angles. ``distance_km`` and ``compensate`` are excluded.
+        The gradiometer must be on a local-level mount. It must have no filter, delay, coloured
+        noise, biases or mounting angles. ``distance_km`` and ``compensate`` are excluded.
+        This method does not check that the channels determine the whole tensor.
         """
         why = self._why_not(gradiometer, compensate) if self.integrate_gradients else ""
         if why:
             raise ValueError(f"disturbance.integrate_gradients {why}")
 
     def _why_not(self, gradiometer: GradiometerSpec | None, compensate: bool) -> str:
-        """Return why gradients cannot be integrated, or nothing."""
+        """Return the reason for which gradients cannot be integrated; "" if they can."""
         if self.distance_km is not None:
             return "turns the measurement noise into a random walk: distance_km must not be given"
         if compensate:

@@ -38,7 +38,7 @@ def read_toml(source: str, origin: str) -> dict[str, Any]:
 
 
 def _require_shallow(document: dict[str, Any], origin: str) -> None:
-    """Raise ScenarioError if tables and lists are nested deeper than any key of a scenario."""
+    """Raise ScenarioError if tables and lists are nested deeper than scenarios need."""
     level: list[Any] = [document]
     for _ in range(_MOST_NESTED):
         level = [

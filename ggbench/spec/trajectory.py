@@ -208,7 +208,7 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
     def _moved(self, track: Track) -> Track:
-        """Return a track at the place and on the heading that the keys of a move ask for."""
+        """Return a track, shifted and rotated as the keys ``shift_...`` and ``turn_deg`` state."""
         if not any(getattr(self, key) for key in _MOVES):
             return track
         from ..trajectory.moved_track import moved_track  # not at the top: it loads slowly
@@ -255,7 +255,7 @@ class TrajectorySpec(Section):
         return [_hash(path, v) for path, v in zip(self.files(), versions, strict=True)]
 
     def placeless(self) -> TrajectorySpec:
-        """Return the table with file names in place of paths, because only content counts."""
+        """Return the table with fixed names in place of file paths, for hashes of the content."""
         terrains = sorted({s.terrain for s in self.segment if s.terrain is not None})
         segments = tuple(
             s.model_copy(update={"terrain": f"terrain {terrains.index(s.terrain)}"})
@@ -293,7 +293,7 @@ def _hash(path: Path, version: tuple[int, int]) -> str:
 
 @lru_cache(maxsize=64)
 def _start_height(spec: TrajectorySpec, versions: tuple[tuple[int, int], ...]) -> float:
-    """Return the height that the terrain asks for at the start [m]."""
+    """Return the lowest start height from which the first segment can follow the terrain [m]."""
     first = spec.segment[0].manoeuvre()
     assert isinstance(first, TerrainFollowing)
     return first.start_height(spec.model_copy(update={"height_m": 0.0}).start())

@@ -54,7 +54,7 @@ def unusual_in(table: BaseModel, prefix: str = "") -> Iterator[tuple[str, float,
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
-    """Yield what an annotation is made of, metadata included."""
+    """Yield an annotation and all annotations and metadata inside it."""
     yield annotation
     for inner in typing.get_args(annotation):
         yield from _parts(inner)

@@ -84,9 +84,9 @@ def sentence(model: type[BaseModel], problem: Any, content: Any) -> str:
 
 
 def _as_written(path: list[Any], content: Any) -> list[Any]:
-    """Return the path of a key as a file has it.
+    """Return the path of a key in the form of the scenario file.
 
-    Pydantic's path of a sensor's key has the kind behind the name, and is never in the short form.
+    In pydantic's path of a sensor's key, the kind follows the name, and the short form is not used.
     """
     if "sensor" not in path[:-1]:
         return path
@@ -99,7 +99,7 @@ def _as_written(path: list[Any], content: Any) -> list[Any]:
 
 
 def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
-    """Return the keys allowed in the table at ``path``, with any kinds, below a model."""
+    """Return the keys allowed in the table at ``path`` of a model; the path includes kinds."""
     parts = [part for part in path if not isinstance(part, int)]
     while parts:
         annotation = model.model_fields[parts.pop(0)].annotation

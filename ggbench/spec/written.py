@@ -40,7 +40,7 @@ def text_of(cases: Sequence[CaseSpec], title: str) -> str:
 
 
 def _value(value: Any) -> str:
-    """Return a value in TOML, tables inline."""
+    """Return a value as TOML text, with inline tables."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):

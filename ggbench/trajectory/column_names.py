@@ -15,7 +15,7 @@ Names = Mapping[str, Sequence[str]]
 
 
 def _axes(key: str, name: str, axes: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return the columns of three axes; ``{}`` stands for the axis."""
+    """Return the column names of x, y and z by key; ``{}`` is replaced by the axis."""
     return {key.format(axis): (name.format(own),) for axis, own in zip("xyz", axes, strict=True)}
 
 
@@ -129,7 +129,10 @@ def find(
 
 
 def _matching(name: str, columns: Sequence[str]) -> tuple[int, str] | None:
-    """Return which column a name means, and its unit: the user's if there is one, else its own."""
+    """Return the index of the column with a name, and its unit; None if there is no such column.
+
+    A unit in ``name`` has priority over a unit in the column name of the file.
+    """
     if name in columns:
         return columns.index(name), without_unit(name)[1]
     bare, unit = without_unit(name)

@@ -54,9 +54,10 @@ class CsvText:
     def of(cls, content: bytes, needed: str, known_names: Collection[str]) -> CsvText:
         """Return the content of a file with fields separated by commas, semicolons or tabs.
 
-        Fields may be quoted. Before the line of the names, lines are ignored that begin with # or
-        //, and lines that begin with % and have no separator. Exception: such a line can name the
-        columns if the next line does not (format of ``numpy.savetxt``).
+        Fields may be quoted. Lines before the names are ignored if they begin with # or //. Lines
+        that begin with % are ignored if they contain no separator. Exception: if the first line
+        after these comments does not name the columns, a comment can name them (format of
+        ``numpy.savetxt``).
 
         Parameters
         ----------
@@ -141,7 +142,10 @@ class CsvText:
 
 
 def _line_of_names(lines: list[str], top: int, known_names: Collection[str]) -> tuple[int, int]:
-    """Which line names the columns, and which is the first row; ``top`` is no comment."""
+    """Return the indices of the line of the names and of the first row.
+
+    ``top`` is the index of the first line that is not a comment.
+    """
 
     def count(line: str) -> int:
         plain = _IN_BRACKETS.sub("", line.strip("# ").removeprefix("% ").replace('"', "").lower())
@@ -156,12 +160,12 @@ def _line_of_names(lines: list[str], top: int, known_names: Collection[str]) -> 
 
 
 def _separator(line: str) -> str:
-    """The separator of a line of names."""
+    """Return the separator of a line of names."""
     return max(",;\t", key=_QUOTED.sub("", line).count)
 
 
 def _unquoted(line: str, separator: str, number: int) -> str:
-    """A line without the quotes around its fields, and without separators in them (RFC 4180)."""
+    """Return a line without quotes; separators inside quoted fields become blanks (RFC 4180)."""
     if '"' not in line:
         return line
     try:
@@ -175,7 +179,7 @@ def _unquoted(line: str, separator: str, number: int) -> str:
 
 
 def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Array:
-    """Return a column as finite numbers, or NaN where it may be empty and is."""
+    """Return a column as finite numbers; NaN for empty cells if they are allowed."""
     if column.dtype.kind in "iuf":
         values = column.to_numpy(dtype=float)
     elif key == "time_s" and _DATE.match(str(column.iloc[0])):

@@ -9,9 +9,9 @@ import numpy as np
 from .manoeuvres import Array, TrajectoryError
 
 FAST = 5.0
-"""Speed above which a course over ground tells where the bow points [m/s]."""
+"""Smallest speed at which the course over ground is compared with the heading [m/s]."""
 LARGEST = 45.0
-"""Largest angle between heading and course over most of a flight [deg]: ships and drones crab."""
+"""Largest median angle between heading and course [deg]; wind and current cause a crab angle."""
 _FEWEST = 5  # fast rows below which nothing is said
 _CONVENTIONS = {
     "measured counter-clockwise from east (as in ROS and ENU): heading_deg is 90 - yaw": (
@@ -27,7 +27,7 @@ _CONVENTIONS = {
         -math.degrees(1.0),
     ),
 }
-"""Likely conventions: what is added to a multiple of the column to have a heading [deg]."""
+"""Likely conventions: (offset [deg], factor), with heading = offset + factor · column."""
 
 
 def require_heading(heading: Array, velocity: Array) -> None:

@@ -20,11 +20,11 @@ from .manoeuvres import Array, TrajectoryError
 from .survey_lines import SurveyLine
 
 _ENDS = 5
-"""Over how many samples the velocity at the end of a line is taken."""
+"""Number of samples for the mean velocity at the end of a line."""
 _FINE = 4001
-"""By how many points a turn is drawn."""
+"""Number of points of a path."""
 _RADIUS_M, _TIGHTEST_M = 1000.0, 200.0
-"""Radius of turns, where there is time for it, and the least [m]."""
+"""Usual and smallest radius of turns [m]."""
 _HALVINGS = 50
 _TIMING = 1e-3
 _AXES = ("latitude_deg", "longitude_deg", "height_m")
@@ -55,7 +55,7 @@ def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
 
 
 def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
-    """Return the samples between two lines as a line without readings."""
+    """Return the artificial turn between two lines as a line without measurements."""
     name, step = f"the turn from line {before.name} to line {after.name}", before.interval
     ended = float(before.places["time_s"][-1])
     time = float(after.places["time_s"][0]) - ended
@@ -94,9 +94,10 @@ def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
 
 @dataclass(frozen=True)
 class _Curve:
-    """A way between two points (2,) [m] with given headings there [rad, from the first axis].
+    """Path between two points (2,) [m] with given headings at both [rad, from the first axis].
 
-    Straight on, a turn, straight over, a turn to the same side, straight on.
+    The path is a straight piece, a turn, a connecting leg, a turn to the same side, and a straight
+    piece.
     """
 
     start: Array
@@ -108,7 +109,7 @@ class _Curve:
 
     @cached_property
     def _turns(self) -> tuple[float, float, float, float]:
-        """Side, first angle, distance between the turns and last angle of the shorter way."""
+        """Side, first angle, length of the connecting leg, and last angle of the shorter path."""
         ways = []
         for side in (1.0, -1.0):
             centres = [
@@ -129,12 +130,12 @@ class _Curve:
 
     @property
     def length(self) -> float:
-        """Its length [m]."""
+        """Length of the path [m]."""
         _, first, between, last = self._turns
         return 2.0 * self.straight + self.radius * (first + last) + between
 
     def points(self, at: Array) -> Array:
-        """Return its points (N, 2) at distances (N,) from the start."""
+        """Return the points (N, 2) of the path at distances (N,) from the start [m]."""
         side, first, between, last = self._turns
         fine = np.linspace(0.0, self.length, _FINE)
         start = self.straight + self.radius * first + between
@@ -150,7 +151,10 @@ class _Curve:
 
 
 def _curve_of(length: float, curve: _Curve) -> _Curve | None:
-    """Return a way of a length [m] by longer straights or tighter turns; None if there is none."""
+    """Return a path with a given length [m]; None if it is impossible.
+
+    The straight pieces are lengthened, or the turns are tightened.
+    """
     while curve.length > length:
         curve = replace(curve, radius=0.8 * curve.radius)
         if curve.radius < _TIGHTEST_M:

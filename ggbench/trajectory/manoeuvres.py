@@ -259,7 +259,7 @@ class Climb:
         return height
 
     def _times(self, start: State) -> tuple[float, float]:
-        """Return the duration of the pull-up (as of the push-over), and between them [s]."""
+        """Return the durations of the pull-up (equal to the push-over) and the steady climb [s]."""
         require_level(start)
         height, speed = abs(self._height(start)), speed_of(start)
         if self.angle is not None:
@@ -392,7 +392,7 @@ def _sums(rate: Array, dt: float) -> Array:
 
 
 def _shape(count: int, dt: float, duration: float) -> Array:
-    """Return (count,) weights of mean 1 that start and end at zero smoothly."""
+    """Return weights (count,) of mean 1 that rise from zero and fall to zero as raised cosines."""
     middle = (np.arange(count) + 0.5) * dt
     ramp = min(_RAMP, 0.5 * duration)
     edge = np.minimum(middle, count * dt - middle)

@@ -59,7 +59,7 @@ def moved_track(track: Track, east: float, north: float, turn: float) -> Track:
 
 
 def _frames(latitude: Array, longitude: Array) -> Array:
-    """Return the axes east, north and up (N, 3, 3), as columns, at places (N,) of a sphere."""
+    """Return the axes east, north and up as columns (N, 3, 3), at points (N,) of a sphere [rad]."""
     zero = np.zeros_like(latitude)
     east = np.stack([-np.sin(longitude), np.cos(longitude), zero], axis=-1)
     up = np.stack(

@@ -22,12 +22,12 @@ FORMATS = {
     "csrs": re.compile(rb"\AHDR GRP|^DIR +FRAME +STN", re.MULTILINE),
     "novatel": re.compile(rb"^#[A-Z0-9]+A,[^;\r\n]*;", re.MULTILINE),
 }
-"""What the head of a file of each format holds."""
+"""Pattern in the first bytes of a file, by format."""
 _GGA = re.compile(r"\$[A-Z]{2}GGA,[^$*\r\n]*(?:\*[0-9A-Fa-f]{2})?")
 _NO_FIX = {"0": "without a fix", "6": "estimated", "7": "manual", "8": "simulated"}
-"""Qualities of GGA sentences that no receiver measured."""
+"""Quality indicators of GGA sentences without a measured position, with descriptions."""
 _MOST_DAMAGED = 0.1
-"""Share of the sentences that may be damaged, and are left out."""
+"""Largest allowed fraction of damaged sentences, which are omitted."""
 _POS_DATUM = re.compile(r"lat/lon/height=(\w+)")
 _CSRS_NAMES = (
     "YEAR-MM-DD",
@@ -41,7 +41,7 @@ _CSRS_NAMES = (
     "HGT(m)",
 )
 _NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSSPOSA": 1}
-"""Logs of NovAtel that hold positions, the preferred first."""
+"""NovAtel logs with positions, the preferred first; 1 for heights above sea level, else 0."""
 
 
 class Fix(NamedTuple):
@@ -62,14 +62,15 @@ class Fix(NamedTuple):
 
 
 Found = tuple[list[Fix], str]
-"""The positions of a file, and a remark on what was left out."""
+"""Positions of a file, and a remark on omitted lines."""
 
 
 def _nmea(text: str) -> Found:
-    """Return the fixes of GGA sentences; days are counted where the time of day falls.
+    """Return the fixes of GGA sentences; a day is added where the time of day decreases.
 
-    Sentences may stand behind TAG blocks, time stamps or the words of a logger, and may lack a
-    checksum. Damaged ones, and qualities that are no fix, are left out and counted.
+    Other text, such as TAG blocks or time stamps, may precede a sentence on its line. Checksums may
+    be missing from all sentences. Damaged sentences and sentences without a fix are omitted and
+    counted.
     """
     fixes: list[Fix] = []
     left_out: Counter[str] = Counter()
@@ -114,14 +115,14 @@ def _nmea(text: str) -> Found:
 
 
 def _parsed(sentence: str, summed: bool) -> Any:
-    """Return a sentence; ``summed`` says whether it must have a checksum, as others have."""
+    """Return a parsed sentence; ``summed`` states whether a checksum is required."""
     import pynmea2  # slow to load
 
     return pynmea2.parse(sentence, check=summed)
 
 
 def _reason(error: Exception) -> str:
-    """Return what is wrong with a sentence: pynmea2 raises pairs of a reason and the sentence."""
+    """Return the reason of an error; pynmea2 raises pairs of a reason and the sentence."""
     first = error.args[0] if error.args else error
     return str(first[0]) if isinstance(first, tuple) and first else text_of(error)
 
@@ -146,7 +147,7 @@ def _gga(sentence: Any, place: str, before: Sequence[Fix]) -> Fix:
 
 
 def _pos(text: str) -> Found:
-    """Return the positions of a solution of RTKLIB."""
+    """Return the positions of an RTKLIB solution file (``.pos``)."""
     lines = text.splitlines()
     heads = [line for line in lines if line.startswith("%")]
     head = next((line for line in reversed(heads) if re.match(r"%\s+(GPST|UTC|JST)", line)), "")
@@ -182,16 +183,16 @@ def _pos(text: str) -> Found:
 
 
 def _pos_time(first: str, second: str) -> float:
-    """Return the seconds of ``2024/05/01 10:00:00.000`` or of ``week seconds``."""
+    """Convert ``2024/05/01 10:00:00.000`` or GPS ``week seconds`` to seconds."""
     if "/" not in first:
         return _WEEK * int(first) + float(second)
     return float(iso_seconds([f"{first.replace('/', '-')}T{second}"])[0])
 
 
 def _csrs(text: str) -> Found:
-    """Return the positions of a solution of CSRS-PPP, above the ellipsoid.
+    """Return the positions of a CSRS-PPP solution, with ellipsoidal heights.
 
-    The service may list them backwards in time.
+    The rows may be in reverse order of time.
     """
     lines = text.splitlines()
     head = next((line.split() for line in lines if line.split()[:2] == ["DIR", "FRAME"]), [])
@@ -221,14 +222,14 @@ def _csrs(text: str) -> Found:
 
 
 def _sexagesimal(cells: Sequence[str]) -> float:
-    """Return degrees of degrees, minutes and seconds; a sign may stand before zero degrees."""
+    """Convert degrees, minutes and seconds to degrees; the sign of ``-0`` degrees is kept."""
     degrees, minutes, seconds = (float(cell) for cell in cells)
     size = abs(degrees) + minutes / 60.0 + seconds / 3600.0
     return -size if cells[0].startswith("-") else size
 
 
 def _novatel(text: str) -> Found:
-    """Return the positions of NovAtel's ASCII logs, of one kind of them."""
+    """Return the positions of NovAtel ASCII logs; only the preferred kind of log is read."""
     rows: dict[str, list[tuple[int, list[str], list[str]]]] = {}
     others: Counter[str] = Counter()
     for number, line in enumerate(text.splitlines(), 1):
@@ -262,7 +263,7 @@ def _novatel(text: str) -> Found:
 def _of_novatel(
     head: Sequence[str], body: Sequence[str], above_sea: bool, place: str
 ) -> Fix | None:
-    """Return the position of a log; None if it has no solution."""
+    """Return the position of a NovAtel log; None if it has no solution."""
     if not above_sea:  # week, seconds, latitude, longitude, ellipsoidal height, ..., status
         week, seconds, latitude, longitude, height = map(float, body[:5])
         if body[11] in ("INS_INACTIVE", "INS_ALIGNING", "WAITING_INITIALPOS"):

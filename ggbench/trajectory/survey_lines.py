@@ -31,20 +31,20 @@ _READINGS = {
     **{f"{name}_eotvos": name for name in (*COMPONENTS, *DIFFERENCES)},
     f"{DISTURBANCE}_mgal": DISTURBANCE,
 }
-"""Columns of readings, and what they hold."""
+"""Component of each column of measurements, by name of the column."""
 _WANTED = (
     f"line, kind, {', '.join(_PLACES)}, and the measured columns of "
     f"{', '.join(dict.fromkeys(_READINGS.values()))}"
 )
 _TIMING = 1e-3
-"""By how much a duration may be off a multiple of the interval [s]."""
+"""Largest deviation of a duration from a multiple of the interval [s]."""
 _JITTER = 0.05
-"""By how much samples may be off the interval of their line [intervals]."""
+"""Largest deviation of a sample from a constant interval [intervals]."""
 _MOST_NAMED = 12
 _LARGEST = {"gradient": 1e5, DISTURBANCE: 2000.0}
-"""Beyond any field [E, mGal]."""
+"""Largest possible magnitude of gradients [E] and gravity disturbances [mGal]."""
 _MARKS = (-9999.0, -9999.9, -9999.99, -9999.999, -99999.0, -999999.0, -32768.0)
-"""Usual marks of missing values."""
+"""Common codes for missing values."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
 
 
 def _require_possible(first: int, name: str, values: Array) -> None:
-    """Raise TrajectoryError if a measurement is a mark of a missing value, or beyond any field.
+    """Raise TrajectoryError if a measurement is a code for a missing value, or is impossible.
 
     ``first`` is the line number of the first sample.
     """

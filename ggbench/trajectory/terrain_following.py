@@ -1,7 +1,7 @@
 """Terrain following: height profile at a clearance above known terrain.
 
-The profile h(t) is nearly the lowest profile above a floor f(t), with a limit s of the slope and a
-limit a of the vertical acceleration. First the slope is limited: g(t) = max_τ f(τ) − s |t − τ|.
+The profile h(t) is nearly the lowest profile above a floor f(t). Its slope is limited to s, and its
+vertical acceleration to a. First the slope is limited: g(t) = max_τ f(τ) − s |t − τ|.
 Then the acceleration is limited by the double envelope of Lasry and Lions (1986), which does not
 increase the slope::
 
@@ -110,7 +110,7 @@ class TerrainFollowing:
         return 1.0 + math.ceil(_least_start(floor, step, slope, self.vertical_acceleration))
 
     def _floor(self, start: State, steps: int, step: float) -> Array:
-        """Return the least height (steps + 1,) under way [m]."""
+        """Return the lowest allowed height (steps + 1,) along the flight [m]."""
         # The track at constant height: the terrain's height moves it by 1e-4 of its length.
         fine = 4
         count = fine * steps + 1
@@ -215,13 +215,14 @@ def terrain_of(
 
 @dataclass(frozen=True)
 class _Floor:
-    """A floor raised by what the moving average takes away, and that average.
+    """Floor of a profile, raised by the height that the moving average removes.
 
     Attributes
     ----------
-    raised : (N,) [m].
+    raised : (N,) raised floor [m].
     blur : weights of the moving average.
-    flat, edge : number of steps that it sees beyond an end, and of those added there.
+    flat : number of steps at each end over which the profile is level.
+    edge : number of level steps added beyond each end.
     """
 
     raised: Array
@@ -231,7 +232,7 @@ class _Floor:
 
     @classmethod
     def over(cls, floor: Array, step: float, acceleration: float) -> _Floor:
-        """Return the floor of a profile with a limit of the acceleration."""
+        """Return the raised floor for steps [s] and a limit of the vertical acceleration [m/s²]."""
         # Level flight beyond both ends, within them for as long as the moving average sees.
         flat = round(_BLUR / step) + 2
         blur = 0.5 * (1.0 + np.cos(math.pi * np.linspace(-1.0, 1.0, 2 * flat - 1)))
@@ -243,7 +244,10 @@ class _Floor:
 
 
 def _profile(floor: Array, height: float, step: float, slope: float, acceleration: float) -> Array:
-    """Return heights (N,) above a floor (N,) that begin at a height and begin and end level."""
+    """Return a profile (N,) [m] above a floor (N,), from a given height, level at both ends.
+
+    Raises TrajectoryError if the initial height is too low.
+    """
     over = _Floor.over(floor, step, acceleration)
     raised, flat, edge = over.raised, over.flat, over.edge
 
@@ -275,10 +279,10 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
 
 
 def _least_start(over: _Floor, step: float, slope: float, acceleration: float) -> float:
-    """Return the lowest height from which the floor can be passed after beginning level.
+    """Return the lowest initial height for a profile that is level at both ends [m].
 
-    Level for as long as the moving average sees, or else the flight would begin with a jerk. The
-    flight ends level, too, for which the floor behind it may ask for more.
+    The profile is level over the length of the moving average, to avoid a jerk at the start. The
+    level end may require additional height.
     """
     raised = over.raised
     end = _least_end(over, raised[::-1], float(raised[0]), step, slope, acceleration)
@@ -288,7 +292,7 @@ def _least_start(over: _Floor, step: float, slope: float, acceleration: float) -
 def _least_end(
     over: _Floor, raised: Array, other: float, step: float, slope: float, acceleration: float
 ) -> float:
-    """Return the lowest level at which a floor (N,) [m] can begin if it ends at another level."""
+    """Return the lowest initial level [m] above a floor (N,), for the final level ``other`` [m]."""
     flat, edge = over.flat, over.edge
     low, high = float(raised[0]), max(float(raised.max()), other) + 1.0
     for _ in range(40):
@@ -322,8 +326,8 @@ def _limited(floor: Array, step: float, slope: float, acceleration: float) -> Ar
 def _envelope(values: Array, curvature: float) -> Array:
     """Return min over m of values[m] + curvature (n − m)² for every n (N,), in linear time.
 
-    Felzenszwalb and Huttenlocher (2012): the parabolas that are lowest somewhere, from left to
-    right, and where each begins to be.
+    The method is that of Felzenszwalb and Huttenlocher (2012). It lists the parabolas of the lower
+    envelope from left to right, with the position where each becomes the lowest.
     """
     count = values.shape[0]
     lowest = np.zeros(count, dtype=np.int64)

@@ -173,9 +173,9 @@ def track_of(columns: dict[str, Array], place: Place, limits: TrackLimits) -> Tr
 def _smooth(times: Array, values: Array, period: float) -> Array:
     """Return values (N,) of a cubic smoothing spline that halves the amplitude at a period.
 
-    The integral of the squared deviations and (period / 2π)⁴ times that of the squared second
-    derivative are least together; Reinsch (1967), solved for the second derivatives at the inner
-    points.
+    The spline minimises the integral of the squared deviations plus (period / 2π)⁴ times the
+    integral of the squared second derivative. The equations are solved for the second derivatives
+    at the inner points (Reinsch 1967).
     """
     steps = np.diff(times)
     inverse = (period / math.tau) ** 4 / np.gradient(times)
@@ -205,7 +205,7 @@ def _smooth(times: Array, values: Array, period: float) -> Array:
 
 
 def _times(times: Array, place: Place, limits: TrackLimits) -> Array:
-    """Return the times from zero, which increase without a gap."""
+    """Return times from zero; raise TrajectoryError if they do not increase or have a gap."""
     steps = np.diff(times)
     if (steps <= 0.0).any():
         n = int(np.argmax(steps <= 0.0)) + 1
@@ -227,7 +227,7 @@ def _times(times: Array, place: Place, limits: TrackLimits) -> Array:
 
 
 def _check_speed(times: Array, position: list[Array], place: Place) -> None:
-    """Raise TrajectoryError at a jump."""
+    """Raise TrajectoryError if the speed between two rows is impossible."""
     middle = [0.5 * (p[1:] + p[:-1]) for p in position]
     meridian, prime_vertical = _radii(middle[0])
     north = (meridian + middle[2]) * np.diff(position[0])
@@ -246,8 +246,8 @@ def _check_acceleration(
 ) -> Array:
     """Return velocities (N, 3) ENU [m/s] at the knots.
 
-    Raises TrajectoryError where the splines ask for too large an acceleration, which is largest at
-    their knots.
+    Raises TrajectoryError if the acceleration of the splines is too large. It is largest at the
+    knots.
     """
     velocity, acceleration = _motion(splines, times)
     size = np.sqrt((acceleration**2).sum(axis=-1))
@@ -262,7 +262,7 @@ def _check_acceleration(
 
 
 def _motion(splines: list[CubicSpline], times: Array) -> tuple[Array, Array]:
-    """Return velocity and acceleration (N, 3) ENU, the latter without terms of the earth's turn."""
+    """Return velocities and accelerations (N, 3) ENU, without terms of the Earth's rotation."""
     latitude, height = (np.asarray(splines[i](times)) for i in (0, 2))
     meridian, prime_vertical = _radii(latitude)
     scale = np.stack(

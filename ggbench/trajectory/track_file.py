@@ -30,7 +30,7 @@ _BARE = (
     {"latitude_deg": 0.5 * math.pi, "longitude_deg": math.pi},
     {"heading_deg": math.tau, "pitch_deg": 0.5 * math.pi, "roll_deg": math.pi},
 )
-"""Columns of a kind, and the largest value of each in radians."""
+"""Groups of angle columns, with the largest value of each in radians."""
 _REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 
 
@@ -40,9 +40,9 @@ def parse(
     fewest: int = FEWEST_ROWS,
     columns: str | Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Array], int, str]:
-    """Return the known columns (N,) of a CSV text, the line number of the first row, and a level.
+    """Return known columns (N,) of a CSV text, line number of the first row, and zero level.
 
-    The level is the zero level that the name of the heights states, see
+    The zero level of the heights is that in the name of their column, see
     :func:`.coordinate_names.zero_level`.
 
     Columns may be separated by commas, semicolons or tabs. Columns with unknown names, or not in
@@ -99,9 +99,9 @@ def parse(
 
 
 def _factor(key: str, name: str, unit: str, line: int) -> float:
-    """Return the factor of a unit in brackets behind a column's name.
+    """Return the conversion factor of a unit in brackets after a column's name.
 
-    Raises TrajectoryError if the unit is not known, or is not that of the name.
+    Raises TrajectoryError if the unit is unknown, or contradicts the unit in the name.
     """
     end = key[key.rindex("_") :]
     factor = factor_to_key(unit, key)
@@ -118,7 +118,7 @@ def _factor(key: str, name: str, unit: str, line: int) -> float:
 
 
 def _require_degrees(columns: dict[str, Array], names: list[str], limits: dict[str, float]) -> None:
-    """Raise TrajectoryError if columns of a kind that do not name a unit could be radians."""
+    """Raise TrajectoryError if angles in columns without a stated unit could be radians."""
     bare = {
         key: name
         for key in limits
@@ -140,7 +140,10 @@ def _and(words: Iterable[str]) -> str:
 
 
 def _columns(names: list[str], required: Sequence[str], line: int) -> dict[str, int]:
-    """Return where the known columns are."""
+    """Return the indices of the known columns by key.
+
+    Raises TrajectoryError if a required column is missing, or a key has two columns.
+    """
     places: dict[str, int] = {}
     for key, aliases in _ALIASES.items():
         matches = [n for n, name in enumerate(names) if name in aliases]

@@ -23,7 +23,7 @@ from .receiver_logs import Fix
 from .track_file import FEWEST_ROWS, parse
 
 Place = Callable[[int], str]
-"""Where a row is in its file, in words: ``line 5``."""
+"""Function that returns the position of a row in its file, for messages: ``line 5``."""
 _SEA_LEVEL = (
     "its heights are above sea level: the geoid height of EGM2008 to degree 120, {}, was added "
     "(accurate to a few metres)"
@@ -33,7 +33,7 @@ _FORMATS = {
     "kml": re.compile(rb"<(\w+:)?kml[\s>]"),
     **receiver_logs.FORMATS,
 }
-"""What the head of a file of each format holds."""
+"""Pattern in the first bytes of a file, by format."""
 _GEOID_DIFFERENCE = 15.0
 """Difference from EGM2008 beyond which stated geoid heights are doubtful [m]; receivers have coarse
 tables."""
@@ -101,7 +101,10 @@ def recognised(content: bytes) -> tuple[str, str]:
 
 
 _MOST_NAMESPACES = 100
-"""Receivers and programs declare fewer than ten; gpxpy takes a time that grows as their square."""
+"""Largest number of XML namespaces in a GPX file; usual files declare fewer than ten.
+
+The computing time of gpxpy grows with the square of the number.
+"""
 
 
 def gpx_document(text: str) -> Any:
@@ -138,7 +141,7 @@ def kml_root(text: str) -> ElementTree.Element:
 def _checked(fixes: Sequence[Fix], remark: str) -> Rows:
     """Return the rows of positions, with heights above the ellipsoid.
 
-    ``remark`` is what was left out of the file.
+    ``remark`` describes omitted parts of the file.
     """
     if len(fixes) < FEWEST_ROWS:
         raise TrajectoryError(f"has {len(fixes)} positions; a track needs at least {FEWEST_ROWS}")
@@ -165,7 +168,7 @@ def _checked(fixes: Sequence[Fix], remark: str) -> Rows:
 
 
 def _above_ellipsoid(height: Array, latitude: Array, longitude: Array) -> tuple[Array, str]:
-    """Return ellipsoidal heights (N,) of heights above sea level [m], and a remark."""
+    """Convert heights above sea level (N,) [m] to ellipsoidal heights; also return a remark."""
     if not (np.abs(latitude) <= 90.0).all():
         return height, ""  # the track is refused for that
     from ..maps.geoid import geoid_heights  # loads a model, which few tracks need
@@ -223,7 +226,7 @@ def _gpx(text: str) -> tuple[list[Fix], str]:
 
 
 def _kml(text: str) -> tuple[list[Fix], str]:
-    """Return the places of a KML file: of its gx:Tracks, or else of its points with a time."""
+    """Return the positions of the gx:Tracks of a KML file; without these, of points with times."""
     root = kml_root(text)
     above = {child: parent for parent in root.iter() for child in parent}
     stamped: list[tuple[str, str]] = []
@@ -283,7 +286,7 @@ def _require_absolute(
 
 
 def _degrees(place: str, number: int) -> tuple[float, float, float]:
-    """Return latitude, longitude and height of KML's ``longitude,latitude,height``."""
+    """Return latitude, longitude and height from KML text ``longitude,latitude,height``."""
     try:
         longitude, latitude, height = map(float, place.split(","))
     except ValueError:

@@ -72,7 +72,7 @@ def fly(
 
     The heading follows the velocity, and the pitch the climb angle. Turns are coordinated:
     tan(bank) = speed · turn rate / g. In the first and last five seconds of a turn, the turn rate
-    rises and falls as a raised cosine, and the bank angle with it.
+    rises and falls as a raised cosine. The bank angle follows the turn rate.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True
 def _trajectory(
     position: np.ndarray, velocities: np.ndarray, angles: np.ndarray, dt: float
 ) -> Trajectory:
-    """Return the truth of velocities and of heading, pitch, roll (N + 1, 3) at the samples."""
+    """Return the trajectory with given velocities, and heading, pitch, roll, both (N + 1, 3)."""
     return Trajectory(
         np.arange(len(velocities)) * dt,
         dt,

@@ -75,7 +75,10 @@ def _kml(text: str) -> Array:
 
 
 def _checked(places: Array) -> Array:
-    """Return places that are possible, each once where it follows itself."""
+    """Return valid waypoints without consecutive duplicates.
+
+    Raises TrajectoryError if a waypoint is invalid, or if there are too few or too many.
+    """
     if len(places) > _MOST:
         raise TrajectoryError(f"has {len(places)} waypoints; at most {_MOST} are allowed")
     good = np.isfinite(places).all(axis=-1) & (np.abs(places) <= [89.0, 360.0]).all(axis=-1)

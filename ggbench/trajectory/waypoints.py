@@ -11,9 +11,9 @@ from ..gravity.ellipsoid import metres_along
 from .manoeuvres import Array, State, TrajectoryError, Turn, end_of, require_level, speed_of
 
 _STEP = 0.1
-"""Sampling interval at which the length of a turn is found before the flight's is known [s]."""
+"""Sampling interval for the duration of a turn, before the interval of the flight is known [s]."""
 _MOST_STEPS, _SMALL = 50, 1e-9
-"""Iterations of a turn's angle, and angles that count as none [rad]."""
+"""Largest number of iterations for the turn angle, and its tolerance [rad]."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
@@ -49,7 +49,7 @@ class Waypoint:
         return rates
 
     def _turned(self, start: State, dt: float) -> tuple[Array, State]:
-        """Return the rates of the turn after which the place lies ahead, and where it ends.
+        """Return the rates of the turn towards the waypoint, and the state at its end.
 
         The turn moves the aircraft, so its angle is found by iteration.
         """

@@ -18,7 +18,7 @@ from ..processes import bursts, gauss_markov, random_walk
 from .instrument import Gradiometer, rotate_tensors
 
 _TIMING = 1e-9
-"""Within which times are equal [s]."""
+"""Tolerance for equal times [s]."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Faults:
     together : whether an outlier affects all channels of a measurement.
     dropout_share : probability that a measurement, with all channels, is missing.
     dropouts : pairs (start, end) of times between which all measurements are missing [s].
-    duty : durations of periodic on and off times, beginning with on at the start [s]; off time 0:
-        always on.
+    duty : durations (on, off) of a duty cycle that begins with "on" at the start of the flight [s];
+        off = 0: always on.
     clock : σ of the clock error, drawn once per run [s], which rotates the assumed inertial axes
         (Wang et al. 2013, eq. 12).
     jitter : σ of the error of each measurement time [s].
@@ -139,8 +139,8 @@ class Faults:
     def information(self) -> float:
         """Ratio of the noise's Fisher information to that of normal noise with equal variance.
 
-        The ratio is ν (ν + 1)/((ν − 2)(ν + 3)), because Student's t distribution of scale s has the
-        information (ν + 1)/((ν + 3) s²).
+        The ratio is ν (ν + 1)/((ν − 2)(ν + 3)). Student's t distribution of scale s has the
+        information (ν + 1)/((ν + 3) s²) and the variance s² ν/(ν − 2).
         """
         nu = self.freedom
         return nu * (nu + 1.0) / ((nu - 2.0) * (nu + 3.0)) if math.isfinite(nu) else 1.0

@@ -37,9 +37,9 @@ COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
 DIFFERENCES = ("xx-yy", "yy-zz", "zz-xx")
 INSTRUMENTS = ("platform", "local-level", "strapdown")
 _TRACELESS = np.vstack([np.eye(5), [-1.0, 0.0, 0.0, -1.0, 0.0]])
-"""The six numbers of a tensor without trace, of its first five."""
+"""Matrix (6, 5) from the first five components to the six components of a trace-free tensor."""
 PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
-"""Kinds of instruments, as the compiled code knows them: indices of :data:`INSTRUMENTS`."""
+"""Indices of :data:`INSTRUMENTS`, for compiled code."""
 
 
 @inlined
@@ -76,7 +76,7 @@ def inertial_from_local(positions: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 @compiled
 def _fill_inertial(latitudes: np.ndarray, angles: np.ndarray, out: np.ndarray) -> None:
-    """Fill C_in (N, 9) of latitudes L (N,) and angles λ + ω_ie t (N,)."""
+    """Fill ``out`` (N, 9) with C_in for latitudes L (N,) and angles λ + ω_ie t (N,)."""
     for k in range(latitudes.shape[0]):
         sine, cosine = math.sin(latitudes[k]), math.cos(latitudes[k])
         c = inertial_matrix(sine, cosine, math.sin(angles[k]), math.cos(angles[k]))
@@ -122,7 +122,7 @@ def rotate_tensors(rotations: np.ndarray, tensors: np.ndarray) -> np.ndarray:
 
 @compiled
 def _rotate(rotations: np.ndarray, tensors: np.ndarray, out: np.ndarray) -> None:
-    """Fill :func:`rotate_tensors` of C (N, 9) and tensors (N, 6)."""
+    """Fill ``out`` (N, 6) with tensors (N, 6), rotated by matrices C (N, 9)."""
     for k in range(tensors.shape[0]):
         r, t = rotations[k], tensors[k]
         c = (r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8])
@@ -279,9 +279,10 @@ class Gradiometer:
         return self.noise_behind_filter * self._white(count, rng)
 
     def _white(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Return standard normal numbers (count, m) for its channels.
+        """Return standard normal numbers (count, m) for the channels.
 
-        All that any instrument could deliver is drawn, so that a subset sees the same noise.
+        Numbers are drawn for all possible channels. Therefore a channel has the same noise in every
+        selection of channels.
         """
         groups = (COMPONENTS, DIFFERENCES)
         draws = np.hstack([rng.standard_normal((count, len(group))) for group in groups])

@@ -12,9 +12,10 @@ filter, which are delay and coloured noise:
     estimators: y is multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of about one
     sample remains. If ρ is the noise after the low-pass in units of the noise before it, A y has
     white noise. Unmodelled noise is amplified by up to 1/ρ near the Nyquist frequency, where the
-    low-pass passes no signal. Therefore ρ has a lower limit, the regularisation. If the noise after
-    the low-pass is below this limit, the noise covariance of A y is at most the assumed unit
-    covariance; without such noise it is smaller in directions without signal.
+    low-pass passes no signal. Therefore ρ has a lower limit, the regularisation. If the actual
+    noise after the low-pass is below this limit, the noise covariance of A y is at most the assumed
+    unit covariance. Without noise after the low-pass it is smaller than assumed in directions
+    without signal.
 
 ``delayed``
     y is a measurement of the state one group delay earlier, with the noise of the unfiltered
@@ -23,8 +24,8 @@ filter, which are delay and coloured noise:
     inputs.
 
 Both treatments have the same form. Let W = A L, with a diagonal A for ``delayed``. A slowly varying
-error signal d(t) then appears in output k as g_k d(t_k − τ_k), where g_k is the sum of row k of W,
-and τ_k the centroid of the lags in this row.
+error signal d(t) then appears in output k as g_k d(t_k − τ_k). The gain g_k is the sum of row k of
+W, and the delay τ_k is the centroid of the lags in this row.
 
 After the start of the filter, every row of A and W equals the previous row, shifted by one output.
 Only the band of significant lags is stored, so the cost per output does not depend on the duration.
@@ -45,13 +46,13 @@ from ...numerics.frozen import frozen
 
 Treatment = Literal["whitened", "delayed"]
 _MOST_ROUNDING = 1e-9
-"""Largest rounding error of a response, relative to it, with which a filter counts as computed."""
+"""Largest allowed rounding error of a filter, relative to its largest response."""
 _FORGOTTEN = 2e-13
-"""What counts as nothing in a row of A or W, relative to the largest of their entries."""
+"""Largest negligible entry of A or W, relative to the largest entry."""
 _SHORT = 512
-"""Up to how many outputs A is one matrix, whether the start is forgotten or not."""
+"""Largest number of outputs for which A is always stored as one full matrix."""
 _ROWS = 64
-"""How many outputs behind those go through a band at once, at least."""
+"""Smallest number of later outputs that are computed together from the band of A."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class LowPass:
 
 @lru_cache(maxsize=16)
 def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray]:
-    """Return numerator and denominator (order + 1,)."""
+    """Return the numerator and denominator coefficients (order + 1,) of the filter."""
     from scipy.signal import butter
 
     numerator, denominator = butter(lowpass.order, lowpass.cutoff_hz, fs=lowpass.rate_hz)
@@ -100,10 +101,10 @@ def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray]:
 def _rounding(lowpass: LowPass, count: int) -> float:
     """Return a bound of the rounding errors in ``count`` outputs, relative to the largest response.
 
-    To first order, of the largest entry of |D⁻¹| (|N| + |D| |L|) ε, where D y = N x is the
-    difference equation: what rounded coefficients and rounded terms of a step do to all later
-    outputs. (How large L itself is says nothing: the start of a filter of high order is a true
-    transient, as large as a polynomial through its first outputs makes it.)
+    The difference equation is D y = N x, and ε is the machine precision. The bound is the largest
+    entry of |D⁻¹| (|N| + |D| |L|) ε. To first order, it contains the effect of rounded
+    coefficients and rounded terms of each step on all later outputs. Large entries of L do not
+    indicate rounding errors: a filter of high order has a true transient at the start.
     """
     from scipy.signal import lfilter
 
@@ -129,7 +130,7 @@ def _rounding(lowpass: LowPass, count: int) -> float:
 
 
 def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the convolution of two sequences (K,) up to their length, by Fourier transforms."""
+    """Return the first K terms of the convolution of two sequences (K,), by Fourier transforms."""
     count = 2 * len(one)
     return np.fft.irfft(np.fft.rfft(one, count) * np.fft.rfft(other, count), count)[: len(one)]
 
@@ -171,9 +172,9 @@ class Prefilter:
 def _head(
     lowpass: LowPass, count: int, treatment: Treatment, rho: float
 ) -> tuple[np.ndarray | None, np.ndarray, int]:
-    """Return A and W of ``count`` outputs, and how many outputs back the last of their rows reach.
+    """Return A and W for ``count`` outputs, and the number of significant lags in their last rows.
 
-    That is ``count`` if the start is not forgotten.
+    The number is ``count`` if the effect of the start has not decayed.
     """
     identity = np.eye(count)
     response = lowpass.apply(identity)
@@ -194,9 +195,10 @@ def _head(
 
 
 def _reach(rows: np.ndarray) -> int:
-    """Return how many lags of the last row of a triangle (H, H) count; H if it has not settled.
+    """Return the number of significant lags in the last row of a triangular matrix (H, H).
 
-    It has if the row three quarters down has the same lags, and no more than half of them count.
+    The number is H if the rows have not converged. They have converged if the row at three quarters
+    of H equals the last row, and at most half of the lags are significant.
     """
     count = len(rows)
     last, before = rows[-1, ::-1], rows[3 * count // 4, 3 * count // 4 :: -1]

@@ -2,8 +2,8 @@
 
 A mount that is rotated from its assumed axes by angles α measures Rᵀ Γ R, with R = exp[α×] and the
 tensor Γ in assumed axes. Let A be the rotation matrix from the assumed axes to ENU. The rotated
-mount is then equal to a strapdown instrument with the attitude A R, that is, the attitude A with
-the attitude error A α. Other rotation errors of A are added: the attitude error of the body
+mount is then equal to a strapdown instrument with the attitude A R. This is the attitude A with the
+attitude error A α. Other rotation errors of A are added: the attitude error of the body
 (strapdown), or the rotation of the local level with the position (platform). Products of these
 errors with α are neglected: 0.01 E for 30′ and 3′ in a gradient of 3000 E. The effect of α alone is
 exact.
@@ -66,7 +66,7 @@ def with_mounting_angles(mount: Mount, first: int) -> Mount:
 
 
 def _level_turns(positions: np.ndarray) -> np.ndarray:
-    """Return how the local level turns (N, 3, 3) with a metre of position error [rad/m]."""
+    """Return the Jacobian (N, 3, 3) of the local-level rotation to the position error [rad/m]."""
     east, north = metres_along(positions).T
     found = np.zeros((len(positions), 3, 3))
     found[:, 0, 1] = -1.0 / north

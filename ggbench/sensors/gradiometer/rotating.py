@@ -3,9 +3,10 @@
 Four accelerometers are mounted on the rim of a disk of diameter b (the baseline), opposite
 accelerometers b apart, and are sensitive along the tangent. The disk spins at the rate Ω about the
 z axis of the disk axes (x, y, z). These axes turn with the vehicle or platform at the angular rate
-ω but do not spin. At the angle θ = Ωt (+ π, + π/2, + 3π/2 for the accelerometers 2, 3, 4) the
-radius and the tangent are r = (cos θ, sin θ, 0) and t = (−sin θ, cos θ, 0), and the proof mass at ρ
-= (b/2) r feels the specific force (acceleration minus gravitation)
+ω but do not spin. The angle of accelerometer 1 is θ = Ωt; π, π/2 and 3π/2 are added for the
+accelerometers 2, 3 and 4. At the angle θ the radius is r = (cos θ, sin θ, 0) and the tangent is
+t = (−sin θ, cos θ, 0). The specific force (acceleration minus gravitation) of the proof mass at
+ρ = (b/2) r is
 
     f = f₀ − Γρ + ω̇×ρ + ω×(ω×ρ) + 2ω×(Ωz×ρ) + Ωz×(Ωz×ρ).
 
@@ -15,26 +16,27 @@ L = Γ − [ω×][ω×] = Γ − ωωᵀ + ω²I; its antisymmetric part [ω̇×
 
     S = (a₁ + a₂) − (a₃ + a₄) = 2b [ (L_xx − L_yy)/2 · sin 2θ − L_xy · cos 2θ ].
 
-The means of 2S sin 2Ωt and −2S cos 2Ωt over a measurement time of T seconds, divided by 2b, are the
-two channels (L_xx − L_yy)/2 and L_xy. The contribution of ω is computed from gyros. As one complex
-number the channels are Z = (L_xx − L_yy)/2 + i L_xy = −(i/b) · mean(S e^{2iΩt}). Any other part of
-S at the frequency of e^{2iΩt} is an error. Let F = f_x + i f_y. If T is a whole number of turns,
-imperfections cause the following channel errors:
+The two channels are (L_xx − L_yy)/2 and L_xy. They are the means of 2S sin 2Ωt and −2S cos 2Ωt over
+a measurement time of T seconds, divided by 2b. The contribution of ω is computed from gyros. As one
+complex number the channels are Z = (L_xx − L_yy)/2 + i L_xy = −(i/b) · mean(S e^{2iΩt}). Any other
+part of S at the frequency of e^{2iΩt} is an error. Let F = f_x + i f_y. If T is a whole number of
+turns, imperfections cause the following channel errors:
 
 * common errors of scale factor and baseline multiply Z; the common tilt of the sensitive axes
   towards the radius, and the phase error of the demodulation, rotate Z;
-* a mismatch within a pair has no effect under a constant F (the product is at Ω), but lets through
-  the retrograde part of F at Ω and the prograde part at 3Ω; the tilt of a pair acts likewise. If T
-  is an *odd number of half turns*, the 1Ω term has an effect, 10³ E for a mismatch of 1e-6 under 10
-  m/s²; with a relative error ε of the rotation rate, about ε of that term has an effect;
-* a tilt towards the spin axis has no effect under a constant f_z (the product is constant), but
-  lets through the part of f_z at 2Ω if the pairs differ; a difference within a pair brings in L_xz,
-  L_yz and the Coriolis term 2Ωω, at Ω;
-* the mean quadratic coefficient κ adds iκF²/b: it is the only imperfection that brings in a
-  constant force;
-* a difference *between* pairs in scale factor or in tilt towards the radius brings in only jitter
-  about the spin axis at 2Ω: ω̇_z through the scale factor, ω_z through the centripetal
-  acceleration.
+* a mismatch within a pair has no effect under a constant F, because the product is at Ω. The
+  retrograde part of F at Ω and the prograde part at 3Ω cause errors. A tilt of a pair towards the
+  radius acts in the same way. If T is an *odd number of half turns*, the 1Ω term causes an error:
+  10³ E for a mismatch of 1e-6 under 10 m/s². With a relative error ε of the rotation rate,
+  about the fraction ε of this term remains;
+* a tilt towards the spin axis has no effect under a constant f_z, because the product is constant.
+  If the pairs differ, the part of f_z at 2Ω causes an error. A difference within a pair adds errors
+  from L_xz, L_yz and the Coriolis term 2Ωω, at Ω;
+* the mean quadratic coefficient κ adds iκF²/b: it is the only imperfection through which a constant
+  force causes an error;
+* a difference *between* pairs causes an error only from jitter about the spin axis at 2Ω. A
+  difference in scale factor adds ω̇_z. A difference in tilt towards the radius adds ω_z through the
+  centripetal acceleration.
 
 Biases and all other constants in the signal are rejected. The list of errors follows Yu and Cai
 (2019, arXiv:1905.05009). The equations were derived for this module and are tested against a
@@ -92,7 +94,7 @@ class RotatingGradiometer:
     period: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no instrument."""
+        """Raise RotatingGradiometerError if the period is not a whole number of half turns."""
         halves = 2.0 * self.rotation_rate_hz * self.period
         if round(halves) < 1 or abs(halves - round(halves)) > 1e-9 * halves:
             raise RotatingGradiometerError(
@@ -115,9 +117,12 @@ class RotatingGradiometer:
 class RotatingErrors:
     """Imperfections of a rotating gradiometer; all zero by default.
 
-    Some imperfections have four attributes: the name alone is the mean of the four accelerometers,
-    ``_pair12`` the difference of accelerometers 1 and 2, ``_pair34`` the difference of 3 and 4, and
-    ``_between_pairs`` the mean of 1 and 2 minus the mean of 3 and 4.
+    Some imperfections have up to four attributes. The name alone is the mean of the four
+    accelerometers. The suffixes mean:
+
+    - ``_pair12``: accelerometer 1 minus accelerometer 2,
+    - ``_pair34``: accelerometer 3 minus accelerometer 4,
+    - ``_between_pairs``: mean of 1 and 2 minus mean of 3 and 4.
 
     Attributes
     ----------

@@ -81,12 +81,12 @@ def error_budget(
     z = EOTVOS * (ideal[..., 0] + 1j * ideal[..., 1])
 
     def mean(x: float) -> complex:
-        """Mean of e^{ixΩt} over the reading."""
+        """Return the mean of e^{ixΩt} over the measurement time."""
         halves = instrument.half_turns
         return complex(np.exp(0.5j * np.pi * x * halves) * np.sinc(0.5 * x * halves))
 
     def channel(x: Harmonics, k: int) -> np.ndarray:
-        """What Re(X e^{−ikθ}) in S puts into the complex channel."""
+        """Return the contribution of the term Re(X e^{−ikθ}) of S to the complex channel Z."""
         out = np.zeros((), dtype=complex)
         for n, amplitude in x.items():
             own = np.exp(0.5j * k * phase) * mean(2 + n - k * (1.0 + slip))
