@@ -4,10 +4,10 @@ Gravimeter measurements are reduced with the INS solution. Therefore INS velocit
 effect) and latitude errors (normal gravity) appear as a slowly changing bias. Li's method matches
 differences of consecutive measurements, which have no constant bias. Earlier differences have
 larger weights, because the INS is more accurate then: J = Σ p_i [(z_{i+1} − z_i) − (h_{i+1} −
-h_i)]², where z are measurements, h predictions at a position of the map, and p decreases linearly
-to one half of its first value, with Σ p = 1. The five positions with the smallest J are kept.
-Nearest-neighbour association uses the best of the five. Probabilistic data association (PDAF) uses
-the mean x̂ = Σ β_j x_j with β_j ∝ 1/J_j.
+h_i)]². Here z are the measurements and h the predictions at a position of the map. The weights p
+decrease linearly to one half of the first weight, and Σ p = 1. The method keeps the five positions
+with the smallest J. Nearest-neighbour association uses the best of the five. Probabilistic data
+association (PDAF) uses the mean x̂ = Σ β_j x_j with β_j ∝ 1/J_j.
 
 Weaknesses of the method:
 
@@ -24,7 +24,7 @@ Weaknesses of the method:
 * Five neighbouring grid points in one minimum of J are a single candidate. Their mean only smooths
   the grid and contains no information on other positions.
 
-The covariance of the estimate is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ), where the covariance Σ_j of
+The covariance of the estimate is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ). The covariance Σ_j of
 candidate j includes the uncertainty of all other states of the window.
 """
 
@@ -47,9 +47,9 @@ from ..problem import Estimate, Estimator, Problem
 from ..reduced import horizontal
 
 _LEAST = 3
-"""Readings that have two differences."""
+"""Smallest window: three measurements have two differences."""
 _FALL = 0.5
-"""Last weight over the first, where they fall."""
+"""Ratio of the last to the first weight, if the weights decrease along the window."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Correlation(Estimator):
         return flight.estimate()
 
     def _fix(self, flight: FixFusion, window: ProblemBlock) -> _Fix | None:
-        """Return the fix of a window; None where there is nothing to compare."""
+        """Return the fix of a window, or None without terms of J or without grid points."""
         search = Sequences(
             window.problem(0), self.spacing_m, self.most, self.differenced, self.descending
         )
@@ -179,7 +179,7 @@ class Correlation(Estimator):
         return self._judged(mean, cov, bool(fits), float(surer))
 
     def _shares(self, mismatch: np.ndarray) -> np.ndarray:
-        """Return the weights (J,) of candidates by their J."""
+        """Return the weights of the candidates from their values of the criterion, ``mismatch``."""
         if self.association == "nearest":
             return np.eye(len(mismatch))[int(np.argmin(mismatch))]
         inverse = 1.0 / np.maximum(mismatch, np.finfo(float).tiny)
@@ -260,11 +260,12 @@ class Sequences(Search):
 def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (n,) and covariance (n, n) at the window's end for the grid point ``index``.
 
-    J must be smallest at this grid point. Near the trajectory of the point, the displacement that
-    minimises the sum of χ² (of J) and of the prior's χ² is linear in the residuals, δd = Σ M_k r_k.
-    This displacement is processed as a measurement of the states, with errors from noise, INS and
-    grid. The correlation of these errors with the final state is computed by propagating both
-    through the window. The covariance therefore accounts for the information that J does not use.
+    J must be smallest at this grid point. The optimal displacement δd from the trajectory of the
+    point minimises the sum of the χ² of J and the χ² of the prior. Near the trajectory it is linear
+    in the residuals, δd = Σ M_k r_k. This displacement is processed as a measurement of the states,
+    with errors from noise, INS and grid. The correlation of these errors with the final state is
+    computed by propagating both through the window. The covariance therefore accounts for the
+    information that J does not use.
     """
     problem = search.problem
     variances, gain, *_ = position_axes(problem)

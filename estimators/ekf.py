@@ -26,8 +26,8 @@ class ExtendedKalmanFilter(GatedUpdate):
         more the update is a Gauss–Newton search for the most probable state (Bell & Cathey 1993),
         with steps halved until the cost decreases.
     noise_memory : number of measurements over which the noise variance of each component is
-        estimated from the residuals (Mohamed & Schwarz 1999, with the fading memory of Sage & Husa
-        1969); 0 keeps the assumed noise.
+        estimated from the residuals; 0 keeps the assumed noise. The method is that of Mohamed &
+        Schwarz (1999) with the fading memory of Sage & Husa (1969).
     """
 
     iterations: AtLeastOne = 1

@@ -24,7 +24,7 @@ from .robust import RobustLoss
 SAME_TIME = 1e-6
 """Times that differ by less are equal [s]."""
 _SAMPLED = 50
-"""Epochs at which the slope of the measurements is sampled."""
+"""Number of epochs at which the Jacobian of h is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class GraphParameters(RobustLoss):
         node when it leaves a sliding window (measurements up to ``lag`` later). ``batch`` returns
         all nodes, given all measurements.
     lag : length of the sliding window [s].
-    relinearize_threshold : iSAM2 and the sliding window relinearise a node if one of its states has
-        changed so much that a measurement changes by more than this [standard deviations of the
-        noise], see :func:`noticeable_changes`. States without effect on h are ignored.
+    relinearize_threshold : limit on the change of a measurement [standard deviations of the noise].
+        iSAM2 and the sliding window relinearise a node if the change of one of its states causes a
+        larger change, see :func:`noticeable_changes`. States without effect on h are ignored.
     max_iterations : largest number of steps of the batch optimizer.
     """
 

@@ -10,8 +10,8 @@ extended Kalman filter, in which the drift is corrected.
 With a wide prior the starts are far apart. For 1024 starts and a standard deviation of 10 km, the
 start nearest to a position beyond 2 σ is about 1.3 km away. At this distance the cost does not
 indicate the minimum. Therefore the first window of measurements is also searched on a grid that
-resolves the field (:mod:`ggbench.engines.window_search`), and each of the best grid positions is an
-additional start. If the first measurements are not informative, the starts across the prior remain.
+resolves the field (:mod:`ggbench.engines.window_search`). The best grid positions are additional
+starts. If the first measurements are not informative, the starts across the prior remain.
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ class _Step:
         self.noise_root = np.linalg.cholesky(problem.noise_of(k))
 
     def residuals(self, states: np.ndarray) -> np.ndarray:
-        """Return the whitened reading less h (N, m) at states (N, n)."""
+        """Return the whitened residuals, measurement minus h (N, m), at states (N, n)."""
         predicted = self.problem.model.predict(self.k, states * self.scale)
         away = self.problem.measurements[self.k] - predicted
         return np.asarray(solve_triangular(self.noise_root, away.T, lower=True).T)
@@ -114,11 +114,13 @@ class _Step:
     def updated(
         self, proposal: str, count: int, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return mean and covariance of weighted particles, and their effective number.
+        """Return mean and covariance of the weighted particles, and the effective sample size.
 
-        The covariance of few weights is too small by the factor 1 − ΣW², as that of n numbers is by
-        1 − 1/n; and their mean is off the posterior's by as many parts of it, ΣW². Both are small
-        at each epoch and not after hundreds of them.
+        W are the normalised weights. The sample covariance is too small by the factor 1 − ΣW², like
+        that of N samples by 1 − 1/N. The sample mean has a sampling error, whose covariance is ΣW²
+        times the covariance of the samples. Both effects are small at one epoch but accumulate over
+        hundreds of epochs. If the effective sample size 1/ΣW² exceeds n + 1, the covariance is
+        therefore multiplied by (1 + ΣW²) / (1 − ΣW²).
         """
         mean, lower = self.mean, self.lower
         if proposal != "prior":
@@ -139,7 +141,7 @@ class _Step:
         return mean, cov, size
 
     def _filtered(self, proposal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and covariance after a Kalman update with a linearised reading."""
+        """Return mean and covariance of the prediction, updated by an EKF or a cubature filter."""
         n = len(self.mean)
         if proposal == "ekf":
             rows = self.problem.model.jacobian(self.k, self.mean * self.scale) * self.scale

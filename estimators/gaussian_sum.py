@@ -1,11 +1,11 @@
 """Gaussian-sum filter: a bank of iterated extended Kalman filters across a wide prior.
 
 If the prior is wide compared with the features of the field, one linearisation of h is not valid
-across the prior, and a single filter may converge to a wrong position. Therefore the prior is split
-into narrow Gaussians on a grid of positions, with one filter for each Gaussian. The filters are
-weighted by the predicted density of the measurements (Sorenson & Alspach 1971; Alspach & Sorenson
-1972; Bar-Shalom, Li & Kirubarajan 2001, sec. 11.6). Filters with negligible weight are dropped.
-Filters with nearly equal estimates are merged.
+across the prior. A single filter may then converge to a wrong position. Therefore the prior is
+split into narrow Gaussians on a grid of positions, with one filter for each Gaussian. The filters
+are weighted by the predicted density of the measurements (Sorenson & Alspach 1971; Alspach &
+Sorenson 1972; Bar-Shalom, Li & Kirubarajan 2001, sec. 11.6). Filters with negligible weight are
+dropped. Filters with nearly equal estimates are merged.
 """
 
 from __future__ import annotations

@@ -156,7 +156,10 @@ class _ScaledProblem:
     def news(
         self, k: int, factors: list[gtsam.NonlinearFactor], mean: np.ndarray
     ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-        """Return what epoch k adds to an incremental solver that stands at ``mean[k - 1]``."""
+        """Return the new factors and the initial value of node k for an incremental solver.
+
+        The initial value is predicted from ``mean[k - 1]``, or from the prior for k = 0.
+        """
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for factor in factors:
             graph.add(factor)
@@ -173,7 +176,7 @@ class _ScaledProblem:
                 yield [motion, *self._robust_factors(k)]
 
     def _prior_factor(self) -> gtsam.NonlinearFactor:
-        """Return the prior, carried from the start to the first epoch."""
+        """Return the factor of the prior, propagated from the start to the first epoch."""
         phi = self.transition[0]
         start = self.problem.prior_cov / np.outer(self.scale, self.scale)
         cov = phi @ start @ phi.T + self.process_cov[0]
@@ -206,7 +209,8 @@ class _ScaledProblem:
     def _robust_factors(self, k: int) -> list[gtsam.NonlinearFactor]:
         """Return a custom factor with a robust loss for each component of the whitened residual.
 
-        GTSAM's robust noise of a vector weighs its norm, and would throw a whole reading away.
+        GTSAM's robust noise model of a vector computes one weight from the norm of the residual.
+        One bad component would therefore reduce the weight of the whole measurement.
         """
         estimators = gtsam.noiseModel.mEstimator
         if self.loss == "huber":
@@ -231,10 +235,11 @@ def _gradient_error(
     values: gtsam.Values,
     jacobians: list[np.ndarray] | None,
 ) -> np.ndarray:
-    """Return h(k, x) − z and, if asked, its Jacobian.
+    """Return h(k, x) − z; fill ``jacobians[0]`` with the Jacobian unless it is None.
 
-    The one place where Python answers GTSAM: a Jacobian that is not assigned, one-dimensional or
-    of the wrong width kills the process or falsifies the result, so its shape is enforced here.
+    Only this callback passes arrays from Python to GTSAM. A Jacobian that is missing,
+    one-dimensional or of the wrong width would crash the process or falsify the result. Therefore
+    the function checks all shapes.
     """
     x = values.atVector(k) * scale
     if jacobians is not None:
@@ -256,7 +261,7 @@ class _Reading:
         self.residual = self.jacobian = np.empty(0)
 
     def at(self, factor: gtsam.CustomFactor, values: gtsam.Values) -> None:
-        """Evaluate at the state of the factor's node, unless that is done."""
+        """Evaluate residual and Jacobian at the state of the factor's node, if it has changed."""
         state = values.atVector(factor.keys()[0]).tobytes()
         if state == self._at:
             return
@@ -274,7 +279,7 @@ def _component_error(
     values: gtsam.Values,
     jacobians: list[np.ndarray] | None,
 ) -> np.ndarray:
-    """Return one component of the whitened residual and, if asked, its Jacobian (1, n)."""
+    """Return one component of the whitened residual; fill its Jacobian (1, n) unless None."""
     reading.at(factor, values)
     if jacobians is not None:
         jacobians[0] = np.asfortranarray(reading.jacobian[component : component + 1])
@@ -282,7 +287,10 @@ def _component_error(
 
 
 def _noise_directions(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows M and sigmas σ with M w ~ N(0, diag(σ²)) for w ~ N(0, cov), cov singular."""
+    """Return a matrix M and σ such that M w ~ N(0, diag(σ²)) for w ~ N(0, cov).
+
+    ``cov`` may be singular; σ is zero in directions without noise.
+    """
     sigma = np.sqrt(np.diag(cov))
     noisy = sigma > 0.0
     rows = np.eye(len(cov))

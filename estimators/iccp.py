@@ -31,19 +31,22 @@ from ..problem import Estimate, Estimator, Problem
 from ..reduced import horizontal
 
 _REST = 0.05
-"""Movement [m] of an iteration below which a track rests: it comes to rest slowly."""
+"""Convergence limit: largest displacement of the track in an iteration [m].
+
+The limit is small because the iteration converges slowly.
+"""
 _ITERATIONS = 200
 _REACH = 3.0
-"""Contours are sought within so many standard deviations of the position, and turns and scales."""
+"""Search radius for contours, and limit on rotation and scale [standard deviations]."""
 _SIDES = 40
-"""Cells from the middle to the margin at most: beyond, they are made larger."""
+"""Largest number of cells from the centre to the edge of the grid; cells are enlarged if needed."""
 _FEWEST = 0.5
-"""Share of the readings of a window that must have a contour within reach."""
+"""Smallest share of the measurements in a window that must have a contour within the grid."""
 
 
 @dataclass(frozen=True)
 class Iccp(Estimator):
-    """Iterated closest contour point on windows of one channel's readings.
+    """Iterated closest contour point on windows of measurements of one channel.
 
     Parameters
     ----------
@@ -139,7 +142,11 @@ class _Matcher:
         self.position, self.velocity = list(states[:2]), list(states[2:])
 
     def contour(self, k: int, mean: np.ndarray, cov: np.ndarray) -> Contour:
-        """Return position errors that explain reading k, within reach of what is known."""
+        """Return the contour of position errors at which h equals measurement k.
+
+        The contour is computed on a grid around ``mean``. The half side of the grid is
+        :data:`_REACH` standard deviations of the position, but at least four cells.
+        """
         at = self.position
         radius = max(_REACH * float(np.sqrt(np.diag(cov)[at].max())), 4.0 * self.settings.cell_m)
         cell = max(self.settings.cell_m, radius / _SIDES)
@@ -154,7 +161,11 @@ class _Matcher:
     def match(
         self, window: list[int], contours: list[Contour], mean: np.ndarray, cov: np.ndarray
     ) -> _Fix:
-        """Move the track of a window onto its contours, from the estimate at its end."""
+        """Align the track of a window with its contours.
+
+        The first displacement comes from ``mean`` (n,), the estimate at the end of the window, with
+        the covariance ``cov`` (n, n).
+        """
         problem, track = self.problem, self.problem.track
         assert track is not None
         indicated = track_metres(track, window[-1])[window]
@@ -192,11 +203,12 @@ class _Matcher:
         rests: bool,
         iterations: int,
     ) -> _Fix:
-        """Return the fix, with the covariance of least squares at rest.
+        """Return the fix of a window, with the least-squares covariance at convergence.
 
-        A turn of the track is a velocity error across it, a stretch one along it, each no larger
-        than what is known of it. The covariance is times the misfit, and with what the states that
-        are not fitted may do: their effect on the readings of the window, seen through the fit (a
+        A rotation of the track corresponds to a velocity error across the track, and a scale factor
+        to a velocity error along the track. Both have the velocity error of the estimate as prior.
+        The covariance is scaled by the misfit. Errors of all other states affect the measurements
+        of the window and therefore the fit. Their effect on the fix is added to the covariance (a
         consider covariance, Schmidt 1966).
         """
         problem, at, c = self.problem, self.position, self.channel
@@ -232,7 +244,10 @@ class _Matcher:
         )  # fmt: skip
 
     def _along_and_across(self, k: int) -> np.ndarray:
-        """Return the turn (n, n) of the states after which velocity errors are along and across."""
+        """Return the rotation (n, n) that maps east and north velocity errors to along and across.
+
+        Along and across refer to the direction of the INS velocity at epoch ``k``.
+        """
         assert self.problem.track is not None
         east, north = self.problem.track.velocities[k, :2]
         heading = np.arctan2(north, east)
@@ -245,7 +260,10 @@ class _Matcher:
 
 
 def _channel(problem: Problem, name: str) -> int | None:
-    """Return the channel of a name, or the one that is meant without; None if there is none."""
+    """Return the index of the channel ``name``, or of the default channel if the name is empty.
+
+    The result is None if the problem has no such channel.
+    """
     names = [channel.name for channel in problem.channels]
     for wanted in (name,) if name else ("gradient zz", "gravity scalar"):
         if wanted in names:
@@ -256,7 +274,10 @@ def _channel(problem: Problem, name: str) -> int | None:
 def _updated(
     mean: np.ndarray, cov: np.ndarray, at: list[int], fix: np.ndarray, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and covariance after a fix of some states, in Joseph's form."""
+    """Return mean and covariance after a Kalman update with a fix, in Joseph form.
+
+    ``at`` are the indices of the states that the fix determines, with the covariance ``noise``.
+    """
     rows = np.eye(len(mean))[at]
     gain = np.linalg.solve(cov[np.ix_(at, at)] + noise, cov[at]).T
     keep = np.eye(len(mean)) - gain @ rows

@@ -24,9 +24,13 @@ from ..parameters import AtLeastOne, Positive
 
 _MOST = 100_000
 _AS_ASSUMED = 10.0
-"""Weight of the model as it is, before any measurement, against that of another hypothesis."""
+"""Prior weight of the assumed model; each kind of hypotheses except gravity has the weight 1."""
 _UNKNOWN_GRAVITY = 100.0
-"""The same of all hypotheses about gravity: it is never normal, and to doubt it costs little."""
+"""Prior weight of all gravity hypotheses together.
+
+It is large because gravity always differs from normal gravity. A wrong gravity hypothesis reduces
+the accuracy only slightly.
+"""
 _NOISES = (
     *(0.25, 0.3, 0.36, 0.43, 0.51, 0.6, 0.72, 0.85),
     *(1.18, 1.4, 1.65, 1.95, 2.3, 2.75, 3.25, 3.85, 4.55, 5.4, 6.4, 7.6, 9.0, 10.7),
@@ -43,8 +47,8 @@ class MultipleModel(BlockEstimator):
 
     Parameters
     ----------
-    noise : whether to include hypotheses of a third to ten times the assumed noise of gravity and
-        gradient channels.
+    noise : whether to include hypotheses of 0.25 to 10.7 times the assumed noise standard deviation
+        of gravity and gradient channels.
     errors : whether to include hypotheses of constant errors of these channels, and of map errors
         that vary along the track.
     gravity : whether to include hypotheses of a gravity disturbance that the INS does not
@@ -117,6 +121,6 @@ def _bank(noise: bool, errors: bool, gravity: bool, outliers: bool) -> tuple[Hyp
 
 
 def _evenly(hypotheses: Iterable[Hypothesis], total: float = 1.0) -> list[Hypothesis]:
-    """Return hypotheses that share a weight."""
+    """Return hypotheses with equal prior weights that add up to ``total``."""
     bank = list(hypotheses)
     return [replace(hypothesis, prior=total / len(bank)) for hypothesis in bank]

@@ -28,14 +28,17 @@ from ..problem import Estimate, Estimator, Problem
 _REACH = 5.0
 """The first grid ends at this many standard deviations of the prior."""
 _NEGLIGIBLE = 1e-10
-"""Mass against the largest one below which a point is cut off."""
+"""Ratio of a mass to the largest mass below which its point is cropped."""
 _MOST_STATES = 3
 _MOST_POINTS = 4_000_000
 """Points that fit in memory with their transform."""
 _WIDER = 2.0
-"""How much wider than it has to be a peak is, in cells, where these are doubled."""
+"""Cells are doubled if the peak is wider than this factor times the ``resolution``."""
 _ROUNDS = 12
-"""Halvings after one reading: a factor of 4000, beyond which the first grid was no grid."""
+"""Limit on the halvings of cells in one update.
+
+The cells become up to 2000 times smaller. If more is needed, the first grid is far too coarse.
+"""
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ class _Grid(Lattice):
         self.evidence, self.halvings = 0.0, 0
 
     def predict(self, k: int) -> None:
-        """Move the points with the states and smear the masses by the noise of epoch k."""
+        """Propagate the points by Φ and convolve the masses with the process noise of epoch k."""
         phi, noise = self.problem.transition[k], self.problem.process_cov[k]
         self.move(phi)
         if not noise.any():
@@ -123,7 +126,10 @@ class _Grid(Lattice):
         self.masses /= self.masses.sum()
 
     def _widen(self, margin: np.ndarray) -> None:
-        """Put empty points around the grid, to sizes that transforms like."""
+        """Pad the grid with empty points, at least ``margin`` (n,) on each side.
+
+        The padded sizes are suitable for fast Fourier transforms.
+        """
         sizes = np.array(self.masses.shape) + 2 * margin
         extra = [fft.next_fast_len(int(size), real=True) - int(size) for size in sizes]
         wide = [(int(m), int(m) + e) for m, e in zip(margin, extra, strict=True)]
@@ -131,7 +137,7 @@ class _Grid(Lattice):
         self.base = self.base - self.axes @ margin
 
     def update(self, k: int) -> int:
-        """Multiply by the likelihood of reading k; return at how many points h was taken."""
+        """Multiply by the likelihood of measurement k; return the number of evaluations of h."""
         taken = 0
         for left in reversed(range(_ROUNDS)):
             index = np.argwhere(self.masses > _NEGLIGIBLE * self.masses.max())
@@ -159,7 +165,7 @@ class _Grid(Lattice):
         return taken
 
     def _cut(self, weights: np.ndarray) -> np.ndarray:
-        """Cut off the margins of the grid in which weights are negligible; return what is left."""
+        """Crop margins of the grid with negligible weights; return the cropped weights."""
         kept = np.argwhere(weights > _NEGLIGIBLE * weights.max())
         # A cell more on each side, for what lies between two points.
         first = np.maximum(kept.min(axis=0) - 1, 0)
@@ -169,7 +175,7 @@ class _Grid(Lattice):
         return weights[box]
 
     def _halve(self, which: np.ndarray) -> None:
-        """Halve the cells along some axes; the mass between two points is a cubic spline's."""
+        """Halve the cells along the axes in a mask; cubic splines interpolate the masses."""
         sizes = np.array(self.masses.shape)
         factors = np.where(which, (2 * sizes - 1) / sizes, 1.0)
         finer = ndimage.zoom(self.masses, factors, order=3, mode="nearest")

@@ -1,7 +1,7 @@
 """Rao–Blackwellised particle filter: particles of the position, Kalman filter for other states.
 
 Gravity gradients are nonlinear functions of the position only. Given a path of positions, the
-estimation of velocity, attitude and biases is linear, and a Kalman filter is exact, with one
+estimation of velocity, attitude and biases is linear. A Kalman filter is then exact, with one
 covariance for all particles. Therefore particles need three dimensions instead of fifteen (Schön,
 Gustafsson & Nordlund 2005; Gustafsson et al. 2002 for terrain navigation).
 
@@ -20,21 +20,20 @@ never separate. Four measures prevent depletion:
   The Kalman filter includes this noise.
 - As soon as h is linear over the particles and their distribution is Gaussian, a Gaussian of all
   states replaces them (``straight``). A Gaussian also replaces the prediction if a measurement lies
-  in its tail and would leave fewer than 4 √N effective particles, because particles do not
-  represent tails.
+  in its tail and would leave fewer than 4 √N effective particles. Particles do not represent tails.
 
-Without these measures, on flights with an initial error of 100 m, the reported standard deviation
-of the filter is a tenth of the Cramér–Rao bound, and its error is hundreds of metres.
+Without these measures the filter fails on flights with an initial error of 100 m. It then reports a
+standard deviation of a tenth of the Cramér–Rao bound, and its error is hundreds of metres.
 
 The posterior is exact in the limit of many particles N: the jitter decreases as N^{−1/2}, and the
-limit of nonlinearity (``straight``) as N^{−1}. For priors of 600 m and 1 km and two or three
-states, the mean differs from the posterior mean on a grid by 0.03 to 0.08 standard deviations (RMS)
-with 4000 particles, and by 0.015 to 0.05 with 16,000. The remaining difference is sampling noise.
-Large biases and a truth in the tail of the prior reduce the accuracy: with biases of 20 E per
-channel and an error of 2.5 σ on one axis the difference is 0.09, 0.07 and 0.02 with 1000, 4000 and
-16,000 particles. Single runs scatter by a factor of three about these numbers. If several modes
-stay equally likely for minutes, each resampling changes the weights of the modes at random: after
-80 measurements, correct weights of two valleys need 30,000 particles.
+limit of nonlinearity (``straight``) as N^{−1}. The mean was compared with the posterior mean on a
+grid, for priors of 600 m and 1 km and two or three states. With 4000 particles the RMS difference
+is 0.03 to 0.08 standard deviations, with 16,000 it is 0.015 to 0.05. The remaining difference is
+sampling noise. Large biases and a truth in the tail of the prior reduce the accuracy. An example
+has biases of 20 E per channel and an error of 2.5 σ on one axis. The difference is 0.09, 0.07 and
+0.02 with 1000, 4000 and 16,000 particles. Single runs scatter by a factor of three about these
+numbers. If several modes stay equally likely for minutes, each resampling changes the weights of
+the modes at random. After 80 measurements, correct weights of two valleys need 30,000 particles.
 """
 
 from __future__ import annotations
@@ -61,8 +60,8 @@ class RaoBlackwellisedFilter(CloudFilter):
         a Gaussian; otherwise the update is split into stages. 0: no stages.
     jitter : noise density of the position [m²/s] for 4000 particles; it is scaled by (4000 /
         N)^{1/2}. The Kalman filter includes this noise.
-    straight : limit for 4000 particles, scaled by 4000 / N, of the nonlinear part of the variance
-        of h over the particles, relative to the noise variance. Below this limit a Gaussian
+    straight : largest ratio of the nonlinear part of the variance of h over the particles to the
+        noise variance, for 4000 particles; it is scaled by 4000 / N. Below this limit a Gaussian
         replaces the particles; 0: never.
     start : factor on N for the first measurement at which h is nonlinear over the Gaussian.
     """
@@ -78,9 +77,9 @@ class RaoBlackwellisedFilter(CloudFilter):
     name = "rao-blackwellised"
 
     def skip(self, problem: Problem) -> str | None:
-        """Return the reason to skip a problem that is nonlinear in other states than the position.
+        """Return a reason to skip the problem, or None.
 
-        None if it is linear in them.
+        The measurements must be linear in all states except the position.
         """
         return mixing(problem)
 

@@ -15,7 +15,7 @@ from ..problem import Estimator
 Loss = Literal["none", "huber", "cauchy"]
 
 THRESHOLDS = {"none": np.inf, "huber": 1.345, "cauchy": 2.385}
-"""Thresholds that cost 5 % of variance where the noise is Gaussian after all (Zhang 1997)."""
+"""Default thresholds; with Gaussian noise they increase the variance by 5 % (Zhang 1997)."""
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
 """SITAN: extended Kalman filters with stochastic linearisation of the map.
 
-In Sandia's inertial terrain-aided navigation (Hostetler & Andreas 1983) the Jacobian is the slope
-of a plane that is fitted to the map over the position uncertainty, instead of the derivative at the
-estimate (stochastic linearisation). The residuals of the plane are added to the noise. Therefore
-the gain is small if the field is nonlinear within the position uncertainty. If the field is linear,
-the filter equals the extended Kalman filter.
+SITAN stands for Sandia inertial terrain-aided navigation (Hostetler & Andreas 1983). The Jacobian
+is the slope of a plane that is fitted to the map over the position uncertainty (stochastic
+linearisation). An extended Kalman filter uses the derivative at the estimate instead. The residuals
+of the plane are added to the noise. Therefore the gain is small if the field is nonlinear within
+the position uncertainty. If the field is linear, the filter equals the extended Kalman filter.
 
 One plane is valid over a region up to the width of a hill. For a wider prior, AFTI/SITAN (Boozer &
 Fellerhoff 1988) acquires the position with a bank of filters on a grid; the uncertainty of each
@@ -39,7 +39,7 @@ from ..parameters import AtLeastOne, Positive
 from ..problem import Estimate, Estimator, Problem
 
 _SPACINGS = 3.0
-"""Standard deviations of a filter of the bank to the next one."""
+"""Distance between neighbouring filters of the bank [standard deviations of one filter]."""
 _MOST = 100_000
 """Filters that fit in memory."""
 
@@ -206,17 +206,20 @@ class SitanFilters(Bank):
 
 
 def _places(problem: Problem) -> np.ndarray:
-    """Return the states of the region: the first two, if there are two, of the first in metres."""
+    """Return the state indices (d,) of the position in which planes are fitted, d ≤ 2.
+
+    They are the first two states, or the only state, of the first block in metres.
+    """
     blocks = [block for block in problem.layout if block.unit == "m"]
     inside = range(*blocks[0].slice.indices(problem.dimension)) if blocks else range(0)
     return np.array(inside[:2], dtype=int)
 
 
 def _region(axes: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return where a plane is fitted, how much each point weighs, and the weights' variance.
+    """Return the points of the plane fit, their weights, and their variance along an axis.
 
-    The points (3^d, d) are in standard deviations along the principal axes; each weighs as the
-    Gaussian does there.
+    The points (3^d, d) are in standard deviations along the d principal axes. The weights (3^d,)
+    are proportional to the Gaussian density at the points.
     """
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=axes)))
     shares = np.exp(-0.5 * (offsets**2).sum(axis=1))

@@ -3,8 +3,8 @@
 With a correct model and gain the innovations γ of a filter are white and have the predicted
 covariance. With a wrong model the filter is overconfident and reacts too slowly. Strong tracking
 (Zhou, Xi & Zhang 1991; Zhou & Frank 1996) multiplies the propagated covariance by a fading factor λ
-≥ 1, P⁻ = λ Φ P Φᵀ + Q, such that the predicted covariance of the innovations equals the observed
-one:
+≥ 1: P⁻ = λ Φ P Φᵀ + Q. With this factor the predicted covariance of the innovations equals the
+observed covariance:
 
     V_1 = γ_1 γ_1ᵀ,   V_k = (ρ V_{k−1} + γ_k γ_kᵀ) / (1 + ρ),
     N_k = V_k − H Q Hᵀ − β R,   M_k = H Φ P Φᵀ Hᵀ,   λ_k = max(1, tr N_k / tr M_k).
@@ -22,9 +22,12 @@ from __future__ import annotations
 import numpy as np
 
 MOST = 1000.0
-"""Largest fading factor: more than that is no longer a filter's past."""
+"""Largest fading factor; it already discards nearly all earlier information."""
 _LEAST_SPREAD = 1e-12
-"""tr M of whitened readings below which the past says nothing of them: nothing is to be faded."""
+"""Smallest tr M, for whitened measurements, at which fading is applied.
+
+Below it the propagated covariance hardly affects the predicted measurements.
+"""
 
 
 def innovation_power(

@@ -104,16 +104,18 @@ class Tercom(RobustLoss):
         return WindowSearch(window, self.loss, self.limit)
 
     def _filtered(self, rest: ProblemBlock) -> EstimateBlock:
-        """Return what an iterated EKF makes of the measurements behind a hand-over."""
+        """Return the estimate of an iterated EKF for the epochs after the first accepted fix."""
         updates = UpdateOptions(iterations=_ITERATIONS, loss=self.loss, threshold=self.limit)
         return extended(rest, updates)
 
     def _window(self, flight: FixFusion, read: np.ndarray, last: int) -> int:
-        """Try a fix from readings after epoch ``last``, from more of them while it is refused.
+        """Attempt a fix from the measurements after the epoch ``last``.
+
+        The window grows until a fix is accepted or all epochs ``read`` are used.
 
         Returns
         -------
-        The last epoch whose readings are spent.
+        The last epoch of the window. The next window begins after it.
         """
         longest = flight.window(last, read[-1]).problem(0)
         search = Search(longest, self.spacing_m, self.most, self.criterion)
@@ -134,7 +136,10 @@ class Tercom(RobustLoss):
         return end
 
     def _judged(self, places: list[Place], readings: int) -> tuple[bool, float]:
-        """Return whether the best of several places is accepted, and its log odds."""
+        """Return whether the best position is accepted, and its log odds.
+
+        The log odds are −∞ if its χ² is too large, and ∞ without a second position.
+        """
         best = places[0].cost
         if 2.0 * best > self.misfit * readings:
             return False, -np.inf

@@ -1,10 +1,10 @@
 """Unscented particle filter, optionally with strong tracking.
 
 A bootstrap filter draws particles from the prediction and weights them by the measurement. If the
-measurement is far more precise than the prediction, nearly all particles are wasted. In the
-unscented particle filter each particle has a covariance and an unscented Kalman filter, which
-processes the measurement before sampling (van der Merwe, Doucet, de Freitas & Wan 2000). There are
-three kinds of weights. ``mixture`` and ``exact`` are correct, ``likelihood`` is not:
+measurement is far more precise than the prediction, nearly all particles have negligible weight. In
+the unscented particle filter each particle has a covariance and an unscented Kalman filter. This
+filter processes the measurement before sampling (van der Merwe, Doucet, de Freitas & Wan 2000).
+There are three kinds of weights. ``mixture`` and ``exact`` are correct, ``likelihood`` is not:
 
 ``mixture``
     No samples are drawn. A particle is a Gaussian, weighted by the predicted density of the
@@ -30,8 +30,8 @@ three kinds of weights. ``mixture`` and ``exact`` are correct, ``likelihood`` is
 
 ``strong_tracking`` (see :mod:`.strong_tracking`) increases the predicted covariance of each
 particle until it agrees with the innovations. This makes an overconfident filter consistent. If the
-model is correct, the fading factor reacts to random innovations and discards information, which
-reduces the accuracy much more than it can improve it.
+model is correct, the fading factor reacts to random innovations and discards information. This
+reduces the accuracy much more than fading can improve it.
 """
 
 from __future__ import annotations
@@ -152,14 +152,18 @@ class UnscentedCloud:
         self.factors: list[float] = []
 
     def _drawn(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return states from the prior, all with its covariance."""
+        """Return states drawn from the prior, each with the covariance of the prior."""
         count, n = self.settings.particles, self.problem.dimension
         cov = self.problem.prior_cov / np.outer(self.scale, self.scale)
         drawn = self.rng.standard_normal((count, n)) @ np.linalg.cholesky(cov).T
         return self.problem.prior_mean / self.scale + drawn, np.tile(cov, (count, 1, 1))
 
     def _split(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return Gaussians that make up the prior; a single one where it is narrow."""
+        """Return states and covariances of Gaussians whose mixture is the prior.
+
+        Their position has the standard deviation ``width_m`` in directions in which the prior is
+        wider. A prior that is narrower in all directions gives a single Gaussian.
+        """
         variances, gain, *_ = position_axes(self.problem)
         wide = variances > self.settings.width_m**2
         narrowing, gain = variances[wide] - self.settings.width_m**2, gain[:, wide]
@@ -216,7 +220,7 @@ class UnscentedCloud:
             self.log_weights -= np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
 
     def _draw(self, k: int, predicted: np.ndarray, means: np.ndarray) -> None:
-        """Draw the states from their filters and weigh them."""
+        """Draw each state from N(mean, covariance) of its filter, and update the log weights."""
         roots = self.square_roots(self.covs)
         normal = self.rng.standard_normal(means.shape)
         self.states = means + (roots @ normal[..., np.newaxis])[..., 0]
@@ -230,7 +234,7 @@ class UnscentedCloud:
             self.log_weights += drawn - 0.5 * (away**2).sum(axis=0)
 
     def _residuals(self, k: int, states: np.ndarray) -> np.ndarray:
-        """Return the whitened readings less h (..., m) at states (..., n)."""
+        """Return the whitened residuals, measurement minus h (..., m), at states (..., n)."""
         problem = self.problem
         residual = problem.measurements[k] - problem.model.predict(k, states * self.scale)
         flat = residual.reshape(-1, residual.shape[-1])
@@ -269,7 +273,7 @@ class UnscentedCloud:
         slope: np.ndarray,
         spread: np.ndarray,
     ) -> np.ndarray:
-        """Return the fading factor of each particle (J,) and remember its innovation."""
+        """Return the fading factors (J,), and update the observed innovation variances."""
         self.power[:, there] = innovation_power(
             self.power[:, there], innovation[:, there], self.seen[there], self.settings.rho
         )
@@ -300,7 +304,7 @@ class UnscentedCloud:
             return roots
 
     def _shares(self) -> np.ndarray:
-        """Return the weights (J,) of all copies together, which add up to one."""
+        """Return the weights (J,) of the stored Gaussians; all copies count, and the sum is one."""
         shares = np.empty(len(self.log_weights))
         normalise(self.log_weights + np.log(self.copies), shares)
         return shares
@@ -336,7 +340,7 @@ class UnscentedCloud:
         self.log_weights = np.zeros(len(chosen))
 
     def told(self) -> dict[str, float]:
-        """Return the counters of a run."""
+        """Return counters, effective sample sizes and the median fading factor of a run."""
         info = {
             "ess_min": min(self.sizes, default=float(self.settings.particles)),
             "ess_median": float(np.median(self.sizes or [self.settings.particles])),

@@ -12,11 +12,11 @@ this error, so the measurements must correct every step. With all measurements (
 bounded from both sides, whereas a forward pass lags behind the drift. Attitude, gradiometer biases
 and all other states are treated as noise.
 
-The resolution is one cell. If a precise gradiometer resolves much less than a cell, the estimate is
-as coarse as the cells, and the variation of the field within a cell adds to the noise. A filter of
-all states is then better. In measurements this method found the position from kilometres away,
-which a single Kalman filter did not. Its error was several times that of a filter bank of all
-states.
+The resolution is one cell. A precise gradiometer may resolve much less than a cell. Then the
+estimate is as coarse as the cells, and the variation of the field within a cell adds to the noise.
+A filter of all states is then better. In test runs this method found the position from kilometres
+away, whereas a single Kalman filter did not. Its error was several times that of a filter bank of
+all states.
 """
 
 from __future__ import annotations
@@ -33,9 +33,15 @@ from ..problem import Causality, Estimate, Estimator, Problem, jacobian_along
 from ..reduced import Reduction, displacing, horizontal, reduced
 
 _LARGEST_STEP = 60.0
-"""Cells, a standard deviation: of a step so long, transitions take more than anything else."""
+"""Largest standard deviation of the steps of the INS error [cells].
+
+For larger steps the transitions would dominate the computing time.
+"""
 _TOLD = 0.3
-"""Deviations of a reading's noise by which height may move it and be none of the states."""
+"""Largest effect of the INS height error on a measurement [standard deviations of its noise].
+
+Below this limit the axis up is omitted.
+"""
 _MOST = 5_000_000
 """Cells that fit in memory."""
 
@@ -117,7 +123,10 @@ class Viterbi(Estimator):
         return reduction.embedded(Estimate(mean, cov, self.causality, info=info))
 
     def _reduction(self, problem: Problem) -> Reduction:
-        """Return the problem of the position, moved by what the INS's other errors may do."""
+        """Return the problem reduced to the position; other INS errors become process noise.
+
+        The height is omitted if the measurements cannot improve it.
+        """
         block = next(block for block in problem.layout if block.unit == "m")
         position = range(*block.slice.indices(problem.dimension))[:3]
         flat = self._reduced(problem, position[:2])
@@ -129,7 +138,7 @@ class Viterbi(Estimator):
 
 
 def _height_is_known(problem: Problem, flat: Reduction, position: range) -> bool:
-    """Return whether the INS knows its height so well that no reading can tell more of it."""
+    """Return whether the INS height error affects every measurement by much less than its noise."""
     for up in position[2:]:
         sigma = np.sqrt(flat.cov[:, up, up])
         told = jacobian_along(problem.model, np.arange(problem.epochs), flat.mean)[:, :, up]
@@ -140,7 +149,7 @@ def _height_is_known(problem: Problem, flat: Reduction, position: range) -> bool
 
 
 def _unknown(problem: Problem, reduction: Reduction) -> np.ndarray:
-    """Return the covariance (K, m, m) of what the states left out add to the readings."""
+    """Return the covariance (K, m, m) that errors of the omitted states cause in measurements."""
     others = [i for i in range(problem.dimension) if i not in reduction.states]
     rows = jacobian_along(problem.model, np.arange(problem.epochs), reduction.mean)[:, :, others]
     cov = reduction.cov[:, others][:, :, others]

@@ -18,17 +18,19 @@ mount                  support of the gradiometer: a platform, a local level, or
 channel                a measured number: a component of the tensor in the axes of the mount or a
                        linear combination of the six (gradiometer), or a component of the output
                        of another sensor (receiver, log, barometer, gravimeter)
-truth, model           truth is the simulated world; the model is the world that estimators assume,
-                       which a scenario may make different
+truth, model           the truth is the simulated world; the model is the world that estimators
+                       assume; a scenario may define a model that differs from the truth
 map                    the disturbing field, gradient [E] and gravity [m/s²], on a grid of nodes
                        regular in latitude, longitude and height; the normal field is no part of it
-converged              within the required position error to the end of the flight; a false fix ends
-                       outside although its reported covariance places it inside
+converged              the position error stays within the required limit until the end of the
+                       flight
+false fix              the final position error exceeds the required limit, although the reported
+                       covariance indicates an error within the limit
 root PSD               square root of a white noise's power spectral density
 =====================  ============================================================================
 
-Numbers are SI and radians; a name that carries another unit says so (``noise_eotvos``). Arrays over
-time have the epochs first: (K, ...).
+Numbers are in SI units and radians. The end of a name states any other unit (``noise_eotvos``). The
+first axis of arrays over time counts the epochs: (K, ...).
 """
 
 from __future__ import annotations
@@ -89,7 +91,7 @@ _NAMES = {
     "simulation.runs": ("Truth",),
     "spec.scenario": ("Scenario",),
 }
-"""The public names by their module, which is loaded when one of them is first used."""
+"""Public names by module. A module is imported at the first use of one of its names."""
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 

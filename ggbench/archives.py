@@ -30,7 +30,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 def _unpacking(error: type[GGBenchError], what: str) -> AbstractContextManager[None]:
-    """Return the context in which damage becomes an error with a sentence."""
+    """Return a context that converts exceptions of damaged files to ``error``."""
     return reported(error, f"{what} cannot be unpacked")
 
 
@@ -125,9 +125,10 @@ def _require_method(member: zipfile.ZipInfo, error: type[GGBenchError], what: st
 
 
 def _bounded(packed: IO[bytes] | gzip.GzipFile, error: type[GGBenchError], what: str) -> bytes:
-    """Return the content of a packed file, unpacked twice: piece by piece to count it, then whole.
+    """Return the content of a packed file if it has at most :data:`.files.MOST_TEXT` bytes.
 
-    The size stated in the file may be false, and counting keeps the memory of a refusal small.
+    The file is unpacked twice. The first pass only counts the bytes, in small pieces, because the
+    size stated in the file may be false. A file that is too large therefore needs little memory.
     """
     size = 0
     while piece := packed.read(_PIECE):

@@ -141,9 +141,14 @@ class ProblemBlock:
     def _with_axis(
         self, axis: str, change: Callable[..., np.ndarray], *others: ProblemBlock
     ) -> dict[str, Any]:
-        """Return the arrays with an axis, changed, by their fields' names.
+        """Return the changed arrays of all fields that have an axis, by field name.
 
-        ``change`` is given an array, those of the other blocks, and which axis it is.
+        Parameters
+        ----------
+        axis : name of the axis, such as ``R`` or ``n``.
+        change : function of the array of a field and the same arrays of the other blocks. Its
+            keyword ``axis`` is the index of the axis.
+        others : other blocks.
         """
         changed: dict[str, Any] = {}
         for item in fields(self):
@@ -158,10 +163,10 @@ class ProblemBlock:
 
 
 def _part_of(model: ModelArrays, first: int, stop: int) -> ModelArrays:
-    """Return the arrays of the epochs from ``first`` to before ``stop``.
+    """Return the model arrays of the epochs ``first`` to ``stop`` − 1.
 
-    Where coloured readings are whitened, h combines those of earlier epochs. The arrays of epochs
-    before ``first`` follow behind the last one: an index below zero finds them there.
+    For whitened measurements h at an epoch also depends on earlier epochs. Arrays of the needed
+    epochs before ``first`` are appended at the end, so that negative indices refer to them.
     """
     before = min(int(model.lags[first:stop].max(initial=0)), first) if len(model.lags) > 1 else 0
     epochs: slice | np.ndarray = slice(first, stop)
@@ -232,9 +237,9 @@ def block_of(problem: Problem) -> ProblemBlock:
 
 
 def _with_idle_states(block: ProblemBlock) -> ProblemBlock:
-    """Return a block of as many states as kernels take at least, the added ones without effect.
+    """Return a block with at least :data:`FEWEST_STATES` states, by adding states without effect.
 
-    They have unit variance and stay as they are; no measurement depends on them.
+    The added states have unit variance, are constant and do not affect any measurement.
     """
     n, more = block.dimension, max(FEWEST_STATES - block.dimension, 0)
     if not more:
@@ -278,7 +283,7 @@ def by_block(problem: Problem, solve: Callable[[ProblemBlock], Estimate]) -> Est
 
 
 def without_kernels(problem: Problem) -> str | None:
-    """Return why compiled kernels cannot process a problem, or None if they can."""
+    """Return the reason why compiled kernels cannot process a problem, or None if they can."""
     if isinstance(problem.model, CompiledModel):
         return None
     name = type(problem.model).__name__

@@ -21,14 +21,14 @@ _NO_SPACE = {
     errno.EFBIG: "no space left for a file so large",
 }
 _SMALLEST_SHARE = 0.25
-"""Of its size without compression, which a file of measured numbers needs at least."""
+"""Smallest expected ratio of the compressed to the uncompressed size of a file of numbers."""
 _PROBE = bytes(1 << 20)
 MOST_TEXT = 500_000_000
 """Largest unpacked size of a text file [bytes]; its numbers need a few times as much memory."""
 asked_to_end = threading.Event()
-"""Set if this process is asked to end, because netCDF4 may swallow the KeyboardInterrupt."""
+"""Set by a request to end this process; netCDF4 may suppress the KeyboardInterrupt."""
 _temporary: set[Path] = set()
-"""What this process writes at the moment."""
+"""Temporary files that this process is writing."""
 
 
 @contextlib.contextmanager
@@ -119,12 +119,14 @@ def remove_temporary() -> None:
 
 @contextlib.contextmanager
 def _temporary_of(path: Path) -> Iterator[Path]:
-    """Yield an empty file next to a path, named for this process; remove what is left of it.
+    """Yield an empty temporary file in the folder of a path, and remove it at the end.
+
+    The name of the file contains the process id.
 
     Raises
     ------
     OSError
-        Also in the place of a library's own error, if there is no space left.
+        If the file cannot be created. It also replaces a library's exception if the disk is full.
     """
     # Named before it is made: an interrupt between the two would leave it.
     temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")

@@ -1,8 +1,9 @@
 """Access to netCDF files: one user error for any failure to read, and one thread at a time.
 
 The libraries netCDF and HDF5 are not safe for threads ("Questions about thread-safety and
-concurrent access", HDF5 documentation). Two threads that use different files at a time end in a
-segmentation fault. Therefore a thread holds :data:`NETCDF_LOCK` while it uses a file.
+concurrent access", HDF5 documentation). Two threads that use them at the same time, even for
+different files, cause a segmentation fault. Therefore a thread holds :data:`NETCDF_LOCK` while it
+uses a file.
 
 HDF5, the format of netCDF-4, can read values from other files of the computer in three ways:
 external storage, virtual datasets and external links (HDF5 File Format Specification 3.0, IV.A.2.g,
@@ -29,7 +30,7 @@ NETCDF_LOCK = threading.RLock()
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _LINK = re.compile(rb"\x01[\x08-\x1f]\x40", re.DOTALL)
-"""Begin of a link message of version 1, with a type, which is 64: external."""
+"""First bytes of an external link message: version 1, flags, link type 64."""
 _VIRTUAL = re.compile(rb"[\x04\x05]\x03")
 """Version and class of a data layout message of a virtual dataset; an address follows."""
 _MOST_HEAPS = 1000
@@ -56,7 +57,7 @@ def netcdf_file(
     what : name of the file in the error message.
     library : ``netCDF4`` yields a ``netCDF4.Dataset``; ``xarray`` yields an ``xarray.Dataset`` with
         missing values as NaN and times as numbers.
-    again : whether the file was opened before, and is not searched for references again.
+    again : True omits the search for references to other files, if an earlier call has made it.
     """
     if not again:
         require_own_values(path, error, what)
@@ -124,7 +125,11 @@ def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None
 
 
 def _way_out(content: mmap.mmap) -> str:
-    """Return the first of the three ways that a file uses, or ""."""
+    """Return in words the first reference to another file, or "" if there is none.
+
+    The three kinds are external storage, virtual datasets and external links. A file with too many
+    local heaps is not searched; the result then is a text that states their number.
+    """
     base = _base(content)
     if base < 0:
         return ""
@@ -148,7 +153,7 @@ def _way_out(content: mmap.mmap) -> str:
 
 
 def _base(content: mmap.mmap) -> int:
-    """Return where HDF5 begins, at 0 or a power of 2 from 512 on; −1 if nowhere."""
+    """Return the offset of the HDF5 superblock: 0, 512, 1024, 2048, ...; −1 if there is none."""
     at = 0
     while at < len(content):
         if content[at : at + len(_SIGNATURE)] == _SIGNATURE:
@@ -158,7 +163,10 @@ def _base(content: mmap.mmap) -> int:
 
 
 def _addresses(content: mmap.mmap, mark: bytes, base: int) -> set[bytes]:
-    """Return the addresses of structures with a mark as they are written."""
+    """Return the addresses of all structures with a signature ``mark``, relative to ``base``.
+
+    The addresses are encoded as in the file: little-endian bytes of the width that it uses.
+    """
     size = content[base + (13 if content[base + 8] < 2 else 9)]  # of superblocks 0 and 1, else 2, 3
     places = (at - base for at in _places(content, mark, base))
     return {at.to_bytes(size, "little") for at in places if at < 256**size}
@@ -172,7 +180,10 @@ def _places(content: mmap.mmap, pattern: bytes, first: int = 0) -> Iterator[int]
 
 
 def _is_link(content: mmap.mmap, at: int) -> bool:
-    """Return whether a link message goes on, behind its type, with a name and two paths."""
+    """Return whether the bytes at ``at``, after the link type, are those of an external link.
+
+    They must contain the name of the link, the path of a file and the path of an object in it.
+    """
     flags = content[at - 2]
     at += 8 * bool(flags & 4) + bool(flags & 16)
     width = 1 << (flags & 3)

@@ -105,7 +105,8 @@ _OF_THE_MAP = ("E", "mGal")
 def matched_with_map(channels: Sequence[Channel], count: int) -> np.ndarray:
     """Return the mask (m,) of channels that are matched with the map.
 
-    These are channels of gravity and gravity gradients; without named channels all ``count``.
+    These are the channels of gravity and gravity gradients. If ``channels`` is empty, all ``count``
+    channels are included.
     """
     if not channels:
         return np.ones(count, dtype=bool)
@@ -320,8 +321,8 @@ class Estimate:
         to it plus a lag (``fixed-lag``), all (``batch``), or no measurement (``none``).
     lag : the lag of a fixed-lag estimate [s], else None.
     info : counters and remarks of this run (iterations, repairs, ...).
-    nis : (K,) normalised innovation squared, NaN without a measurement. Only filters set it whose
-        innovations cannot be computed from mean, cov and problem.
+    nis : (K,) normalised innovation squared, NaN without a measurement. A filter sets it only
+        if its innovations cannot be computed from mean, cov and problem.
     fixes : position fixes of a matcher; None for other estimators.
     """
 

@@ -69,7 +69,7 @@ class Reduction:
 
 @dataclass
 class _Embedded:
-    """The measurement model of a whole problem, as one of some of its states."""
+    """Measurement model of the chosen states; all other states have the propagated prior mean."""
 
     model: MeasurementModel
     states: tuple[int, ...]
@@ -135,7 +135,11 @@ def reduced(problem: Problem, states: Sequence[int], noise: np.ndarray) -> Reduc
 
 
 def _model(problem: Problem, states: tuple[int, ...], mean: np.ndarray) -> MeasurementModel:
-    """Return h of the chosen states: kernels where they can be, so that compiled engines run."""
+    """Return the measurement model of the chosen states, with compiled kernels if possible.
+
+    Kernels need a zero ``mean``, chosen states among the INS states, and channels without
+    linear terms.
+    """
     model = problem.model
     if isinstance(model, SensorModel) and not mean.any():
         arrays = model.arrays
@@ -148,7 +152,7 @@ def _model(problem: Problem, states: tuple[int, ...], mean: np.ndarray) -> Measu
 
 
 def _unaided(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (K, n) and covariance (K, n, n) of the prior carried along, without readings."""
+    """Return mean (K, n) and covariance (K, n, n) of the prior, propagated without updates."""
     n = problem.dimension
     means, covs = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
     mean, cov = problem.prior_mean, problem.prior_cov
@@ -159,10 +163,10 @@ def _unaided(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
-    """Return the indices of the horizontal position errors and, if asked, velocity errors.
+    """Return the state indices of the horizontal position errors, optionally also of velocity.
 
-    They are the first two states of the first block in metres and, with ``velocity``, of the first
-    block in metres per second. The result is ``()`` if the layout lacks a block.
+    Position errors are the first two states of the first block in metres. With ``velocity`` the
+    first two states of the first block in m/s follow. The result is ``()`` if a block is missing.
     """
     states: list[int] = []
     for unit in ("m", "m/s") if velocity else ("m",):
@@ -177,8 +181,8 @@ def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
 def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
     """Return the covariance (K, r, r) that omitted states add to the chosen ones at each step.
 
-    It is Φ P Φᵀ, with the block of Φ_k from the omitted to the chosen states and the propagated
-    prior covariance P of the omitted states. An example is the position change by velocity errors.
+    It is Φ P Φᵀ. Φ is the block of Φ_k from the omitted to the chosen states. P is the propagated
+    prior covariance of the omitted states. An example is the position change by velocity errors.
     Process noise is white, whereas these errors persist.
     """
     chosen = list(states)

@@ -31,7 +31,7 @@ from ..files import written_whole
 from ..numerics.frozen import freeze_arrays, frozen
 
 FORMAT = "ggbench coloured noise 1"
-"""What the file of a noise model says of itself."""
+"""Value of the key ``format`` in files of noise models."""
 _KEYS = (
     "format",
     "components",
@@ -42,7 +42,7 @@ _KEYS = (
 )
 _MOST_ORDER = 64
 _TIMING = 1e-3
-"""By how much readings may be off the model's interval [intervals]."""
+"""Largest deviation of a time difference from a multiple of the interval [intervals]."""
 _REACH = _MOST_ORDER
 """Longest memory of the prediction across a gap [intervals]; a longer gap restarts it."""
 
@@ -133,7 +133,7 @@ class VectorAutoregression:
 
     @cached_property
     def _companion(self) -> np.ndarray:
-        """The matrix (p m, p m) that takes p values of the process, the last first, a step on."""
+        """Companion matrix (p m, p m): transition matrix of the p latest values, newest first."""
         m = len(self.components)
         matrix = np.eye(self.order * m, k=-m)
         matrix[:m] = np.hstack([*self.coefficients])
@@ -183,16 +183,19 @@ class VectorAutoregression:
 
     @cached_property
     def _start_rows(self) -> list[np.ndarray]:
-        """Weights (k + 1, m, m) of a reading with k = 0, …, p ones straight before it."""
+        """Whitening weights (k + 1, m, m) for k = 0, …, p consecutive earlier measurements."""
         return [self._row(tuple(range(1, known + 1))) for known in range(self.order + 1)]
 
     @cached_property
     def _reached(self) -> np.ndarray:
-        """Γ as far back as predictions reach."""
+        """Autocovariances Γ_l for all lags l that a prediction may use."""
         return self.autocovariance(_REACH)
 
     def _row(self, lags: tuple[int, ...]) -> np.ndarray:
-        """Return weights (k + 1, m, m) of a reading and of k earlier ones, by lags [intervals]."""
+        """Return whitening weights (k + 1, m, m) of a measurement and of k earlier measurements.
+
+        ``lags`` are the k lags of the earlier measurements [intervals].
+        """
         predictor, remaining_cov = self.coefficients, self.innovation_cov
         if lags != tuple(range(1, self.order + 1)):
             predictor, remaining_cov = _predictor(self._reached, lags)
@@ -281,7 +284,7 @@ def _read(path: Path, time: int, size: int) -> VectorAutoregression:
 
 
 def _model(content: Any) -> VectorAutoregression:
-    """Return the model of the content of a file."""
+    """Return the noise model from the parsed content of a JSON file."""
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise ColouredNoiseError(f'must be an object with "format": "{FORMAT}"')
     for key in _KEYS:
@@ -319,9 +322,10 @@ def _is_covariance(cov: np.ndarray) -> bool:
 
 
 def _predictor(covariance: np.ndarray, lags: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best linear predictor (k, m, m) of earlier values, and what it leaves (m, m).
+    """Return the best linear predictor (k, m, m) from k earlier values, and its error covariance.
 
-    ``covariance`` (., m, m) is Γ of the process. ``lags`` are those of the k values, in order.
+    ``covariance`` (L, m, m) has the autocovariances Γ_l of the process. ``lags`` are the k
+    ascending lags of the earlier values. The error covariance has the shape (m, m).
     """
     m, count = covariance.shape[1], len(lags)
     if count == 0:

@@ -13,24 +13,24 @@ _AXES = {
     "easting_m": ("northing", r"(?<![a-z])north(?:ing)?s?(?![a-z])"),
     "northing_m": ("easting", r"(?<![a-z])east(?:ing)?s?(?![a-z])"),
 }
-"""Quantity with which each key is confused, and its names."""
+"""Coordinate that may be confused with each key, and a pattern of its names."""
 _SEXAGESIMAL = re.compile(r"(?<![a-z])(?:dms|dmm|dd?mm[a-z.]*|hms)(?![a-z])")
 _NED = re.compile(
     r"(?<![a-z])ned(?![a-z])|north[ ,-]*east[ ,-]*down|(?<![a-z])z[ -](?:is |positive |axis )*down"
 )
-"""Axes north, east, down, or z down."""
+"""Names of axes north, east, down, or of a z axis down."""
 _COLATITUDE = re.compile(r"co-?lat")
 _NEGATIVE = {
     "latitude_deg": ("south", re.compile(r"south|[_ (\[]s[)\]]?$")),
     "longitude_deg": ("west", re.compile(r"west|[_ (\[]w[)\]]?$")),
     "height_m": ("down", re.compile(r"depth|(?<![a-z])down(?![a-z])")),
 }
-"""Directions that names state in which our numbers are negative."""
+"""Direction in which the values of each key are negative, and a pattern of its names."""
 _OLD_DATUM = re.compile(
     r"(?<![a-z])(agd(?:[_ ]?(?:66|84))?|nad[_ ]?27|ed[_ ]?50|osgb(?:[_ ]?36)?|tokyo|pulkovo|clarke)"
     r"(?![a-z])"
 )
-"""Datums whose coordinates are 50 m and more away from those of WGS 84."""
+"""Datums whose coordinates differ from those of WGS 84 by 50 m or more."""
 _WORD = r"(?<![a-z])(?:{})(?![a-z])"
 _LEVELS = {
     "the ground": re.compile(

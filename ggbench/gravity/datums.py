@@ -13,7 +13,7 @@ from .optional_modules import imported
 from .terrain import TerrainError
 
 _NEAR_M = 5.0
-"""Shift between two datums that does not matter: that of NAD83 is up to 2 m, of older ones 50 m."""
+"""Largest shift from WGS 84 that is ignored [m]: NAD83 has up to 2 m, older datums 50 m."""
 _METRES_PER_DEGREE = 111e3
 _VERTICAL = re.compile(r'VERT(?:_CS|CRS)\["([^"]+)"')
 _DOWN = re.compile(r'VERT(?:_CS|CRS)\[.*AXIS\["[^"]*",\s*down', re.IGNORECASE | re.DOTALL)

@@ -20,11 +20,16 @@ Array = NDArray[np.float64]
 
 _MOST_NODES = 4_000_000  # of the plane of a random field: some seconds per layer of the map
 _LEAST_LEVELS, _LEVELS_PER_LENGTH = 12, 4.0
-"""Levels between which a random field is interpolated by a polynomial in the height: in any case,
-and in addition for each correlation length between the lowest and the highest node."""
+"""Levels for the interpolation of a random field by a polynomial in the height.
+
+The first value is the smallest number of levels. The second value is the number of additional
+levels per correlation length between the lowest and the highest node.
+"""
 _DEEPEST = 0.5
-"""Depth of the lowest node below its layer's mean height, over the correlation length: a random
-field is three times as large there, and grows quickly below."""
+"""Largest depth of a node below the mean height of its layer, in correlation lengths.
+
+At this depth a random field is three times as large, and it grows quickly below.
+"""
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,8 @@ class MapDegradation:
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     """Return a map with errors: smoothed and scaled first, then with noise.
 
-    Raises MapError if the map is too small for the smoothing or the correlation length, or if its
-    nodes are too far apart for one of the two.
+    Raises MapError if the map is narrower than ``resolution_m``, or if the correlation length does
+    not suit the nodes or the base surface.
     """
     _check(right, degradation)
     tensor = np.asarray(right.tensor, dtype=float)
@@ -101,7 +106,7 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
 
 
 def _check(grid: GradientMap, degradation: MapDegradation) -> None:
-    """Raise MapError if a length of the errors does not go with the map's nodes."""
+    """Raise MapError if the smoothing or correlation length does not suit the map."""
     steps = _node_distances(grid)
     side = min(n * step for n, step in zip(grid.tensor.shape[:2], steps, strict=True))
     if degradation.resolution_m > side:
@@ -135,14 +140,18 @@ def _check(grid: GradientMap, degradation: MapDegradation) -> None:
 def _plane_shape(
     grid: GradientMap, degradation: MapDegradation, north: float, east: float
 ) -> tuple[int, int]:
-    """Return the nodes of a plane so wide that its periods do not show on the map."""
+    """Return the numbers of nodes (north, east) of the plane on which a random field is computed.
+
+    The plane is four correlation lengths wider than the map, so that the periodic images of the
+    random field do not correlate within the map.
+    """
     n_lat, n_lon = grid.tensor.shape[:2]
     beyond = 4.0 * degradation.correlation_m
     return n_lat + math.ceil(beyond / north), n_lon + math.ceil(beyond / east)
 
 
 def _node_distances(grid: GradientMap) -> tuple[float, float]:
-    """Return the distances between nodes to the north and east, at the middle [m]."""
+    """Return the node spacing to the north and to the east at the middle latitude [m]."""
     count = grid.tensor.shape[0]
     base = 0.0 if grid.base is None else float(grid.base.mean())
     latitude = grid.latitude0 + 0.5 * (count - 1) * grid.latitude_step
@@ -160,9 +169,9 @@ def _harmonic_noise(
 ) -> tuple[Array, Array]:
     """Return a random harmonic field on the nodes: tensor [E] and gravity vector [m/s²].
 
-    Γ_UU has the covariance σ² exp(−d²/ℓ²) at the lowest layer, whose spectrum is a Gaussian, too.
-    Of draped layers it has this correlation at the mean height of the lowest one, and the variance
-    σ² on average over that layer.
+    At the lowest layer Γ_UU has the covariance σ² exp(−d²/ℓ²) at the distance d. Its spectrum is
+    also a Gaussian. In a draped map Γ_UU has this correlation at the mean height of the lowest
+    layer. The mean variance over this layer is σ².
     """
     n_lat, n_lon, n_h = grid.tensor.shape[:3]
     pad_lat, pad_lon = _plane_shape(grid, degradation, north, east)
@@ -196,7 +205,10 @@ def _harmonic_noise(
         return np.fft.irfft(rows, pad_lon, axis=1)[:, :n_lon]
 
     def planes(fading: Array) -> Iterator[tuple[Array, int, Array]]:
-        """Yield an array of the result, a component's index in it, and its values on a level."""
+        """Yield each component of the field on a level: output array, component index, values.
+
+        ``fading`` is the factor of the upward continuation in the wavenumber domain.
+        """
         continued = potential * fading
         first = [continued * slope for slope in slopes]
         for i in range(3):
@@ -224,9 +236,9 @@ def _harmonic_noise(
 
 
 def _heights_above_reference(grid: GradientMap) -> Array:
-    """Return heights of nodes above the lowest layer's mean height [m], (n_lat, n_lon, n_h).
+    """Return heights of nodes above the mean height of the lowest layer [m].
 
-    (1, 1, n_h) of level layers.
+    The shape is (n_lat, n_lon, n_h), or (1, 1, n_h) for level layers.
     """
     above = grid.height_step * np.arange(grid.tensor.shape[2], dtype=float)
     if grid.base is None:
@@ -235,9 +247,9 @@ def _heights_above_reference(grid: GradientMap) -> Array:
 
 
 def _relative_variance(height: Array, correlation_m: float) -> Array:
-    """Return the variance of a random Γ_UU at heights [m] (...), over that at the reference.
+    """Return the variance of a random Γ_UU at heights z (...) [m], relative to that at z = 0.
 
-    The mean of exp(−2kz) over wave numbers k of the power spectrum k exp(−k²ℓ²/4).
+    It is the mean of exp(−2kz) over the wavenumbers k, weighted by the spectrum k exp(−k²ℓ²/4).
     """
     from scipy.special import erfcx
 
@@ -246,7 +258,7 @@ def _relative_variance(height: Array, correlation_m: float) -> Array:
 
 
 def _levels(heights: Array, correlation_m: float) -> Array:
-    """Return Chebyshev's points over the range of heights [m]."""
+    """Return Chebyshev nodes over the range of the heights [m]."""
     low, high = float(heights.min()), float(heights.max())
     count = _LEAST_LEVELS + math.ceil(_LEVELS_PER_LENGTH * (high - low) / correlation_m)
     angles = math.pi * (np.arange(count) + 0.5) / count

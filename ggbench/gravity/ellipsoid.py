@@ -1,7 +1,7 @@
 """WGS84 ellipsoid: radii of curvature, normal gravity, normal gravity-gradient tensor.
 
-All derivatives of the normal potential come from one sum of the even zonal harmonics J2..J12, so
-normal gravity, the gravity gradient in the INS error model and the measured gradient are
+All derivatives of the normal potential come from one sum of the even zonal harmonics J2..J12.
+Therefore normal gravity, the gravity gradient in the INS error model and the measured gradient are
 consistent. The sum reproduces the closed forms of normal gravity to a relative error of 1e-13 and
 the normal gradient to 1e-10 E (J14 is below 2e-19).
 
@@ -115,7 +115,10 @@ def radii_derivatives_of(sine: float, cosine: float) -> tuple[float, float]:
 
 
 def _legendre_coefficients(derivatives: int) -> np.ndarray:
-    """Return c[d, i, k]: s^(d mod 2) Σ_k c s^(2k) is the d-th derivative of P_n(s), n = 2i + 2."""
+    """Return coefficients c[d, i, k] of the d-th derivatives of Legendre polynomials P_n.
+
+    The d-th derivative of P_n(s) is s^(d mod 2) Σ_k c[d, i, k] s^(2k), with n = 2i + 2.
+    """
     degrees = 2 * np.arange(1, EVEN_ZONALS.size + 1)
     table = np.zeros((derivatives + 1, degrees.size, degrees[-1] // 2 + 1))
     for i, n in enumerate(degrees):
@@ -134,7 +137,8 @@ _DEGREES = EVEN_ZONALS.size
 def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float, float, float]:
     """Return V_r, V_s, V_rr, V_rs, V_ss of the zonal potential, s = sin(geocentric latitude).
 
-    V = GM/r (1 − Σ J_n (a/r)^n P_n(s)), by Horner's rule in s² and in (a/r)².
+    The potential is V = GM/r (1 − Σ J_n (a/r)^n P_n(s)). It is evaluated by Horner's rule in s² and
+    in (a/r)².
     """
     square, zero = sine * sine, like(sine, 0.0)
     ratio = SEMI_MAJOR_AXIS / radius
@@ -200,7 +204,7 @@ def _geocentric(
 ) -> tuple[float, float, float, float, float]:
     """Return r [m], sin and cos of the geocentric latitude φ', sin and cos of ψ = L − φ'.
 
-    Of a point at the geodetic latitude L whose ``sine`` and ``cosine`` are given.
+    ``sine`` and ``cosine`` are sin L and cos L of the geodetic latitude L.
     """
     _, prime_vertical = radii_of_sine(sine)
     equatorial = (prime_vertical + height) * cosine
@@ -220,8 +224,8 @@ def _geocentric(
 def _geocentric_gravity(r: float, s: float, c: float) -> tuple[float, float, float, float, float]:
     """Return gravity north and up [m/s²] and its gradient NN, NU, UU [s⁻²] in geocentric axes.
 
-    Of gravitation and centrifugal acceleration, at a radius and the sine and cosine of a geocentric
-    latitude.
+    Gravity is the sum of gravitation and centrifugal acceleration. ``r`` is the geocentric radius
+    [m]; ``s`` and ``c`` are sine and cosine of the geocentric latitude.
     """
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
     omega2 = ROTATION_RATE * ROTATION_RATE

@@ -50,7 +50,7 @@ class DisturbanceMap:
 
 
 Tensor = tuple[float, float, float, float, float, float]
-"""The six components; of numbers, or of vectors of eight runs each."""
+"""The six tensor components; each is a number, or a vector with the values of eight runs."""
 
 
 @inlined
@@ -192,7 +192,7 @@ def _vectors_at(
     base: np.ndarray,
     values: np.ndarray,
 ) -> None:
-    """Evaluate the value of the spline at (n, 3) positions."""
+    """Fill ``values`` (n, 3) with a spline of three components at positions (n, 3)."""
     derivative = np.empty((coefficients.shape[3], 3))
     for n in range(positions.shape[0]):
         vector_at(
@@ -207,7 +207,7 @@ def _vectors_at(
 
 
 _ROUNDING = 5e-7
-"""Distances of nodes outside which a border node that is computed in another order may lie."""
+"""Tolerance for rounding of positions at the border of a map [node spacings]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,20 +137,24 @@ def gravity_and_gradient(
 
 
 def _complex(coefficients: HarmonicCoefficients) -> ComplexArray:
-    """C - iS: the potential is the real part of their sum with (R/r)^(n+1) P_nm exp(i m lon)."""
+    """Return the complex coefficients C - iS.
+
+    The potential is proportional to the real part of Σ (C - iS) (R/r)^(n+1) P_nm exp(i m lon).
+    """
     return np.asarray(coefficients.cosine - 1j * coefficients.sine, dtype=np.complex128)
 
 
 def _derivative(c: ComplexArray, axis: str) -> ComplexArray:
-    """Coefficients of the derivative along an Earth-fixed axis, times the reference radius.
+    """Return R times the coefficients of the derivative along an Earth-fixed axis.
 
-    In terms of V_nm = (R/r)^(n+1) P_nm exp(i m lon), P_nm not normalised (Cunningham 1970):
+    R is the reference radius. With V_nm = (R/r)^(n+1) P_nm exp(i m lon) and unnormalised P_nm the
+    derivatives are (Cunningham 1970):
     (d/dx + i d/dy) V_nm = -V_{n+1,m+1} / R,
     (d/dx - i d/dy) V_nm = (n-m+1)(n-m+2) V_{n+1,m-1} / R,
-    d/dz V_nm = -(n-m+1) V_{n+1,m} / R;
-    the square roots below carry these over to normalised functions.
+    d/dz V_nm = -(n-m+1) V_{n+1,m} / R.
+    The square roots in the code convert these relations to normalised functions.
 
-    Takes shape (N + 1, N + 1), returns shape (N + 2, N + 2).
+    ``c`` has the shape (N + 1, N + 1), the result (N + 2, N + 2).
     """
     size = len(c)
     n = np.arange(size)[:, np.newaxis]
@@ -180,10 +184,10 @@ def _synthesis(
     longitude: ArrayLike,
     height: ArrayLike,
 ) -> Array:
-    """Real part of the sum of c_nm (R/r)^(n+1) P_nm exp(i m lon) for several series at once.
+    """Return the real part of Σ c_nm (R/r)^(n+1) P_nm exp(i m lon) for several series.
 
-    Takes series of shape (N + 1, n_series, N + 1), order before degree; returns shape
-    (n_series, n_lat, n_lon, n_h).
+    ``series`` has the shape (N + 1, n_series, N + 1): order m, series, degree n. The result has the
+    shape (n_series, n_lat, n_lon, n_h).
     """
     lat = np.asarray(latitude, dtype=float)[:, np.newaxis]
     lon = np.asarray(longitude, dtype=float)
@@ -213,9 +217,10 @@ def _synthesis(
 
 
 def _legendre_columns(degree: int, sine: Array, cosine: Array) -> Iterator[Array]:
-    """Yield, order by order, the normalised P_nm of degrees m..degree, (degree-m+1, n_points).
+    """Yield the normalised P_nm of each order m, with shape (degree-m+1, n_points).
 
-    ``sine`` and ``cosine`` are those of the geocentric latitude, shape (n_points,).
+    The rows are the degrees m to ``degree``. ``sine`` and ``cosine`` (n_points,) are those of the
+    geocentric latitude.
     """
     sectorial, exponent = np.ones_like(sine), np.zeros(sine.size, np.int64)
     for m in range(degree + 1):
@@ -250,9 +255,10 @@ def _fill_column(
     b: np.ndarray,
     column: np.ndarray,
 ) -> None:
-    """Fill P_nm of one order for all points; what is below 2^-480 and grows later is zero.
+    """Fill ``column`` with P_nm of one order m for all degrees and points.
 
-    The sectorial functions are ``sectorial * 2^(960 exponent)``.
+    The recursion starts at P_mm = ``sectorial * 2^(960 exponent)``. While the exponent of a point
+    is negative, values are below 2^-480 and are stored as zero.
     """
     rows, points = column.shape
     old, new = np.empty(points), np.empty(points)

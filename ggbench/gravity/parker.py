@@ -5,9 +5,9 @@ water at sea. Their attraction at the height z is, in the wavenumber domain,
 
     F[g_U] = −2πG exp(−k (z − z₀)) Σₙ kⁿ⁻¹/n! F[Σ ρ (s − z₀)ⁿ],
 
-where s is the surface of the land or of the sea floor, ρ the density contrast of each, and z₀ the
-height midway between the lowest and the highest point of both surfaces (Parker 1973, eq. 4). All
-other components follow by multiplication with the wavenumbers. The series converges only above the
+where s is the surface of the land or of the sea floor and ρ its density contrast (Parker 1973, eq.
+4). The height z₀ is midway between the lowest and the highest point of both surfaces. All other
+components follow by multiplication with the wavenumbers. The series converges only above the
 highest ground.
 
 Beyond its edges the terrain is continued by its mirror image, which fades into the mean height of
@@ -19,8 +19,8 @@ size of the height above the ground, are correct at distances of a few such heig
 The Earth is flat, in a conformal map projection. The flat Earth neglects mainly the rotation of the
 axes with the position. For an attraction (E, N, U) and the Earth's radius R the neglected terms are
 U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU. For 1e-3 m/s² (100 mGal) they are 0.16 E
-(U/R) and 0.31 E (2U/R). For a mountain range that is 2.4 km high, 150 km wide and causes 40 E and
-100 mGal RMS, the remaining error is 0.06 E and 0.5 mGal RMS.
+(U/R) and 0.31 E (2U/R). An example is a mountain range that is 2.4 km high and 150 km wide, with a
+field of 40 E and 100 mGal RMS. The remaining error is 0.06 E and 0.5 mGal RMS.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ GRAVITATIONAL_CONSTANT = 6.6743e-11
 _SPACING_PER_HEIGHT = 0.25  # of the Fourier grid, to the height above the highest ground
 _MOST_NODES = 30_000_000  # of the Fourier grid: about four gigabytes
 BORDER = 0.1
-"""Width of the continuation of a terrain beyond its edges, of its longer side."""
+"""Ratio of the width of a terrain's continuation beyond its edges to its longer side."""
 _MARGIN_NODES = 8  # of the Fourier grid, beyond the border
 _LARGEST_DISTORTION = 5e-3  # of lengths, by the map
 FEWEST_ORDERS = 6
@@ -170,7 +170,10 @@ def converging_clearance(terrain: Terrain) -> float:
 
 
 def _laid_flat(terrain: Terrain) -> tuple[Plane, NDArray, NDArray]:
-    """The plane of a terrain, its south-western corner there, and its size in x and y [m]."""
+    """Return the plane of a terrain, and the terrain's bounding box on the plane.
+
+    The box is given by its south-western corner (2,) and its size in x and y (2,) [m].
+    """
     lat, lon = np.radians(terrain.latitudes_deg), np.radians(terrain.longitudes_deg)
     plane = plane_at(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
     distortion = max(abs(scale_factor(a, lon[0], plane) - 1.0) for a in lat[[0, -1]])
@@ -186,7 +189,7 @@ def _laid_flat(terrain: Terrain) -> tuple[Plane, NDArray, NDArray]:
 
 
 def _native(terrain: Terrain) -> tuple[float, float]:
-    """Distances between the terrain's nodes in its middle, to the east and to the north [m]."""
+    """Return the node spacing of a terrain to the east and to the north at its centre [m]."""
     lat = np.radians(terrain.latitudes_deg)
     middle = 0.5 * (lat[0] + lat[-1])
     meridian, prime_vertical = radii_of_curvature(middle)
@@ -239,7 +242,7 @@ class _Series:
         self._highest = highest
 
     def _sample(self, terrain: Terrain) -> tuple[NDArray, float]:
-        """Heights on the grid, and the mean height along the terrain's edge."""
+        """Return heights on the grid (n_y, n_x) [m], and the mean height of the edge [m]."""
         ground = np.ascontiguousarray(terrain.height_m, dtype=float)
         edge = float(
             np.concatenate((ground[0], ground[-1], ground[1:-1, 0], ground[1:-1, -1])).mean()
@@ -313,11 +316,17 @@ class _Series:
         self.orders = n
 
     def fields(self, level: float, dtype: np.dtype) -> tuple[NDArray, NDArray]:
-        """Spline coefficients of the eight components at a level, and of what to add to them.
+        """Return spline coefficients of the eight components at a level, and of a correction.
 
-        The Fourier series is that of a terrain repeated for ever. The field of the images is
-        smooth: it is the difference between two coarse grids of the same masses, one of the same
-        period and one of eight times that, of which two orders of the series are enough.
+        The components are those of :func:`_components`. The Fourier series describes a terrain that
+        is repeated periodically. The correction removes the field of the periodic images. This
+        field is smooth, so coarse grids and two orders of the series are sufficient. The correction
+        is the field with eight times the period minus the field with the original period.
+
+        Returns
+        -------
+        Coefficients (8, n_y, n_x) on the fine grid and (8, m_y, m_x) on the coarse grid; the field
+        is the sum of both splines.
         """
         n_x, n_y = self.count
         k_x, k_y, k = self._k_x, self._k_y, np.hypot(self._k_x, self._k_y[:, np.newaxis])
@@ -347,7 +356,7 @@ class _Series:
 
     @property
     def coarse_step(self) -> NDArray:
-        """Spacing of the coarse grid in x and y [m]; its origin is that of the fine one."""
+        """Spacing (2,) of the coarse grid in x and y [m]. Both grids have the same origin."""
         return self.step * self.count / np.array(self._moments[0].shape[::-1])
 
 
@@ -386,7 +395,10 @@ def _wavenumbers(n_x: int, n_y: int, step: NDArray) -> tuple[NDArray, NDArray, N
 
 
 def _lowest_harmonics(spectrum: NDArray, count: list[int]) -> NDArray:
-    """A smoothed surface on a coarse grid of the same period, from the spectrum of the fine one."""
+    """Return a smoothed surface on a coarse grid, from its spectrum on the fine grid.
+
+    Both grids have the same period. ``count`` is the number of nodes n_x, n_y of the fine grid.
+    """
     (n_x, n_y), (m_x, m_y) = count, (min(_COARSE_NODES, n) for n in count)
     half = (m_y - 1) // 2
     columns = (m_x + 1) // 2  # without the Nyquist term of an even number
@@ -403,7 +415,10 @@ def _lowest_harmonics(spectrum: NDArray, count: list[int]) -> NDArray:
 def _components(
     continued: NDArray, k_x: NDArray, k_y: NDArray, k: NDArray, n_x: int, dtype: np.dtype
 ) -> Iterator[NDArray]:
-    """Yield EE, EN, EU, NN, NU [E], E, N, U [m/s²] in plane axes from the spectrum of −U / 2πG."""
+    """Yield EE, EN, EU, NN, NU [E], E, N, U [m/s²] in the axes of the plane.
+
+    ``continued`` is the spectrum of −g_U / 2πG at the level, with wavenumbers k_x, k_y and k [1/m].
+    """
     single = dtype == np.dtype(np.float32)
     shape = (continued.shape[0], n_x)
     column = k_y[:, np.newaxis]
@@ -434,7 +449,7 @@ def _axis(values: ArrayLike, name: str) -> NDArray:
 
 
 def _check_inside(terrain: Terrain, latitude: NDArray, longitude: NDArray) -> None:
-    """Raise TerrainError unless all positions lie on the terrain's cells."""
+    """Raise TerrainError unless all positions [rad] lie within the cells of the terrain."""
     limits = (
         ("latitude", np.degrees(latitude), terrain.latitudes_deg, terrain.latitude_step_deg),
         ("longitude", np.degrees(longitude), terrain.longitudes_deg, terrain.longitude_step_deg),

@@ -15,7 +15,7 @@ from .stereographic import Plane, from_plane, to_plane
 
 @copied
 def _weights(t: float) -> tuple[float, float, float, float]:
-    """The four cubic B-spline weights at 0 <= t <= 1 of a cell."""
+    """Return the four cubic B-spline weights at a fraction 0 <= t <= 1 of a cell."""
     u = 1.0 - t
     return (
         u * u * u / 6.0,
@@ -27,7 +27,7 @@ def _weights(t: float) -> tuple[float, float, float, float]:
 
 @compiled
 def _mirrored(index: int, count: int) -> int:
-    """The index of a row of nodes continued by its mirror image at both ends."""
+    """Return the index within 0 to ``count`` − 1 after reflection at both ends."""
     period = 2 * (count - 1)
     folded = index % period
     return folded if folded < count else period - folded
@@ -49,7 +49,7 @@ def resample(
 ) -> None:
     """Fill ``surface`` (n_y, n_x) of a plane grid with a terrain, continued beyond its edges.
 
-    Between nodes the surface is a cubic spline, limited to the range of the heights of the 16
+    Between nodes the surface is a cubic spline. It is limited to the range of the heights of the 16
     surrounding nodes, so that it does not overshoot at cliffs. Beyond the edges it is the mirror
     image of the terrain, faded into the height ``edge`` [m] over the distance ``border`` [m].
     """
@@ -89,7 +89,10 @@ def resample(
 
 @copied
 def _add_spline(u: float, v: float, coefficients: np.ndarray, value: np.ndarray) -> None:
-    """Add to ``value`` (8,) the splines at the column u and the row v of their nodes."""
+    """Add the values of eight splines at column u and row v of the grid to ``value`` (8,).
+
+    u and v are positions in units of the node spacing and need not be integers.
+    """
     column, row = math.floor(u), math.floor(v)
     w_column, w_row = _weights(u - column), _weights(v - row)
     for part in range(8):

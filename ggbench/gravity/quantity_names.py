@@ -9,11 +9,11 @@ _REDUCED = "a Bouguer or isostatic anomaly"
 _ERROR = "an error"
 _OTHER_RASTER = "a slope, a shading or another raster"
 _GRAVITY = re.compile(r"(?<![a-z])(?:grav(?:ity)?|g_?z|gd)(?![a-z])")
-"""Names of gravity, which is no gradient."""
+"""Pattern of names of gravity, in contrast to gravity gradients."""
 _TERRAIN = re.compile(
     r"terrain|(?<![a-z])tc(?![a-z])|(?<!\d)(?:1[._p]?[89]\d?|2[._p]?[2-9]\d)(?![\dm])"
 )
-"""Names of values that are corrected for the terrain: by a word, or by the density of the rock."""
+"""Pattern of names of values with a terrain correction: ``terrain``, ``tc`` or a rock density."""
 _NAMES = {
     _REDUCED: r"boug|isostat|" + _WORD.format("[cgs]?ba|scba|bga"),
     "a free-air anomaly": r"free[ _-]?air|gravity[ _]?anomal|f_a_anom|" + _WORD.format("g?faa?"),
@@ -41,7 +41,7 @@ _OF_KIND = {
     "terrain": "a height of a surface",
 }
 _PARTS_OF_GRADIENTS = {"a correction", "a height of a surface"}
-"""What the name of a column of a gradient may hold besides."""
+"""Other quantities that the name of a gradient column may contain."""
 _REASONS = {
     _REDUCED: (
         "only free-air anomalies or disturbances are allowed: others exclude the attraction of "
@@ -83,10 +83,10 @@ def contradiction(kind: str, text: str) -> str:
 
 
 def names_gravity(name: str) -> bool:
-    """Return whether the name of values is one of gravity and of no other quantity."""
+    """Return whether the name of values names gravity and no other quantity."""
     return not named_quantities(name) and _GRAVITY.search(name.casefold()) is not None
 
 
 def is_corrected_for_terrain(name: str) -> bool:
-    """Return whether the name of values says that they are corrected for the terrain."""
+    """Return whether the name of values indicates a terrain correction."""
     return _TERRAIN.search(name.casefold()) is not None

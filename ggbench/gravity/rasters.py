@@ -38,8 +38,11 @@ _DRIVERS = {
     ".byn": "BYN",
     ".gxf": "GXF",
 }
-"""Drivers of GDAL by suffix. GDAL would choose by content, and a virtual raster of any name may
-lead to any file and into the network."""
+"""Drivers of GDAL by suffix.
+
+GDAL itself would choose the driver by content. A virtual raster with any suffix could then refer to
+other files or to the network.
+"""
 _SURFER = {b"DSAA": "GSAG", b"DSBB": "GSBG", b"DSRB": "GS7BG"}
 """Drivers of Surfer's three formats, all named ``.grd``, by their first bytes."""
 _NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none"}
@@ -94,9 +97,9 @@ def _driver(path: Path) -> str:
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Keep rasterio from printing tracebacks of GDAL's messages that it cannot decode.
+    """Suppress the tracebacks that rasterio prints for messages of GDAL that it cannot decode.
 
-    They quote a damaged file. What is wrong comes as an exception, too.
+    Such messages quote bytes of a damaged file. The fault is also raised as an exception.
     """
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
@@ -107,7 +110,10 @@ def _silent() -> Iterator[None]:
 
 
 def _why_not(path: Path, message: str) -> str:
-    """A sentence on a raster that cannot be read."""
+    """Return the error message for a raster that GDAL cannot read.
+
+    ``message`` is the message of GDAL.
+    """
     if "proj.db" in message or "database context" in message:
         variables = [key for key in ("PROJ_DATA", "PROJ_LIB") if os.environ.get(key)]
         cause = (
@@ -126,7 +132,10 @@ def _why_not(path: Path, message: str) -> str:
 
 
 def _is_geosoft(path: Path) -> bool:
-    """Whether a file begins as Geosoft's binary grids: size and sign, columns, rows, direction."""
+    """Return whether a ``.grd`` file begins with the header of a Geosoft binary grid.
+
+    The header has five integers: element size, sign, columns, rows and direction.
+    """
     with path.open("rb") as file:
         head = file.read(20)
     if path.suffix.lower() != ".grd" or len(head) < 20:
@@ -172,7 +181,7 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> 
 
 
 def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
-    """The band in SI units, NaN for voids, and what to say of it."""
+    """Return the values of the band in SI units, with NaN for voids, and remarks."""
     described = dataset.descriptions[0] or ""
     units.require_named(described, name)
     factor, of_unit = units.factor(dataset.units[0] or "", name, described)
@@ -190,7 +199,10 @@ def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
 def _from_projected(
     values: Array, transform: Any, crs: Any, path: Path, remarks: Sequence[str], area: Area | None
 ) -> Grid:
-    """Resample a projected raster, by cubic splines, to a box of degrees within its edges."""
+    """Resample a projected raster to a grid regular in latitude and longitude.
+
+    The grid lies within the edges of the raster. Values are interpolated by cubic splines.
+    """
     warp = imported("rasterio.warp", path)
 
     def to_degrees(row: ArrayLike, column: ArrayLike) -> tuple[Array, Array]:

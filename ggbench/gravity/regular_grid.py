@@ -22,7 +22,7 @@ _AXIS_UNITS = {
     "latitude": re.compile(r"deg(?:ree)?s?_?n(?:orth)?"),
     "longitude": re.compile(r"deg(?:ree)?s?_?e(?:ast)?"),
 }
-"""Units of CF's coordinates."""
+"""Patterns of the units of latitude and longitude in the CF conventions."""
 _SHORT = {"latitude": ("lat",), "longitude": ("lon", "long")}
 _DEGREES = re.compile(r"deg|°")
 _REVERSED = re.compile(r"(?:west|south|_w|_s)$")
@@ -99,7 +99,12 @@ def regular_grid(
 
 
 def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
-    """First node and step of ascending coordinates, and whether they were descending."""
+    """Return first node and step of the coordinates in ascending order, and a flag.
+
+    The flag is True if ``axis`` is descending. ``what`` names the coordinates in messages.
+
+    Raises TerrainError if the coordinates are too few or not evenly spaced.
+    """
     if axis.size < FEWEST_NODES:
         raise TerrainError(f"{name} has {axis.size} {what}; at least {FEWEST_NODES} are needed.")
     step = float(axis[-1] - axis[0]) / (axis.size - 1)

@@ -191,7 +191,11 @@ class Residual:
         return vector, tensor
 
     def _per_potential(self, degree: Array, radius: float, centre: float) -> Array | float:
-        """What the grid holds of a wave of unit potential and this degree."""
+        """Return the ratio of the grid's quantity to the potential for a wave of this degree.
+
+        The ratio is 1 for a geoid, because its series is already that of the potential. It is in
+        1/m for gravity.
+        """
         if self._kind == "geoid":
             return 1.0  # the series is that of the potential already
         disturbance = (degree + 1.0) / radius
@@ -228,7 +232,10 @@ def linear_weights(nodes: Array, points: Array) -> Array:
 def _removed(
     grid: GravityGrid, coefficients: HarmonicCoefficients, lat: Array, lon: Array
 ) -> Array:
-    """What the grid holds beyond the coefficients: potential [m²/s²] or gravity [m/s²]."""
+    """Return the grid minus the synthesis of the coefficients.
+
+    The result is a potential [m²/s²] for a geoid, and gravity [m/s²] for other kinds.
+    """
     values = grid.values[: lat.size, : lon.size]
     height = np.array([float(grid.height_m)])
     if grid.kind == "geoid":
@@ -247,12 +254,15 @@ def _removed(
 
 
 def _relative_vertical_gradient(latitude: float, height: float) -> float:
-    """(∂γ/∂h)/γ [1/m], about -2/r: what a gravity anomaly owes to the shift of its level."""
+    """Return (∂γ/∂h)/γ [1/m], about -2/r.
+
+    Times the disturbing potential it is the gravity anomaly minus the gravity disturbance.
+    """
     gamma, _, vertical = normal_gravity(latitude, height)
     return float(vertical / gamma)
 
 
 def _taper(degrees: Array, width: float) -> Array:
-    """Cosine taper: zero at both ends of an axis, one from ``width`` inwards."""
+    """Return a cosine taper (n,): zero at both ends of an axis, one from ``width`` inwards."""
     inwards = np.minimum(degrees - degrees[0], degrees[-1] - degrees)
     return np.sin(0.5 * np.pi * np.clip(inwards / width, 0.0, 1.0)) ** 2

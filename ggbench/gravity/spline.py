@@ -4,8 +4,8 @@ The grid is regular along each axis. The spline interpolates the values at the n
 not-a-knot end conditions.
 
 The third coordinate of a draped grid is the height above a base surface B, a spline on the nodes of
-the first two axes. The value is F(φ, λ, h) = S(φ, λ, h − B(φ, λ)) with the spline S, and
-derivatives are those of F, by the chain rule. A base of size zero means level layers.
+the first two axes. The value is F(φ, λ, h) = S(φ, λ, h − B(φ, λ)) with the spline S. Derivatives
+are those of F and follow from the chain rule. A base of size zero means level layers.
 """
 
 from __future__ import annotations
@@ -61,9 +61,10 @@ def _fill_coefficients(data: np.ndarray, found: np.ndarray) -> None:
 
 @inlined
 def _locate(position: float, origin: float, step: float, nodes: int) -> tuple[int, float, bool]:
-    """Return the cell along an axis, the place 0 <= t <= 1 in it, and whether the grid has it.
+    """Return the cell along an axis, the fraction 0 <= t <= 1 in it, and a flag.
 
-    A position outside is moved to the border; the cell of NaN is −1.
+    The flag is True if the position is within the grid. A position outside is moved to the border.
+    The cell of NaN is −1.
     """
     u = (position - origin) / step
     if math.isnan(u):  # it must not become an index, nor a number
@@ -77,7 +78,7 @@ def _locate(position: float, origin: float, step: float, nodes: int) -> tuple[in
 
 @inlined
 def _four_weights(t: float) -> tuple[float, float, float, float]:
-    """Return the four cubic B-spline weights at 0 <= t <= 1 of a cell."""
+    """Return the four cubic B-spline weights at a fraction 0 <= t <= 1 of a cell."""
     u = 1.0 - t
     return (
         u * u * u * (1.0 / 6.0),
@@ -95,12 +96,15 @@ def _four_slopes(t: float) -> tuple[float, float, float, float]:
 
 
 _SUMS = 24
-"""Where in the scratch of a point the sums along columns begin, after the weights of its axes."""
+"""Index of the first sum in the scratch array, after 24 weights and derivatives of three axes."""
 
 
 @inlined
 def _put_weights(t: float, scale: float, at: int, work: np.ndarray) -> None:
-    """Put the four weights at a place of a cell, and their derivatives, into the scratch."""
+    """Write the four weights at a fraction t of a cell, and their derivatives, to ``work``.
+
+    The weights begin at the index ``at``. The derivatives follow, multiplied by ``scale``.
+    """
     weights, slopes = _four_weights(t), _four_slopes(t)
     for i in range(4):
         work[at + i], work[at + 4 + i] = weights[i], scale * slopes[i]
@@ -108,10 +112,11 @@ def _put_weights(t: float, scale: float, at: int, work: np.ndarray) -> None:
 
 @inlined
 def _sum_columns(flat: np.ndarray, start: int, row: int, column: int, work: np.ndarray) -> None:
-    """Sum the 16 columns of nodes around a cell with the scratch's weights of the first two axes.
+    """Sum the 16 columns of nodes around a cell, weighted along the first two axes.
 
-    The four nodes of a column, with all their components, are contiguous: 24 numbers, whose sums
-    begin at :data:`_SUMS`. ``start``, ``row`` and ``column`` are those of :func:`_weigh`.
+    A column has four nodes along the height with six components each: 24 contiguous numbers. Their
+    weighted sums are written to ``work`` from index :data:`_SUMS` on. ``start``, ``row`` and
+    ``column`` are results of :func:`_weigh`.
     """
     s_0 = s_1 = s_2 = splat(0.0)
     for a in range(4):
@@ -129,9 +134,10 @@ def _sum_columns(flat: np.ndarray, start: int, row: int, column: int, work: np.n
 def _sum_columns_and_slopes(
     flat: np.ndarray, start: int, row: int, column: int, work: np.ndarray
 ) -> None:
-    """Do :func:`_sum_columns` with the scratch's weights, and for the slopes of the first two axes.
+    """Sum columns as :func:`_sum_columns`, also for derivatives along the first two axes.
 
-    The three sums of 24 numbers, three vectors each, follow each other from :data:`_SUMS` on.
+    Three groups of 24 sums are written to ``work`` from index :data:`_SUMS` on: value, derivative
+    along the first axis, derivative along the second axis.
     """
     s_0 = s_1 = s_2 = n_0 = n_1 = n_2 = e_0 = e_1 = e_2 = splat(0.0)
     for a in range(4):
@@ -156,7 +162,10 @@ def _sum_columns_and_slopes(
 
 @inlined
 def _up(work: np.ndarray, weights: int, sums: int, m: int, count: int) -> float:
-    """Return the sum along a column of component ``m`` of ``count``, from sums in the scratch."""
+    """Return component ``m`` of ``count`` components, summed along the third axis.
+
+    ``weights`` is the index in ``work`` of the four weights, ``sums`` that of the column sums.
+    """
     return (
         work[weights] * work[sums + m]
         + work[weights + 1] * work[sums + count + m]
@@ -236,9 +245,10 @@ def vector_at(
 
 @inlined
 def _surface(base: np.ndarray, i: int, j: int, work: np.ndarray, rows: int, columns: int) -> float:
-    """Return a sum over the 16 nodes of a base around a cell, with weights in the scratch.
+    """Return the weighted sum of the 16 base coefficients around the cell (i, j).
 
-    Chains of additions are short: the four rows are independent, and so are the two pairs of a row.
+    ``rows`` and ``columns`` are the indices in ``work`` of the weights of the two axes. Terms are
+    added in short independent chains for speed.
     """
     total = 0.0
     for a in range(4):
@@ -259,12 +269,15 @@ def _weigh(
     base: np.ndarray,
     work: np.ndarray,
 ) -> tuple[int, int, int, float, float]:
-    """Return where the columns of nodes around a point are; fill the weights of its three axes.
+    """Fill ``work`` with the weights of the three axes, and return indices of the nodes.
 
-    Of each axis ``work`` gets four weights and four derivatives. The first column begins at the
-    first number returned in the flat coefficients, −1 for NaN; the next two are how far it is from
-    there to the next one along the first and the second axis. The last two are the derivatives of
-    the base along these axes.
+    For each axis ``work`` contains four weights and four derivatives.
+
+    Returns
+    -------
+    Index of the first column of nodes in the flat coefficients, or −1 for NaN; index increments
+    to the next column along the first and along the second axis; derivatives of the base surface
+    along these two axes [m/rad].
     """
     shape = coefficients.shape
     column = shape[2] * shape[3]

@@ -24,7 +24,7 @@ from ..numerics.records import record
 from .ellipsoid import radii_of_sine
 
 _DEEPEST = 128
-"""Blocks that wait to be visited: three of each level, and a grid has at most 30 levels."""
+"""Size of the stack of blocks to visit: three blocks per level, at most 30 levels."""
 
 
 @record
@@ -56,7 +56,10 @@ class Columns:
 
 @compiled
 def fill_parents(children: np.ndarray, rows: int, columns: int, parents: np.ndarray) -> None:
-    """Fill ``parents`` (rows / 2 · columns / 2, 4) with the moments of blocks of 2 x 2 children."""
+    """Fill ``parents`` (rows / 2 · columns / 2, 4) with moments of blocks of 2 x 2 children.
+
+    ``children`` (rows · columns, 4) are the blocks of the finer level, see :class:`Columns`.
+    """
     for j in range(rows // 2):
         for i in range(columns // 2):
             at = j * (columns // 2) + i
@@ -77,7 +80,11 @@ def fill_parents(children: np.ndarray, rows: int, columns: int, parents: np.ndar
 def _add_line(
     e: float, n: float, low: float, high: float, factor: float, out: np.ndarray, p: int
 ) -> None:
-    """Add a vertical line of mass from ``low`` to ``high``, signed; ``factor`` per metre."""
+    """Add the field of a vertical line mass to ``out`` (N, 9), row p.
+
+    The line lies at an offset ``e``, ``n`` [m] and has the mass ``factor`` per metre [kg/m]. If
+    ``high`` is below ``low``, the mass is negative.
+    """
     across = e * e + n * n
     square_b, square_t = across + low * low, across + high * high
     r_b, r_t = math.sqrt(square_b), math.sqrt(square_t)
@@ -106,7 +113,10 @@ def _add_line(
 def _add_dipole(
     e: float, n: float, u: float, d_e: float, d_n: float, d_u: float, out: np.ndarray, p: int
 ) -> None:
-    """Add the field of a dipole (d_e, d_n, d_u) at an offset."""
+    """Add the field of a mass dipole (d_e, d_n, d_u) [kg m] to ``out`` (N, 9), row p.
+
+    The dipole lies at an offset (e, n, u) [m] from the point.
+    """
     square = e * e + n * n + u * u
     third = 1.0 / (square * math.sqrt(square))
     fifth = 3.0 * third / square

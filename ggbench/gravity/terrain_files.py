@@ -44,7 +44,10 @@ def _read_grd(path: Path, area: Area | None, units: Units) -> Grid:
 
 
 def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
-    """Read a tile of one degree: big-endian integers of 16 bits, its corner in its name."""
+    """Read a tile of one degree: big-endian 16-bit integers.
+
+    The name of the file states the south-western corner, for example N36W085.hgt.
+    """
     corner = _TILE_NAME.match(path.name)
     if corner is None:
         raise TerrainError(
@@ -127,7 +130,10 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
 
 
 def _axis_kind(dataset: Any, dimension: Any, file: str) -> str | None:
-    """Whether a dimension is one of latitude or longitude, by its coordinate variable."""
+    """Return whether a dimension is latitude or longitude, or None if it is neither.
+
+    The coordinate variable of the dimension decides, see :func:`.regular_grid.axis_of`.
+    """
     if dimension not in dataset.variables:
         return None
     name = str(dimension)

@@ -2,9 +2,9 @@
 
 Parker's series (:mod:`.parker`) converges only above the highest summit. Sums over the columns of
 :mod:`.terrain_columns` are valid at every point above the ground. The masses are those of Parker's
-series: each cell of the terrain has the height of its node, and beyond the edges the terrain is
-continued by its mirror image, which fades into the mean height of the edge over a tenth of the
-terrain's longer side. Without continuation there are no masses beyond the edges.
+series. Each cell of the terrain has the height of its node. Beyond the edges the terrain is
+continued by its mirror image. The mirror image fades into the mean height of the edge over a tenth
+of the terrain's longer side. Without continuation there are no masses beyond the edges.
 
 Around each point the Earth is flat. The docstring of :mod:`.parker` states the error of this
 approximation.
@@ -31,13 +31,13 @@ from .terrain_columns import Columns, add_columns, fill_parents
 Array = NDArray[np.float64]
 
 RATIOS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
-"""Least distance of a column that is a line, over its width: to be chosen by the tolerance."""
+"""Choices for the smallest ratio of distance to width at which a block is a line mass."""
 _REFERENCE = 24.0
-"""Ratio against which the others are measured."""
+"""Ratio of the reference for the errors of all other ratios."""
 _SAMPLES = 32
-"""Points at which they are measured."""
+"""Number of points at which these errors are computed."""
 _AT_ONCE = 512
-"""Points of a task of a thread."""
+"""Number of points in one task of a thread."""
 _EDGE = 0.5
 """Cells beyond the outermost nodes that belong to the terrain."""
 
@@ -173,7 +173,10 @@ class TerrainMasses:
         return np.asarray(terrain.height_m, dtype=float)[tuple(indices)] + self.geoid_height
 
     def _above_ground(self, points: Array) -> Array:
-        """Return points with levels, longitudes counted as the terrain does."""
+        """Return points (N, 3) with heights above the zero level, in the turn of the terrain.
+
+        Raises TerrainError if a point is not above the ground.
+        """
         moved = np.array(points, dtype=float)
         above = moved[:, 2] - self.ground(moved[:, 0], moved[:, 1])
         if not (above > 0.0).all():  # NaN fails too
@@ -191,7 +194,10 @@ class TerrainMasses:
 
 
 def _add_plate(columns: Columns, levels: Array, out: Array) -> None:
-    """Add the endless plate between the zero level and the base of columns to (N, 9)."""
+    """Add the field of an infinite plate between zero level and base of columns to ``out`` (N, 9).
+
+    ``levels`` (N,) are the heights of the points above the zero level [m].
+    """
     low, high = min(columns.base, 0.0), max(columns.base, 0.0)
     density = math.copysign(columns.density, columns.base)
     below = np.clip(levels, low, high) - low
@@ -200,7 +206,12 @@ def _add_plate(columns: Columns, levels: Array, out: Array) -> None:
 
 
 def _continued(terrain: Terrain) -> tuple[Array, float, int, int]:
-    """Return the terrain with its mirror image, the edge's height, and added rows, columns."""
+    """Return the heights of a terrain continued beyond its edges.
+
+    Returns
+    -------
+    Heights [m]; mean height of the edge [m]; numbers of rows and of columns added on each side.
+    """
     heights = np.asarray(terrain.height_m, dtype=float)
     edge = float(
         np.concatenate((heights[0], heights[-1], heights[1:-1, 0], heights[1:-1, -1])).mean()
@@ -227,7 +238,7 @@ def _continued(terrain: Terrain) -> tuple[Array, float, int, int]:
 def _columns(
     heights: Array, base: float, density: float, south_west: Array, steps: Array
 ) -> Columns:
-    """Return the columns between a base and heights, with their blocks."""
+    """Return the columns between ``base`` and ``heights``, with the blocks of all levels."""
     cells = np.zeros((*_even(heights.shape), 4), np.float32)
     cells[: heights.shape[0], : heights.shape[1], 0] = heights - base
     levels = [cells]
@@ -252,5 +263,5 @@ def _columns(
 
 
 def _even(shape: Iterable[int]) -> tuple[int, ...]:
-    """Return the next even numbers."""
+    """Return numbers rounded up to even numbers."""
     return tuple(n + n % 2 for n in shape)

@@ -70,7 +70,7 @@ _WORDS = (
     (r"(?<![a-z])e(?:o|u)(?:tvos)?s?(?![a-z])", "e"), (r"(?<=[num])tesla", "t"),
     (r"/s/s$", "/s2"), (r"\*\*|\^|[*·_ ]", ""), (r"\s", ""),
 )  # fmt: skip
-"""Patterns of long names, in lower case, and what the tables call them."""
+"""Patterns of long unit names in lower case, with the short names of the tables."""
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*[*×·]?\s*(?=[^\d/.])(.+)")
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _ZERO_LEVEL = re.compile(r"[\s,(]+((above|over|rel\w*)\b.*|a\.?\s?s\.?\s?l\.?|a?msl)\)?$")
@@ -90,7 +90,7 @@ _SPELLINGS = {
 }
 _SI = {"gradient": "1/s2", "gravity": "m/s2"}
 _RARELY_WORDS = frozenset(("nt", "ntm", "nt/m", "mgal", "ugal", "eotvos", "ft", "feet"))
-"""Units that end a name by chance hardly ever: of another quantity, they contradict it."""
+"""Units that rarely end a name by chance; they count even if the key has another quantity."""
 _BASE = {
     "_s": Unit("time", 1.0),
     "_m": Unit("length", 1.0),
@@ -102,7 +102,7 @@ _BASE = {
     "_eotvos": Unit("gradient", 1e-9),
     "_mgal": Unit("gravity", 1e-5),
 }
-"""Quantity and SI factor of the unit in which a key is, by its end."""
+"""Quantity and SI factor of the unit for each suffix of a key."""
 
 
 def _plain(unit: str) -> str:

@@ -33,7 +33,7 @@ class Units:
     allowed : names of the units in messages.
     assumed : unit that is assumed if a file names none.
     lowest, highest : smallest and largest value of the quantity on the Earth [SI units].
-    says_assumed : whether a remark says that the unit was assumed.
+    says_assumed : whether a remark states that the unit was assumed.
     voids : additional values in the file that mark voids.
     kind : kind of input, see :func:`.quantity_names.contradiction`.
     """

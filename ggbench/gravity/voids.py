@@ -112,7 +112,11 @@ def without_voids(
 
 
 def _filled(heights: Array, void: NDArray[np.bool_], linear: NDArray[np.bool_]) -> Array:
-    """Voids filled with the nearest cell; ``linear`` ones linearly from those around, if inside."""
+    """Return heights with filled voids.
+
+    Voids in the mask ``linear`` are interpolated linearly from the cells around them, if they lie
+    between such cells. All other voids have the value of the nearest cell.
+    """
     nearest = distance_transform_edt(void, return_distances=False, return_indices=True)
     filled = heights[tuple(nearest)]
     around = binary_dilation(linear, np.ones((3, 3))) & ~void

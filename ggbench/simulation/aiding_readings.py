@@ -66,10 +66,11 @@ def aiding_readings(
 def _false(
     true: Gnss, wrong: np.ndarray, times: np.ndarray, attitudes: np.ndarray, turning: np.ndarray
 ) -> np.ndarray:
-    """Return errors (G, e) of a receiver that are the same in all runs.
+    """Return the errors (G, e) of a GNSS receiver that are equal in all runs.
 
-    Velocities are corrected for the known lever arm by the gyros' rates, taken as exact. What one
-    leaves that is ``wrong`` (3,) is C_nb (ω × Δl).
+    These are false positions, and velocity errors by the error Δl = ``wrong`` (3,) [m] of the
+    assumed lever arm. Velocities are corrected for the assumed lever arm with exact angular rates
+    ω, ``turning``. The remaining velocity error is C_nb (ω × Δl).
     """
     swept = np.einsum("kij,kj->ki", attitudes, np.cross(turning, wrong))
     parts = [true.errors.at(times)] * true.position + [swept] * true.velocity

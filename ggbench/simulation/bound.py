@@ -56,7 +56,11 @@ class Bound:
     def _smoothed(
         self, filtered: np.ndarray, lag: int, step_back: Callable[..., np.ndarray]
     ) -> np.ndarray:
-        """Return what each epoch (K, ...) becomes by the measurements of ``lag`` ticks after it."""
+        """Return smoothed values (K, ...), which use measurements up to ``lag`` ticks later.
+
+        ``filtered`` (K, ...) are the filtered values. ``step_back`` computes the smoothed values at
+        given epochs from those at the following epochs.
+        """
         epochs = len(filtered)
         if lag >= self.ticks[-1] - self.ticks[0]:
             smoothed = filtered.copy()
@@ -115,9 +119,10 @@ class Bound:
 
 
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return matrices (..., m, n) times vectors (..., n), each by itself.
+    """Return the products of matrices (..., m, n) and vectors (..., n), computed one by one.
 
-    One product of all vectors would round by their number: a run would depend on its block.
+    The rounding of one product with all vectors depends on the number of vectors. The result of a
+    run would then depend on the block.
     """
     return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
 

@@ -118,7 +118,7 @@ class Flight:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Angular rate (K, 3) about the body axes at the epochs [rad/s], mean of two steps."""
+        """Angular rate (K, 3) about the body axes [rad/s], mean of the steps around an epoch."""
         return rates(self.delta_angles, self.epochs, self.trajectory.dt)
 
     @cached_property
@@ -181,7 +181,10 @@ class Flight:
 
     @cached_property
     def _without_errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same, and what it integrates of the disturbance (K, 3), ENU [m/s²]."""
+        """INS errors of :attr:`gravity_response`, and the integrated gravity disturbance.
+
+        The integrated disturbance (K, 3), ENU [m/s²], is zero unless the INS integrates gradients.
+        """
         truth, gravity = self.trajectory, self.added_gravity(self.model_field)
         heights, gains = None, (0.0, 0.0)
         if self.true.altimeter is not None:

@@ -124,14 +124,20 @@ def _make(spec: FieldSpec, version: tuple[int, int]) -> Field:
 
 @lru_cache(maxsize=2)
 def _exact_map(spec: FieldSpec, version: tuple[int, int]) -> GradientMap:
-    """Return the map of a field without errors, read once for many draws of its errors."""
+    """Return the map of a ``[field]`` table without added errors.
+
+    The latest maps are cached, because maps with many error seeds start from the same map.
+    """
     if is_file(spec.source):
         return read(Path(spec.source), _crop(spec))
     return load_or_build(map_recipe(spec))
 
 
 def _crop(spec: FieldSpec) -> Area | None:
-    """Return the bounds to which a file is cut, if given."""
+    """Return the bounds to which a map file is cropped, or None without bounds.
+
+    Raises MapError if the bounds are not in ascending order.
+    """
     bounds = spec.south_deg, spec.north_deg, spec.west_deg, spec.east_deg
     if not any(bounds):
         return None
@@ -146,7 +152,7 @@ def _crop(spec: FieldSpec) -> Area | None:
 
 
 def _refuse_recipe(spec: FieldSpec) -> None:
-    """Raise MapError if a map that is not built is said to be built in another way."""
+    """Raise MapError if a table has keys for building a map, but its map is not built."""
     for key in ("land_correction", "relief_smoothing_deg", "density_kg_m3", "drape"):
         value, usual = getattr(spec, key), FieldSpec.model_fields[key].default
         if value != usual:

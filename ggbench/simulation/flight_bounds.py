@@ -43,7 +43,10 @@ def flight_bound(flight: Flight) -> Bound:
 
 
 def unfiltered_bound(flight: Flight) -> Bound:
-    """Return the bound of a flight whose gradiometer has neither low-pass nor noise behind it."""
+    """Return the bound of a flight without the gradiometer's low-pass filter.
+
+    The noise behind the filter is also omitted.
+    """
     instrument, true = flight.true.gradiometer, flight.true
     if instrument is not None and instrument.lowpass is not None:
         instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)
@@ -73,7 +76,10 @@ def _bounds(flights: Sequence[Flight], true: SensorSuite) -> list[Bound]:
 
 
 def _systems(flights: Sequence[Flight], true: SensorSuite) -> tuple[np.ndarray, ...]:
-    """Return Φ, Q (R, K, n, n) and rows over delays (R, K, 6, 15) along the truth, of a group."""
+    """Return Φ, Q (R, K, n, n) and delay matrices (R, K, 6, 15) along the truth of R flights.
+
+    The delay matrices map an error at an epoch to the error at the delayed time.
+    """
     first = flights[0]
     for flight in flights:
         require_together(first, flight)
@@ -125,7 +131,11 @@ def _bound(
 
 
 def _noise_cov(flight: Flight, true: SensorSuite) -> np.ndarray:
-    """The measurements' noise, of the gradiometer by what its tails tell more."""
+    """Return the noise covariance (m, m) for the bound.
+
+    Noise with heavy tails has more Fisher information than Gaussian noise of the same variance. The
+    gradiometer's white noise variance is divided by the ratio of both values.
+    """
     noise_cov = true.noise_cov.copy()
     if true.gradiometer is not None and flight.faults.information > 1.0:
         own, share = np.arange(true.gradients), 1.0 - 1.0 / flight.faults.information

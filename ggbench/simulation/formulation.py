@@ -49,7 +49,10 @@ class MeasurementTimes:
     aiding: Sequence[np.ndarray]
 
     def between(self, first: int, last: int) -> MeasurementTimes:
-        """Return the schedule of the epochs ``first`` to ``last``, as a flight of their own."""
+        """Return the schedule of the epochs ``first`` to ``last``, with new indices from zero.
+
+        Samples are counted from the epoch before ``first``; ``times`` are unchanged.
+        """
         start = 0 if first == 0 else int(self.samples[first - 1])
         epochs = slice(first, last + 1)
 
@@ -140,7 +143,7 @@ class SensorReadings(NamedTuple):
 
 
 def rates(angles: np.ndarray, samples: np.ndarray, dt: float) -> np.ndarray:
-    """Return angular rates (K, ...) [rad/s] at INS samples (K,), as means of two steps.
+    """Return angular rates (K, ...) [rad/s] at INS samples (K,), means of the adjacent steps.
 
     ``angles`` (N, ...) are gyro increments [rad] at an interval of ``dt`` [s].
     """
@@ -315,12 +318,14 @@ def arrays_along(
 
 
 def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Whitening | None:
-    """Return the whitening of the readings of R runs, all of which miss the same ones (R, G).
+    """Return the whitening of coloured gradiometer noise in R runs, or None for white noise.
+
+    ``missing`` (R, G) is the mask of missing measurements.
 
     Raises
     ------
     GGBenchError
-        If the noise is coloured and they do not.
+        If the noise is coloured and the runs miss different measurements.
     """
     whitening = model.whitening(times, missing[0])
     if whitening is not None and (missing != missing[0]).any():

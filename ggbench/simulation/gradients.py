@@ -63,7 +63,7 @@ def gradients(flight: Flight, streams: Sequence[RandomStreams]) -> Gradients:
 def _drawn_states(
     flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
 ) -> tuple[list[SensorStates], dict[str, np.ndarray]]:
-    """Return the kinds of states that an instrument has, and their values (R, K, s) by name."""
+    """Return the error states of a gradiometer, and their random true values (R, K, s) by name."""
     kinds = [kind for kind in gradiometer_states(instrument) if kind.sigma]
     return kinds, {
         kind.name: np.stack(
@@ -76,7 +76,7 @@ def _drawn_states(
 def _with_errors(
     flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
 ) -> Gradients:
-    """Return what the instruments deliver where readings are simulated."""
+    """Return simulated gradiometer measurements of R runs, with all errors."""
     faults, at = flight.faults, flight.gradient_epochs
     times = flight.times[at]
     channels = instrument.channels
@@ -120,7 +120,7 @@ def _with_errors(
 
 
 def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:
-    """Return which readings (R, G) of the gradiometer drop out."""
+    """Return the mask (R, G) of gradiometer measurements that drop out."""
     faults, times = flight.faults, flight.times[flight.gradient_epochs]
     if faults.dropout_share > 0.0:
         return np.stack(
@@ -130,7 +130,7 @@ def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:
 
 
 def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
-    """Return the tensors (G, 6) of readings that are taken at other times than they claim."""
+    """Return the tensors (G, 6) [E] at measurement times with clock error and jitter."""
     truth, faults, times = flight.trajectory, flight.faults, flight.times[flight.gradient_epochs]
     clock = faults.clock * rng.standard_normal()
     reading_times = times - flight.latency + faults.jitter * rng.standard_normal(len(times))

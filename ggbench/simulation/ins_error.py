@@ -16,7 +16,7 @@ from .sensor_suite import SensorSuite
 EARTH_RADIUS_M = 6.371e6
 """Mean radius of the Earth [m]."""
 _STEPS = 200
-"""Times after the start at which the covariance is given."""
+"""Largest number of times after the start at which the covariance is computed."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,10 @@ def noise_names(case: CaseSpec) -> list[str]:
 
 
 def _colour(spec: GradiometerSpec) -> VectorAutoregression | None:
-    """Return the model of coloured noise that a table names, if it names one."""
+    """Return the coloured-noise model of a table, or None for white noise.
+
+    Raises GGBenchError if channels or interval of the model differ from those of the table.
+    """
     if spec.coloured_noise is None:
         return None
     colour, components = read_noise(shipped_or_own(spec.coloured_noise)), channel_names(spec)

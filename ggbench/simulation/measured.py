@@ -63,7 +63,7 @@ def measured_errors(
 
 
 def _on_line(case: CaseSpec, sensor: str, period: float, columns: Sequence[str]) -> np.ndarray:
-    """Return the readings of a sensor on the line of a case, (G, columns)."""
+    """Return the surveyed values (G, c) of c columns at the measurement times of a sensor."""
     flown = case.trajectory
     try:
         return flown.survey_line().measured(columns, flown.middle_s, period, sensor)

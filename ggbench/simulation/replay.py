@@ -130,11 +130,9 @@ class Loop:
         self._part = problem
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the next part: the epochs after the last correction.
+        """Return the problem of the next part: the epochs after the last correction to ``last``.
 
-        ``last`` is the index of its last epoch.
-
-        Its prior is the estimate at the last correction.
+        The prior of this problem is the estimate at the last correction.
         """
         replay, first = self._replay, self._first
         when, recording = replay.when, replay.recording
@@ -166,7 +164,10 @@ class Loop:
         return self._part
 
     def _seen_from(self, ins: Motion, when: MeasurementTimes, epochs: slice) -> SensorReadings:
-        """Return the readings of some epochs as they are from another track."""
+        """Return the measurements of a slice of epochs, relative to the INS track ``ins``.
+
+        Measurements that do not depend on the INS solution are unchanged.
+        """
         model, problem = self._replay.model, self._problem
         z, there = problem.measurements[np.newaxis, epochs], problem.present[np.newaxis, epochs]
         old = Motion(*(array[np.newaxis] for array in self._open.at(epochs)))

@@ -1,8 +1,8 @@
 """Simulation of runs: problems and truth from a flight and a seed.
 
 A run adds random errors to a :class:`~.error_free_flight.Flight`. Each error source has a random
-generator, spawned from seed and run index, so two cases that differ in one source share the random
-numbers of all others. Sensors, prior and map exist twice, true and assumed, see
+generator, spawned from seed and run index. Therefore two cases that differ in one source have the
+same random numbers for all other sources. Sensors, prior and map exist twice, true and assumed, see
 :mod:`ggbench.spec.sensors`.
 """
 
@@ -136,7 +136,10 @@ def _add_states(
     gradients_read: Gradients,
     error_state: np.ndarray,
 ) -> None:
-    """Fill true error states (R, K, n) of runs of one flight, but for those of other sensors."""
+    """Fill the true states of INS, unknown gravity and gradiometer in ``error_state`` (R, K, n).
+
+    The R runs share one flight. States of the aiding sensors are unchanged.
+    """
     model = flight.model
     navigation_errors(ins.states, *flight.motion_at_epochs, error_state)
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
@@ -189,7 +192,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
 def _readings(
     flight: Flight, streams: Sequence[RandomStreams], gradients_read: Gradients, ins: Motion
 ) -> tuple[SensorReadings, np.ndarray]:
-    """Return what the sensors of R runs deliver, and the true states (R, K, n) of the others."""
+    """Return the measurements of R runs, and the true states (R, K, n) of the aiding sensors."""
     measurements, present, states = aiding_readings(flight, streams, ins)
     return SensorReadings(
         gradients_read.output, gradients_read.missing, measurements, present
@@ -197,13 +200,13 @@ def _readings(
 
 
 class _Scratch(NamedTuple):
-    """Arrays at the IMU's samples, which each group of runs overwrites.
+    """Arrays at the IMU samples, which each group of runs overwrites.
 
     Attributes
     ----------
-    track : (N + 1, TRACK, LANES) what the INSs indicate.
-    increments : (N, 6, LANES) of the IMUs.
-    noise : (LANES, 2, N, 3) standard normal numbers, of angles and of velocities.
+    track : (N + 1, TRACK, LANES) INS solutions.
+    increments : (N, 6, LANES) IMU increments with errors.
+    noise : (LANES, 2, N, 3) standard normal numbers for angle and velocity increments.
     """
 
     track: np.ndarray
@@ -212,7 +215,7 @@ class _Scratch(NamedTuple):
 
     @classmethod
     def of(cls, flight: Flight) -> _Scratch:
-        """Return arrays to be filled."""
+        """Return arrays without values for the samples of a flight."""
         count = len(flight.delta_angles)
         track, increments, noise = allocate((count + 1, TRACK), (count, 6), (count, 6))
         return cls(track, increments, noise.reshape(-1, 2, count, 3))
@@ -224,12 +227,11 @@ def _navigate(
     gravity: KnownGravity,
     scratch: _Scratch,
 ) -> tuple[np.ndarray, Recording]:
-    """Navigate a group of runs at once; fills increments and track of the scratch.
+    """Compute the INS solutions of a group of R runs; fill increments and track of ``scratch``.
 
     Returns
     -------
-    The true biases (R, K or 1, 6) of gyros and accelerometers in the increments, and all that the
-    INSs were given as a recording.
+    True biases (R, K or 1, 6) of gyros and accelerometers, and the recorded input of the INSs.
     """
     true, increments = flights[0].true, scratch.increments
     biases = _inertial_readings(flights, streams, scratch.noise, increments)
@@ -261,9 +263,10 @@ def _inertial_readings(
     noise: np.ndarray,
     increments: np.ndarray,
 ) -> np.ndarray:
-    """Fill the increments (N, 6, LANES) that the IMUs deliver; return the biases (R, K or 1, 6).
+    """Fill the IMU increments (N, 6, LANES) with errors; return the biases (R, K or 1, 6).
 
-    The biases at the epochs, once if they are constant; ``noise`` (LANES, 2, N, 3) is overwritten.
+    Biases are given at the K epochs, or once if they are constant. ``noise`` (LANES, 2, N, 3) is
+    overwritten.
     """
     first = flights[0]
     imu, dt, count = first.true.imu, first.trajectory.dt, len(first.delta_angles)
@@ -291,7 +294,10 @@ def _inertial_readings(
 def _altimeter_readings(
     flights: Sequence[Flight], streams: Sequence[RandomStreams]
 ) -> tuple[np.ndarray, tuple[float, float]]:
-    """Return the heights (N, 1, LANES) that damp the mechanization, and gains; none without."""
+    """Return the measured altimeter heights (N, 1, LANES) [m], and the gains of the damping.
+
+    Without an altimeter there are no heights (0, 1, LANES), and the gains are zero.
+    """
     if flights[0].true.altimeter is None:
         return unfilled(0, 1), (0.0, 0.0)
     gains, psd = flights[0].true.altimeter

@@ -137,7 +137,7 @@ class SensorSuite:
         return states_of(self.gradiometer, self.aiding, sizes, STATES)
 
     def _place(self, name: str) -> slice:
-        """Return the states of a block of the layout; an empty slice if it has no such."""
+        """Return the slice of the states in the block ``name``; empty if there is no such block."""
         return next((block.slice for block in self.layout if block.name == name), slice(0, 0))
 
     @cached_property
@@ -284,7 +284,7 @@ class SensorSuite:
 
     @cached_property
     def _constants(self) -> tuple[np.ndarray, Noise]:
-        """What these sensors add to F, by its entries, and what drives the error model."""
+        """Constant entries of the sensors in F, and process noise of the INS error model."""
         entries, noise = added_by(self.imu, self.altimeter)
         decaying = bool(entries[[DECAY, DECAY + 1]].any())
         if self.disturbance is None:
@@ -351,7 +351,10 @@ class SensorSuite:
     def _add_sensor_states(
         self, times: np.ndarray, transition: np.ndarray, process_cov: np.ndarray
     ) -> None:
-        """Fill what the states of sensors have in Φ and Q (R, K, n, n), at times (K,) [s]."""
+        """Fill the rows and columns of sensor states in Φ and Q (R, K, n, n).
+
+        ``times`` (K,) are the epochs [s].
+        """
         first = self.ins_state_count
         transition[:, :, :first, first:] = transition[:, :, first:] = 0.0
         process_cov[:, :, :first, first:] = process_cov[:, :, first:] = 0.0

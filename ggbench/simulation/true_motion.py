@@ -44,9 +44,9 @@ def error_free_motion(
 
 
 def _require_possible(trajectory: Trajectory) -> None:
-    """Raise TrajectoryError if a flight leaves the heights and speeds that have a meaning.
+    """Raise TrajectoryError if height or speed leave their limits during a flight.
 
-    Each key may be within its limits, and what long manoeuvres or a track make of them is not.
+    Long manoeuvres or a track can exceed the limits even if each key of the table is valid.
     """
     heights, speeds = trajectory.positions[:, 2], np.linalg.norm(trajectory.velocities, axis=1)
     for what, values, lowest, highest, unit in (
