@@ -136,3 +136,108 @@ KML_LINE = (
     + "\n</coordinates></LineString></Placemark></kml>\n"
 )
 CSV_PLACES = "latitude_deg,longitude_deg\n" + "".join(f"{lat},{lon}\n" for lat, lon in PLACES)
+
+SECONDS = np.arange(COUNT) + 1.7e9
+FILES = {
+    "GPSLogger": (
+        "time,lat,lon,elevation,accuracy",
+        SECONDS,
+        (1.0, 1.0, 1.0),
+        {"height_m": "elevation"},
+    ),
+    "OpenSky": (
+        "time,lat,lon,geoaltitude,heading_unknown",
+        SECONDS,
+        (1.0, 1.0, 1.0),
+        {"height_m": "geoaltitude"},
+    ),
+    "ULog": ("timestamp,lat,lon,alt_ellipsoid,fix", SECONDS * 1e6, (1e7, 1e7, 1e3), "px4"),
+    "ULog, newer": (
+        "timestamp,latitude_deg,longitude_deg,altitude_ellipsoid_m,fix",
+        SECONDS * 1e6,
+        (1.0, 1.0, 1.0),
+        "px4",
+    ),
+    "AirData": (
+        "time(millisecond),latitude,longitude,height_above_takeoff(feet),altitude(feet)",
+        SECONDS * 1e3,
+        (1.0, 1.0, 1.0 / 0.3048),
+        {"height_m": "height_above_takeoff"},
+    ),
+    "rostopic": (
+        "%time,field.latitude,field.longitude,field.altitude,field.header.seq",
+        SECONDS * 1e9,
+        (1.0, 1.0, 1.0),
+        "ros",
+    ),
+    "radians": (
+        "t,phi,lambda,h,n",
+        SECONDS,
+        (np.pi / 180.0, np.pi / 180.0, 1.0),
+        {"latitude_deg": "phi [rad]", "longitude_deg": "lambda [rad]"},
+    ),
+}
+
+
+def written(name):
+    head, times, factors, _ = FILES[name]
+    rows = np.column_stack(
+        [times, LATITUDES * factors[0], LONGITUDES * factors[1], HEIGHTS * factors[2], SECONDS]
+    )
+    return "\n".join([head, *(",".join(f"{v:.12g}" for v in row) for row in rows)]).encode()
+
+
+def csv_text(names, scale=1.0):
+    """The flight with other names of its columns."""
+    rows = np.column_stack([SECONDS, LATITUDES, LONGITUDES, scale * HEIGHTS])
+    return "\n".join([names, *(",".join(f"{v:.12g}" for v in row) for row in rows)]).encode()
+
+
+SENTENCES = [line for line in nmea().split("\r\n") if "GGA,2" in line or "GGA,0" in line][:COUNT]
+DAMAGES = {
+    "cut": lambda s: s[:40],
+    "another time": lambda s: s.replace("GGA,2", "GGA,1"),
+    "a part lost": lambda s: s[:30] + s[35:],
+    "another sentence begins": lambda s: s[:20] + "$GPTXT,01",
+}
+"""Damages of a sentence of NMEA."""
+
+
+def of_quality(quality):
+    """Sentences of NMEA, all with a quality, without their checksums."""
+    return "\n".join(s.replace(",1,08,", f",{quality},08,") for s in SENTENCES).replace("*", "\n")
+
+
+def with_namespaces(count):
+    declared = "".join(f' xmlns:n{n}="http://example.org/{n}"' for n in range(count))
+    return gpx().replace("<gpx", f"<gpx{declared}", 1)
+
+
+RANGES = "#RANGECMPA,COM1,0,1,FINE,1,2,3,4,5;1,2*00000000"
+"""A log of NovAtel without a position."""
+
+
+def multitrack(mode="<altitudeMode>absolute</altitudeMode>", own=""):
+    """Two tracks of one flight, as My Tracks and OpenTracks write them."""
+
+    def part(points):
+        return (
+            f"<gx:Track>{own}"
+            + "".join(
+                f"<when>{iso(t)}</when><gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>"
+                for t, a, o, h in points
+            )
+            + "</gx:Track>"
+        )
+
+    return (
+        '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'
+        f"<Placemark><gx:MultiTrack>{mode}<gx:interpolate>1</gx:interpolate>{part(POINTS[:9])}"
+        f"<gx:Track/>{part(POINTS[9:])}</gx:MultiTrack></Placemark></kml>"
+    )
+
+
+def with_cells(old, new):
+    """The log with another text in each fix, and with right checksums."""
+    lines = [line.partition("*")[0].lstrip("$") for line in nmea().split("\r\n") if ",M,46" in line]
+    return "\r\n".join(nmea_line(line.replace(old, new)) for line in lines).encode()

@@ -9,24 +9,23 @@ import numpy as np
 import pytest
 from receiver_tracks import (
     COUNT,
+    DAMAGES,
     HEIGHTS,
     LATITUDES,
     LONGITUDES,
     POINTS,
+    RANGES,
+    SENTENCES,
     csrs,
     gpx,
     iso,
     kml,
-    nmea,
-    nmea_line,
+    multitrack,
     novatel,
-    pos,
+    with_cells,
 )
 
-from ggbench.trajectory.manoeuvres import TrajectoryError
 from ggbench.trajectory.track_formats import rows_of
-
-SENTENCES = [line for line in nmea().split("\r\n") if "GGA,2" in line or "GGA,0" in line][:COUNT]
 
 
 def tag(n):
@@ -75,26 +74,14 @@ def test_binary_messages_between_sentences_are_passed_over():
     assert is_the_flight(rows_of(cut), np.arange(COUNT) != 5)
 
 
-@pytest.mark.parametrize(
-    ("damage", "reason"),
-    [
-        (lambda s: s[:40], "checksum"),
-        (lambda s: s.replace("GGA,2", "GGA,1"), "checksum"),
-        (lambda s: s[:30] + s[35:], "checksum"),
-        (lambda s: s[:20] + "$GPTXT,01", "checksum"),
-    ],
-)
-def test_one_damaged_sentence_is_left_out_and_counted(damage, reason):
-    """A share of more than a tenth is refused."""
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_one_damaged_sentence_is_left_out_and_counted(damage):
     lines = [*SENTENCES]
-    lines[5] = damage(lines[5])
+    lines[5] = DAMAGES[damage](lines[5])
     rows = rows_of("\n".join(lines).encode())
     assert is_the_flight(rows, np.arange(COUNT) != 5)
     assert "left out: 1 damaged (first: line 6, " in rows.remark
-    assert reason in rows.remark and "('" not in rows.remark
-    lines[1:4] = [damage(line) for line in lines[1:4]]
-    with pytest.raises(TrajectoryError, match=r"line 2 .* 4 among 20: more than 10%"):
-        rows_of("\n".join(lines).encode())
+    assert "checksum" in rows.remark and "('" not in rows.remark
 
 
 @pytest.mark.parametrize(("quality", "what"), [(6, "estimated"), (7, "manual"), (8, "simulated")])
@@ -107,12 +94,6 @@ def test_qualities_that_are_no_fix_are_none(quality, what):
     rows = rows_of("\n".join(lines).encode())
     assert is_the_flight(rows, np.r_[0:5, 8:COUNT])
     assert rows.remark == f"GGA sentences left out: 3 {what}"
-    with pytest.raises(TrajectoryError, match=rf"no GGA sentence with a fix.* \(only 20 {what}\)"):
-        rows_of(
-            "\n".join(s.replace(",1,08,", f",{quality},08,") for s in SENTENCES)
-            .encode()
-            .replace(b"*", b"\n")
-        )
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -125,41 +106,17 @@ def test_a_solution_of_csrs_ppp(backwards, sign):
     np.testing.assert_allclose(rows.columns["longitude_deg"], sign * (LONGITUDES - 11.0), atol=1e-8)
     np.testing.assert_allclose(rows.columns["height_m"], HEIGHTS, atol=1e-3)
     assert not rows.remark
-    with pytest.raises(TrajectoryError, match="without the line of column names"):
-        rows_of(csrs().replace("HGT(m)", "UP").encode())
 
 
 @pytest.mark.parametrize("kind", ["INSPVAA", "BESTPOSA"])
 def test_ascii_logs_of_novatel(kind):
     """Others between them are passed over, and those without a solution counted."""
     rows = novatel(kind)
-    rows.insert(3, "#RANGECMPA,COM1,0,1,FINE,1,2,3,4,5;1,2*00000000")
+    rows.insert(3, RANGES)
     assert is_the_flight(rows_of("\n".join(rows).encode()))
     rows[0] = rows[0].replace("INS_SOLUTION_GOOD", "INS_ALIGNING").replace("SOL_COMP", "INSUFF")
     found = rows_of("\n".join(rows).encode())
     assert is_the_flight(found, slice(1, None)) and f"1 of its logs {kind}" in found.remark
-    with pytest.raises(TrajectoryError, match="NovAtel log with RANGECMPA; positions are read"):
-        rows_of(rows[3].encode())
-
-
-def multitrack(mode="<altitudeMode>absolute</altitudeMode>", own=""):
-    """Two tracks of one flight, as My Tracks and OpenTracks write them."""
-
-    def part(points):
-        return (
-            f"<gx:Track>{own}"
-            + "".join(
-                f"<when>{iso(t)}</when><gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>"
-                for t, a, o, h in points
-            )
-            + "</gx:Track>"
-        )
-
-    return (
-        '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'
-        f"<Placemark><gx:MultiTrack>{mode}<gx:interpolate>1</gx:interpolate>{part(POINTS[:9])}"
-        f"<gx:Track/>{part(POINTS[9:])}</gx:MultiTrack></Placemark></kml>"
-    )
 
 
 def test_a_track_inherits_the_mode_of_its_multitrack():
@@ -168,9 +125,6 @@ def test_a_track_inherits_the_mode_of_its_multitrack():
         found = rows_of(text.encode())
         for key, values in expected.columns.items():
             np.testing.assert_array_equal(found.columns[key], values)
-    for bad in (multitrack(""), multitrack(own="<altitudeMode>clampToGround</altitudeMode>")):
-        with pytest.raises(TrajectoryError, match="altitudeMode is 'clampToGround'"):
-            rows_of(bad.encode())
 
 
 def test_empty_elements_that_the_standard_allows_are_left_out():
@@ -189,33 +143,9 @@ def test_empty_elements_that_the_standard_allows_are_left_out():
     assert is_the_flight(rows_of(segments.encode()))
 
 
-def with_cells(old, new):
-    """The log with another text in each fix, and with right checksums."""
-    lines = [line.partition("*")[0].lstrip("$") for line in nmea().split("\r\n") if ",M,46" in line]
-    return "\r\n".join(nmea_line(line.replace(old, new)) for line in lines).encode()
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (",E,", ",,", "no N or S, or no E or W"),
-        (",N,", ",,", "no N or S, or no E or W"),
-        (",46.5,M,", ",152.6,F,", "geoid height is not in metres"),
-    ],
-)
-def test_a_fix_without_direction_or_in_feet_is_none(old, new, said):
-    with pytest.raises(TrajectoryError, match=said):
-        rows_of(with_cells(old, new))
-
-
 @pytest.mark.parametrize(("stated", "is_doubtful"), [("0.0", True), ("44.0", False)])
 def test_geoid_heights_far_from_those_of_a_model_are_remarked_on(stated, is_doubtful):
     rows = rows_of(with_cells(",46.5,M,", f",{stated},M,"))
     assert ("EGM2008 has 47 m" in rows.remark) is is_doubtful
     text = gpx().replace(f"<geoidheight>{46.5}", f"<geoidheight>{stated}")
     assert ("EGM2008 has 47 m" in rows_of(text.encode()).remark) is is_doubtful
-
-
-def test_a_solution_in_another_datum_is_refused():
-    with pytest.raises(TrajectoryError, match="datum Tokyo; only WGS84"):
-        rows_of(pos().replace("WGS84", "Tokyo").encode())

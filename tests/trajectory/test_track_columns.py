@@ -4,62 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from receiver_tracks import COUNT, HEIGHTS, LATITUDES, LONGITUDES
+from receiver_tracks import FILES, HEIGHTS, LATITUDES, LONGITUDES, csv_text, written
 from small_cases import small_case
 
 from ggbench.campaign.result_keys import problem_key
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.manoeuvres import TrajectoryError
 from ggbench.trajectory.track_formats import rows_of
-
-SECONDS = np.arange(COUNT) + 1.7e9
-FILES = {
-    "GPSLogger": (
-        "time,lat,lon,elevation,accuracy",
-        SECONDS,
-        (1.0, 1.0, 1.0),
-        {"height_m": "elevation"},
-    ),
-    "OpenSky": (
-        "time,lat,lon,geoaltitude,heading_unknown",
-        SECONDS,
-        (1.0, 1.0, 1.0),
-        {"height_m": "geoaltitude"},
-    ),
-    "ULog": ("timestamp,lat,lon,alt_ellipsoid,fix", SECONDS * 1e6, (1e7, 1e7, 1e3), "px4"),
-    "ULog, newer": (
-        "timestamp,latitude_deg,longitude_deg,altitude_ellipsoid_m,fix",
-        SECONDS * 1e6,
-        (1.0, 1.0, 1.0),
-        "px4",
-    ),
-    "AirData": (
-        "time(millisecond),latitude,longitude,height_above_takeoff(feet),altitude(feet)",
-        SECONDS * 1e3,
-        (1.0, 1.0, 1.0 / 0.3048),
-        {"height_m": "height_above_takeoff"},
-    ),
-    "rostopic": (
-        "%time,field.latitude,field.longitude,field.altitude,field.header.seq",
-        SECONDS * 1e9,
-        (1.0, 1.0, 1.0),
-        "ros",
-    ),
-    "radians": (
-        "t,phi,lambda,h,n",
-        SECONDS,
-        (np.pi / 180.0, np.pi / 180.0, 1.0),
-        {"latitude_deg": "phi [rad]", "longitude_deg": "lambda [rad]"},
-    ),
-}
-
-
-def written(name):
-    head, times, factors, _ = FILES[name]
-    rows = np.column_stack(
-        [times, LATITUDES * factors[0], LONGITUDES * factors[1], HEIGHTS * factors[2], SECONDS]
-    )
-    return "\n".join([head, *(",".join(f"{v:.12g}" for v in row) for row in rows)]).encode()
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -75,27 +26,7 @@ def test_a_track_of_another_program_is_read_by_its_names(name):
             rows_of(written(name))
 
 
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
-        ({"height_m": "alti"}, "line 1 names no column 'alti' for height_m"),
-        (
-            {"height_m": "elevation [deg]"},
-            "a column 'elevation' in 'deg'; allowed units of height_m",
-        ),
-        ({"hight_m": "elevation"}, "columns.hight_m is not a column of a track; known: time_s"),
-        ("px5", "columns is 'px5' and must be euroc, px4, ros"),
-        ("ros", "names no column '%time \\[ns\\]' for time_s"),
-    ],
-)
-def test_a_wrong_name_has_its_sentence(columns, said):
-    with pytest.raises(TrajectoryError, match=said):
-        rows_of(written("GPSLogger"), columns)
-
-
-def test_names_belong_to_a_track_of_columns(tmp_path):
-    with pytest.raises(TrajectoryError, match="is a GPX file, which has no column"):
-        rows_of(b"<gpx version='1.1'></gpx>", {"height_m": "ele"})
+def test_names_of_columns_are_checked_before_a_track_is_read():
     with pytest.raises(ValueError, match="must be a table of names"):
         TrajectorySpec(file="a.csv", columns="px5")
     with pytest.raises(ValueError, match="height_m must be a name"):
@@ -112,12 +43,6 @@ def test_other_names_are_another_flight(tmp_path):
         keys.add(problem_key(small_case({}).model_copy(update={"trajectory": spec}), 1))
         assert hash(spec) == hash(spec.model_copy())
     assert len(keys) == 3
-
-
-def csv_text(names, scale=1.0):
-    """The flight with other names of its columns."""
-    rows = np.column_stack([SECONDS, LATITUDES, LONGITUDES, scale * HEIGHTS])
-    return "\n".join([names, *(",".join(f"{v:.12g}" for v in row) for row in rows)]).encode()
 
 
 @pytest.mark.parametrize("name", ["alt_ft", "Altitude ft", "altitude_feet", "AltFt"])
@@ -141,19 +66,6 @@ def test_heights_above_sea_level_by_name_become_ellipsoidal(name, columns):
     found = rows_of(csv_text(f"time_s,latitude_deg,longitude_deg,{name}"), columns)
     np.testing.assert_allclose(found.columns["height_m"], HEIGHTS + 46.8, atol=1.5)
     assert "above sea level" in found.remark
-
-
-@pytest.mark.parametrize(
-    ("names", "columns", "said"),
-    [
-        ("time_s,lon,longitude_deg,height_m", {"latitude_deg": "lon"}, "columns are swapped"),
-        ("time_s,latitude_deg,lon_w,height_m", {"longitude_deg": "lon_w"}, "positive west"),
-        ("time_s,latitude_deg,longitude_deg,depth", {"height_m": "depth"}, "positive down"),
-    ],
-)
-def test_a_name_that_contradicts_its_key_is_refused(names, columns, said):
-    with pytest.raises(TrajectoryError, match=said):
-        rows_of(csv_text(names), columns)
 
 
 def test_heights_above_the_ground_by_name_are_remarked_on():
