@@ -25,7 +25,6 @@ from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate
-from ggbench.spec.scenario import ScenarioError
 
 ASKEW = {"trajectory.heading_deg": 37.0, "trajectory.roll_deg": 12.0, "trajectory.pitch_deg": 1.0}
 """Body axes that lie along no others."""
@@ -249,10 +248,6 @@ def test_a_local_level_gradiometer_knows_no_clock():
             for longitude in (10.0, 70.0)
         )
         assert (np.abs(here - there).max() < 1e-9) == still
-    with pytest.raises(
-        ScenarioError, match=r'requires instrument = "platform".* found "local-level"'
-    ):
-        mounted("local-level", truth__gradiometer__clock_error_s=100.0)
 
 
 # The bound.

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from laws import likely
 from scipy.stats import chi2
-from small_cases import residuals_at_the_truth, small_case, small_flight
+from small_cases import residuals_at_the_truth, small_flight
 
-from ggbench.errors import GGBenchError
 from ggbench.sensors.gradiometer.faults import Faults
 from ggbench.simulation.runs import simulate_block
 
@@ -80,36 +79,3 @@ def test_a_position_bias_of_the_truth_alone_is_correlated():
     after = (added[:, 1:] * added[:, :-1]).mean() / (added**2).mean()
     assert after == pytest.approx(np.exp(-1.0 / 6.0), abs=0.02)
     np.testing.assert_array_equal(block.measurements[..., 3:], plain.measurements[..., 3:])
-
-
-WRONG = {
-    "a duty cycle without end": ({"truth.gnss.duty_on_s": 5.0}, "duty_on_s and duty_off_s must"),
-    "a ramp of nothing": ({"truth.gnss.ramp_from_s": 5.0}, "requires ramp_mps"),
-    "a jump of nothing": ({"truth.gnss.jump_until_s": 5.0}, "requires jump_m"),
-    "a jump that ends first": (
-        {
-            "truth.gnss.jump_m": [1.0, 0.0, 0.0],
-            "truth.gnss.jump_from_s": 5.0,
-            "truth.gnss.jump_until_s": 4.0,
-        },
-        "jump_until_s must be later than jump_from_s",
-    ),
-    "a bias of no positions": (
-        {
-            "sensor.roof.kind": "gnss",
-            "sensor.roof.period_s": 1.0,
-            "sensor.roof.velocity_noise_mps": 0.1,
-            "sensor.roof.position_bias_m": 3.0,
-        },
-        "needs position_noise_m",
-    ),
-    "a time of no bias": ({"gnss.position_bias_time_s": 3.0}, "needs position_bias_m"),
-    "two axes": ({"truth.gnss.jump_m": [1.0, 0.0]}, "jump_m"),
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_table_has_its_sentence(name):
-    changes, expected = WRONG[name]
-    with pytest.raises(GGBenchError, match=expected):
-        small_case(GNSS | changes)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from small_cases import GRAVIMETER, ON_BOARD, QUIET, small_flight
 
-from ggbench.errors import GGBenchError
 from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 
@@ -95,37 +94,3 @@ def test_the_bound_knows_the_states():
     assert (sigma[-1, 15:18] < [4e-4, 4e-4, 2e-4]).all()
     wider = sigma[-1, 3:6] / np.sqrt(np.diag(plain.filtering[-1]))[3:6]
     assert (wider > 1.0).all()
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        (
-            {"truth.field.constant_disturbance_mgal": [1.0, 2.0, 3.0]},
-            "constant_disturbance_mgal requires field.gravity_disturbance = true",
-        ),
-        (CONSTANT | {"truth.field.constant_disturbance_mgal": [1.0, 2.0]}, "at least 3 items"),
-        (CONSTANT | {"model.disturbance.distance_km": 5.0}, "horizontal_mgal' is missing"),
-        (CONSTANT | STATES | {"model.disturbance.distance_km": 0.0}, "must lie between"),
-        (
-            CONSTANT | STATES | INTEGRATED | {"model.disturbance.distance_km": 5.0},
-            "distance_km must not be given",
-        ),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer": None} | ON_BOARD, "needs a gradiometer"),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer.instrument": "platform"}, "local-level"),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer.filter": "butterworth"}, "without delay"),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for th"),
-        (
-            CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "zz"]},
-            "whole tensor; xx, zz do not",
-        ),
-        (
-            CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "xy", "xz", "yz"]},
-            "determine the whole tensor",
-        ),
-        (STATES | INTEGRATED, "accelerometers measure none"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_a_sentence(changes, said):
-    with pytest.raises(GGBenchError, match=said):
-        small_flight(changes)

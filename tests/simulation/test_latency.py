@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from laws import likely
 from scipy.stats import chi2
-from small_cases import ROTATING, residuals_at_the_truth, rough_map, small_case, small_flight
+from small_cases import residuals_at_the_truth, rough_map, small_flight
 
-from ggbench.errors import GGBenchError
 from ggbench.estimators.ekf import ExtendedKalmanFilter
 from ggbench.judging.references import CaseBound
 from ggbench.judging.run_errors import evaluate
@@ -144,33 +143,6 @@ def test_the_bound_knows_the_latency(rough, instrument):
     assert evaluate(problem, estimate, truth).nees.mean() < 60.0
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({KNOWN: 1.0, "gradiometer.filter": "butterworth"}, "both late and filtered: set filter"),
-        ({KNOWN: -1.0}, "latency_s is -1.0 and must be 0 or lie between 1e-6 and 600"),
-        (
-            ROTATING | {UNKNOWN: 1.0, "truth.gradiometer.rotating.vibration_mps2": 1.0},
-            "gradiometer.latency_s must be 0",
-        ),
-        (
-            {
-                KNOWN: 1.0,
-                "gradiometer.instrument": "local-level",
-                "model.disturbance.horizontal_mgal": 10.0,
-                "model.disturbance.integrate_gradients": True,
-                "field.gravity_disturbance": True,
-                "field.source": "egm2008_qinling",
-            },
-            "needs readings without delay",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused_in_a_sentence(changes, sentence):
-    with pytest.raises(GGBenchError, match=sentence):
-        small_case(changes)
-
-
 def test_a_filtered_instrument_may_be_late_unknown_to_estimators(rough):
     """Its output is then that of the late readings."""
     filtered = rough | {"gradiometer.filter": "butterworth"}
@@ -185,10 +157,8 @@ def test_a_filtered_instrument_may_be_late_unknown_to_estimators(rough):
     np.testing.assert_allclose(change, treatment.apply(passed), rtol=0.0, atol=1e-6)
 
 
-def test_errors_that_decay_within_a_latency_are_refused():
-    """The model takes the state back over it, where a decay would be a growth."""
+def test_errors_that_decay_slower_than_a_latency_are_flown():
+    """And, where the model does not know the latency, faster ones."""
     decaying = {"imu.gyro_bias_time_s": 5.0}
     small_flight(decaying | {KNOWN: 4.9})
     small_flight(decaying | {UNKNOWN: 5.1})
-    with pytest.raises(GGBenchError, match=r"_bias_time_s is 5 s .* latency of the readings, 5"):
-        small_flight(decaying | {KNOWN: 5.1})

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from oracles import assert_as_the_oracle
 from problems import estimator, final_nees, rng
-from small_cases import GRAVIMETER, ON_BOARD, TINY, small_case, small_flight
+from small_cases import GRAVIMETER, ON_BOARD, TINY, small_flight
 
 from ggbench.block import ProblemBlock
-from ggbench.errors import GGBenchError
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import Truth, simulate_block
@@ -197,28 +196,3 @@ def test_other_estimators_take_the_states(rough, label):
 def test_a_filter_of_linear_states_refuses(rough):
     block, _ = simulate_block(flown(rough, "local-level", NOISY), 5, range(1))
     assert "mounting angles" in (estimator("rao-blackwellised").skip(block.problem(0)) or "")
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"gradiometer.mounting_sigma_arcmin": -1.0}, "mounting_sigma_arcmin"),
-        (
-            {"gradiometer.noise_eotvos": None, "gradiometer.coloured_noise": "vinton2008"},
-            "mount whose axes do not turn",
-        ),
-        (
-            {
-                "gradiometer.instrument": "local-level",
-                "field.gravity_disturbance": True,
-                "truth.field.constant_disturbance_mgal": [1.0, 0.0, 0.0],
-                "model.disturbance.horizontal_mgal": 20.0,
-                "model.disturbance.integrate_gradients": True,
-            },
-            "mounting_sigma_arcmin must be 0",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(changes, said):
-    with pytest.raises(GGBenchError, match=said):
-        small_case(UNKNOWN | changes)

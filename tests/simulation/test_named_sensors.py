@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from problems import SMALL
 from small_cases import (
-    GRAVIMETER,
     ON_BOARD,
     SEVERAL,
     residuals_at_the_truth,
@@ -383,31 +382,6 @@ def test_a_change_may_be_written_in_either_form(of_base, of_change):
         scenario.parse(document, "small", "small")
 
 
-@pytest.mark.parametrize("table", ["gnss", "sensor.gnss"])
-def test_messages_name_a_key_as_it_is_written(table):
-    """In the short form or the long one."""
-    receiver = {f"{table}.period_s": 1.0, f"{table}.position_noise_m": 5.0}
-    for changes, message in (
-        ({f"{table}.period_s": -1.0}, f": {table}.period_s is -1.0 and must"),
-        ({f"{table}.period": 1.0}, f": unknown key '{table}.period' .did you mean 'period_s'"),
-        ({f"{table}.height_noise_m": "x"}, f": {table}.height_noise_m is 'x' and must be a plain"),
-        ({f"truth.{table}.outlier_share": 0.1}, f": truth.{table}: outlier_share and outlier_m"),
-        ({f"model.{table}.outlier_m": 0.1}, f": unknown key 'model.{table}.outlier_m'"),
-        ({f"model.{table}": 3}, f": model.{table} is 3 and must be a table of keys"),
-    ):
-        with pytest.raises(GGBenchError) as caught:
-            small_case(receiver | changes)
-        assert re.search(message.replace(".", r"\.", 1), str(caught.value)), caught.value
-    with pytest.raises(GGBenchError, match=f": '{table}.period_s' is missing"):
-        small_case({f"{table}.position_noise_m": 5.0})
-
-
-def test_a_sensor_that_is_written_in_both_forms_is_refused():
-    both = {"gnss.period_s": 1.0, "sensor.gnss.position_noise_m": 5.0}
-    with pytest.raises(GGBenchError, match=r"\[gnss\] and \[sensor.gnss\] are the same table"):
-        small_case(both)
-
-
 def test_the_keys_of_a_named_sensor_tell_its_kind():
     """The identity of a case has no kinds: no table of one kind may be a table of another."""
     for one, other in itertools.combinations(get_args(AidingSpec), 2):
@@ -435,61 +409,3 @@ def test_unusual_values_and_situations_are_those_of_named_sensors_too():
     for sensor, situation in (("stern", "outage"), ("sea_level", "readings")):
         case = small_case(SEVERAL | {f"truth.sensor.{sensor}.dropout_share": 0.5})
         assert situations.situation_of(case) == situation
-
-
-BAR = {"sensor.x.kind": "barometer", "sensor.x.period_s": 1.0, "sensor.x.noise_m": 1.0}
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"sensor.x.period_s": 1.0}, 'sensor.x: kind is missing; allowed: "gnss", '),
-        (STERN | {"sensor.stern.kind": "gps"}, "sensor.stern: kind is 'gps'; allowed: \"gnss\""),
-        (STERN | {"sensor.stern.kind": 3}, "sensor.stern: kind is 3; allowed"),
-        (STERN | {"sensor.stern.kind": ["gnss"]}, r"sensor.stern: kind is \['gnss'\]; allowed"),
-        ({"sensor.x.kind": "gradiometer"}, "sensor.x: kind .*; only one gradiometer is allowed"),
-        ({"sensor.x": 3}, "sensor.x is 3 and must be a table of keys"),
-        ({"sensor": 3}, "sensor is 3 and must be a table of keys"),
-        ({"sensor.x.kind": "gnss"}, "'sensor.x.period_s' is missing"),
-        ({"sensor.x": {"kind": "gnss", "period_s": 1.0}}, "sensor.x: give position_noise_m"),
-        (BAR | {"sensor.x.position_noise_m": 1.0},
-         "unknown key 'sensor.x.position_noise_m'.*; known: period_s, kind, noise_m, b"),
-        (BAR | {"sensor.x.noise_m": -1.0}, "sensor.x.noise_m is -1.0 and must lie between"),
-        (BAR | {"sensor.x.noise_m": "1 m"}, "sensor.x.noise_m is '1 m' and must be a plain num"),
-        (BAR | {"sensor.x.period_s": 0.33}, r"sensor.x.period_s \(0.33 s\) must be a whole mult"),
-        (BAR | {"sensor.X": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}},
-         "sensor: X and x differ only in capital letters"),
-        *(({f"sensor.{name}": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}}, said)
-          for name, said in (("9x", "sensor.9x: the name .* begin with a letter"),
-                             ("a-b", "sensor.a-b: the name .* underscores"),
-                             ("é", "without accents"),
-                             ("x\n", "the name of a sensor must"),
-                             ("", "the name of a sensor must"),
-                             ("x" * 31, "at most 30 characters"),
-                             ("GNSS", "sensor.GNSS: this name is already used"),
-                             ("gnss", "sensor: .* gnss must have that kind, found 'barometer'"),
-                             ("IMU", "sensor.IMU: this name is already used"),
-                             ("gyro", "sensor.gyro: this name is already used"))),
-        ({"truth.sensor.x.dropout_share": 0.1},
-         "truth.sensor.x changes a sensor that is not on board"),
-        (BAR | {"model.sensor.y.noise_m": 0.1},
-         "model.sensor.y changes a sensor that is not on board"),
-        (BAR | {"truth.sensor.x.noise_mps": 1.0}, "unknown key 'truth.sensor.x.noise_mps'"),
-        (BAR | {"model.sensor.x.dropout_share": 0.1}, "unknown key 'model.sensor.x.dropout_"),
-        (BAR | {"model.sensor.x.kind": "gnss"},
-         "model.sensor.x.kind is 'gnss', and sensor.x.kind 'barometer'"),
-        (BAR | {"truth.sensor.x": 3}, "truth.sensor.x is 3 and must be a table of keys"),
-        (BAR | {"truth.sensor": 3}, "truth.sensor is 3 and must be a table of keys"),
-        (BAR | {"truth.sensor.x.outlier_share": 0.1},
-         "truth.sensor.x: outlier_share and outlier_m must be"),
-        (STERN | {"sensor.stern.velocity_noise_mps": 1.0, "truth.sensor.stern.outlier_m": 1.0},
-         "truth.sensor.stern: outlier_share and outlier_m or outlier_mps must be"),
-        ({key.replace("gravimeter", "sensor.x"): x for key, x in GRAVIMETER.items()}
-         | {"sensor.x.kind": "gravimeter"}, "sensor.x needs a map"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_is_refused_with_a_sentence(changes, said):
-    """It names the table and the key."""
-    with pytest.raises(GGBenchError, match=said) as caught:
-        small_case(changes)
-    assert "pydantic" not in str(caught.value)

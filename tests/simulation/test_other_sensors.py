@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from small_cases import GRAVIMETER, ON_BOARD, residuals_at_the_truth, rough_map, small_flight
 
-from ggbench.errors import GGBenchError
 from ggbench.simulation.runs import simulate, simulate_block
 
 ALONE = {"gradiometer": None}
@@ -144,30 +143,3 @@ def test_what_the_ins_indicates_and_the_map_are_told(rough):
     assert (place < problem.map.upper).all()
     assert problem.map.tensor(*place).shape == (6,)
     assert problem.map.gravity_disturbance(*place).shape == (3,)
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        (ALONE, "no sensor is on board"),
-        ({"gnss.period_s": 1.0}, "give position_noise_m, velocity_noise_mps, or both"),
-        ({"gnss.period_s": 1.0, "gnss.velocity_noise_mps": 1.0, "gnss.height_noise_m": 1.0},
-         "height_noise_m needs position_noise_m"),
-        (ON_BOARD | {"barometer.period_s": 0.33}, r"barometer.period_s \(0.33 s\) must be a whole"),
-        (GRAVIMETER, "gravimeter needs a map"),
-        ({"truth.gnss.dropout_share": 0.1}, "truth.gnss changes a sensor that is not on board"),
-        ({"model.gradiometer.noise_eotvos": 2.0} | ALONE | ON_BOARD,
-         "model.gradiometer changes a sensor that is not on board"),
-        ({"gnss.period_s": 1.0, "gnss.position_noise_m": 1.0, "truth.gnss.velocity_noise_mps": 1.0},
-         "truth.gnss.velocity_noise_mps requires channels that the receiver does not have"),
-        (ON_BOARD | {"truth.gnss.outlier_share": 0.1}, "outlier_share and outlier_m or outlier_"),
-        (ON_BOARD | {"truth.gnss.dropouts_s": [[5.0, 4.0]]}, "with from < to"),
-        (ON_BOARD | {"velocity_log.components": ["x", "x"]}, "names an axis twice"),
-        (GRAVIMETER | {"gravimeter.components": ["scalar"] * 2}, "names a component twice"),
-        (ON_BOARD | {"gnss.period_s": 15.0, "barometer.period_s": 15.0} | ALONE
-         | {"velocity_log.period_s": 15.0}, "too short for two measurements"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_is_refused_with_a_sentence(changes, said):
-    with pytest.raises(GGBenchError, match=said):
-        small_flight(changes)
