@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,9 @@ from problems import SMALL
 from small_cases import ROTATING, SEVERAL, rough_map, small_case, small_flight
 
 from ggbench.campaign import result_keys
-from ggbench.errors import GGBenchError
-from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
-from ggbench.spec.scenario import ScenarioError
 
 
 def test_new_keys_leave_the_identity_of_old_cases():
@@ -278,133 +274,6 @@ def test_a_case_states_its_noise_in_the_other_way(tmp_path):
     case = scenario.load(str(path)).cases[-1]
     assert case.gradiometer.noise_eotvos == 2.0
     assert case.gradiometer.rotating.baseline_m == 0.5
-
-
-# Mistakes.
-
-GRADIOMETER = "[gradiometer]"
-BAD = {
-    "true error as a common one": (
-        "[imu]", "[imu]\ngyro_scale_factor_ppm = 100.0",
-        r"unknown key 'imu.gyro_scale_factor_ppm'; known: grade, period_s, ",
-    ),
-    "outliers in the model": (
-        GRADIOMETER, f"[model.gradiometer]\noutlier_share = 0.1\n{GRADIOMETER}",
-        r"unknown key 'model.gradiometer.outlier_share'; known: noise_eotvos, ",
-    ),
-    "another period in the truth": (
-        GRADIOMETER, f"[truth.gradiometer]\nperiod_s = 2.0\n{GRADIOMETER}",
-        r"unknown key 'truth.gradiometer.period_s'.*; known: ",
-    ),
-    "unknown table of the truth": (
-        GRADIOMETER, f"[truth.imus]\n{GRADIOMETER}",
-        r"unknown key 'truth.imus' \(did you mean 'imu'\?\); known: imu, gradiometer, field, init",
-    ),
-    "gravity felt by the model": (
-        GRADIOMETER, f"[model.field]\ngravity_disturbance = true\n{GRADIOMETER}",
-        r"unknown key 'model.field.gravity_disturbance'",
-    ),
-    "outliers without a size": (
-        GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 0.1\n{GRADIOMETER}",
-        r"truth.gradiometer: outlier_share and outlier_eotvos must be given together",
-    ),
-    "all outliers": (
-        GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 1.0\n{GRADIOMETER}",
-        r"truth.gradiometer.outlier_share is 1.0 and must be 0 or lie between",
-    ),
-    "a dropout that ends before it begins": (
-        GRADIOMETER, f"[truth.gradiometer]\ndropouts_s = [[5.0, 4.0]]\n{GRADIOMETER}",
-        r"truth.gradiometer: dropouts_s must be \[from, to\] with from < to, found \[5, 4\]",
-    ),
-    "a dropout without an end": (
-        GRADIOMETER, f"[truth.gradiometer]\ndropouts_s = [[5.0]]\n{GRADIOMETER}",
-        r"truth.gradiometer.dropouts_s\[0\] is \[5.0\] and",
-    ),
-    "dropouts behind a filter": (
-        GRADIOMETER,
-        f'[truth.gradiometer]\ndropout_share = 0.1\n{GRADIOMETER}\nfilter = "butterworth"',
-        r"truth.gradiometer: measurements can be missing only without a filter",
-    ),
-    "both noises of the truth": (
-        GRADIOMETER,
-        "[truth.gradiometer]\nnoise_eotvos = 1.0\nnoise_density_eotvos_per_sqrt_hz = 1.0\n"
-        + GRADIOMETER,
-        r"truth.gradiometer: give exactly one of noise_eotvos",
-    ),
-    "fixed biases that wander in the truth": (
-        "[imu]", '[truth.imu]\ngyro_bias_time_s = 9.0\n[imu]\nbiases = "fixed"',
-        r'truth.imu: biases = "fixed" and a time constant of a bias exclude each other',
-    ),
-    "negative scale factor": (
-        "[imu]", "[truth.imu]\ngyro_scale_factor_ppm = -1.0\n[imu]",
-        r"truth.imu.gyro_scale_factor_ppm is -1.0 and must be 0 or lie between",
-    ),
-    "errors of disks that are not there": (
-        GRADIOMETER, f"[truth.gradiometer.rotating]\nscale_factor_ppm = 1.0\n{GRADIOMETER}",
-        r"truth.gradiometer.rotating requires the instrument in",
-    ),
-    "components of a rotating instrument": (
-        GRADIOMETER,
-        "[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.5\n"
-        f'{GRADIOMETER}\ncomponents = ["zz"]',
-        r"gradiometer: components must not be given with \[gradiometer.rotating\]",
-    ),
-    "no whole number of half turns": (
-        GRADIOMETER,
-        f"[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.3\n{GRADIOMETER}",
-        r"gradiometer: rotating gradiometer: a reading of 1.0 s at 0.3 Hz takes 0.6 half turns",
-    ),
-    "an axis twice": (
-        GRADIOMETER,
-        '[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.5\nspin_axes = ["x", "x"]\n'
-        + GRADIOMETER,
-        r"gradiometer.rotating.spin_axes: names an axis twice",
-    ),
-    "unknown mount": (
-        GRADIOMETER, f'{GRADIOMETER}\ninstrument = "gimballed"',
-        r"gradiometer.instrument is 'gimballed' and must be 'platform', 'local-level' or 'strapd",
-    ),
-    "unknown channel": (
-        GRADIOMETER, f'{GRADIOMETER}\ncomponents = ["yx"]', r"gradiometer.components\[0\] is 'yx'",
-    ),
-    "an altimeter without noise": (
-        GRADIOMETER, f"[altimeter]\nnoise_m_per_sqrt_hz = 0.0\n{GRADIOMETER}",
-        r"altimeter.noise_m_per_sqrt_hz is 0.0 and must lie between 1e-6",
-    ),
-    "a damping faster than the INS": (
-        "[imu]\nperiod_s = 0.1",
-        "[altimeter]\nnoise_m_per_sqrt_hz = 1.0\ntime_constant_s = 1.5\n[imu]\nperiod_s = 0.2",
-        r"altimeter.time_constant_s is 1.5 s and must be at least 10 times imu.period_s, 2 s",
-    ),
-    "a bias that wanders faster than it is read": (
-        "[imu]", "[truth.imu]\ngyro_bias_time_s = 0.5\n[imu]",
-        r"truth.imu: gyro_bias_time_s is 0.5 s and must be at least 10 times imu.period_s, 1 s",
-    ),
-    "an error of the normal field": (
-        'source = "normal"', 'source = "normal"\nerror.density_factor = 1.1',
-        r'field.error: source = "normal" has no map',
-    ),
-    "a map that is not there": (
-        GRADIOMETER, f'[model.field]\nsource = "gone.nc"\n{GRADIOMETER}', r"gone.nc.*No such file",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", BAD)
-def test_a_mistake_has_its_sentence(kind, tmp_path):
-    """One line that names the key, what was found and what is allowed."""
-    old, new, expected = BAD[kind]
-    assert old in SMALL
-    path = tmp_path / "small.toml"
-    path.write_text(SMALL.replace(old, new, 1))
-    with pytest.raises(GGBenchError, match=expected) as caught:
-        for case in scenario.load(str(path)).cases:
-            prepare(case)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert not re.search(r"Input should|pydantic|Spec\b|Change\b|validation error", message)
-    if isinstance(caught.value, ScenarioError):
-        assert message.startswith(f"{path}: ")
 
 
 # Identity.

@@ -106,30 +106,6 @@ def test_a_study_is_laid_over_the_cases_with_published_numbers():
     assert loaded(published).case("noisy").gradiometer.noise_eotvos == 0.1
 
 
-AXIS = """
-[[sweep.axis]]
-name = "{name}"
-label = "x"
-values = [{values}]
-key = "{key}"
-"""
-
-
-def test_a_grid_over_several_cases_is_counted_whole():
-    """Two cases on 5001 points are too many together; each alone would do."""
-    values = ", ".join(str(1.0 + i) for i in range(5001))
-    axis = AXIS.format(name="height", values=values, key="trajectory.height_m")
-    with pytest.raises(ScenarioError, match="has 10002 grid points; at most 10000 are allowed"):
-        loaded(SMALL + axis)
-
-
-def test_values_of_an_axis_increase():
-    """Each once, from the least to the largest."""
-    for values in ("1.0, 1.0", "2.0, 1.0"):
-        with pytest.raises(ScenarioError, match="must increase strictly"):
-            loaded(SMALL + AXIS.format(name="x", values=values, key="trajectory.height_m"))
-
-
 LIMITS = {
     "time constant of a gyro bias": (
         {"imu.gyro_bias_time_s": 1.0},
