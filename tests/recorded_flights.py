@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from small_cases import small_flight
+from small_cases import blank_map, small_flight
 
+from ggbench.maps.recipe import write
 from ggbench.recorded import columns as files
 from ggbench.recorded.motion import ATTITUDE, POSITION, angles_of, velocity_columns
 from ggbench.recorded.recording import toml, write_record
@@ -104,3 +105,42 @@ def write_solution(
     )
     names = (*POSITION, *velocity_columns(frame), *ATTITUDE)
     files.write(path, {"time_s": times} | dict(zip(names, values.T, strict=True)))
+
+
+def written_logs(folder: Path) -> Path:
+    """Logs of one flight: of increments, of a solution, and with a gradiometer."""
+    flown = small_flight(GNSS_ONLY)
+    recorded(folder / "increments", flown)
+    as_solution(recorded(folder / "solution", flown), flown)
+    stern = {key.replace("gnss.", "sensor.stern."): value for key, value in GNSS_ONLY.items()}
+    recorded(folder / "sensor", GNSS_ONLY | stern | {"sensor.stern.kind": "gnss"})
+    recorded(folder / "gradiometer", {})
+    recorded(folder / "filtered", {"gradiometer.filter": "butterworth"})
+    recorded(folder / "altimeter", GNSS_ONLY | {"altimeter.noise_m_per_sqrt_hz": 1.0})
+    write(folder / "map.nc", blank_map())
+    return folder
+
+
+def with_times(change):
+    return lambda table: table.assign(time_s=change(table.time_s.to_numpy().copy()))
+
+
+def with_cells(row, **values):
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        for name, value in values.items():
+            table.loc[row, name] = value
+        return table
+
+    return change
+
+
+def with_zeros(rows, value=0.0):
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        table.loc[rows, [name for name in table if name.startswith("gradient_")]] = value
+        return table
+
+    return change
+
+
+def without_rows(first, last):
+    return lambda table: table.drop(index=range(first, last))

@@ -36,34 +36,6 @@ def test_one_log_in_many_spellings(names, rows, tmp_path):
     np.testing.assert_allclose(columns["height_m"], 0.1 * np.arange(6.0))
 
 
-def test_lines_are_counted_from_the_first_of_the_file(tmp_path):
-    """Names behind a # may be followed by further remarks."""
-    path = write(tmp_path / "a.csv", "# time_s,height_m\n# s,m", [*ROWS[:2], "2,high"])
-    with pytest.raises(FlightError, match="line 5: height_m is 'high'"):
-        read(path, ("height_m",))
-
-
-@pytest.mark.parametrize(("period", "clock"), [(604_800, "GPS week"), (86_400, "day")])
-def test_a_clock_that_begins_at_zero_is_named(period, clock, tmp_path):
-    rows = [f"{(period - 3 + t) % period},1.0" for t in range(6)]
-    columns = read(write(tmp_path / "a.csv", "time_s,height_m", rows), ("height_m",))
-    message = f"line 5: .* the seconds of the {clock} restart there: add {period}"
-    with pytest.raises(FlightError, match=message):
-        clocked(columns, 0.0)
-
-
-def test_times_in_messages_have_no_digits_of_rounding(tmp_path):
-    """0.1 + 0.2 is 0.3 for a reader; microseconds since 1970 are kept."""
-    for times, message in (
-        ([0.0, 0.1 + 0.2, 0.1 + 0.2], "time 0.3 s is there twice"),
-        ([0.0, 1403636579.758556, 1403636579.758555], "time 1403636579.758555 s is behind"),
-    ):
-        rows = [f"{time:.17g},1.0" for time in times]
-        columns = read(write(tmp_path / "a.csv", "time_s,height_m", rows), ("height_m",))
-        with pytest.raises(FlightError, match=message):
-            clocked(columns, 0.0)
-
-
 @pytest.mark.parametrize(
     "names",
     [
@@ -87,16 +59,55 @@ def test_a_unit_at_the_end_of_a_name_counts(name, factor, tmp_path):
     assert columns.states_unit("height_m")
 
 
-@pytest.mark.parametrize(
-    ("key", "name", "said"),
-    [
-        ("height_m", "alt_msl", "add the height of the geoid"),
-        ("height_m", "depth", "positive down"),
-        ("latitude_deg", "longitude", "columns are swapped"),
-        ("longitude_deg", "lon_w", "positive west"),
-    ],
-)
-def test_a_name_that_contradicts_its_key_is_refused(key, name, said, tmp_path):
-    path = write(tmp_path / "a.csv", f"time_s,{name}")
-    with pytest.raises(FlightError, match=said):
-        read(path, (key,), names={key: name})
+def timed(*times: float) -> str:
+    return "\n".join(["time_s,height_m", *(f"{time:.17g},1.0" for time in times)])
+
+
+def clock(period: int) -> str:
+    """Times that begin at zero again on line 5."""
+    return timed(*((period - 3 + t) % period for t in range(6)))
+
+
+def table(names: str) -> str:
+    return "\n".join([names, *ROWS])
+
+
+RESTART = "line 5: .* the seconds of the {} restart there: add {}"
+BAD = {
+    "a word below remarks": (
+        "\n".join(["# time_s,height_m", "# s,m", *ROWS[:2], "2,high"]),
+        {},
+        "line 5: height_m is 'high'",
+    ),
+    "seconds of a week": (clock(604_800), {}, RESTART.format("GPS week", 604_800)),
+    "seconds of a day": (clock(86_400), {}, RESTART.format("day", 86_400)),
+    "a time twice": (timed(0.0, 0.1 + 0.2, 0.1 + 0.2), {}, "time 0.3 s is there twice"),
+    "a time behind by a microsecond": (
+        timed(0.0, 1403636579.758556, 1403636579.758555),
+        {},
+        "time 1403636579.758555 s is behind",
+    ),
+    "heights above sea level": (
+        table("time_s,alt_msl"),
+        {"height_m": "alt_msl"},
+        "add the height of the geoid",
+    ),
+    "depths": (table("time_s,depth"), {"height_m": "depth"}, "positive down"),
+    "swapped coordinates": (
+        table("time_s,longitude"),
+        {"latitude_deg": "longitude"},
+        "columns are swapped",
+    ),
+    "west longitudes": (table("time_s,lon_w"), {"longitude_deg": "lon_w"}, "positive west"),
+}
+"""Logs, names of their columns, and messages: their lines count from the file's first."""
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_bad_log_is_refused_in_one_sentence(kind, tmp_path):
+    text, names, message = BAD[kind]
+    path = tmp_path / "a.csv"
+    path.write_text(text + "\n")
+    with pytest.raises(FlightError, match=message) as caught:
+        clocked(read(path, tuple(names) or ("height_m",), names=names or None), 0.0)
+    assert "\n" not in str(caught.value)
