@@ -230,37 +230,40 @@ def npy(header: str, data: bytes = b"", version: bytes = b"\x01\x00") -> bytes:
     return b"\x93NUMPY" + version + struct.pack("<H", len(head)) + head + data
 
 
-@pytest.mark.parametrize(
-    "member",
-    [
-        npy("{'descr': '<f8', 'fortran_order': False, 'shape': (2, 10000000000000), }", bytes(16)),
-        npy("{'descr': '<f8', 'fortran_order': False, 'shape': (-3,), }", bytes(16)),
-        npy("{'descr': '<f8', 'fortran_order': False, 'shape': (4,), }", bytes(16)),
-        npy("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", bytes(16)),
-        npy("{'descr': '<f99', 'fortran_order': False, 'shape': (1,), }", bytes(16)),
-        npy("{'descr': " + "(" * 90),
-        npy("{}", version=b"\x09\x00"),
-        npy("{'descr': '<f8'}")[:9],
-        b"text",
-    ],
-    ids=[
-        "large", "below 0", "cut", "objects", "type", "nested", "version", "header cut", "no array"
-    ],
-)  # fmt: skip
-def test_damaged_arrays_are_sentences(member):
-    """Control: the same header with its two numbers."""
-    good = npy("{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }", bytes(16))
-    found = archives.read_arrays(zipped("z.npy", good), Refused, "The file")
+def header(descr: str, shape: str) -> str:
+    return f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}"
+
+
+def z(member: bytes) -> bytes:
+    return zipped("z.npy", member)
+
+
+def test_an_array_is_read_by_its_header():
+    found = archives.read_arrays(z(npy(header("<f8", "(2,)"), bytes(16))), Refused, "It")
     assert found["z"].tolist() == [0.0, 0.0]
-    with pytest.raises(Refused, match="The file cannot be unpacked: "):
-        archives.read_arrays(zipped("z.npy", member), Refused, "The file")
 
 
-def test_missing_arrays_and_other_files_are_sentences(tmp_path):
-    with pytest.raises(Refused, match="It lacks the array b; it holds a"):
-        archives.read_arrays(npz(a=1.0), Refused, "It", ["a", "b"])
-    with pytest.raises(Refused, match=r"readme\.txt is no array"):
-        archives.read_arrays(zipped("readme.txt", b"text"), Refused, "It")
-    (tmp_path / "a.npz").mkdir()
-    with pytest.raises(Refused, match=r"cannot be unpacked: .*directory"):
-        archives.read_arrays(tmp_path / "a.npz", Refused, "It")
+NO_ARRAYS = "It cannot be unpacked: "
+BAD_ARRAYS = {
+    "a huge array": (z(npy(header("<f8", "(2, 10000000000000)"), bytes(16))), NO_ARRAYS),
+    "a negative size": (z(npy(header("<f8", "(-3,)"), bytes(16))), NO_ARRAYS),
+    "an array that is cut": (z(npy(header("<f8", "(4,)"), bytes(16))), NO_ARRAYS),
+    "an array of objects": (z(npy(header("|O", "(1,)"), bytes(16))), NO_ARRAYS),
+    "an unknown type": (z(npy(header("<f99", "(1,)"), bytes(16))), NO_ARRAYS),
+    "a header of 90 brackets": (z(npy("{'descr': " + "(" * 90)), NO_ARRAYS),
+    "an unknown version": (z(npy("{}", version=b"\x09\x00")), NO_ARRAYS),
+    "a header that is cut": (z(npy("{'descr': '<f8'}")[:9]), NO_ARRAYS),
+    "text for an array": (z(b"text"), NO_ARRAYS),
+    "an array too few": (npz(a=1.0), "It lacks the array b; it holds a", ["a", "b"]),
+    "a text file": (zipped("readme.txt", b"text"), r"readme\.txt is no array"),
+    "a folder": (Path(__file__).parent, "It cannot be unpacked: .*directory"),
+}
+"""Archives, messages, and the names of arrays that are needed."""
+
+
+@pytest.mark.parametrize("kind", BAD_ARRAYS)
+def test_bad_arrays_are_refused_in_one_sentence(kind):
+    content, message, *names = BAD_ARRAYS[kind]
+    with pytest.raises(Refused, match=message) as caught:
+        archives.read_arrays(content, Refused, "It", *names)
+    assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Arrays and texts survive every format; damaged files are refused in a sentence."""
+"""Arrays and texts in files of every format, and messages of bad files."""
 
 from __future__ import annotations
 
@@ -62,40 +62,61 @@ def mutate(suffix: str, folder: Path, count: int) -> None:
     assert refused
 
 
-def test_other_suffixes_and_missing_files_are_refused(tmp_path):
-    with pytest.raises(GGBenchError, match=r"must end with \.nc, \.mat, \.txt"):
-        containers.write(tmp_path / "file.csv", CONTENT, {})
-    with pytest.raises(GGBenchError, match=r"cannot read .*file\.nc"):
-        containers.read(tmp_path / "file.nc")
+def complex_numbers(path: Path) -> None:
+    containers.write(path, {"z": np.array([1j])}, {})
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("hello\n", r"must be 'text NAME' or 'array NAME"),
-        ("array a 1 3\n1 2\n", r"a ends after 2 of 3 numbers"),
-        ("array a 1 2\n1 2 3\n", r"a has more numbers than its shape, 2"),
-        ("array a 2 2\n1 2\n", r"the shape of a is damaged"),
-        ("array a 1 1\nx\n", r"a contains 'x', which is not a number"),
-        ("array a 1 99999999999\n1\n", r"the shape of a is damaged"),
-        ("text 9a\nx\n", r"'9a' is not a valid name of an array"),
-    ],
-)
-def test_damaged_text_is_named(text, sentence, tmp_path):
-    (tmp_path / "file.txt").write_text(text)
-    with pytest.raises(GGBenchError, match=sentence):
-        containers.read(tmp_path / "file.txt")
-
-
-def test_complex_numbers_are_refused(tmp_path):
-    containers.write(tmp_path / "file.mat", {"z": np.array([1j])}, {})
-    with pytest.raises(GGBenchError, match="z contains complex numbers, not real numbers"):
-        containers.read(tmp_path / "file.mat")
-
-
-def test_a_file_of_matlab_7_3_is_named(tmp_path):
-    path = tmp_path / "estimates.mat"
+def matlab_7_3(path: Path) -> None:
     head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     path.write_bytes(head.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n".ljust(512, b"\0"))
-    with pytest.raises(GGBenchError, match=r"MATLAB 7\.3: save it with the option '-v7'"):
-        containers.read(path)
+
+
+SHAPE = r"the shape of a is damaged"
+BAD = {
+    "no file": ("file.nc", None, r"cannot read .*file\.nc"),
+    "complex numbers": (
+        "file.mat",
+        complex_numbers,
+        "z contains complex numbers, not real numbers",
+    ),
+    "MATLAB 7.3": ("estimates.mat", matlab_7_3, r"MATLAB 7\.3: save it with the option '-v7'"),
+    "words": ("file.txt", "hello\n", "must be 'text NAME' or 'array NAME"),
+    "a number too few": ("file.txt", "array a 1 3\n1 2\n", "a ends after 2 of 3 numbers"),
+    "a number too many": (
+        "file.txt",
+        "array a 1 2\n1 2 3\n",
+        "a has more numbers than its shape, 2",
+    ),
+    "a shape of two numbers": ("file.txt", "array a 2 2\n1 2\n", SHAPE),
+    "a word for a number": (
+        "file.txt",
+        "array a 1 1\nx\n",
+        "a contains 'x', which is not a number",
+    ),
+    "a huge shape": ("file.txt", "array a 1 99999999999\n1\n", SHAPE),
+    "a name that begins with a digit": (
+        "file.txt",
+        "text 9a\nx\n",
+        "'9a' is not a valid name of an array",
+    ),
+}
+"""Names of files, their texts or makers, and messages."""
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_bad_file_is_refused_in_one_sentence(kind, tmp_path):
+    name, content, message = BAD[kind]
+    if isinstance(content, str):
+        (tmp_path / name).write_text(content)
+    elif content:
+        content(tmp_path / name)
+    with pytest.raises(GGBenchError, match=message) as caught:
+        containers.read(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_suffix_is_not_written(tmp_path):
+    message = r"must end with \.nc, \.mat, \.txt"
+    with pytest.raises(GGBenchError, match=message) as caught:
+        containers.write(tmp_path / "file.csv", CONTENT, {})
+    assert "\n" not in str(caught.value)

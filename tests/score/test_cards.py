@@ -77,27 +77,6 @@ def test_a_card_is_read_as_it_was_written(tmp_path):
     assert set(card().model_dump(mode="json")) <= set(schema["properties"])
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (None, "cannot read the card"),
-        ("{", "cannot read the card"),
-        ("[]", "is no card: the file"),
-        ("{}", "is no card: format: field required"),
-        ('{"format": 1}', "has format 1; this version reads 2"),
-        ("[" * 5000, "cannot read the card"),
-        (f'{{"format": {"9" * 5000}}}', "cannot read the card"),
-        ("\ud800", "cannot read the card"),
-    ],
-)
-def test_a_bad_card_is_refused_in_a_sentence(content, said, tmp_path):
-    path = tmp_path / "card.json"
-    if content is not None:
-        path.write_bytes(content.encode("utf-8", "surrogatepass"))
-    with pytest.raises(ScoreError, match=said):
-        cards.read(path)
-
-
 def test_a_reproduced_card_has_no_differences():
     """Digits beyond the fifth are not compared, nor the folder of the estimator's file."""
     moved = card().estimator.model_copy(update={"label": "elsewhere/a.py"})
@@ -183,11 +162,6 @@ def test_false_alarms_of_two_cards():
     assert alarms / 400 < 0.072
 
 
-def test_cards_of_other_runs_are_not_compared():
-    with pytest.raises(ScoreError, match=r"different runs \(seed 3702 and 5\)"):
-        cards_compared.worse(card(), card(seed=1).model_copy(update={"seed": 5}))
-
-
 def with_cases(*cases: str, **changes: object) -> Card:
     """A card of other cases."""
     pairs = zip(card().questions, cases, strict=True)
@@ -195,56 +169,136 @@ def with_cases(*cases: str, **changes: object) -> Card:
     return card(questions=renamed)
 
 
-def test_a_gate_on_nothing_is_no_gate():
-    """Cards of other cases, or that skipped all, are not compared; control: one case in common."""
-    for old in (with_cases("outliers", "map-error"), with_cases(*CASES, skipped="too long")):
-        with pytest.raises(ScoreError, match="no question"):
-            cards_compared.worse(old, card())
+NO_JSON = "cannot read the card"
+NO_CARD = "is no card: .*"
+BAD_CARDS: dict[str, tuple[object, str]] = {
+    "no file": (None, NO_JSON),
+    "an open bracket": ("{", NO_JSON),
+    "a list": ("[]", "is no card: the file"),
+    "an empty object": ("{}", "is no card: format: field required"),
+    "an earlier format": ('{"format": 1}', "has format 1; this version reads 2"),
+    "5000 lists": ("[" * 5000, NO_JSON),
+    "a format of 5000 digits": (f'{{"format": {"9" * 5000}}}', NO_JSON),
+    "half a character": ("\ud800", NO_JSON),
+    "a negative number of runs": (
+        {"runs": -1},
+        f"{NO_CARD}runs: input should be greater than or equal to 1",
+    ),
+    "a huge number of runs": (
+        {"runs": 10**19},
+        f"{NO_CARD}runs: input should be less than or equal to 1000000",
+    ),
+    "errors of other runs": ({"runs": 3}, f"{NO_CARD}errors_m must have 3 values"),
+    "a negative seed": (
+        {"seed": -5},
+        f"{NO_CARD}seed: input should be greater than or equal to 0",
+    ),
+    "no questions": (
+        {"questions": []},
+        f"{NO_CARD}questions: list should have at least 1",
+    ),
+    "one success": (
+        {"questions.0.succeeded": [True]},
+        f"{NO_CARD}errors_m and succeeded must have a value for each run",
+    ),
+    "no opponent": ({"questions.0.against": []}, f"{NO_CARD}against must have the ekf"),
+    "a case twice": (
+        {"questions.0.case": CASES[1]},
+        f"{NO_CARD}questions must be of different cases",
+    ),
+    "an infinite error": ({"questions.0.rms_m": float("inf")}, f"{NO_CARD}rms_m"),
+    "a list as parameter": (
+        {"estimator.parameters": {"a": [[1]]}},
+        rf"{NO_CARD}estimator\.parameters\.a",
+    ),
+}
+"""Texts of a file or changes of a card, and messages."""
+
+
+@pytest.mark.parametrize("kind", BAD_CARDS)
+def test_a_bad_card_is_refused_in_one_sentence(kind, tmp_path):
+    content, message = BAD_CARDS[kind]
+    path = tmp_path / "card.json"
+    if isinstance(content, dict):
+        path.write_text(changed_text(content))
+    elif isinstance(content, str):
+        path.write_bytes(content.encode("utf-8", "surrogatepass"))
+    with pytest.raises(ScoreError, match=message) as caught:
+        cards.read(path)
+    assert "\n" not in str(caught.value)
+
+
+def changed_text(changes: dict[str, object]) -> str:
+    """The card's text with values at dotted places changed."""
+    changed = card().model_dump(mode="json")
+    for place, value in changes.items():
+        *path, last = place.split(".")
+        holder = functools.reduce(lambda v, k: v[int(k)] if k.isdigit() else v[k], path, changed)
+        holder[last] = value
+    return json.dumps(changed)
+
+
+def test_cards_with_a_case_in_common_are_compared():
     assert cards_compared.worse(with_cases("outliers", CASES[1]), card()) == []
 
 
-def test_what_cannot_be_compared_is_refused_before_it_is_flown():
-    """By the cases, the seed, the suite and the version of results of the score to come."""
+def comparable() -> Card:
+    """A card of the suite, seed and version of results of here."""
     here = stored_runs.header()
-    old = card(
+    return card(
         seed=here["seed"], suite=here["scenario_hash"], results_version=here["results_version"]
     )
+
+
+def test_a_card_may_be_compared_before_a_score_is_flown():
+    old = comparable()
     cards_compared.require_comparable(old, (), None)
-    cards_compared.require_comparable(old, CASES[:1], here["seed"])
-    for changes, cases, seed, said in [
-        ({}, ("outliers",), None, "no question of the card"),
-        ({}, (), 7, "different runs .seed 3702 and 7"),
-        ({"suite": "ab"}, (), None, "different runs .suite ab and"),
-        ({"results_version": -1}, (), None, "different runs .version of results -1 and"),
-    ]:
-        with pytest.raises(ScoreError, match=said):
-            cards_compared.require_comparable(old.model_copy(update=changes), cases, seed)
+    cards_compared.require_comparable(old, CASES[:1], stored_runs.header()["seed"])
 
 
-@pytest.mark.parametrize(
-    ("place", "value", "said"),
-    [
-        ("runs", -1, "runs: input should be greater than or equal to 1"),
-        ("runs", 10**19, "runs: input should be less than or equal to 1000000"),
-        ("runs", 3, "errors_m must have 3 values"),
-        ("seed", -5, "seed: input should be greater than or equal to 0"),
-        ("questions", [], "questions: list should have at least 1"),
-        ("questions.0.succeeded", [True], "errors_m and succeeded must have a value for each run"),
-        ("questions.0.against", [], "against must have the ekf"),
-        ("questions.0.case", CASES[1], "questions must be of different cases"),
-        ("questions.0.rms_m", float("inf"), "rms_m"),
-        ("estimator.parameters", {"a": [[1]]}, "estimator.parameters.a"),
-    ],
-)
-def test_a_card_is_refused_for_each_impossible_value(place, value, said, tmp_path):
-    changed = card().model_dump(mode="json")
-    *path, last = place.split(".")
-    holder = functools.reduce(lambda v, k: v[int(k)] if k.isdigit() else v[k], path, changed)
-    holder[last] = value
-    (tmp_path / "card.json").write_text(json.dumps(changed))
-    with pytest.raises(ScoreError, match="is no card: ") as error:
-        cards.read(tmp_path / "card.json")
-    assert said in str(error.value)
+BAD_COMPARISONS = {
+    "a card of another seed": (
+        lambda: cards_compared.worse(card(), card().model_copy(update={"seed": 5})),
+        r"different runs \(seed 3702 and 5\)",
+    ),
+    "cards of other cases": (
+        lambda: cards_compared.worse(with_cases("outliers", "map-error"), card()),
+        "no question",
+    ),
+    "a card that skipped all": (
+        lambda: cards_compared.worse(with_cases(*CASES, skipped="too long"), card()),
+        "no question",
+    ),
+    "a score of another case": (
+        lambda: cards_compared.require_comparable(comparable(), ("outliers",), None),
+        "no question of the card",
+    ),
+    "a score of another seed": (
+        lambda: cards_compared.require_comparable(comparable(), (), 7),
+        "different runs .seed 3702 and 7",
+    ),
+    "a score of another suite": (
+        lambda: before_a_score(suite="ab"),
+        "different runs .suite ab and",
+    ),
+    "a score of another version": (
+        lambda: before_a_score(results_version=-1),
+        "different runs .version of results -1 and",
+    ),
+}
+
+
+def before_a_score(**changes: object) -> None:
+    old = comparable().model_copy(update=changes)
+    cards_compared.require_comparable(old, (), None)
+
+
+@pytest.mark.parametrize("kind", BAD_COMPARISONS)
+def test_cards_that_cannot_be_compared_are_refused_in_one_sentence(kind):
+    compare, message = BAD_COMPARISONS[kind]
+    with pytest.raises(ScoreError, match=message) as caught:
+        compare()
+    assert "\n" not in str(caught.value)
 
 
 def test_a_card_is_no_larger_than_its_limit(monkeypatch, tmp_path):
