@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import importlib.util
-import json
 import os
 import shutil
 import subprocess
@@ -400,30 +399,6 @@ def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
     assert (tmp_path / "out" / "metrics.csv").read_bytes() == b"before"
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == before
     store.close()
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda m: m["cells"].append(m["cells"][0]), "have an estimator and case twice"),
-        (lambda m: m["cases"].append(m["cases"][0]), "its cases have a name twice"),
-        (lambda m: m["cells"][0].update(case="x"), "have an unknown case x"),
-        (lambda m: m["cells"][0].update(estimator="x"), "have an unknown estimator x"),
-        (lambda m: m["families"].clear(), "it has no family of the estimator"),
-        (
-            lambda m: m["estimators"].update({f"e{n}": {} for n in range(2000)}),
-            "its estimators is invalid",
-        ),
-    ],
-)
-def test_a_manifest_names_each_cell_once(change, said, copied):
-    """Thousands of cells that a stranger adds cost no minutes, and no traceback."""
-    path = copied.folder / "manifest.json"
-    manifest = json.loads(path.read_text())
-    change(manifest)
-    path.write_text(json.dumps(manifest))
-    with pytest.raises(StoreError, match=said):
-        Results(copied.folder)
 
 
 def test_a_path_that_is_no_utf8_is_quoted_for_a_shell():
