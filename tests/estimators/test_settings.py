@@ -16,74 +16,62 @@ from ggbench.campaign.registry import EstimatorError
 from ggbench.problem import Channel, Problem, StateBlock
 from ggbench.simulation.runs import simulate
 
+BAD = {
+    "ekf[iterations=0]": "iterations",
+    "ekf[noise_memory=-1]": "noise_memory",
+    "ekf[noise_memory=1]": "noise_memory",
+    "ekf[threshold=2]": "needs a loss",
+    "ekf[loss=huber,threshold=0]": "'threshold' is",
+    "ukf[loss=huber,threshold=-1]": "'threshold' is",
+    "ukf[points=cubature,kappa=1]": "no kappa",
+    "factor-graph[loss=cauchy,threshold=nan]": "'threshold' is",
+    "ukf[points=merwe,alpha=0]": "'alpha' is",
+    "ukf[points=merwe,alpha=inf]": "'alpha' is",
+    "gauss-newton[starts=0]": "starts",
+    "gauss-newton[starts=1000000000]": "starts",
+    "gauss-newton[refine=0]": "refine",
+    "gauss-newton[max_iterations=0]": "max_iterations",
+    "gauss-newton[threshold=1]": "needs a loss",
+    "gaussian-sum[spacing_m=0]": "spacing_m",
+    "gaussian-sum[spacing_m=nan]": "spacing_m",
+    "gaussian-sum[most=0]": "most",
+    "gaussian-sum[most=1000000000]": "most",
+    "gaussian-sum[iterations=0]": "iterations",
+    "gaussian-sum[iterations=1,loss=huber]": "at least 2 iterations",
+    "ekf[gate=1]": "'gate' is",
+    "ekf[gate=-0.1]": "'gate' is",
+    "ekf[gate=nan]": "'gate' is",
+    "ukf[gate=2]": "'gate' is",
+    "ekf[underweighting=-0.1]": "'underweighting' is",
+    "ekf[underweighting=inf]": "'underweighting' is",
+    "ukf[underweighting=nan]": "'underweighting' is",
+    "ekf[gate=0.9,loss=huber]": "gate and loss cannot be combined",
+    "ekf[gate=0.9,iterations=2]": "gate needs iterations = 1",
+    "ekf[underweighting=0.1,iterations=2]": "underweighting needs iterations = 1",
+    "ekf[underweighting=0.1,noise_memory=9]": "cannot be combined with noise_memory",
+    "ukf[gate=0.9,loss=huber]": "gate and loss cannot be combined",
+    "ukf[underweighting=0.1,loss=cauchy]": "underweighting and loss cannot be combined",
+    "gaussian-sum[threshold=2]": "needs a loss",
+    "ukf[threshold=2]": "needs a loss",
+    "factor-graph[mode=batch,threshold=2]": "needs a loss",
+    "factor-graph[mode=fixed-lag,lag=0]": "lag",
+    "factor-graph[mode=fixed-lag,lag=-1]": "lag",
+    "factor-graph[mode=fixed-lag,lag=nan]": "lag",
+    "factor-graph[mode=fixed-lag,lag=inf]": "lag",
+    "factor-graph[mode=fixed-lag,relinearize_threshold=0]": "relinearize_threshold",
+    "factor-graph[mode=fixed-lag,relinearize_threshold=nan]": "relinearize_threshold",
+    "factor-graph[mode=fixed-lag,relinearize_threshold=inf]": "relinearize_threshold",
+    "factor-graph[mode=fixed-lag,max_iterations=0]": "max_iterations",
+}
+"""Labels of estimators with settings that mean nothing, and what their messages name."""
 
-@pytest.mark.parametrize(
-    ("label", "reason"),
-    [
-        ("ekf[iterations=0]", "iterations"),
-        ("ekf[noise_memory=-1]", "noise_memory"),
-        ("ekf[noise_memory=1]", "noise_memory"),
-        ("ekf[threshold=2]", "needs a loss"),
-        ("ekf[loss=huber,threshold=0]", "'threshold' is"),
-        ("ukf[loss=huber,threshold=-1]", "'threshold' is"),
-        ("ukf[points=cubature,kappa=1]", "no kappa"),
-        ("factor-graph[loss=cauchy,threshold=nan]", "'threshold' is"),
-        ("ukf[points=merwe,alpha=0]", "'alpha' is"),
-        ("ukf[points=merwe,alpha=inf]", "'alpha' is"),
-        ("gauss-newton[starts=0]", "starts"),
-        ("gauss-newton[starts=1000000000]", "starts"),
-        ("gauss-newton[refine=0]", "refine"),
-        ("gauss-newton[max_iterations=0]", "max_iterations"),
-        ("gauss-newton[threshold=1]", "needs a loss"),
-        ("gaussian-sum[spacing_m=0]", "spacing_m"),
-        ("gaussian-sum[spacing_m=nan]", "spacing_m"),
-        ("gaussian-sum[most=0]", "most"),
-        ("gaussian-sum[most=1000000000]", "most"),
-        ("gaussian-sum[iterations=0]", "iterations"),
-        ("gaussian-sum[iterations=1,loss=huber]", "at least 2 iterations"),
-        ("ekf[gate=1]", "'gate' is"),
-        ("ekf[gate=-0.1]", "'gate' is"),
-        ("ekf[gate=nan]", "'gate' is"),
-        ("ukf[gate=2]", "'gate' is"),
-        ("ekf[underweighting=-0.1]", "'underweighting' is"),
-        ("ekf[underweighting=inf]", "'underweighting' is"),
-        ("ukf[underweighting=nan]", "'underweighting' is"),
-        ("ekf[gate=0.9,loss=huber]", "gate and loss cannot be combined"),
-        ("ekf[gate=0.9,iterations=2]", "gate needs iterations = 1"),
-        ("ekf[underweighting=0.1,iterations=2]", "underweighting needs iterations = 1"),
-        ("ekf[underweighting=0.1,noise_memory=9]", "cannot be combined with noise_memory"),
-        ("ukf[gate=0.9,loss=huber]", "gate and loss cannot be combined"),
-        ("ukf[underweighting=0.1,loss=cauchy]", "underweighting and loss cannot be combined"),
-        ("ekf[noise_memory=1]", "noise_memory"),
-        ("ekf[threshold=2]", "needs a loss"),
-        ("gaussian-sum[threshold=2]", "needs a loss"),
-        ("ukf[threshold=2]", "needs a loss"),
-        ("factor-graph[mode=batch,threshold=2]", "needs a loss"),
-    ],
-)
-def test_settings_that_mean_nothing_are_refused_with_a_reason(label, reason):
-    """A setting that cannot work is refused before anything runs, and the sentence names it."""
-    with pytest.raises(EstimatorError, match=re.escape(reason)):
+
+@pytest.mark.parametrize("label", BAD)
+def test_settings_that_mean_nothing_are_refused_with_a_reason(label):
+    """Before anything runs, and not as a failure in every run."""
+    with pytest.raises(EstimatorError, match=re.escape(BAD[label])) as caught:
         estimator(label)
-
-
-@pytest.mark.parametrize(
-    ("setting", "reason"),
-    [
-        ("lag=0", "lag"),
-        ("lag=-1", "lag"),
-        ("lag=nan", "lag"),
-        ("lag=inf", "lag"),
-        ("relinearize_threshold=0", "relinearize_threshold"),
-        ("relinearize_threshold=nan", "relinearize_threshold"),
-        ("relinearize_threshold=inf", "relinearize_threshold"),
-        ("max_iterations=0", "max_iterations"),
-    ],
-)
-def test_graph_settings_that_mean_nothing_are_refused_with_a_reason(setting, reason):
-    """A setting that leaves nothing to do is refused, not a failure in every run."""
-    with pytest.raises(EstimatorError, match=reason):
-        estimator(f"factor-graph[mode=fixed-lag,{setting}]")
+    assert "\n" not in str(caught.value)
 
 
 def test_a_lag_has_to_reach_over_the_longest_gap():

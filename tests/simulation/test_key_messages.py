@@ -64,6 +64,21 @@ def of_receiver(table, **changes):
     return keys | {key.replace("gnss", table): value for key, value in changes.items()}
 
 
+def region(*bounds):
+    """A map that is cut to bounds."""
+    names = ("south_deg", "north_deg", "west_deg", "east_deg")
+    keys = {f"field.{name}": bound for name, bound in zip(names, bounds, strict=True)}
+    return keys | {"field.source": "map.nc"}
+
+
+ASCENDING = "in ascending order, or none of them"
+STANDARD_ERROR = {
+    "field.source": "map.nc",
+    "gradiometer.instrument": "local-level",
+    "gradiometer.components": ["xx", "xy", "xx-yy"],
+    "gradiometer.noise_eotvos": 1.0,
+    "model.field.standard_error": True,
+}
 BAD = {
     # Draws.
     "a map error that is none": ({"draw.maps": 2}, r"draw\.maps needs a map error"),
@@ -279,6 +294,32 @@ BAD = {
         ALL | {"gradiometer.components": ["xx", "xy", "xz", "yz"]}, "determine the whole tensor",
     ),
     "integrated gradients that are not felt": (STATES | INTEGRATED, "accelerometers measure none"),
+    # Maps.
+    **{
+        f"{key} of {source}": (
+            {"field.source": source, f"field.{key}": value},
+            rf"field.{key} is {value}, but .* does not use it",
+        )
+        for source in ("normal", "map.nc")
+        for key, value in (
+            ("land_correction", False),
+            ("relief_smoothing_deg", 0.1),
+            ("density_kg_m3", 2500.0),
+            ("drape", True),
+        )
+    },
+    "latitudes in descending order": (region(33.6, 33.5, 108.0, 108.1), ASCENDING),
+    "longitudes in descending order": (region(33.5, 33.6, 108.1, 108.0), ASCENDING),
+    "a longitude twice": (region(33.5, 33.6, 108.0, 108.0), ASCENDING),
+    "latitudes alone": (region(33.5, 33.6, 0.0, 0.0), ASCENDING),
+    "exchanged bounds at the date line": (region(33.45, 33.55, -179.95, -179.99), ASCENDING),
+    "a standard error without a map": (
+        STANDARD_ERROR | {"field.source": "normal"}, "model.field.standard_error.*needs a map",
+    ),
+    "a standard error of a strapdown instrument": (
+        STANDARD_ERROR | {"gradiometer.instrument": "strapdown"},
+        "model.field.standard_error.*it needs gradiometer.instrument",
+    ),
     # Gradiometers.
     "bursts of no outliers": (
         {"truth.gradiometer.outlier_burst_s": 10.0}, "outlier_channels require outlier_share",

@@ -39,15 +39,3 @@ def test_a_map_without_a_standard_error_is_named(tmp_path):
     write(path, blank_map())
     with pytest.raises(MapError, match=r"map\.nc\" states no standard error"):
         suite_of_case(case(path), "model")
-
-
-@pytest.mark.parametrize(
-    "changes, said",
-    [
-        ({"field__source": "normal"}, "needs a map"),
-        ({"gradiometer__instrument": "strapdown"}, "it needs gradiometer.instrument"),
-    ],
-)
-def test_a_case_that_cannot_use_it_gets_a_sentence(tmp_path, changes, said):
-    with pytest.raises(Exception, match=f"model.field.standard_error.*{said}"):
-        case(tmp_path / "map.nc", **changes)
