@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from small_cases import blank_map
 
 from ggbench.gravity.coloured_noise import VectorAutoregression
+from ggbench.maps.recipe import write
 
 NOISE = VectorAutoregression(
     ("xx", "xz"),
@@ -34,3 +37,33 @@ def survey(path: Path) -> str:
             rows.append(f"{name},repeat,2008-07-06,{1000.0 * number + second:.2f},{place},{read}")
     path.write_text("\n".join(rows) + "\n")
     return str(path)
+
+
+MIDDLE = 20.0
+"""Seconds of each line that are flown."""
+
+
+def survey_folder(folder: Path) -> Path:
+    """Survey lines, a noise model and a map of nothing, by which readings are not touched."""
+    survey(folder / "lines.csv")
+    NOISE.write(folder / "noise.json")
+    write(folder / "map.nc", blank_map())
+    return folder
+
+
+def keys_of_lines(folder: Path) -> dict[str, Any]:
+    """Changes of the small scenario that fly the lines of such a folder."""
+    start = dict.fromkeys(
+        f"trajectory.{key}"
+        for key in ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
+    )
+    return start | {
+        "trajectory.segment": None,
+        "trajectory.file": str(folder / "lines.csv"),
+        "trajectory.lines": list(LINES),
+        "trajectory.middle_s": MIDDLE,
+        "gradiometer.readings": "measured",
+        "gradiometer.instrument": "local-level",
+        "gradiometer.components": ["xx", "xz"],
+        "field.source": str(folder / "map.nc"),
+    }

@@ -353,7 +353,12 @@ BAD = {
         {},
         r"format of GMT 3, .* 'gmt grdconvert a.grd=cf new.nc'",
     ),
-    "an ASCII grid named as a GeoTIFF": ("b.tif", ascii_grid, {}, r"b\.tif cannot be read as a"),
+    "an ASCII grid named as a GeoTIFF": (
+        "b.tif",
+        ascii_grid,
+        {},
+        r"b\.tif cannot be read as a raster",
+    ),
     **{
         name: ("grid.nc", described, options, message)
         for name, (options, message) in grids.BAD_AXES.items()

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_cases import blank_map, small_case
-from small_noise import LINES, NOISE, SECONDS, survey
+from small_cases import small_case
+from small_noise import LINES, MIDDLE, NOISE, SECONDS, keys_of_lines, survey_folder
 
 from ggbench.campaign import flights, result_keys
 from ggbench.campaign.result_keys import input_files
@@ -17,42 +17,21 @@ from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.gravity.field import Field
 from ggbench.judging.situations import is_right_model, situation_of
-from ggbench.maps.recipe import write
 from ggbench.report.conditions import gradiometer_conditions, map_conditions, other_conditions
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.trajectory.survey_lines import read_lines
 
-MIDDLE = 20.0
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Survey lines, a noise model and a map of nothing, by which readings are not touched."""
-    found = Path(tmp_path_factory.mktemp("measured"))
-    survey(found / "lines.csv")
-    NOISE.write(found / "noise.json")
-    write(found / "map.nc", blank_map())
-    return found
+    return survey_folder(tmp_path_factory.mktemp("measured"))
 
 
 @pytest.fixture
 def keys(folder: Path) -> dict[str, Any]:
-    start = dict.fromkeys(
-        f"trajectory.{key}"
-        for key in ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
-    )
-    return start | {
-        "trajectory.segment": None,
-        "trajectory.file": str(folder / "lines.csv"),
-        "trajectory.lines": list(LINES),
-        "trajectory.middle_s": MIDDLE,
-        "gradiometer.readings": "measured",
-        "gradiometer.instrument": "local-level",
-        "gradiometer.components": ["xx", "xz"],
-        "field.source": str(folder / "map.nc"),
-    }
+    return keys_of_lines(folder)
 
 
 def test_a_reading_reaches_the_problem_as_it_was_measured(folder, keys):
@@ -131,26 +110,11 @@ def test_a_missing_reading_is_no_reading(folder, keys, tmp_path):
     np.testing.assert_allclose(problem.measurements[there], expected, atol=1e-9)
 
 
-def test_a_row_of_zeros_is_refused(folder, tmp_path):
-    """It marks missing gradients; as a control, zeros beside other gradients are gradients."""
+def test_zeros_beside_other_gradients_are_gradients(folder, tmp_path):
     rows = (folder / "lines.csv").read_text().splitlines()
-    places = rows[7].split(",")[:7]
-    for gradients in ("0.0,-0.0,2.5", "0.0,-0.0,0"):
-        rows[7] = ",".join([*places, gradients])
-        (tmp_path / f"{gradients}.csv").write_text("\n".join(rows))
-    assert [*read_lines(str(tmp_path / "0.0,-0.0,2.5.csv"))] == [*LINES]
-    said = r"line 8: xx, xz, yy are all 0, in 1 of 81 rows; leave the cells of missing"
-    with pytest.raises(GGBenchError, match=said):
-        read_lines(str(tmp_path / "0.0,-0.0,0.csv"))
-
-
-@pytest.mark.parametrize("cell", ["-9999", "-9999.999", "-1e32", "2e5"])
-def test_a_mark_of_a_missing_value_is_refused(cell, folder, tmp_path):
-    rows = (folder / "lines.csv").read_text().splitlines()
-    rows[7] = ",".join([*rows[7].split(",")[:7], "1.0", cell, "2.5"])
+    rows[7] = ",".join([*rows[7].split(",")[:7], "0.0,-0.0,2.5"])
     (tmp_path / "lines.csv").write_text("\n".join(rows))
-    with pytest.raises(GGBenchError, match=r"line 8: xz is .* leave the cells of missing"):
-        read_lines(str(tmp_path / "lines.csv"))
+    assert [*read_lines(str(tmp_path / "lines.csv"))] == [*LINES]
 
 
 def test_all_lines_are_flown_by_their_times_with_turns_between(folder, keys, tmp_path):
@@ -184,22 +148,6 @@ def test_all_lines_are_flown_by_their_times_with_turns_between(folder, keys, tmp
     assert np.linalg.norm(steps, axis=1).max() < 6.0  # 3.6 on a radius of a kilometre
     assert not case.drawn
     assert [case.cluster(run) for run in range(3)] == [0, 1, 2]
-
-
-def test_a_turn_without_time_is_refused(folder, keys, tmp_path):
-    """Lines that overlap, and lines too far apart for the time between them."""
-    whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
-    rows = [row.split(",") for row in (folder / "lines.csv").read_text().splitlines()]
-    for later, said in ((10.0, "must last at least two intervals"), (30.0, "is too long: it has")):
-        moved = [rows[0]] + [
-            [*row[:3], str(float(row[3]) % 1000.0 + later * (float(row[3]) // 1000.0)), *row[4:]]
-            for row in rows[1:]
-        ]
-        path = tmp_path / f"{later:g}.csv"
-        path.write_text("\n".join(",".join(row) for row in moved))
-        day = {"trajectory.file": str(path), "trajectory.made_up_turns": True}
-        with pytest.raises(GGBenchError, match=said):
-            prepare(small_case(whole | day))
 
 
 def test_no_model_is_the_right_one_of_what_was_measured(keys):
@@ -293,57 +241,10 @@ def test_gravity_that_cannot_be_read_is_refused_in_a_sentence(gravity, changes, 
     assert said in str(raised.value)
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"gradiometer.components": ["xx", "xy"]}, "has no column xy"),
-        ({"trajectory.lines": ["31.1"]}, "there is no line '31.1'; its lines: 10, 20.1, 30"),
-        ({"trajectory.lines": ["10", "10"]}, "lines: names a line twice"),
-        ({"trajectory.lines": []}, "'middle_s' applies to survey lines"),
-        ({"trajectory.middle_s": 26.0}, f"line 10 lasts {SECONDS} s, but middle_s is 26"),
-        ({"trajectory.middle_s": 19.5}, "must be a multiple of the interval"),
-        ({"gradiometer.period_s": 1.5}, "has a sample every 1 s, but gradiometer.period_s is 1.5"),
-        ({"gradiometer.instrument": "platform"}, '(east, north, up), found "platform"'),
-        ({"gradiometer.latency_s": 0.5}, "exclude each other"),
-        ({"truth.gradiometer.noise_eotvos": 1.0}, "already contain their errors"),
-        ({"trajectory.file": "gone.csv"}, "cannot read"),
-        ({"draw.maps": 2, "model.field.error.white_noise_eotvos": 1.0}, "exclude each other"),
-    ],
-)
-def test_what_cannot_be_flown_is_refused_in_a_sentence(keys, changes, said):
-    with pytest.raises(GGBenchError) as raised:
-        prepare(small_case(keys | changes))
-    assert said in str(raised.value)
-    assert str(raised.value).count("survey lines /") < 2
-
-
-def test_lines_of_unequal_lengths_are_not_flown_whole(keys):
-    """Results need equal epochs: one line may be flown whole, several by their middles."""
+def test_one_line_may_be_flown_whole(keys):
     whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
     flight = prepare(small_case(whole | {"trajectory.lines": ["20.1"]}))
     assert len(flight.times) == SECONDS + 1
-    with pytest.raises(GGBenchError, match="middle_s is missing"):
-        small_case(whole)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda rows: [rows[0].replace("kind", "sort"), *rows[1:]], "must name a column kind once"),
-        (lambda rows: [*rows[:9], *rows[30:], *rows[9:30]], "are not consecutive"),
-        (lambda rows: [*rows[:5], *rows[7:]], "must come every"),
-        (lambda rows: rows[:4], "a line needs at least 5"),
-        (lambda rows: [row.rsplit(",", 3)[0] for row in rows], "names no column of measurements"),
-        (lambda rows: [*rows[:3], rows[3].replace("10000", "high"), *rows[4:]], "line 4: height_m"),
-    ],
-)
-def test_a_bad_file_of_lines_is_refused_in_a_sentence(folder, keys, tmp_path, change, said):
-    path = tmp_path / "bad.csv"
-    path.write_text("\n".join(change((folder / "lines.csv").read_text().splitlines())))
-    with pytest.raises(GGBenchError) as raised:
-        prepare(small_case(keys | {"trajectory.file": str(path), "trajectory.lines": ["10"]}))
-    assert said in str(raised.value)
-    assert str(path) in str(raised.value)
 
 
 def test_a_clock_may_drift_and_lines_that_are_not_flown_may_have_gaps(folder, keys, tmp_path):
