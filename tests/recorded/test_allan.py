@@ -88,45 +88,52 @@ def test_white_noise_alone_has_no_bias_time(tmp_path):
     assert found["gyro_bias_deg_per_h"] == pytest.approx(0.3 / np.sqrt(1 / 9) / 0.664, rel=0.3)
 
 
-def bad(kind: str) -> tuple[np.ndarray, np.ndarray]:
-    values, times = readings()[:2000], PERIOD * np.arange(2000)
-    if kind == "short":
-        return values[:999], times[:999]
-    if kind == "gap":
-        times[600:] += 1.0
-        times[1300:] += 1.0
-    if kind == "in g":
-        values[:, 3:] /= 9.80665
-    if kind == "moved":
-        values[1000:1100, 3] += 2.0
-    if kind == "backwards":
-        times[1000] = times[998]
-    return values, times
+def at_rest(
+    samples: int = 2000,
+    gaps: tuple[int, ...] = (),
+    force: float = 1.0,
+    moved: float = 0.0,
+    back: int = 0,
+) -> dict[str, np.ndarray]:
+    """Readings and times with gaps of a second, a factor, a motion and a time that goes back."""
+    values, times = readings()[:samples], PERIOD * np.arange(samples)
+    for first in gaps:
+        times[first:] += 1.0
+    values[:, 3:] *= force
+    values[1000:1100, 3] += moved
+    if back:
+        times[back] = times[back - 2]
+    return {"values": values, "times": times}
 
 
-@pytest.mark.parametrize(
-    ("kind", "expected"),
-    [
-        ("short", "has 999 samples; at least 1000"),
-        (
-            "gap",
-            "longest part without gaps has 700 samples; an Allan deviation needs at least 1000",
-        ),
-        ("in g", r"mean specific force is 0.9\d+ m/s².* check the unit; if it is in g"),
-        ("moved", "is not at rest: .* cut the log"),
-        ("backwards", "times must increase"),
-    ],
-)
-def test_a_log_that_says_nothing_has_its_sentence(kind, expected, tmp_path):
-    values, times = bad(kind)
+BAD = {
+    "a short log": ({"samples": 999}, "has 999 samples; at least 1000"),
+    "two gaps": (
+        {"gaps": (600, 1300)},
+        "longest part without gaps has 700 samples; an Allan deviation needs at least 1000",
+    ),
+    "forces in g": (
+        {"force": 1.0 / 9.80665},
+        r"mean specific force is 0.9\d+ m/s².* check the unit; if it is in g",
+    ),
+    "a motion": ({"moved": 2.0}, "is not at rest: .* cut the log"),
+    "a time that goes back": ({"back": 1000}, "times must increase"),
+    "no rates and forces": (
+        "time_s,gyro_x\n" + "".join(f"{t},0\n" for t in range(9)),
+        "needs all columns angular_rate_x_radps",
+    ),
+}
+"""Changes of a log at rest or its text, and messages."""
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_log_that_says_nothing_has_its_sentence(kind, tmp_path):
+    content, expected = BAD[kind]
     path = tmp_path / "log.csv"
-    log(path, values, times=times)
-    with pytest.raises(FlightError, match=expected):
+    if isinstance(content, str):
+        path.write_text(content)
+    else:
+        log(path, **at_rest(**content))
+    with pytest.raises(FlightError, match=expected) as caught:
         imu_noise(path)
-
-
-def test_columns_that_are_missing_are_named(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("time_s,gyro_x\n" + "".join(f"{t},0\n" for t in range(9)))
-    with pytest.raises(FlightError, match="needs all columns angular_rate_x_radps"):
-        imu_noise(path)
+    assert "\n" not in str(caught.value)

@@ -36,7 +36,6 @@ from ggbench.spec.tables import nested
 from ggbench.spec.unusual_values import unusual_in
 
 NAMES = ["bow_2", "sea_level", "stern", "water_track"]
-STERN = {key: value for key, value in SEVERAL.items() if ".stern." in key}
 RUNS = 40
 
 

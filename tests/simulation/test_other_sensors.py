@@ -8,7 +8,6 @@ from small_cases import GRAVIMETER, ON_BOARD, residuals_at_the_truth, rough_map,
 
 from ggbench.simulation.runs import simulate, simulate_block
 
-ALONE = {"gradiometer": None}
 RUNS = 40
 
 

@@ -1,4 +1,4 @@
-"""Truth and model of a case: each changes its own side alone, and mistakes have a sentence."""
+"""Truth and model of a case, each of which changes its own side alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenario files: the shipped one is complete, and cases are the base with their changes."""
+"""The shipped scenario file, and the cases of scenario files."""
 
 from __future__ import annotations
 

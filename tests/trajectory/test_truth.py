@@ -1,4 +1,4 @@
-"""Flights of manoeuvres: they reach what they are asked to, smoothly."""
+"""Flights of manoeuvres that reach, smoothly, what they are asked to."""
 
 from __future__ import annotations
 
