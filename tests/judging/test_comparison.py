@@ -249,6 +249,30 @@ def test_what_only_one_campaign_holds():
     assert result.only_after == ("estimator new", "assumption rain", "case d of assumption wind")
 
 
+def named(table: pd.DataFrame) -> pd.DataFrame:
+    """The runs, whose estimators have the labels NAME[parameter=...]."""
+    return table.assign(name=table["estimator"].str.partition("[")[0])
+
+
+def test_an_estimator_with_changed_parameters_is_compared_with_itself():
+    """It has one label on each side; of two variants on one side none is the other's successor."""
+    before = named(campaign({"a": squares(1, 5), "pf[particles=100]": squares(2, 5)}))
+    after = named(campaign({"a": squares(1, 5), "pf[particles=200]": squares(2, 5)}))
+    label = "pf[particles=100] → pf[particles=200]"
+    assert list(compare(before, after, 0.1).rows["estimator"].unique()) == ["a", label]
+    variants = {"pf[particles=100]": squares(2, 5), "pf[particles=200]": squares(2, 5)}
+    gone = compare(named(campaign({"a": squares(1, 5)} | variants)), after[:5], 0.1)
+    assert list(gone.rows["estimator"].unique()) == ["a"]
+    assert gone.only_before == ("estimator pf[particles=100]", "estimator pf[particles=200]")
+
+
+def test_runs_that_all_finished_are_no_test_of_lost_runs():
+    """Position and velocity remain; one lost run makes a third test."""
+    before = campaign({"a": squares(1)})
+    assert compare(before, campaign({"a": squares(2)}), 0.1).tests == 2
+    assert compare(before, campaign({"a": squares(2)}, lost=[3]), 0.1).tests == 3
+
+
 def test_nothing_to_compare():
     """One sentence that names what each holds; a wrong threshold or window is one, too."""
     one, two = campaign({"a": squares(1, 5)}), campaign({"b": squares(1, 5)}, case="d")

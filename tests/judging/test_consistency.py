@@ -86,6 +86,13 @@ def test_consistency_on_hand_numbers(scale, coverage, false, expected):
     assert verdict(nees, np.arange(200) < false, coverage=coverage) == expected
 
 
+def test_a_nees_within_its_band_is_not_conservative():
+    """200 runs of nearly equal NEES: significantly below 6, but within the band from 5.53 on."""
+    nees = np.linspace(-0.01, 0.01, 200)
+    assert verdict(5.6 + nees, coverage=0.95) == "consistent"
+    assert verdict(5.4 + nees, coverage=0.95) == "conservative"
+
+
 def test_shares_are_tested_exactly():
     """Binomial p-values; twenty runs over two maps count as two at most."""
     hits, alone = np.arange(40) < 6, np.arange(40)

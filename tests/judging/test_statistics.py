@@ -172,6 +172,18 @@ def test_the_share_of_clusters_is_wider():
     assert statistics.share_interval(np.ones(200, bool), cluster)[1] < 0.85
 
 
+def test_a_share_of_no_runs_is_undefined_and_of_one_run_is_not():
+    nobody = np.zeros(0, dtype=bool)
+    assert all(math.isnan(value) for value in statistics.share_interval(nobody, nobody))
+    assert statistics.share_interval(~np.zeros(1, bool), np.zeros(1)) == statistics.wilson(1, 1)
+
+
+def test_equal_counts_have_a_p_value_of_one():
+    assert statistics.exact_p(5, 5) == 1.0
+    assert statistics.exact_p(0, 0) == 1.0
+    assert statistics.exact_p(0, 5) == statistics.exact_p(5, 0) == pytest.approx(2.0 / 2.0**5)
+
+
 def test_the_band_of_the_nees_is_that_of_chi_square():
     """The band of a mean of χ² variables: around the dimension, 95 % wide, shrinking as 1/√runs."""
     low, high = statistics.mean_band(1, 6)
