@@ -65,7 +65,7 @@ class CuthbertSmoother(CuthbertEkf):
 
 @dataclass
 class _Compiled:
-    """An estimator's posterior as JAX compiles it, for the model of the problem at hand."""
+    """Posterior of an estimator, compiled by JAX; h is that of the current problem."""
 
     smooths: bool
     measurement: MeasurementCallback = field(default_factory=MeasurementCallback)
@@ -77,7 +77,7 @@ class _Compiled:
     @staticmethod
     @cache
     def of(kind: type[CuthbertEkf]) -> _Compiled:
-        """Return the compiled function of a class, one in a process."""
+        """Return the compiled posterior of a class, cached in the process."""
         return _Compiled(issubclass(kind, CuthbertSmoother))
 
     def __call__(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +103,10 @@ class _Compiled:
         return mean, root @ root.transpose(0, 2, 1)
 
     def _posterior(self, mean: Any, root: Any, inputs: Any) -> tuple[Any, Any]:
-        """Return means and roots of covariances of K + 1 epochs, of arrays that JAX traces."""
+        """Return means and covariance roots at K + 1 epochs, of which the first is the prior.
+
+        All arguments and results are arrays traced by JAX.
+        """
         h = self.measurement.function(inputs[4].shape[1], len(mean))
 
         def dynamics(state: Any, arguments: Any) -> Any:

@@ -55,8 +55,10 @@ jax.config.update("jax_enable_x64", True)
 LIBRARIES = ("dynamax", "jax", "jaxlib")
 """Distributions whose version its results depend on."""
 _SMALL = 1e-4
-"""Units of states and readings, in deviations of prior and noise. dynamax adds 1e-9 to the diagonal
-of what it inverts, which is to be negligible next to variances of 1e8.
+"""Units of states and measurements, in standard deviations of prior and noise.
+
+dynamax adds 1e-9 to the diagonal of inverted matrices. In these units the variances are about 1e8,
+so that 1e-9 is negligible.
 """
 
 
@@ -94,7 +96,7 @@ class DynamaxEstimator(Estimator):
 
 @dataclass
 class _Compiled:
-    """An estimator's posterior as JAX compiles it, for the model of the problem that is at hand."""
+    """Posterior of an estimator, compiled by JAX; h is that of the current problem."""
 
     estimator: DynamaxEstimator
     function: Callable[..., Any] = field(init=False)
@@ -106,7 +108,7 @@ class _Compiled:
     @staticmethod
     @cache
     def of(estimator: DynamaxEstimator) -> _Compiled:
-        """Return what an estimator compiles, one for all that are equal to it."""
+        """Return the compiled posterior of an estimator; equal estimators share it."""
         return _Compiled(estimator)
 
     def __call__(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +137,7 @@ class _Compiled:
         noise_cov: Any,
         measurements: Any,
     ) -> tuple[Any, Any]:
-        """Return the posterior of arrays that JAX traces; h is called back."""
+        """Return means and covariances from arrays traced by JAX; h is called in Python."""
         epochs, m = measurements.shape
         parameters = ParamsNLGSSM(
             initial_mean=mean,

@@ -41,8 +41,8 @@ class MeasurementCallback:
 
     Parameters
     ----------
-    unit : scales of the states (prior standard deviations) and of the measurements (noise standard
-        deviations); None: SI units.
+    unit : unit of the states in prior standard deviations, and of the measurements in noise
+        standard deviations; None: SI units.
     problem : current problem; None: the problem of the context (:meth:`of`).
     """
 
@@ -84,14 +84,14 @@ class MeasurementCallback:
         return h
 
     def _predict(self, x: Any, k: Any) -> np.ndarray:
-        """Return h (..., m) in small units at states (..., n) and epochs (...)."""
+        """Return h (..., m) in scaled units at scaled states (..., n) and epochs (...)."""
         problem = self._at_hand()
         state, measurement = self.units(problem)
         predicted = _by_epoch(problem.model.predict, np.asarray(x) * state, k)
         return np.asarray(predicted / measurement)
 
     def _jacobian(self, x: Any, k: Any) -> np.ndarray:
-        """Return H (..., m, n) in small units at states (..., n) and epochs (...)."""
+        """Return H (..., m, n) in scaled units at scaled states (..., n) and epochs (...)."""
         problem = self._at_hand()
         state, measurement = self.units(problem)
         rows = _by_epoch(problem.model.jacobian, np.asarray(x) * state, k)
@@ -104,7 +104,7 @@ class MeasurementCallback:
 
 
 def _by_epoch(evaluate: Callable[[int, np.ndarray], Any], x: np.ndarray, k: Any) -> np.ndarray:
-    """Return a model's values (..., a, b) at states (..., n), all states of an epoch at once."""
+    """Return values of a model at states (..., n), with one evaluation for each epoch."""
     epochs = np.broadcast_to(np.asarray(k), x.shape[:-1])
     values = None
     for epoch in np.unique(epochs):

@@ -1,10 +1,14 @@
 """pyceres (Ceres Solver): the most probable trajectory by dense nonlinear least squares.
 
 Install the extra ``pyceres``: ``pip install 'ggbench[pyceres]'``. The process noise covariance is
-singular, and Ceres has no equality constraints. Therefore the unknowns are standard normal vectors:
-u with x_0 = prior_mean + L u, and w_k with x_k = Φ_k x_{k−1} + G_k w_k, where L Lᵀ = prior_cov, G_k
-G_kᵀ = Q_k, and G_k has as many columns as the rank of Q_k. The residuals are these unknowns and the
-whitened residuals of the measurements.
+singular, and Ceres has no equality constraints. Therefore the unknowns are standard normal vectors
+u and w_k:
+
+    x_0 = prior_mean + L u,  L Lᵀ = prior_cov
+    x_k = Φ_k x_{k−1} + G_k w_k,  G_k G_kᵀ = Q_k
+
+G_k has as many columns as the rank of Q_k. The residuals are these unknowns and the whitened
+residuals of the measurements.
 """
 
 from __future__ import annotations
@@ -27,9 +31,9 @@ except ImportError as error:
 LIBRARIES = ("pyceres",)
 """Distributions whose version its results depend on."""
 _ENOUGH = 1e-10
-"""Relative decrease of the cost, and size of the gradient, below which a search ends."""
+"""Relative decrease of the cost, and size of the gradient, below which the iteration ends."""
 _UNDAMPED = 1e16
-"""Radius of the trust region at the start: the reciprocal of the damping."""
+"""Initial radius of the trust region; its reciprocal is the damping."""
 
 
 class _Trajectory:
@@ -59,20 +63,20 @@ class _Trajectory:
         return np.asarray(self.mean + self.rows @ unknowns)
 
     def residuals(self, unknowns: np.ndarray) -> np.ndarray:
-        """Return the residuals: the unknowns, and whitened measurements."""
+        """Return the residuals: the unknowns, and the whitened residuals of the measurements."""
         predicted = predict_along(self.problem.model, self._epochs, self.states(unknowns))
         innovation = (self.problem.measurements - predicted)[..., np.newaxis]
         return np.concatenate([unknowns, np.linalg.solve(self._noise_root, innovation).ravel()])
 
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
-        """Return the derivative of the residuals by the unknowns."""
+        """Return the Jacobian of the residuals with respect to the unknowns."""
         h = jacobian_along(self.problem.model, self._epochs, self.states(unknowns))
         along = np.linalg.solve(self._noise_root, h @ self.rows)
         return np.concatenate([np.eye(self.size), -along.reshape(-1, self.size)])
 
 
 class _Cost(pyceres.CostFunction):
-    """All residuals as one cost of Ceres."""
+    """Cost function of Ceres with all residuals."""
 
     def __init__(self, trajectory: _Trajectory) -> None:
         super().__init__()
@@ -81,7 +85,7 @@ class _Cost(pyceres.CostFunction):
         self.set_parameter_block_sizes([trajectory.size])
 
     def Evaluate(self, parameters: Any, residuals: Any, jacobians: Any) -> bool:
-        """Fill residuals and, if they are asked for, Jacobians."""
+        """Fill the residuals and, if requested, the Jacobian."""
         unknowns = np.asarray(parameters[0])
         residuals[:] = self._trajectory.residuals(unknowns)
         if jacobians is not None:

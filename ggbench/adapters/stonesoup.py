@@ -188,7 +188,7 @@ def _time(seconds: float) -> datetime.datetime:
 
 @contextlib.contextmanager
 def _drawn_from(rng: np.random.Generator) -> Iterator[None]:
-    """Seed NumPy's global generator, by which Stone Soup resamples, and put it back afterwards."""
+    """Seed NumPy's global generator, which Stone Soup uses to resample; restore it afterwards."""
     before = np.random.get_state()  # noqa: NPY002
     np.random.seed(rng.integers(2**32))  # noqa: NPY002
     try:

@@ -97,7 +97,7 @@ def _identity(
 def _blocks(
     case: CaseSpec, seed: int, runs: int
 ) -> Iterator[tuple[str, Sequence[int], ProblemBlock]]:
-    """Yield name, numbers of the runs and block of each file of a case."""
+    """Yield the name, run indices and block of each file of a case."""
     maps = min(case.draw.maps, runs)
     for number in range(maps):
         own = range(number, runs, case.draw.maps)
@@ -169,7 +169,7 @@ def judge_estimates(
 
 
 def _runs_of(stored: Sequence[StoredRuns], case: str) -> int:
-    """Return up to which run there are estimates of a case."""
+    """Return the number of runs, consecutive from run 0, with estimates of a case."""
     numbers = {n for one in stored if one.problem["case"] == case for n in one.problem["runs"]}
     missing = next(n for n in range(len(numbers) + 1) if n not in numbers)
     if missing == 0:
@@ -179,6 +179,8 @@ def _runs_of(stored: Sequence[StoredRuns], case: str) -> int:
 
 def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> None:
     """Raise ExchangeError if estimates change when later measurements are omitted.
+
+    The error is also raised if ``stored`` has batch estimates, or no run is in both arguments.
 
     Parameters
     ----------
@@ -212,7 +214,7 @@ def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> N
 def _common_runs(
     stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]
 ) -> Iterator[tuple[StoredRuns, StoredRuns, int]]:
-    """Yield the whole and the cut estimates of each run that both have, and its number."""
+    """Yield the complete estimates, the cut estimates and the index of each common run."""
     for whole, part in itertools.product(stored, cut):
         if all(whole.problem[name] == part.problem[name] for name in ("key", "seed")):
             for number in part.problem["runs"]:
@@ -230,8 +232,8 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
 
     Returns
     -------
-    A sentence for each file whose RMS error would be less than a fifth if the numbers were read
-    with opposite sign, as north-east-down, or in kilometres.
+    A sentence for each file with a probable misreading. The RMS error must fall below a fifth of
+    its value if the numbers are read with opposite sign, as north-east-down, or in kilometres.
     """
     sentences = []
     for one in estimate_files.stored_runs(Path(estimates)):
@@ -261,6 +263,6 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
 
 
 def _rms(errors: np.ndarray) -> float:
-    """Return the RMS position error [m] of the second half of runs (R, K, 6)."""
+    """Return the RMS position error [m] in the second half of the epochs of errors (R, K, 6)."""
     half = errors[:, errors.shape[1] // 2 :, :3]
     return float(np.sqrt((half**2).sum(axis=2).mean()))

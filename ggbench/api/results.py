@@ -147,5 +147,5 @@ class Results(folder.Results):
         return stored.swept(self, key)
 
     def _case(self, name: str | None) -> str:
-        """Return the name of a case that was run, the first one's for None."""
+        """Return the name of a case that was run; None stands for the first case."""
         return self.scenario.cases[0].name if name is None else self.scenario.case(name).name

@@ -30,7 +30,7 @@ class Shown:
             self.display.console.out(sentence)
 
     def tell(self, step: CampaignProgress) -> None:
-        """Display a step of the campaign without its remarks, which become warnings elsewhere."""
+        """Display a step of the campaign; its remarks are not displayed but issued as warnings."""
         if self.called is not None:
             self.called(step.done, step.total)
         if self.display is not None:

@@ -134,7 +134,7 @@ class Campaign:
             raise
 
     def _joined_to(self, store: Store) -> list[str]:
-        """Write the manifest of this campaign and of what its folder holds; return remarks."""
+        """Write the manifest of this campaign and of earlier runs in its folder; return remarks."""
         # Again: another campaign may have finished here before the folder was locked.
         self._require_folder()
         plan = self.plan
@@ -178,7 +178,11 @@ class Campaign:
         return Tasks(cells, self.seed)
 
     def _require_folder(self) -> None:
-        """Raise StoreError if the folder is not ours, or not to be joined."""
+        """Raise StoreError if the results folder cannot be used for this campaign.
+
+        The folder must not contain other files, the user's scenario file, or results of another
+        scenario.
+        """
         require_ours(self.folder)
         if Path(self.argument).absolute() == (self.folder / "scenario.toml").absolute():
             raise StoreError(
@@ -195,9 +199,10 @@ class Campaign:
                 )
 
     def _leave_out(self) -> list[str]:
-        """Leave estimators out of the cases that they cannot take (``skip``); return why.
+        """Leave each estimator out of the cases that it refuses (``skip``); return remarks.
 
-        An estimator that takes none of the cases is no part of the plan.
+        An estimator that refuses all cases is removed from the plan. Raise CampaignError if no
+        estimator remains.
         """
         left_out: dict[str, dict[str, str]] = {}
         estimators = {label: choose(label).estimator for label in self.labels}
@@ -218,7 +223,7 @@ class Campaign:
         return remarks
 
     def _seeking(self) -> list[str]:
-        """Return remarks on estimators whose source looks where truth could be found."""
+        """Return remarks on estimators whose source has names that give access to the truth."""
         return [
             (
                 f"{label} uses {', '.join(content['seeks'])}, which give access to the truth: the "
@@ -229,7 +234,10 @@ class Campaign:
         ]
 
     def _share(self, store: Store, plan: Plan) -> None:
-        """Store what each case's runs share, unless it is stored: bounds, signals for figures."""
+        """Store the arrays that all runs of a case share, unless they are already stored.
+
+        The arrays contain bounds, and signals for figures.
+        """
         # Of those asked for now: what others needed has been stored when they were.
         estimators = [choose(label).estimator for label in self.plan.estimators]
         lagged = [vars(e)["lag"] for e in estimators if e.causality == "fixed-lag"]
@@ -287,7 +295,7 @@ class Campaign:
 
 
 def left_out_remarks(left_out: Mapping[str, Mapping[str, str]], cases: Sequence[str]) -> list[str]:
-    """Return a remark for each estimator and reason for which it is left out of cases.
+    """Return remarks on estimators that are left out of cases, one for each reason.
 
     Parameters
     ----------

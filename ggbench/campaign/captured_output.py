@@ -9,9 +9,9 @@ from .texts import LONGEST_TEXT, printable
 
 _PIECE = 1 << 16
 _AT_ONCE = 64
-"""Pieces that are read at a time: a flood does not keep the parent from its other workers."""
+"""Largest number of pieces per reading, because the parent must also serve other workers."""
 _KEPT = 4 * LONGEST_TEXT
-"""Bytes of which the last characters are made."""
+"""Number of bytes that are kept from the end of the output of a run."""
 
 
 class CapturedOutput:

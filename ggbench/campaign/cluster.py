@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 _CONNECT_S = 15.0
 _PATIENCE_S = 5.0
-"""After which a scheduler without workers is worth a sentence."""
+"""Time [s] without any worker after which a remark is shown."""
 _LOOK_EVERY_S = 1.0
 _AHEAD = 3
-"""Tasks handed over per thread of the cluster, so that none of them waits for the next one."""
+"""Submitted tasks per thread of the cluster, so that no thread is idle between two tasks."""
 _mine = threading.local()
 Tell = Callable[[int, str], None]
 """Function that receives the number of workers, and a remark or ""."""
@@ -72,7 +72,10 @@ def on_cluster(
 
 
 def _require_listener(address: str) -> None:
-    """Raise ClusterError unless somebody listens; Dask's own client would complain at length."""
+    """Raise ClusterError unless a connection to the address succeeds.
+
+    The message is one sentence; the error of Dask's client would be much longer.
+    """
     parts = re.fullmatch(r"(?:(?:tcp|tls)://)?([^/:]+|\[[^/]+\]):(\d{1,5})", address)
     if not parts or int(parts[2]) > 65535:
         raise ClusterError(
@@ -143,7 +146,7 @@ def _on(
 
 
 class _Workers:
-    """The workers of a cluster as they come and go, and what to say of them."""
+    """Number of workers and threads of a cluster, with reports of changes to the user."""
 
     def __init__(self, client: Client, address: str, tell: Tell) -> None:
         self.address = address
@@ -153,7 +156,10 @@ class _Workers:
         self._said = False
 
     def threads(self) -> int:
-        """Return how many threads all workers have; tell if there are more or fewer workers."""
+        """Return the number of threads of all workers.
+
+        A changed number of workers is reported, and also a longer time without any worker.
+        """
         threads = self._client.nthreads()
         if len(threads) != self._count:
             self._count, self._since, self._said = len(threads), time.monotonic(), False
@@ -170,7 +176,10 @@ class _Workers:
 
 @contextlib.contextmanager
 def _without_logs() -> Iterator[None]:
-    """Keep Dask from logging tracebacks of what is here an error with a sentence."""
+    """Disable Dask's loggers within the context.
+
+    Dask logs a traceback for errors that this module reports as one sentence.
+    """
     loggers = [
         logger
         for name, logger in logging.root.manager.loggerDict.items()

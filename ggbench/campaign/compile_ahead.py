@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 _MOST_PROCESSES = 4
-"""More would wait for each other: estimators share most of what is compiled."""
+"""Largest number of processes; more would wait, because estimators share most of the code."""
 
 
 @contextlib.contextmanager
@@ -26,13 +26,14 @@ def compiling_ahead(
     """Yield a function that starts the compilation of estimators in other processes.
 
     One process starts at once and compiles the measurement model. The function takes texts of
-    estimators, ``NAME[parameter=value,...]``, and ignores those with files. The processes end with
-    the context.
+    estimators, ``NAME[parameter=value,...]``, and ignores estimators from files. The processes end
+    with the context.
 
     Parameters
     ----------
     first : whether the cache is empty; otherwise no process is started.
-    jobs : largest number of processes; None: the number of processors.
+    jobs : largest number of processes, limited to four; None: the number of processors. With 0 or
+        1 no process is started.
     """
     processes: list[subprocess.Popen[str]] = []
 
@@ -96,14 +97,14 @@ def compile_estimators(names: Iterable[str]) -> None:
 
 
 def _listen(requests: queue.SimpleQueue[str]) -> None:
-    """Take what the parent asks for; end this process when the parent ends."""
+    """Put the parent's line of names into the queue; end this process when the parent ends."""
     requests.put(sys.stdin.readline())
     sys.stdin.read()
     os._exit(0)
 
 
 def _names(requests: queue.SimpleQueue[str]) -> Iterator[str]:
-    """Yield the names that the parent asks for, once it has."""
+    """Yield the requested names of estimators, after waiting for the parent's request."""
     yield from (name for name in json.loads(requests.get()) if ".py" not in name)
 
 

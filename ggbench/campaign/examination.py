@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ..contract.catalogue import Check
 
 LIMIT_S = 300.0
-"""Longest time of one check."""
+"""Default time limit of one check [s]."""
 _LONGEST_START_S = 3600.0
-"""In which the separate process must be there: at the first use it compiles."""
+"""Time limit for the start of the separate process [s]; the first use includes compilation."""
 _LOOK_EVERY_S = 0.2
 
 
@@ -65,7 +65,7 @@ def examined(
 def _answer(
     process: subprocess.Popen[bytes], answers: Connection, limit_s: float
 ) -> dict[str, str]:
-    """Return the next answer of the separate process; or how it ended, if there is none."""
+    """Return the next message of the separate process, or the reason why there is none."""
     start = time.monotonic()
     while not answers.poll(_LOOK_EVERY_S):
         if process.poll() is not None and not answers.poll():
@@ -89,7 +89,7 @@ def _ended(code: int) -> str:
 def _isolated(
     estimator: str, names: list[str]
 ) -> Iterator[tuple[subprocess.Popen[bytes], Connection]]:
-    """Start a process that asks; whatever it has started ends with it."""
+    """Start a process that runs the checks; kill it and its process group after the context."""
     answers, theirs = Pipe(duplex=False)
     module, pipe = f"{__package__}.isolated_check", theirs.fileno()
     process = subprocess.Popen(

@@ -19,10 +19,10 @@ from .runner import Started, Task, failure, run_task
 from .worker import Ready, Worker, WorkerDiedError, kill_surely
 
 _MOST_FALSE_STARTS = 3
-"""Processes that may end before they are ready, one after the other."""
+"""Number of consecutive processes that end before they are ready, at which a campaign fails."""
 _WAKE_S = 1.0
 _BATCH, _BATCH_S = 500, 0.2
-"""Results that are stored together, as one write to the disk: so many, or those of so long."""
+"""Number of results, and time [s], after which results are stored together in one write."""
 
 
 class ExecutionError(GGBenchError):
@@ -53,7 +53,7 @@ def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[li
 
     A run whose process dies is repeated once, alone. If the second process dies too, the run is
     recorded as failed. A run that takes more than ``limit`` seconds is killed and recorded as
-    failed; a block of runs that takes longer is killed and repeated run by run.
+    failed. A block of runs that takes longer is killed, and its runs are repeated singly.
 
     Raise ExecutionError if processes die before they are ready. Raise GGBenchError if a worker has
     other versions or sources than the campaign.
@@ -124,7 +124,7 @@ class Attempt:
 
 
 class _Queue:
-    """Attempts to come: what must be tried again, then tasks as they are made."""
+    """Remaining attempts: repetitions first, then new tasks, which are created on demand."""
 
     def __init__(self, tasks: Iterable[Task]) -> None:
         self._tasks: Iterator[Task] = iter(tasks)
@@ -148,7 +148,10 @@ class _Queue:
 
 
 def _group_by_missing(missing: Mapping[str, set[int]]) -> dict[tuple[str, ...], list[int]]:
-    """Return runs by the labels that miss them, so that each run is simulated once for all."""
+    """Group runs by the estimators that lack a result of them.
+
+    Each run is then simulated only once for all of these estimators.
+    """
     groups: dict[tuple[str, ...], list[int]] = {}
     for run in sorted(set().union(*missing.values())):
         labels = tuple(label for label, runs in missing.items() if run in runs)
@@ -167,7 +170,7 @@ class WorkerSlot:
     def _start(self) -> None:
         self.worker = Worker()
         self.guests: frozenset[str] = frozenset()
-        """Users' own files whose code has run in the process."""
+        """Paths of users' files whose code has run in the process."""
         self.idle = False
         self.attempt: Attempt | None = None
         self.deadline = math.inf
@@ -213,7 +216,7 @@ class WorkerSlot:
             raise WorkerDiedError("its process sent an unexpected message")
 
     def _is_of(self, message: list[object], started: Started) -> bool:
-        """Return whether a message is the results of just what was started."""
+        """Return whether a message contains exactly the results of the started runs."""
         runs = [
             r.record["run"]
             for r in message
@@ -222,14 +225,18 @@ class WorkerSlot:
         return len(runs) == len(message) and runs == list(started.runs)
 
     def _taken_out(self, part: Started) -> dict[str, set[int]]:
-        """Take a part out of what is left of the task; return its runs by label."""
+        """Remove started runs from the remaining runs of the task; return them by label."""
         self._left[part.label] -= set(part.runs)
         if not self._left[part.label]:
             del self._left[part.label]
         return {part.label: set(part.runs)}
 
     def _handle_death(self, death: str, results: list[Result], again: list[Attempt]) -> None:
-        """See to what a worker that died was at, and start another one."""
+        """Fail or repeat the runs that a dead worker has left, and start another worker.
+
+        Failed runs are appended to ``results``, attempts to repeat runs to ``again``. Raise
+        ExecutionError if several workers in succession died before they were ready.
+        """
         if self.attempt is None:
             self._false_starts += 1
             if self._false_starts == _MOST_FALSE_STARTS:
@@ -251,7 +258,10 @@ class WorkerSlot:
         self.renew()
 
     def _stop(self, results: list[Result], again: list[Attempt]) -> None:
-        """Kill a worker that is over its time limit: the result of the run that it is at."""
+        """Kill a worker that exceeds its time limit.
+
+        A single run is appended to ``results`` as failed; the runs of a block are repeated singly.
+        """
         assert self._current is not None  # the clock runs in a run only
         blamed = self._taken_out(self._current)
         if len(self._current.runs) > 1:
@@ -265,7 +275,7 @@ class WorkerSlot:
     def _retry(
         self, missing: Mapping[str, set[int]], one_by_one: bool = False, second: bool = False
     ) -> list[Attempt]:
-        """Return the attempts at what is left of the task."""
+        """Return attempts that repeat the missing runs of the task."""
         assert self.attempt is not None
         attempts = []
         for labels, runs in _group_by_missing(missing).items():
@@ -296,7 +306,7 @@ class WorkerSlot:
         )
 
     def _with_output(self, results: list[Result]) -> list[Result]:
-        """Return the results of what has just ended; what failed, with what was printed in it."""
+        """Return the results of the latest runs; failed runs also get the captured output."""
         output = self.worker.output.of_run()
         for result in results:
             if output and result.record["status"] != "ok":

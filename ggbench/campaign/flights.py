@@ -88,7 +88,7 @@ def fly_unseen(case: CaseSpec) -> None:
 
 
 def forget_flights() -> None:
-    """Drop the flights and bounds that this process has cached, to free memory."""
+    """Drop the flights, problems and bounds that this process has cached, to free memory."""
     _flight.cache_clear()
     _first_problem.cache_clear()
     _bounds.clear()

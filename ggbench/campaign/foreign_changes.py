@@ -59,7 +59,7 @@ def put_back(replaced: list[str]) -> Iterator[None]:
 
 @contextmanager
 def _same_rounding() -> Iterator[None]:
-    """Restore the rounding mode of floating-point numbers, which is one for the process."""
+    """Restore the rounding mode of floating-point numbers, which applies to the whole process."""
     modes = ctypes.CDLL(None)
     before = modes.fegetround()
     try:
@@ -69,7 +69,10 @@ def _same_rounding() -> Iterator[None]:
 
 
 def _present() -> dict[tuple[str, Any], dict[str, Any]]:
-    """Return functions, classes and methods by the name and object of their module or class."""
+    """Return the functions, classes and methods of guarded modules.
+
+    Keys are the dotted name and the object of a module or class.
+    """
     guarded: dict[tuple[str, Any], dict[str, Any]] = {}
     for name, module in list(sys.modules.items()):
         package = name.partition(".")[0]

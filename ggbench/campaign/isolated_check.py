@@ -58,7 +58,7 @@ def main(pipe: str, text: str, names: list[str]) -> None:
 
 
 def _asked(ask: Callable[[], str], file: str) -> dict[str, str]:
-    """Ask; return the verdict and a sentence."""
+    """Run a check; return its verdict and a sentence."""
     from ..contract.demands import Broken, Refused
     from .texts import exception_text, printable
 
@@ -78,7 +78,7 @@ def _asked(ask: Callable[[], str], file: str) -> dict[str, str]:
 
 
 def _line_of(error: BaseException, file: str) -> str:
-    """Return the last line of a file that an exception has passed, "" if it passed none."""
+    """Return the last line of a file in the traceback of an exception, or "" if none is."""
     if isinstance(error, SyntaxError) and error.filename == file:
         return f"{Path(file).name}, line {error.lineno}"
     for frame in reversed(traceback.extract_tb(error.__traceback__)):

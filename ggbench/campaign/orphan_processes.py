@@ -62,7 +62,7 @@ def kill_descendants() -> int:
 def _kill(
     processes: Callable[[], Iterable[psutil.Process]], chosen: Callable[[psutil.Process], bool]
 ) -> set[int]:
-    """Kill the chosen processes until there are none; return their numbers."""
+    """Kill the chosen processes, repeatedly until none is found; return their identifiers."""
     ended: set[int] = set()
     for _ in range(_ROUNDS):  # a process that is just being started is found in the next round
         any_killed = False

@@ -55,7 +55,7 @@ class Plan:
         ]
 
     def _taking(self, case: str) -> dict[str, Mapping[str, Any]]:
-        """Return the estimators that take a case."""
+        """Return the contents of the estimators that do not refuse a case, by label."""
         refused = {label for label, reasons in self.left_out.items() if case in reasons}
         return {k: content for k, content in self.estimators.items() if k not in refused}
 
@@ -131,9 +131,9 @@ class Tasks:
     def __init__(self, cells: Sequence[PendingCell], seed: int) -> None:
         self._seed = seed
         self.results = sum(int(cell.missing.sum()) for cell in cells)
-        """Number of results to come."""
+        """Number of missing results."""
         self._groups: dict[str, tuple[list[PendingCell], list[PendingCell]]] = {"": ([], [])}
-        """By own file, "" for the installed ones: cells at once, and cells run by run."""
+        """Cells by user file ("": installed estimators): in blocks, and run by run."""
         for cell in cells:
             for file in dict.fromkeys(own_file(label) for label, _ in cell.pairs):
                 own = tuple(pair for pair in cell.pairs if own_file(pair[0]) == file)
@@ -156,7 +156,7 @@ class Tasks:
                         yield from self._blocks(cell, run, run + 1)
 
     def _blocks(self, cell: PendingCell, start: int, stop: int) -> Iterator[Task]:
-        """Yield tasks of a range of runs: one of each set of estimators that miss the same runs."""
+        """Yield tasks of a range of runs: one for each set of estimators lacking the same runs."""
         patterns: dict[bytes, list[int]] = {}
         for run in range(start, min(stop, cell.missing.shape[1])):
             if cell.missing[:, run].any():

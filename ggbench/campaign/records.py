@@ -185,7 +185,7 @@ def evaluate_runs(
 
 
 def _flaw_of_count(evaluations: int) -> str:
-    """Return what is wrong with an estimator's own count of its evaluations of the map, or ""."""
+    """Return the fault of an estimator's own count of map evaluations, or ""."""
     if 0 <= evaluations <= _LARGEST_COUNT:
         return ""
     return "the estimate's info has map_evaluations below zero, or beyond 64 bits"
@@ -198,7 +198,11 @@ def _detail(
     evaluation: run_errors.Evaluation,
     r: int,
 ) -> np.ndarray:
-    """Return (K, 18) of a run: errors of position and velocity, their σ, those of gravity."""
+    """Return the errors (K, 18) of run ``r``.
+
+    The columns are position and velocity errors, their σ, errors of the gravity disturbance, and
+    their σ.
+    """
     gravity = np.full((len(error_state), 6), np.nan)
     if flight.model.disturbance is not None:
         states = slice(STATES, STATES + 3)
@@ -219,7 +223,7 @@ def outside_map(flight: Flight, errors: np.ndarray) -> np.ndarray:
 
 
 def _narrowed(array: np.ndarray) -> np.ndarray:
-    """Return an array as float32; a diverged filter's error may be beyond its range."""
+    """Return an array as float32; values beyond the range of float32 are clipped."""
     largest = np.finfo("<f4").max
     return np.clip(array, -largest, largest).astype("<f4")
 
@@ -227,7 +231,7 @@ def _narrowed(array: np.ndarray) -> np.ndarray:
 def _bound_of(case: CaseSpec, causality: Causality, lag: float | None) -> str:
     """Return the name of the bound that an estimate is compared with.
 
-    An estimate without aiding has the filtering bound: what aiding could give.
+    An estimate without aiding is compared with the filtering bound, which aiding could reach.
     """
     if lag is not None:
         return f"fixed-lag-{lag_epochs(case, lag)}"
@@ -260,8 +264,7 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
     """Return the arrays that all runs of a case share: bounds, availability, signals for figures.
 
     Arrays over epochs are (K,) or have K rows. ``lags`` are the fixed lags in use [epochs].
-
-    ``seed`` is the seed of the simulated gradient signals.
+    ``seed`` is the seed of the noise in the gradient signals.
     """
     arrays = {
         "times": flight.times,
@@ -291,9 +294,9 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
 
 
 def _some_expected(flight: Flight) -> np.ndarray:
-    """Return the share of runs (K,) in which any measurement is there at each epoch.
+    """Return the expected share of runs (K,) with any measurement at each epoch.
 
-    The channels of a sensor drop out together, the sensors independently.
+    The channels of a sensor drop out together; different sensors drop out independently.
     """
     true, none = flight.true, np.ones(len(flight.times))
     first = 0
@@ -305,9 +308,10 @@ def _some_expected(flight: Flight) -> np.ndarray:
 
 
 def _known_gravity(bound: Bound) -> np.ndarray:
-    """Return the bound's σ of the gravity disturbance ENU [m/s²] and correlations (K, 5).
+    """Return σ and correlations (K, 5) of the gravity disturbance in the bound.
 
-    Those of its east part with the tilt about north, and of its north part with that about east.
+    The first three columns are σ in ENU [m/s²]. The other two are the correlations of the east
+    component with the tilt about north, and of the north component with the tilt about east.
     """
     tilts, states = (7, 6), (STATES, STATES + 1)
     sigma = np.sqrt(np.diagonal(bound.filtering, axis1=1, axis2=2))
@@ -319,9 +323,10 @@ def _known_gravity(bound: Bound) -> np.ndarray:
 
 
 def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str, np.ndarray]:
-    """Return Γ_UU when it is read, and with the noise of the detailed run.
+    """Return Γ_UU at the measurement times: true, noisy and, with a low-pass filter, filtered.
 
-    Where the whole tensor was measured, the measurement is in place of that noise.
+    The noise is that of the detailed run. If the whole tensor was measured, the measured Γ_UU
+    replaces the simulated noisy one.
     """
     streams = RandomStreams(seed, DETAILED_RUN, flight.case.draw.name)
     vertical = COMPONENTS.index("zz")

@@ -1,9 +1,11 @@
 """Registry of estimators: installed entry points, and users' files.
 
-A text ``NAME`` or ``NAME[parameter=value,...]`` describes an estimator. NAME is the name of an
-entry point in the group ``ggbench.estimators``, the path of a Python file that defines one
-:class:`~ggbench.problem.Estimator`, the path of a file of estimates, or ``exec:`` and the path of a
-program.
+A text ``NAME`` or ``NAME[parameter=value,...]`` describes an estimator. NAME is one of these:
+
+- the name of an entry point in the group ``ggbench.estimators`` or ``ggbench.frameworks``,
+- the path of a Python file that defines one :class:`~ggbench.problem.Estimator`,
+- the path of a file or folder of estimates,
+- ``exec:`` and the path of a program.
 """
 
 from __future__ import annotations
@@ -38,9 +40,9 @@ FRAMEWORKS = "ggbench.frameworks"
 """Entry points of estimators that need another package, each with an extra."""
 _SOURCE = "__ggbench_source__"
 _ADAPTERS = "ggbench.adapters."
-"""Begin of the names of modules that adapt other packages' estimators."""
+"""Prefix of the names of modules that adapt other packages' estimators."""
 _SHIPPED = ("ggbench.estimators.", _ADAPTERS)
-"""Begin of the names of modules of shipped estimators."""
+"""Prefixes of the names of modules of shipped estimators."""
 
 
 class EstimatorError(GGBenchError):
@@ -195,8 +197,9 @@ def _made(cls: type[Estimator], requested: EstimatorSpec) -> tuple[EstimatorSpec
 def spec_of(estimator: Estimator) -> EstimatorSpec:
     """Return the spec (name and parameters) of an estimator object.
 
-    Raise EstimatorError if the class is neither registered nor from a file that :func:`choose` has
-    read, this file has changed since, or a parameter cannot be written as text.
+    The class must be registered, or come from a file that :func:`choose` has read. Raise
+    EstimatorError otherwise, or if this file has changed since, or if a parameter cannot be written
+    as text.
     """
     cls = type(estimator)
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
@@ -328,7 +331,7 @@ def source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
 
 
 def _used_by(cls: type[Estimator]) -> set[str]:
-    """Return the names of the modules of what a class's file holds, and of what it derives from."""
+    """Return the names of the modules that define a class's bases and the objects in its file."""
     objects = [*vars(sys.modules[cls.__module__]).values(), *cls.__mro__]
     named = (x.__name__ if inspect.ismodule(x) else getattr(x, "__module__", None) for x in objects)
     return {str(name) for name in named}
@@ -340,7 +343,7 @@ def _adapters_of(cls: type[Estimator]) -> list[str]:
 
 
 def _libraries_of(cls: type[Estimator]) -> dict[str, str]:
-    """Return the versions of the packages to which its adapters lead."""
+    """Return the versions of the packages that a class uses through adapters."""
     names = [name for one in _adapters_of(cls) for name in sys.modules[one].LIBRARIES]
     return {name: importlib.metadata.version(name) for name in names}
 

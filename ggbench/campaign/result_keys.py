@@ -1,8 +1,8 @@
 """Content-based keys of stored runs, and input files of runs.
 
-The key of a run is a hash of all inputs of the result: content of case and map, estimator with
-parameters and source, seed, and versions of results and libraries. Names, paths and order do not
-count. Key and run index together identify a run.
+The key of a run is a hash of all inputs of the result. These are the contents of case and map, the
+estimator's parameters and source, the seed, and the versions of results and libraries. Names, paths
+and order do not change the key. Key and run index together identify a run.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def environment() -> dict[str, Any]:
 
 
 def problem_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of the simulated problems of a case; versions do not count.
+    """Return the key of the simulated problems of a case, which is independent of versions.
 
     Raise MapError if the case's map file cannot be read.
     """
@@ -68,14 +68,14 @@ def problem_key(case: CaseSpec, seed: int) -> str:
 
 
 def _placeless(gradiometer: Any) -> Any:
-    """Return a table of the gradiometer without the place of its model of coloured noise."""
+    """Return the gradiometer table without the path of its model of coloured noise."""
     if gradiometer is None or gradiometer.coloured_noise is None:
         return gradiometer
     return gradiometer.model_copy(update={"coloured_noise": "noise"})
 
 
 def case_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of the arrays that all runs of a case share; no estimator counts."""
+    """Return the key of the arrays that all runs of a case share, independent of estimators."""
     return _hash([environment(), problem_key(case, seed)])
 
 
@@ -114,5 +114,5 @@ def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
 
 @cache
 def _map_content(spec: FieldSpec, version: tuple[int, int]) -> str | None:
-    """Return a hash of the map of a field; a process reads a version of its file once."""
+    """Return a hash of the map of a field; each version of its file is read once per process."""
     return map_content(spec)

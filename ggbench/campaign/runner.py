@@ -143,7 +143,10 @@ def by_block_size(pairs: EstimatorKeys) -> tuple[EstimatorKeys, EstimatorKeys]:
 def _run_block(
     task: Task, pairs: EstimatorKeys, runs: Sequence[int]
 ) -> Iterator[Started | list[Result]]:
-    """Simulate several runs at once; should that fail, one by one: it costs no other run."""
+    """Simulate several runs at once, run the estimators on them, and yield messages and results.
+
+    If the simulation fails, each run is simulated singly, so that an error fails only one run.
+    """
     try:
         flown = simulated(task.case, task.seed, runs)
     except Exception as error:
@@ -169,7 +172,7 @@ def _run_estimator(
     flown: SimulatedRuns,
     part: slice,
 ) -> Iterator[Started | list[Result]]:
-    """Let an estimator run a part of a simulated block; should that fail, one by one."""
+    """Run an estimator on a part of a simulated block; after an error, on each run singly."""
     runs = flown.runs[part]
     yield Started(label, runs)
     choice = chosen(label)
@@ -197,7 +200,7 @@ def _evaluated(
     part: slice,
     estimated: TimedEstimates,
 ) -> list[Result]:
-    """Judge estimates (:func:`.records.evaluate_runs`) of a part of the runs of a block."""
+    """Evaluate the estimates of some runs of a block (:func:`.records.evaluate_runs`)."""
     results = []
     with flown.truth.looked_at() as truth:
         for some, flight, bound in flown.flights(part):
@@ -249,9 +252,9 @@ def timed_estimates(
 ) -> TimedEstimates:
     """Run an estimator on a block or a single run, measure the time, validate the estimates.
 
-    An estimator without blocks processes only the run ``run`` of the block. Raise TypeError or
-    ValueError if the result is no estimate, has another causality than the estimator declares, a
-    wrong shape, complex numbers, or an ``info`` that cannot be stored.
+    An estimator without blocks processes only row ``run`` of the block. Raise TypeError or
+    ValueError if the result is no estimate or has another causality than the estimator declares.
+    The same holds for a wrong shape, complex numbers, or an ``info`` that cannot be stored.
     """
     # A new instance each time: what one run leaves in it cannot reach the next.
     estimator = dataclasses.replace(choice.estimator)
@@ -294,16 +297,16 @@ def timed_estimates(
 
 
 def _duration(seconds: Any) -> float:
-    """Return a duration as a record can hold it: NaN where it is none."""
+    """Return a valid duration [s] unchanged, and NaN for any other value."""
     is_valid = isinstance(seconds, float) and 0.0 <= seconds < math.inf
     return seconds if is_valid else math.nan
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
-    """Return what an estimator returns, and how long it took [s].
+    """Return the result of an estimator's call, and its duration [s].
 
-    What it changes for all that run in its process after it is undone: NumPy's treatment of
-    floating-point errors, warning filters and the working directory; not what it may do to modules.
+    Changes of NumPy's handling of floating-point errors, of warning filters and of the working
+    directory are undone. Changes of modules are not.
     """
     folder = Path.cwd()
     try:
@@ -316,9 +319,10 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return the remarks of each run of a block, and its evaluations of the map.
+    """Return the remarks and the number of map evaluations of each run of a block.
 
-    Raise ValueError if the info is not one number of each run, or has no map_evaluations.
+    Raise ValueError if an entry of ``info`` is not one number or text for each run, or if
+    ``map_evaluations`` is missing.
     """
     for name, values in info.items():
         run_errors.require_plain(f"info {name}", values)
@@ -342,7 +346,7 @@ def _require_declared(
     kind: type[Estimate] | type[EstimateBlock],
     method: str,
 ) -> None:
-    """Raise TypeError or ValueError unless an estimate is what its estimator declares."""
+    """Raise TypeError or ValueError unless an estimate has the declared type, causality and lag."""
     if not isinstance(estimate, kind):
         raise TypeError(f"{method}() must return {kind.__name__}, not {type(estimate).__name__}")
     lag = vars(estimator)["lag"] if estimator.causality == "fixed-lag" else None

@@ -109,7 +109,7 @@ def _run_missing(
     cluster: str | None,
     progress: Callable[[CampaignProgress], None],
 ) -> bool:
-    """Run what an open folder lacks; return whether Ctrl-C ended it."""
+    """Execute the missing runs of an open results folder; return whether Ctrl-C ended them."""
     tasks = work.tasks(store)
     step = CampaignProgress(work, store, remarks, tasks.results)
     progress(step)
@@ -141,7 +141,7 @@ def _engine(
     limit: float,
     tell: Callable[[int, str], None],
 ) -> Generator[list[Result]]:
-    """Return the results of tasks as they come, from where they are run."""
+    """Return a generator of results from this process, worker processes or a cluster."""
     if cluster:
         from .cluster import on_cluster  # not at the top: Dask is not always there
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 
 _MODULES = ("gc", "inspect", "ggbench.simulation", "ggbench.campaign.runner")
-"""What an estimator has no use for: it looks through a process, or simulates runs."""
+"""Modules that inspect a process or simulate runs; estimators do not need them."""
 _NAMES = {
     "_getframe",
     "_current_frames",

@@ -34,7 +34,7 @@ _WATCH_S = 1.0
 _PATIENCE_S = 2.0
 _PIECE = 1 << 20
 _OOM_SCORE = 800
-"""Of 1000 that a worker adds to its memory in the eyes of the kernel's out-of-memory killer."""
+"""Score of a worker, out of 1000, for the kernel's out-of-memory killer (``oom_score_adj``)."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment for one BLAS thread: more threads double the processor time of small matrices."""
 living_workers: set[Worker] = set()
@@ -181,7 +181,7 @@ def interrupts_held() -> Iterator[None]:
 
 
 def _seam(mark: str) -> bytes:
-    """Return what separates the outputs of two runs; no one prints it by mistake."""
+    """Return the bytes that separate the outputs of two runs; the mark is random and unique."""
     return f"\0{mark}\0".encode()
 
 
@@ -198,7 +198,7 @@ def _end_with_parent(parent: int, mark: str) -> None:
 
 
 def _die_before_the_parent() -> None:
-    """Have the kernel end this process and its children first where memory runs out, on Linux."""
+    """Make Linux kill this process and its children before the parent if memory runs out."""
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(f"{_OOM_SCORE}\n", encoding="ascii")
 
@@ -241,7 +241,10 @@ def main(descriptor: int, parent: int) -> None:
 
 
 def _end_run(results: list[Result], output: int, seam: bytes) -> None:
-    """End what runs left running, which their records say, and what they print."""
+    """End the processes that runs have left running, flush the output, and write the seam.
+
+    The records of these runs get a remark on the ended processes.
+    """
     if count := orphan_processes.kill_descendants():
         remark = f"left {count} process{'es' * (count > 1)} running; they were ended with the run"
         for result in results:

@@ -100,7 +100,7 @@ def advise(
 
 
 def _print(advice: Advice) -> None:
-    """Print the estimators, the recommended one, and what limits the accuracy."""
+    """Print the estimators, the recommendation, and the error sources that limit the accuracy."""
     from ..report import columns
     from ..score import decisions
 
@@ -125,7 +125,7 @@ def _print(advice: Advice) -> None:
 
 
 def _print_target(advice: Advice, target: float) -> bool:
-    """Print which gradiometer reaches a target; return whether any does."""
+    """Print the gradiometer noise that reaches a target [m]; return whether any noise does."""
     from ..score import decisions
 
     sentences, reached = decisions.instrument(advice, target)

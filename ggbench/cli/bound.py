@@ -63,7 +63,7 @@ def bound(
 
 
 def _print_all(loaded: Scenario, output: Path | None) -> None:
-    """Print, and write if asked for, the bounds of the settled window of every case."""
+    """Print the bounds of every case in the settled window; write them to ``output`` if given."""
     import pandas as pd
 
     from ..judging.planned import bound_of

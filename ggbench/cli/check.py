@@ -61,7 +61,7 @@ def check(estimator: str, time_limit: float) -> None:
 
 
 def _tell(check: Check, verdict: str, text: str) -> None:
-    """Print what came out of a check."""
+    """Print the verdict and the text of a check."""
     word, colour = _SHOWN[verdict]
     click.echo(f"{click.style(word, fg=colour or None, bold=verdict == 'failed')}: {check.name}")
     lines = [f"{text}."] if text else []

@@ -20,7 +20,7 @@ EXIT_INTERRUPTED = 130
 def _finite(context: click.Context, option: click.Parameter, value: Any) -> Any:
     """Return the value of an option; raise GGBenchError if it is nan or infinite.
 
-    Ranges of click let nan pass. Only a void value may be nan.
+    Ranges of click accept nan. Only the option ``--void`` may be nan.
     """
     values = value if isinstance(value, tuple) else (value,)
     for each in values if option.name != "void" else ():
@@ -33,7 +33,7 @@ class Commands(click.Group):
     """A group of commands in which a user error prints its message and exits with code 2."""
 
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command, or a group of commands, whose numbers must be finite."""
+        """Add a command or a group of commands; require finite numbers in their options."""
         for command in (cmd, *getattr(cmd, "commands", {}).values()):
             for option in command.params:
                 if isinstance(option.type, click.types.FloatParamType) and not option.callback:
@@ -53,7 +53,7 @@ class Commands(click.Group):
             return self._told(context)
 
     def _to_its_end(self, context: click.Context) -> Any:
-        """Run a command; raise KeyboardInterrupt if it swallowed a request to end."""
+        """Run a command; raise KeyboardInterrupt if the command has suppressed an interrupt."""
         try:
             result = super().invoke(context)
         except SystemExit as end:

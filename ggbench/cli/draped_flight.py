@@ -18,11 +18,11 @@ _DURATION_S = 130.0
 _SPEEDS_MPS = (60.0, 20.0)
 """Usual speed, and a slow one, which follows the ground more closely."""
 _LEAST_SHARE = 0.4
-"""Lowest layer over the clearance: a lower one needs nodes so dense that the map is large."""
+"""Least ratio of the lowest layer to the clearance; lower layers need much denser nodes."""
 _SHARE = 0.8
-"""Of the map's shorter side, which the flight takes at most."""
+"""Largest share of the map's shorter side that a flight covers."""
 _ROOM_M = 20.0
-"""To the lowest and the highest layer: three deviations of a barometer's error."""
+"""Margin to the lowest and highest layer: three standard deviations of a barometer's error."""
 _HEADINGS = (90.0, 0.0, 45.0, 135.0, 270.0, 180.0, 225.0, 315.0)
 _STEP_S = 0.1
 
@@ -124,7 +124,7 @@ def _middle(nodes: Nodes) -> tuple[float, float]:
 
 
 def _metres_per_degree(latitude_deg: float) -> tuple[float, float]:
-    """Return metres of a degree to the north and to the east."""
+    """Return the lengths [m] of a degree to the north and of a degree to the east."""
     import numpy as np  # not at the top: --help loads no numbers
 
     from ..gravity.ellipsoid import metres_per_radian
@@ -134,7 +134,7 @@ def _metres_per_degree(latitude_deg: float) -> tuple[float, float]:
 
 
 def _fastest(nodes: Nodes) -> float:
-    """Return the speed at which a flight takes its share of a map [m/s]."""
+    """Return the speed [m/s] at which a flight covers its largest share of the map."""
     per_north, per_east = _metres_per_degree(_middle(nodes)[0])
     lat, lon = nodes.latitude_deg, nodes.longitude_deg
     side = min(float(lat[-1] - lat[0]) * per_north, float(lon[-1] - lon[0]) * per_east)
@@ -146,7 +146,8 @@ def _flights(
 ) -> Iterator[tuple[str, float, float]]:
     """Yield the table of a flight on each heading, with its least and largest height [m].
 
-    Heights are above the base of the nodes. ``geoid_height`` is that of the terrain [m], if stated.
+    The heights are above the base surface of the nodes. ``geoid_height`` [m] is the height of the
+    terrain's zero level above the ellipsoid, or None.
     """
     import numpy as np  # not at the top: --help loads no numbers
     from scipy.interpolate import RegularGridInterpolator

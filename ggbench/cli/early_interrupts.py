@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 def _end(number: int, frame: object) -> None:
-    """End a command that has not begun: nothing is there to be summed up."""
+    """End the process before the command starts; there are no results to summarise."""
     os.write(2, b"Interrupted.\n")
     os._exit(130)
 

@@ -1,7 +1,8 @@
 """Checks of flights for ``ggbench validate`` and ``run``: extremes, and margins inside maps.
 
-Nothing is simulated. The recipe of a map contains the limits, so a map is built only if the
-scenario adds errors to it. A flight that may leave its map is computed as in a run.
+Nothing is simulated. The recipe of a map contains its limits. Therefore a map is built only if it
+is draped over the ground, or if the scenario adds errors to it. A flight that may leave its map is
+computed as in a run.
 """
 
 from __future__ import annotations
@@ -155,7 +156,10 @@ def _examined(study: str, case: CaseSpec) -> Examined:
 
 
 def _correlation(case: CaseSpec) -> float:
-    """Return the field's correlation length along the track [m], NaN where it is not known."""
+    """Return the field's correlation length along the track [m].
+
+    It is NaN without a gradiometer or a map, or if the map is not built yet.
+    """
     spec = case.side("truth").field
     if case.gradiometer is None or spec.source == "normal":
         return math.nan
@@ -167,7 +171,7 @@ def _correlation(case: CaseSpec) -> float:
 
 
 def _clear(examination: Examined) -> bool:
-    """Return whether the plan alone says that the flight is possible, and stays in its map."""
+    """Return whether the extremes and margins of a flight are within the limits."""
     (lowest, highest), (_, fastest) = examination.flown.heights, examination.flown.speeds
     possible = lowest >= LOWEST_M and highest <= HIGHEST_M and fastest <= FASTEST_MPS
     return possible and examination.inside
@@ -177,7 +181,7 @@ def _clear(examination: Examined) -> bool:
 def _bounds(spec: FieldSpec, version: tuple[int, int]) -> Bounds:
     """Return the limits of a map; ``version`` is from :func:`.map_version`.
 
-    Of a map that is not built, those that are asked for: its nodes reach at least so far.
+    The limits of a map that is not built are those in its recipe; its nodes extend at least as far.
     """
     if spec.source == "normal" or is_file(spec.source) or spec.error is not None or spec.drape:
         # Errors ask for the nodes of the right map, and only a draped map has its base.
@@ -203,7 +207,7 @@ def _trajectory(case: CaseSpec) -> Trajectory:
 
 @lru_cache(maxsize=8)
 def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ...]) -> Trajectory:
-    """Return the flight of a table; ``versions`` are those of the files that it is made of."""
+    """Return the trajectory of a table, cached by the versions of the table's input files."""
     return trajectory_of(spec, dt)
 
 

@@ -16,25 +16,25 @@ from .map_margins import length, narrow_margins
 from .screen import console
 
 MOST_BANK_DEG = 45.0
-"""A level turn then weighs 1.4 g; surveys turn at 15° to 30°, airliners at 30°."""
+"""Largest usual bank angle: 1.4 g in a level turn. Surveys bank by 15° to 30°, airliners by 30°."""
 MOST_PITCH_DEG = 30.0
-"""Beyond it the rules of the air speak of aerobatics (14 CFR 91.307)."""
+"""Largest usual pitch angle; larger angles count as aerobatics (14 CFR 91.307)."""
 MOST_VERTICAL = 0.5 * BANK_GRAVITY
-"""Acceleration upwards or downwards [m/s²]: half a g is severe turbulence."""
+"""Largest usual vertical acceleration [m/s²]: half a g is severe turbulence."""
 MOST_ACROSS_SHIP = 0.1 * BANK_GRAVITY
-"""Acceleration of a ship to the side [m/s²]: at 8 m/s, a turn of 65 m radius."""
+"""Largest usual lateral acceleration of a ship [m/s²]: a turn of 65 m radius at 8 m/s."""
 HIGHEST_TRACK_M = 15_000.0
-"""Height of a track [m]: beyond it fly balloons and few others; in feet it is usual."""
+"""Largest usual height of a track [m]; larger numbers are probably heights in feet."""
 SPEEDS_TRACK_MPS = (0.5, 1000.0)
-"""Mean speed of a track [m/s]: below and beyond it the unit of its times is in doubt."""
+"""Usual mean speeds of a track [m/s]; outside them the unit of its times is doubtful."""
 SECOND_ORDER_M = 10.0
-"""Second order of the INS's error that is tolerable without a receiver of positions [m]."""
+"""Largest tolerable second-order part of the INS error without GNSS positions [m]."""
 MOST_HEIGHT_ERROR_M = 10_000.0
-"""Error of the indicated height [m] beyond which neither gravity nor a map is known at it."""
+"""INS height error [m] above which gravity and map cannot be evaluated, so that runs fail."""
 SCHULER_HEIGHT_S = 570.0
-"""Time √(R / 2g) in which an unaided error of the height grows e-fold (Groves 2013, sec. 5.7)."""
+"""Time √(R / 2g) [s] in which an unaided height error grows e-fold (Groves 2013, sec. 5.7)."""
 HEIGHT_PRIOR_M = 100.0
-"""Standard deviation of the first height [m] beyond which it is unusual: a barometer is better."""
+"""Largest usual σ of the initial height [m]; a barometric height is more accurate."""
 _BAROMETER_M = 20.0
 _NAMED = 3
 
@@ -81,7 +81,7 @@ def _flight(each: Examined) -> str:
 
 
 def _ins(each: Examined) -> str:
-    """Return how far the INS errs, and from where on filters should not linearise about it."""
+    """Return a text on the unaided INS error and the time until which it is linear."""
     error = each.ins
     text = (
         f"unaided INS error up to {length(float(error.horizontal.max()))} horizontally and "
@@ -103,7 +103,7 @@ def _ins(each: Examined) -> str:
 
 
 def _prior(each: Examined) -> str:
-    """Return the initial uncertainty in correlation lengths of the field, "" if unknown."""
+    """Return a text on the initial uncertainty in correlation lengths of the field, or ""."""
     if math.isnan(each.correlation_m):
         return ""
     return on_the_prior(each.case.initial_error.position_m, each.correlation_m)
@@ -212,7 +212,10 @@ def _other_units(flown: FlightExtremes) -> Iterator[str]:
 
 
 def _remedy(flown: FlightExtremes, column: str = "") -> str:
-    """Return what to do, of a track with the column that says what else is taken from it."""
+    """Return a remedy for an implausible motion.
+
+    ``column`` names the column of a track that replaces a quantity derived from positions; or "".
+    """
     if not flown.track:
         return "fly its segments more gently"
     alternative = f", or add a column {column}" if column else ""

@@ -44,8 +44,8 @@ _EXIT_FAILED = 1
 def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int) -> None:
     """Estimate a recorded FLIGHT, a TOML file that names its records.
 
-    The command writes corrected tracks with standard deviations (CSV, GPX, KML), tracks at the rate
-    of the INS, residuals, and a report with figures (markdown, HTML).
+    The command writes corrected tracks with standard deviations (CSV, GPX, KML), and tracks at the
+    rate of the INS. It also writes residuals, and a report with figures (markdown, HTML).
     """
     from ..api import problems
     from ..campaign import registry

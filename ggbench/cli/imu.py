@@ -65,7 +65,7 @@ def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
 
 
 def _cause(value: float, sensor: str) -> str:
-    """Return what a noise beyond any grade is likely to come from."""
+    """Return the likely cause of a noise value that is outside the range of all grades."""
     if sensor == "gyros" and value > 1.0:
         return (
             f"if the gyros are in °/s, it is {math.radians(value):.3g}: state the unit, as in "
@@ -96,7 +96,11 @@ def _lines(noise: ImuNoise, name: str) -> Iterator[str]:
 def _keys(
     noise: SensorNoise, sensor: str, white: tuple[str, float], bias: tuple[str, float], unit: str
 ) -> Iterator[str]:
-    """Yield the keys of a sensor: white noise and bias with their units and factors to them."""
+    """Yield lines with the keys of a sensor: white noise, bias, and time constant of the bias.
+
+    ``white`` and ``bias`` have the suffix of a key and the factor from SI units to its unit.
+    ``unit`` is the unit of the bias in comments.
+    """
     yield f"{sensor}_noise_{white[0]} = {white[1] * noise.white:.3g}"
     instability = f"bias instability at most {bias[1] * noise.instability:.3g} {unit}"
     if noise.bias == 0.0:

@@ -44,7 +44,7 @@ _UNITS = {
     "s": "s",
     "hz": "Hz",
 }
-"""Units by the ends of keys; the longest that fits counts."""
+"""Units by suffix of a key; the longest matching suffix counts."""
 _KINDS = {
     "number": "number",
     "integer": "whole number",
@@ -162,7 +162,7 @@ def find(name: str) -> list[tuple[KeyTable, Key]]:
 def _below(
     models: dict[str, Schema], name: str, model: str, listed: bool = False
 ) -> Iterator[tuple[str, Schema, bool]]:
-    """Yield name and schema of a table and of those within it, and whether it is in a list."""
+    """Yield each table and its subtables: name, schema, and whether the table is in a list."""
     yield name, models[model], listed
     for key, item in models[model]["properties"].items():
         path = f"{name}.{key}".lstrip(".")
@@ -180,7 +180,10 @@ def _below(
 
 
 def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
-    """Return the keys of a table that are no tables; ``base`` is the table that it changes."""
+    """Return the keys of a table, without its subtables.
+
+    ``base`` is the table whose keys this table changes, such as ``imu`` for ``truth.imu``.
+    """
     shared = () if base is None else [key.name for key in base.keys]
     rows = []
     for name, item in schema["properties"].items():
@@ -220,12 +223,12 @@ def unit_of(name: str) -> str:
 
 
 def _value(schema: Schema) -> Schema:
-    """Return the numbers among alternatives, or the schema itself."""
+    """Return the schema of the number among alternatives, or the schema itself."""
     return next((each for each in schema.get("anyOf", ()) if each.get("type") == "number"), schema)
 
 
 def _kind(schema: Schema) -> str:
-    """Return in words what a value may be."""
+    """Return the allowed type of a value in words."""
     schema = _value(schema)
     if "anyOf" in schema and "type" not in schema:
         return " or ".join(map(_kind, schema["anyOf"]))
@@ -238,7 +241,7 @@ def _kind(schema: Schema) -> str:
 
 
 def _written(value: Any) -> str:
-    """Return a default as a file would have it."""
+    """Return a default value as it is written in a scenario file."""
     if value in (None, [], ""):
         return OPTIONAL
     return f"{value:g}" if isinstance(value, float) else json.dumps(value)

@@ -134,9 +134,9 @@ def report(folder: Path | None, whole_library: bool, output: Path | None) -> Non
 
 
 def _report_all(folder: Path, output: Path) -> bool:
-    """Report every results folder in a folder; return whether all of them could be reported.
+    """Report every results folder in a folder; return whether all reports succeeded.
 
-    The front page lists every scenario whose report is in the output folder, of whatever day.
+    The front page lists every scenario with a report in the output folder, including old reports.
     """
     from ..report import library, render
 
@@ -164,9 +164,9 @@ def _report_all(folder: Path, output: Path) -> bool:
 
 
 def _one_for_each(folders: Sequence[Path]) -> tuple[dict[str, Path], list[str], list[str]]:
-    """Return a results folder by scenario; what cannot be read; what is there twice.
+    """Return one results folder by scenario, and sentences on unreadable and on omitted folders.
 
-    Of two of one scenario the one that is named like it, else the newer.
+    Of several folders of a scenario, the folder with the scenario's name is used, else the newest.
     """
     from ..results.store import read_manifest
 

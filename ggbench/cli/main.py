@@ -224,11 +224,11 @@ class _Asked:
     cluster: str | None = None
     time_limit: float | None = None
     first: bool = False
-    """Whether nothing has been compiled before."""
+    """Whether the cache of compiled code is empty."""
 
 
 def _repeat(name: str, request: _Asked, number: int) -> bool:
-    """Run one run again and show it; return whether it went well."""
+    """Repeat one run and print it; return whether no estimator failed."""
     from ..campaign import registry
     from ..spec import scenario
     from . import run_view
@@ -244,7 +244,7 @@ def _repeat(name: str, request: _Asked, number: int) -> bool:
 
 
 def _run_scenario(name: str, request: _Asked, output: Path | None) -> Outcome:
-    """Run a scenario, into results/SCENARIO without an output; return how it ended."""
+    """Run a scenario and return its outcome; the default output folder is results/SCENARIO."""
     start = Moment.now()
     with (
         Progress(console, name) as progress,
@@ -288,7 +288,7 @@ def _run_scenario(name: str, request: _Asked, output: Path | None) -> Outcome:
 
 
 def _run_library(request: _Asked, output: Path) -> int:
-    """Run every shipped scenario, whatever becomes of the others; return the exit code."""
+    """Run every shipped scenario, even after a failure; return the exit code."""
     from ..campaign import registry
     from ..spec import scenario
 
@@ -307,7 +307,7 @@ def _run_library(request: _Asked, output: Path) -> int:
 
 
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
-    """Print the metrics of what is stored and how to go on."""
+    """Print the metrics of the stored runs and the next command; return the outcome."""
     from ..campaign.campaign import left_out_remarks
     from ..results.folder import as_argument
     from .terminal import print_metrics

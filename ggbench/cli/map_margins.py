@@ -20,7 +20,7 @@ from ..spec.case import CaseSpec
 from ..trajectory.truth import Trajectory
 
 DEVIATIONS = 3.0
-"""Standard deviations of the INS's error for which a map must have room around a flight."""
+"""Required margin of a map around a flight, in standard deviations of the INS error."""
 SIDES = ("south", "north", "west", "east")
 
 

@@ -16,7 +16,7 @@ from .tables import require_suffix, write_csv
 _FILE = click.Path(path_type=Path)
 _SHOWN_CELLS = 5
 _LEAST_SHARE = 1e-4
-"""Bounds below it are rounded up to it: no model of a flight is as good."""
+"""Least printed bound; the flight model is not accurate enough for smaller bounds."""
 
 
 @click.command()
@@ -91,10 +91,10 @@ def score(
 ) -> None:
     """Score the cells of a MAP for matching.
 
-    MAP is a *.nc file, or the name of a shipped region or terrain. Each cell gets terrain
-    statistics with a principal-component index, which only ranks the cells of this map; the RMS
-    position error in metres that a track through the cell allows; and an upper bound of the share
-    of tracks that match a wrong place. No flight is simulated.
+    MAP is a *.nc file, or the name of a shipped region or terrain. Each cell gets statistics of
+    the field with a principal-component index. The index only ranks the cells of this map. The
+    command also computes the RMS position error in metres that a track through the cell allows. An
+    upper bound limits the share of tracks that match a wrong place. No flight is simulated.
     """
     from ..gravity.field import Field
     from ..matchability.information import Instrument
@@ -199,7 +199,7 @@ def _print_scored(scored: Any) -> None:
 
 
 def _share(value: float) -> str:
-    """Return an upper bound of a share in percent, 0.01 % of all smaller ones."""
+    """Return an upper bound of a share as text in percent, at least 0.01 %."""
     if value < _LEAST_SHARE:
         return f"{100.0 * _LEAST_SHARE:g} %"
     return f"{100.0 * value:.2g} %" if value < 0.995 else "100 %"

@@ -229,7 +229,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
 
 
 def _told(layers: Iterator[Any], count: int) -> Iterator[Any]:
-    """Yield layers; write now and then how many are done, and how long the others take."""
+    """Yield layers; print the number of finished layers and the remaining time at intervals."""
     started = last_line = time.monotonic()
     for index, layer in enumerate(layers, 1):
         yield layer
@@ -241,7 +241,7 @@ def _told(layers: Iterator[Any], count: int) -> Iterator[Any]:
 
 
 def _refuse_drape_options(options: dict[str, Any]) -> None:
-    """Refuse heights above the ground for a map of level layers."""
+    """Raise MapError if options for draped layers are given for a map of level layers."""
     from ..gravity.gradient_map import MapError
 
     for option in _stated_layers(options):
@@ -249,7 +249,7 @@ def _refuse_drape_options(options: dict[str, Any]) -> None:
 
 
 def _inputs(options: dict[str, Any]) -> Any:
-    """What a map of terrain, coefficients and grids is to be made of."""
+    """Return the inputs of a map made from terrain, coefficients and grids."""
     from ..gravity.gradient_map import MapError
     from ..maps.plan import Inputs
 
@@ -284,7 +284,10 @@ def _inputs(options: dict[str, Any]) -> Any:
 
 
 def _layers_for(options: dict[str, Any], inputs: Any) -> Any:
-    """Return the choice of the layers of --drape that hold flights of --clearance, if any."""
+    """Return a function that chooses the layers of --drape for flights at --clearance, or None.
+
+    Raise MapError if the layers are also stated by options.
+    """
     from ..gravity.gradient_map import MapError
     from .draped_flight import needed_layers
 
@@ -300,14 +303,14 @@ def _layers_for(options: dict[str, Any], inputs: Any) -> Any:
 
 
 def _stated_layers(options: dict[str, Any]) -> list[str]:
-    """Return the options of draped layers that are stated."""
+    """Return the options of draped layers that differ from their defaults."""
     defaults = {p.name: p.default for p in build.params}
     keys = ("clearance_from", "clearance_to")
     return [f"--{key.replace('_', '-')}" for key in keys if options[key] != defaults[key]]
 
 
 def _request(options: dict[str, Any]) -> Any:
-    """Bounds and spacings of a map."""
+    """Return the bounds and spacings of a map."""
     from ..gravity.gradient_map import MapError
     from ..maps.nodes import GridRequest
 
@@ -387,7 +390,7 @@ def show(file: Path, output: Path | None, height: float | None, clearance: float
 
 
 def _describe(nodes: Any, attributes: dict[str, str]) -> None:
-    """Print what a map is: frame, bounds, spacing."""
+    """Print source, field, frame, bounds and spacings of a map."""
     from ..maps.netcdf import CONTENT, FRAME
 
     lat, lon, height = nodes.latitude_deg, nodes.longitude_deg, nodes.height_m
@@ -439,7 +442,7 @@ def _print_rms(nodes: Any, rms: list[Any]) -> None:
 
 
 def _command(options: dict[str, Any]) -> str:
-    """The options as they were given, files by their names only."""
+    """Return the command with its options; files are given by name, without folders."""
     defaults = {p.name: p.default for p in build.params}
     words = [
         f"--{key.replace('_', '-')} {_word(value)}".strip()

@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from ..maps.netcdf import Nodes
 
 _TEMPLATES = Path(__file__).parent / "templates"
-"""Texts, and no modules of the package: what is made of them is imported elsewhere."""
+"""Folder of templates; they are text files, because they are no modules of this package."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _LONGEST = 60
 _FLIGHT_S = 130.0
-"""Duration of a flight over a map of one's own."""
+"""Duration of a flight over a user's map [s]."""
 _CLEARANCE_M = 200.0
 _NOISE_EOTVOS = 0.1
 _BANK_DEG = 25.0
 _ABOVE_MAP_M = 20.0
-"""Of a flight that follows the terrain: three deviations of the barometer's error."""
+"""Margin [m] of a terrain-following flight above the lowest layer: three σ of a barometer."""
 _BAROMETER = """[barometer]    # without it the INS's height drifts out of the map
 period_s = 1.0
 noise_m = 3.0
 bias_m = 5.0
 """
 _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
-"""Names that the file of an estimator has in use."""
+"""Names that the template of an estimator already uses."""
 _SHIPPED = "An aircraft with a gravity gradiometer over the Qinling mountains"
 _SMOOTHING = "smoothing time, for the noise of a receiver; 0: no smoothing"
 
@@ -218,7 +218,7 @@ class Pace(NamedTuple):
 
 
 def _attributes_of(own_map: Path | None) -> Mapping[str, str]:
-    """Return the attributes of a map, none without one."""
+    """Return the attributes of a map; the mapping is empty without a map."""
     from ..maps import netcdf_reader  # not at the top: --help loads no numbers
 
     return {} if own_map is None else netcdf_reader.read_layers(own_map)[1]
@@ -227,8 +227,11 @@ def _attributes_of(own_map: Path | None) -> Mapping[str, str]:
 def _flight_over(own_map: Path, terrain: Path | None, clearance: float, pace: Pace) -> str:
     """Return the table of a straight flight to the east in the middle of a map.
 
-    With a terrain it follows that, and stays inside the map by what a barometer errs. Raise
-    MapError if the file is no map; NewFileError if no such flight is inside a draped map.
+    With a terrain, the flight follows the ground, with a margin of three barometer σ above the
+    lowest layer. A draped map needs a terrain and has the flight of :func:`.draped_flight`.
+
+    Raise MapError if the file is no map. Raise NewFileError if the requested speed is too high, or
+    no such flight is inside a draped map.
     """
     import numpy as np  # not at the top: --help loads no numbers
 
@@ -271,10 +274,11 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float, pace: Pa
 
 
 def _flight_through(waypoints: Path, own_map: Path, pace: Pace) -> str:
-    """Return the table of a level flight through the places of a file, over a map.
+    """Return the table of a level flight through the waypoints of a file, over a map.
 
-    It is slow enough for turns of a quarter of the shortest leg, and no faster than an airliner.
-    Raise TrajectoryError if the file has no waypoints; MapError if the other one is no map.
+    The speed is so low that the radius of turns is at most a quarter of the shortest leg. The usual
+    speed is that of an airliner. Raise TrajectoryError if the file has no waypoints. Raise MapError
+    if ``own_map`` is no map. Raise NewFileError if the map is draped, or the speed too high.
     """
     import numpy as np  # not at the top: --help loads no numbers
 
@@ -335,11 +339,11 @@ def _titled(name: str) -> str:
 def _begun(
     suffix: str, name: str, folder: Path, tables: Mapping[str, str] | None = None, **words: str
 ) -> Path:
-    """Write the template of a kind of file under a name, with words replaced; return the path.
+    """Write the template with a suffix under a name, with replaced words; return the path.
 
-    ``tables`` are new contents of tables of a scenario, which end at the next comment of their own.
-    Raise NewFileError if the name is none for a file and a class, the file is there, or cannot be
-    written.
+    ``tables`` has new contents of scenario tables. In the template, a table ends at the next line
+    that begins with a comment. Raise NewFileError if the name is invalid for a file or a class, or
+    if the file exists or cannot be written.
     """
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
         ending = f"; {suffix} is added to it" if name.endswith(suffix) else ""

@@ -94,7 +94,7 @@ def plan(
 
 
 def _print(tracks: pd.DataFrame, title: str, target: float | None) -> None:
-    """Print the best tracks and the worst one, and what cannot be flown."""
+    """Print the best tracks, and sentences on the bounds and on tracks that cannot be flown."""
     from ..score import decisions
 
     table = ResponsiveTable(

@@ -34,7 +34,7 @@ _WIDTH = 32
 _TIMES = 8
 _MOST_LISTED = 5
 _LONGEST_TEXT, _LONGEST_VALUE = 200, 60
-"""Characters of a text, and of another value, of ``Estimate.info`` that are shown."""
+"""Largest numbers of shown characters of a text, and of another value, of ``Estimate.info``."""
 
 
 class RunView(NamedTuple):
@@ -156,7 +156,7 @@ def repeat_run(
 def _print(
     title: str, run: int, times: np.ndarray, bound: np.ndarray, views: Sequence[RunView]
 ) -> None:
-    """Print the metrics of a run, its errors against time, and how to repeat it."""
+    """Print the metrics of a run, its errors against time, and the command that repeats it."""
     shown = shown_names({view.label: view.record["name"] for view in views})
     views = [view._replace(label=shown[view.label]) for view in views]
     console.print(f"\n[bold]{escape(title)}, run {run}[/]")
@@ -213,7 +213,7 @@ def info_text(info: Mapping[str, Any]) -> str:
 
 
 def _convergence(record: Mapping[str, Any]) -> str:
-    """Return when a run converged, or that it ends in a false fix."""
+    """Return the time [s] at which a run converged as text, "false fix" or "never"."""
     if not math.isnan(record["converged_s"]):
         return f"{record['converged_s']:g}"
     return "[red]false fix[/]" if record["false_fix"] else "never"
@@ -247,7 +247,10 @@ def _two_digits(value: float) -> str:
 
 
 def _bars(values: np.ndarray, low: float, high: float) -> str:
-    """Return values as a line of bars between two levels, each the largest of its stretch."""
+    """Return values as a line of bars between two levels.
+
+    Each bar shows the largest of several consecutive values.
+    """
     parts = np.array_split(values, min(_WIDTH, len(values)))
     scale = (len(_BARS) - 1) / max(high - low, 1e-12)
     heights = [round((float(part.max()) - low) * scale) for part in parts]

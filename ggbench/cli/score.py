@@ -156,7 +156,7 @@ def score(
 
 
 def _installed(card: Card) -> str:
-    """Return a card's estimator if it is installed; raise UsageError if it is another's file."""
+    """Return the label of a card's estimator; raise UsageError unless it is installed."""
     from ..campaign import registry
 
     label = card.estimator.label
@@ -176,7 +176,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _print_card(card: Card) -> None:
-    """Print a card: a row for each question, and the verdicts in a sentence."""
+    """Print a card: a row for each case of the suite, and the verdicts in sentences."""
     from ..score import page
 
     kinds: tuple[Kind, ...] = ("name", "number", "number", "number", "number", "name", "number")

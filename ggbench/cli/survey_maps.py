@@ -151,7 +151,7 @@ def planned(options: dict[str, Any], request: Any, command: str) -> Any:
 
 
 def _print_errors(errors: Any, quantity: str) -> None:
-    """Print the map's standard error and its correlation, or that they are not known."""
+    """Print the standard errors of the map and their correlation lengths, if they are known."""
     names, factor, unit = ("EE", "EN", "EU", "NN", "NU", "UU", "E", "N", "U"), 1.0, "E"
     columns = range(6)
     if quantity == "disturbance":

@@ -142,7 +142,7 @@ def print_comparison(compared: Comparison, console: Console) -> None:
 
 
 def _adjustment(tests: int) -> str:
-    """Return the meaning of the p-values of a comparison with a number of tests."""
+    """Return a sentence that explains the p-values of a comparison with this number of tests."""
     if not tests:
         return "All results are equal: no test was made."
     false_alarms = (

@@ -29,7 +29,7 @@ def validate(file: str, with_estimators: bool) -> None:
 
     FILE is a path or the name of a shipped scenario. The command warns of implausible flights and
     of flights near the border of the map. It simulates nothing and runs no code of estimator files.
-    It builds a map only if the scenario adds errors to it.
+    It builds a map only if the map is draped over the ground, or the scenario adds errors to it.
     """
     tell_first_use("ins/strapdown.py", "in a minute")
     with Progress(console, file):

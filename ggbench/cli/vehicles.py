@@ -30,7 +30,10 @@ VEHICLES: Mapping[str, Vehicle] = {
     "drone": Vehicle(20.0, "tactical", 5.0),
     "ship": Vehicle(8.0, "navigation", 1.0),
 }
-"""As in the shipped scenarios jacksboro_helicopter, jacksboro_drone and gnss_outage."""
+"""Vehicles by name.
+
+The values are those of the shipped scenarios jacksboro_helicopter, jacksboro_drone and gnss_outage.
+"""
 
 
 def imu_table(vehicle: str) -> str:

@@ -26,7 +26,7 @@ FLIGHT = ("wang2013", "0.01E-0.2Hz")
 _SEED = 2013
 _Ask = Callable[[Estimator, Problem], object]
 _Asked = Iterator[tuple[str, Callable[[], object]]]
-"""Questions, each with the words for the problem on which it is asked."""
+"""Tests, each with a description of its problem in words."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def flight() -> Problem:
 
 
 def _on_both(ask: _Ask, on_flight: _Ask | None = None) -> Callable[[Estimator], _Asked]:
-    """Return the questions of a demand that is made on a linear problem and on a flight."""
+    """Return a function that yields the tests of a demand on a linear problem and on a flight."""
 
     def questions(estimator: Estimator) -> _Asked:
         yield "on a linear problem", partial(ask, estimator, linear_sensor_problem(2))
@@ -111,7 +111,11 @@ def _exact(estimator: Estimator) -> _Asked:
 
 
 def _exact_or_any(problems: Mapping[str, Callable[[], Problem]]) -> Callable[[Estimator], _Asked]:
-    """Return the question whether an estimator is exact on each problem, if it is at all."""
+    """Return a function that yields a test of an estimator on each problem.
+
+    An estimator with ``exact_if_linear_gaussian`` must be exact. Other estimators must return a
+    valid estimate.
+    """
 
     def questions(estimator: Estimator) -> _Asked:
         ask: _Ask = demands.as_exact if estimator.exact_if_linear_gaussian else demands.answer
@@ -188,4 +192,4 @@ CHECKS = (
         ),
     ),
 )
-"""All checks. The first is run first, and the others only if it passes."""
+"""All checks in order. The others are run only if the first check passes."""

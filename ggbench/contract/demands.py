@@ -27,11 +27,11 @@ NEAR, SPREAD = 0.3, 0.3
 """Allowed RMS difference of approximate means [σ], and relative error of standard deviations."""
 _SYMMETRIC = 1e-12
 _UNMOVED, _MOVED = 1e-12, 1e-6
-"""In deviations of the prior: what does not count as a change, and what does."""
+"""Limits of a change [prior σ]: below the first, no change; above the second, a change."""
 _SHIFT = 10.0
-"""By how many deviations of their noise readings are changed."""
+"""Change of the measurements, in standard deviations of their noise."""
 _ROUNDINGS, _SCATTER = 4, 10.0
-"""Problems that differ in their last digit, and the allowed distance per scatter of answers."""
+"""Number of problems with a changed last digit, and largest error per scatter of estimates."""
 
 
 class Broken(Exception):
@@ -178,10 +178,10 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     """Require that no estimate depends on measurements that its causality excludes.
 
     Measurements after an epoch are changed by ten standard deviations of the noise. Estimates that
-    must not use them may change by at most 1e-12 σ; with ``exactly`` their covariances must be
-    equal bit for bit. The first estimate that may use them must change; for an estimator that makes
-    fixes a later estimate may be the first to change. With causality ``none`` no estimate may
-    change.
+    must not use them may change by less than 1e-12 prior σ. With ``exactly`` their covariances must
+    be equal bit for bit. The first estimate that may use them must change. If the estimator makes
+    fixes, a later estimate may be the first to change. With causality ``batch`` all estimates up to
+    this epoch must change. With causality ``none`` no estimate may change.
     """
     last_same = problem.epochs // 2
     measurements = problem.measurements.copy()
@@ -258,20 +258,23 @@ def _require_causal_fixes(
 
 
 def _rows(fixes: Fixes) -> np.ndarray:
-    """Return epoch, place and statistic of fixes."""
+    """Return epochs, positions and statistics of fixes, with a row for each fix."""
     return np.column_stack([fixes.epoch, fixes.mean, fixes.statistic])
 
 
 def as_exact(estimator: Estimator, problem: Problem) -> str:
     """Require the exact estimate of a linear Gaussian problem; return a remark or "".
 
-    The estimate must equal a reference to 1e-9 posterior standard deviations. The reference of a
-    filter is the Kalman filter in Joseph form; of a smoother, the Rauch–Tung–Striebel smoother; of
-    a fixed-lag smoother, this smoother on each window; of an estimator without aiding, the
-    propagated prior. Differences up to 1e-5 pass with a remark, because some libraries regularise
-    or iterate. For an estimator that amplifies rounding errors, differences that rounding explains
-    pass up to 1e-4; the remark states the loss of digits. Without a covariance only the mean is
-    tested.
+    The estimate must equal a reference to 1e-9 posterior standard deviations. The reference is
+
+    - for a filter, the Kalman filter in Joseph form,
+    - for a smoother, the Rauch–Tung–Striebel smoother,
+    - for a fixed-lag smoother, this smoother on each window,
+    - for an estimator without aiding, the propagated prior.
+
+    Differences up to 1e-5 pass with a remark, because some libraries regularise or iterate. An
+    estimator may amplify rounding errors. Differences that rounding explains pass up to 1e-4, and
+    the remark states the loss of digits. Without a covariance only the mean is tested.
     """
     estimate = answer(estimator, problem, gaussian=True)
     right = exact(problem, estimate)

@@ -264,7 +264,7 @@ def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]
 def deviation(
     mean: np.ndarray, cov: np.ndarray, true_mean: np.ndarray, true_cov: np.ndarray
 ) -> tuple[float, float]:
-    """Return the largest differences of means (K, n) and of covariances (K, n, n).
+    """Return the largest scaled differences of means (K, n) and of covariances (K, n, n).
 
     Differences of means are divided by the true standard deviation, those of covariances by the
     product of two true standard deviations.

@@ -22,7 +22,7 @@ def arrays_within(*roots: object) -> list[np.ndarray]:
 
 
 def _inner(item: object) -> Iterator[object]:
-    """Yield what an object holds: attributes, elements, closures, owners of memory; not code."""
+    """Yield the contents of an object: attributes, elements, closures, memory owners; no code."""
     if isinstance(item, np.ndarray):
         yield item.base
         if item.dtype == object:

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 _LOOK_EVERY_S = 1.0
 _LATELY_S = 30.0
-"""How long after the last of them the compiled functions are still worth a line."""
+"""Time [s] after the latest compilation for which the number of functions is shown."""
 
 
 def tell_first_use(module: str, scope: str) -> bool:
     """Print a message if code must be compiled; return whether one was printed.
 
-    ``module`` is the path of a module that the command compiles early: if it is not in the cache,
-    nothing is. ``scope`` states the expected time in words.
+    ``module`` is the path of a module that the command compiles early. If this module is not in the
+    cache, the cache counts as empty. ``scope`` states the expected time in words.
     """
     sentences = first_use(module, scope)
     _echo(sentences)
@@ -95,7 +95,7 @@ class Compiled:
         self._count = 0
 
     def text(self) -> str:
-        """Return the number of compiled functions as text; "" if none was compiled for 30 s."""
+        """Return the number of compiled functions as text; "" if none is new in the last 30 s."""
         now = time.monotonic()
         if now - self._looked > _LOOK_EVERY_S:
             before = self._count
@@ -107,7 +107,7 @@ class Compiled:
         return f"compiled {counted(self._count, 'function')}, the last of {self._last}"
 
     def _look(self) -> None:
-        """Count what is new. A folder in which nothing was written is not read again."""
+        """Count new compiled functions; folders that have not changed are not read again."""
         self._looked = time.monotonic()
         try:
             folders = [(f, f.stat().st_mtime_ns) for f in self._base.iterdir()]

@@ -71,7 +71,7 @@ class Progress(progress.Progress):
             self.console.out(self._counts())
 
     def _print_compiled(self) -> None:
-        """Print now and then what is compiled, if anything is."""
+        """Print the number of compiled functions at intervals, if it has changed."""
         printed = ""
         while not self._ended.wait(_LINE_EVERY_S):
             text = self._compiled.text()
@@ -99,7 +99,7 @@ class Progress(progress.Progress):
             self.console.out("; ".join(filter(None, [self._counts(), self._errors()])))
 
     def _begin(self, step: CampaignProgress) -> None:
-        """Print remarks on the campaign, and show what is to come, if anything is."""
+        """Print the remarks on the campaign; start the display of its runs if any are missing."""
         for remark in step.remarks:
             self.console.out(remark)
         if not step.total:
@@ -133,7 +133,7 @@ class Progress(progress.Progress):
         return f"{math.sqrt(total / runs):.3g}" if runs else "–"
 
     def _shown(self) -> dict[str, str]:
-        """Return the estimators' own names by their labels; labels until a run has finished."""
+        """Return the short names of estimators by label; labels before their first result."""
         names = {label: name for label, name in self._names.items() if name}
         return {label: label for label in self._names} | shown_names(names)
 
@@ -150,7 +150,7 @@ class Progress(progress.Progress):
         return text
 
     def _errors(self) -> str:
-        """Return the errors so far of the first case."""
+        """Return a line with the present RMS errors in the first case."""
         if not self._sums:
             return ""
         case = self._cases[0]

@@ -17,7 +17,7 @@ from rich.text import Text
 
 Kind = Literal["name", "number", "text"]
 _NAME_SHARE = 5
-"""A column of names may be narrowed to the terminal's width over this, and no further."""
+"""Ratio of the terminal's width to the least width of a column of names."""
 _NARROWEST_TEXT = 24
 _EDGES = 2
 
@@ -62,7 +62,7 @@ class ResponsiveTable:
         return tables
 
     def _blocks(self, width: int, gap: int) -> list[list[int]]:
-        """Return the columns of each table, ``gap`` blanks apart."""
+        """Return the column indices of each table; columns are separated by ``gap`` blanks."""
         narrowest = {"name": width // _NAME_SHARE, "number": width, "text": _NARROWEST_TEXT}
         names: list[int] = []
         blocks: list[list[int]] = []

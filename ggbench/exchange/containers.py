@@ -106,7 +106,7 @@ def _format_of(path: Path) -> tuple[Callable[..., None], Callable[[Path], dict[s
 
 
 def _checked(path: Path, name: str, value: Any) -> np.ndarray | str:
-    """Return what a file holds under a name: real numbers as floats, or a text."""
+    """Return a value of a file: real numbers as an array of floats, or a text."""
     if not _NAME.fullmatch(name):
         raise ExchangeError(f"{path}: {name[:80]!a} is not a valid name of an array")
     if isinstance(value, str):
@@ -213,7 +213,7 @@ def _read_text(path: Path) -> dict[str, np.ndarray | str]:
 
 
 def _numbers(path: Path, name: str, sizes: list[str], lines: Iterator[str]) -> np.ndarray:
-    """Return the numbers that follow the head of an array, in its shape."""
+    """Read the numbers after the header line of an array; return them in the stated shape."""
     lengths = [int(size) if size.isdecimal() and len(size) < 12 else -1 for size in sizes]
     axes, shape = lengths[0], tuple(lengths[1:])
     count = math.prod(shape)

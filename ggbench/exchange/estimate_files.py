@@ -18,14 +18,14 @@ from .containers import ExchangeError
 from .problem_files import fingerprints
 
 JUDGED = 6
-"""Number of states that estimates must have at least: position and velocity errors."""
+"""Least number of states of estimates: position and velocity errors."""
 FRAME, UNITS = "ENU", "SI"
 """Required values of ``frame`` and ``units`` of a file, if present."""
 _LONGEST_NAME = 60
 _SAME_TIME_S = 1e-6
 _ROUNDING = 1e-9
 _SAME = 1e-9
-"""Relative difference of fingerprints of the same measurements, simulated on two machines."""
+"""Largest relative difference of fingerprints of equal runs, simulated on two machines."""
 KNOWN = {
     "mean",
     "cov",
@@ -85,8 +85,8 @@ def read(path: Path) -> StoredRuns:
     Raises
     ------
     ExchangeError
-        If names are missing or unknown; a shape, frame or unit is wrong; numbers are not finite;
-        epochs differ from those of the problem; or a covariance is not symmetric or not positive
+        If names are missing or unknown, a shape, frame or unit is wrong, or numbers are not finite.
+        If epochs differ from those of the problem, or a covariance is not symmetric or not positive
         definite. The message states the file, the array, the value and the allowed values.
     """
     content = containers.read(path)
@@ -140,7 +140,10 @@ def read(path: Path) -> StoredRuns:
 
 
 def _flaw_of(cov: np.ndarray) -> str:
-    """Return what is wrong with covariances (K, n, n), or "". Asked of the correlation matrix."""
+    """Return the first fault of covariances (K, n, n), or "".
+
+    Symmetry and definiteness are tested on the correlation matrices.
+    """
     variances = np.diagonal(cov, axis1=1, axis2=2)
     if (variances <= 0.0).any():
         k, i = (int(x) for x in np.argwhere(variances <= 0.0)[0])
@@ -186,7 +189,7 @@ def _array(path: Path, content: dict[str, Any], name: str, shape: tuple[int, ...
 
 
 def _states(path: Path, content: dict[str, Any], n: int) -> int:
-    """Return how many states the estimates have: all n, or position and velocity alone."""
+    """Return the number of states in the estimates: all n, or only position and velocity."""
     value = content.get("mean")
     last = value.shape[-1] if isinstance(value, np.ndarray) and value.ndim else n
     return JUDGED if last == JUDGED < n else n
@@ -210,7 +213,7 @@ def _causality(path: Path, content: dict[str, Any]) -> tuple[Causality, float | 
 
 
 def _problem(path: Path, text: str) -> dict[str, Any]:
-    """Return what the problem's file said of itself."""
+    """Return the identity of the problem file from its JSON text."""
     kinds = {
         "scenario": str,
         "case": str,

@@ -32,15 +32,16 @@ FORMAT = "ggbench problem 1"
 CHECKS = 100
 """Number of states at which the file contains h and H."""
 _REACH = 0.5
-"""How far they are from the prior's mean, in its deviations."""
+"""Standard deviation of these states about the prior mean [prior σ]."""
 
 
 @dataclass(frozen=True)
 class Variable:
     """A variable of the file (array or text): axes, unit and meaning.
 
-    Axes are numbers or symbols: R runs, K epochs, n states, m channels, g gradiometer channels, T
-    measurements combined by whitening, b columns of the matrix B, C states with check values.
+    Axes are numbers or symbols: R runs, K epochs, n states, m channels, g gradiometer channels.
+    Further symbols are T measurements combined by whitening, b columns of the matrix B, and C
+    states with check values.
     """
 
     name: str
@@ -140,7 +141,7 @@ def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]
 
 
 def _checks(block: ProblemBlock) -> dict[str, np.ndarray]:
-    """Return states about the prior, with h and H at epochs of all runs."""
+    """Return random states near the prior mean, with h and H at random epochs of random runs."""
     rng, n = np.random.default_rng(0), block.dimension
     runs = rng.integers(0, block.runs, CHECKS)
     epochs = rng.integers(0, block.epochs, CHECKS)

@@ -125,7 +125,7 @@ class ExternalProgram(BlockEstimator):
 
 
 class _LastOutput(threading.Thread):
-    """The last of what a program prints, read while it runs."""
+    """Last part of the output of a program, read while the program runs."""
 
     def __init__(self, stream: Any) -> None:
         super().__init__(daemon=True)
@@ -133,14 +133,14 @@ class _LastOutput(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        """Read to the end."""
+        """Read the output until the program closes it."""
         with self._stream:
             while piece := self._stream.read1(_PIECE):
                 self._kept = (self._kept + piece)[-_LONGEST_OUTPUT:]
 
     @property
     def text(self) -> str:
-        """What is kept, as text."""
+        """Last part of the output as text."""
         return self._kept.decode(errors="replace").strip()
 
 

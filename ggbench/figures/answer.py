@@ -222,7 +222,7 @@ def over_axis(
 
 
 def _limits(panels: Sequence[Panel], limits: tuple[float, float]) -> tuple[float, float]:
-    """Return the limits of an axis of errors: intervals end there if they reach much further."""
+    """Return the limits of an axis of errors, at which very long intervals are cut."""
     shown: list[np.ndarray] = []
     for panel in panels:
         shown += [curve.rms for curve in panel.curves.values()]
@@ -238,5 +238,5 @@ def _limits(panels: Sequence[Panel], limits: tuple[float, float]) -> tuple[float
 
 
 def _columns(panel: Panel) -> int:
-    """Return 2 if success rates are worth a panel, else 1."""
+    """Return the number of columns: 2 if a success rate is below 100 %, else 1."""
     return 2 if any((curve.success < 1.0).any() for curve in panel.curves.values()) else 1

@@ -90,12 +90,13 @@ def component_errors(
     label: str,
     families: Mapping[str, str],
 ) -> Drawing:
-    """Draw ENU errors of one run: INS on the left, aided with ±3σ on the right.
+    """Draw ENU errors of one run: INS and aided on the left, aided with ±3σ on the right.
 
-    ``times`` (K,) are in seconds. ``aided`` and ``ins`` (K, 18) begin with six errors and their six
-    standard deviations (or NaN). ``first`` is the first of the three error columns to draw (0:
-    position, 3: velocity). ``unit`` is the unit of the errors, ``label`` that of the estimator, and
-    ``families`` has the family of each estimator.
+    ``times`` (K,) are in seconds. The first six columns of ``aided`` (K, ...) and ``ins`` (K, ...)
+    are position and velocity errors. The next six columns of ``aided`` are standard deviations, or
+    NaN. ``first`` is the first of the three error columns to draw (0: position, 3: velocity).
+    ``unit`` is the unit of the errors, and ``label`` is the label of the estimator. ``families``
+    has the family of each estimator.
     """
     claims = bool(np.isfinite(aided[:, 6:12]).any())
     colour = line_styles(families)[label].color

@@ -10,7 +10,7 @@ from .line_styles import line_styles
 from .style import BOUND, INS, Drawing, plain_numbers, styled, subplots
 
 _MOST_POINTS = 2000
-"""Points of a curve beyond which every so many are drawn: a flight may have a million."""
+"""Largest number of points of a curve; longer curves are thinned."""
 
 
 @styled()

@@ -23,8 +23,8 @@ _DECIMALS = re.compile(r"(\.\d\d)\d+")
 def picture(figure: Drawing, hidden: Set[str] = frozenset()) -> dict[str, Any]:
     """Return a figure as SVG, with the data that ``figure.js`` needs.
 
-    The SVG groups have ids: ``series-2-0`` are the points of the third series, ``range-2-1`` is an
-    interval of it, ``legend-2-0`` is its name in the legend, and ``panel-0`` are the first axes.
+    The SVG groups have ids. For the third series, ``series-2-0`` are the points, ``range-2-1`` is
+    an interval, and ``legend-2-0`` is the name in the legend. ``panel-0`` are the first axes.
 
     Parameters
     ----------
@@ -64,7 +64,10 @@ def picture(figure: Drawing, hidden: Set[str] = frozenset()) -> dict[str, Any]:
 
 
 def _scale(axes: Axes, which: Literal["x", "y"]) -> dict[str, Any]:
-    """Return the limits of an axis, left to right or bottom to top, its kind, label and names."""
+    """Return the limits, kind (logarithmic or not), label and tick names of an axis.
+
+    The limits are from left to right, or from bottom to top.
+    """
     axis = axes.xaxis if which == "x" else axes.yaxis
     limits = axes.get_xlim() if which == "x" else axes.get_ylim()
     sharing = axes.get_shared_x_axes() if which == "x" else axes.get_shared_y_axes()
@@ -81,7 +84,7 @@ def _scale(axes: Axes, which: Literal["x", "y"]) -> dict[str, Any]:
 
 
 def _compact(svg: str) -> str:
-    """Return the element of an SVG file, of any size, with coordinates of two decimals."""
+    """Return the ``svg`` element of an SVG file, without width and height, with two decimals."""
     element = svg[svg.index("<svg") :].strip()
     element = re.sub(r'^(<svg[^>]*?) width="[^"]*"', r"\1", element)
     element = re.sub(r'^(<svg[^>]*?) height="[^"]*"', r"\1", element)

@@ -22,7 +22,7 @@ WORST = 30.0
 SCALE = LinearSegmentedColormap.from_list(
     "league", ["#4a90c9", "#a9cfe8", "#f4f1e6", "#f2b077", "#d5702a", "#a8460d"]
 )
-"""Colours of cells, from blue over white to orange: kinds of colour blindness keep this order."""
+"""Colours of cells from blue over white to orange; colour-blind readers see the same order."""
 _MISSING = "0.9"
 """Colour of a cell without a ratio."""
 _ROW, _HEAD, _PROFILE = 0.29, 1.35, 2.1
@@ -90,7 +90,7 @@ def league(of: League, families: Mapping[str, str]) -> Drawing:
 
 
 def _places(of: League) -> np.ndarray:
-    """Return the abscissae (m,) of the columns: smoothers stand apart."""
+    """Return the abscissae (m,) of the columns, with a gap before the smoothers."""
     places = np.arange(len(of.estimators), dtype=float)
     causal = len(places) - of.smoothers
     places[causal:] += _GAP if causal else 0.0
@@ -98,7 +98,7 @@ def _places(of: League) -> np.ndarray:
 
 
 def _draw_grid(figure: Drawing, axes: Axes, of: League, families: Mapping[str, str]) -> None:
-    """Draw the cells with their texts, names above and at the left."""
+    """Draw the cells with their texts, estimators above them and cases at the left."""
     places, norm = _places(of), LogNorm(1.0, WORST, clip=True)
     # A number in the cells as large as their width allows.
     points = 72.0 * (figure.get_figwidth() - _LABELS) / (places[-1] + 1.0)
@@ -148,7 +148,7 @@ def _draw_grid(figure: Drawing, axes: Axes, of: League, families: Mapping[str, s
 
 
 def _draw_profile(figure: Drawing, axes: Axes, of: League, families: Mapping[str, str]) -> None:
-    """Draw the share of cases within a ratio of the best one, and the legend of the figure."""
+    """Draw the share of cases against the ratio to the best error, and the legend of the figure."""
     styles = line_styles(families)
     for label, width, alpha in stacked(of.to_best, families):
         own = of.to_best[label]

@@ -31,11 +31,11 @@ _FAMILIES = get_args(Family)
 _MARKERS = "xosD^v<>pP*Xhd8"
 _LINES = ("-", "--", "-.", ":")
 _LAYERS = {"inertial": 0, "own": 2}
-"""Layers of families; others have 1."""
+"""Drawing order of families; other families have 1."""
 _WIDTHS = 3.4, 1.2
-"""Widths of the first and of the last line of a figure [pt], of shipped estimators."""
+"""Widths of the first and the last line of shipped estimators in a figure [pt]."""
 _OWN = 4.2, 0.75
-"""Width [pt] and opacity of lines of one's own estimators: equal ones are seen through them."""
+"""Width [pt] and opacity of lines of users' own estimators; equal lines shine through."""
 
 
 class LineStyle(NamedTuple):

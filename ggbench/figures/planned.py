@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _AROUND = 0.15
-"""Of the longer side of the track, shown around it."""
+"""Width of the margin around the track, divided by the longer side of the track."""
 _SQUARE = 0.7
-"""Of the longer side of the plan: the shorter one at least."""
+"""Least ratio of the shorter to the longer side of the plan."""
 _NODES = 150
 _ARROW = 0.45
-"""Length of an arrow, of the distance of neighbouring starts."""
+"""Length of an arrow, divided by the distance between neighbouring starts."""
 _MOST_POINTS = 2000
 _COLOURS = {"east": "tab:blue", "north": "tab:orange", "up": "tab:green"}
 
@@ -128,10 +128,10 @@ def _draw_field(
     Parameters
     ----------
     figure, axis : panel.
-    field : with a map.
+    field : field with a map.
     flown : (K, 3) latitude, longitude [rad], height [m] of the track.
     degrees : longitudes and latitudes of the nodes [deg].
-    coordinates : of the nodes on the axes.
+    coordinates : coordinates of the nodes on the axes of the panel.
     """
     height = float(field.coordinates(flown)[:, 2].mean())
     longitude, latitude = (np.radians(each) for each in degrees)
@@ -220,12 +220,15 @@ def planned_tracks(tracks: pd.DataFrame, field: Field, flown: np.ndarray, title:
 
 
 def _arrow_length(starts: np.ndarray, track: np.ndarray) -> float:
-    """Return the length of arrows [km]: of one start the track's, else less than starts' distance.
+    """Return the length of arrows [km].
+
+    The length is at most the largest distance of the track from its start. With several starts it
+    is also limited to a fraction of the distance between neighbouring starts.
 
     Parameters
     ----------
-    starts : (n, 2) east and north [km].
-    track : (K, 2) of the present flight [km].
+    starts : (n, 2) east and north of the starts [km].
+    track : (K, 2) east and north of the original flight from its start [km].
     """
     apart = [np.diff(np.unique(starts[:, k])).min(initial=np.inf) for k in range(2)]
     reach = float(np.hypot(*track.T).max())

@@ -15,11 +15,11 @@ from .style import Drawing
 
 Quantity = Literal["position", "velocity"]
 _COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (3, "m/s")}
-"""First column of an error's components in a detailed run, and its unit."""
+"""First column and unit of each quantity in the errors of the detailed run."""
 MOST_PANELS = 3
-"""Panels of a figure of a sweep."""
+"""Largest number of panels in a figure of a sweep."""
 _LOG_FROM = 5.0
-"""Ratio of the values of a sweep from which their axis is logarithmic."""
+"""Ratio of the largest to the least swept value above which the axis is logarithmic."""
 _BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
 """Words for the bounds that are drawn, by their stored names without a lag."""
 

@@ -21,13 +21,13 @@ ORIENTATION = {
     "entropy": -1.0,
     "correlation_m": -1.0,
 }
-"""The five statistics of an index, and whether more of each is taken for better."""
+"""The five statistics of the index, with the sign 1 if a larger value is better, else −1."""
 KEPT_VARIANCE = 0.85
-"""Share of the variance that the components kept explain at least; the literature gives none."""
+"""Least share of the variance in the kept components; the literature gives no value."""
 FEWEST_CELLS = 6
-"""With which the correlations of five statistics can be estimated at all."""
+"""Least number of cells for an estimate of the correlations of five statistics."""
 GRADES = ("lowest third", "middle third", "highest third")
-"""The cells by the index, from below; the literature gives no thresholds."""
+"""Grades from the lowest to the highest index; the literature gives no thresholds."""
 
 
 @dataclass(frozen=True)

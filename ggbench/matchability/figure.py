@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 GRADE_COLOURS = dict(zip(GRADES, ("#c0392b", "#f2d16b", "#2e8b57"), strict=True))
 _LEAST_SHARE = 1e-4
-"""Of wrong places: smaller bounds have its colour."""
+"""Least shown probability of a wrong place; smaller bounds have the same colour."""
 _TICK = 0.35  # half the length of a heading's line, in sides of a cell
 
 

@@ -1,7 +1,8 @@
 """Position information in measurements of a field: Fisher information and ambiguity.
 
-The instrument has local-level axes and white noise. h are the noise-free measurements in units of
-the noise standard deviation, and H are the derivatives of h per metre to the east and to the north.
+The instrument has local-level axes and white noise. The vector h contains the noise-free
+measurements in units of the noise standard deviation. H contains the derivatives of h with respect
+to displacements in metres to the east and to the north.
 Height, velocity and attitude are assumed known, so the results depend only on position and track.
 The error bound of a simulated flight does not make this assumption.
 """
@@ -24,12 +25,12 @@ Array = NDArray[np.float64]
 Kind = Literal["tensor", "uu", "gravity"]
 KINDS: tuple[Kind, ...] = ("tensor", "uu", "gravity")
 MGAL = 1e5
-"""In a m/s²."""
+"""Number of mGal in 1 m/s²."""
 _ROUNDING = 1e-9
 _DIRECTIONS = 720
-"""Over which half a turn is averaged."""
+"""Number of directions over half a turn in an average."""
 _APART_M = 20.0
-"""Half the distance over which gravity is differenced; a map's spline is smooth over it."""
+"""Half the step [m] of central differences of gravity; a map's spline is smooth over it."""
 
 
 @dataclass(frozen=True)
@@ -195,9 +196,9 @@ def false_fix_bound(
 def spill(info: Array, right_m: float, sigma_m: float = np.inf) -> float:
     """Return the probability that a fix near the correct minimum has an error above r₀.
 
-    The result is P(|e| > r₀) for an error e ~ N(0, (J + I/σ²)⁻¹), where ``info`` (2, 2) is the
-    Fisher information J, and σ = ``sigma_m`` the prior. :func:`false_fix_bound` does not include
-    these fixes; their number is large if J is small.
+    The result is P(|e| > r₀) for an error e ~ N(0, (J + I/σ²)⁻¹). J is the Fisher information
+    ``info`` (2, 2), and σ is the standard deviation ``sigma_m`` of the prior, per axis [m].
+    :func:`false_fix_bound` does not include these fixes, which are frequent if J is small.
     """
     inverse = info + np.eye(2) / sigma_m**2
     if np.linalg.det(inverse) <= 0.0:

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 HEADINGS = (0.0, 45.0, 90.0, 135.0)
-"""Of the tracks through a cell [deg]; those of the way back say the same."""
+"""Headings of the tracks through a cell [deg]; opposite headings give the same results."""
 REACH = 3.0
-"""Standard deviations of the prior within which a track may be taken for another."""
+"""Largest displacement in the search for a position, in standard deviations of the prior."""
 _STEPS = 20
-"""Offsets from the middle to the end of the reach."""
+"""Number of offsets from the centre of the search grid to its border."""
 _MOST_CELLS = 20_000
 _MOST_NODES = 1000
-"""Along a side of a cell."""
+"""Largest number of nodes along a side of a cell."""
 ABOVE_BASE = " above the base surface"
 _ROUNDING = 1e-6
 
@@ -161,7 +161,7 @@ def score(
 
     Returns
     -------
-    A table with these columns; the unit u is E, or mGal for a gravimeter:
+    Scores whose ``table`` has these columns; the unit u is E, or mGal for a gravimeter:
 
     ``south_deg``, ``north_deg``, ``west_deg``, ``east_deg``
         the cell;
@@ -171,8 +171,8 @@ def score(
     ``fractal_dimension``
         fractal dimension of the same quantity on 64 × 64 nodes;
     ``information_m``, ``isotropy``
-        √tr J⁻¹ of the measurements within a square kilometre, and λ_min/λ_max of J, with the mean J
-        of the cell;
+        √tr J⁻¹ and λ_min/λ_max of J, where J is the information of the measurements in a square
+        kilometre, averaged over the cell;
     ``track_m``, ``best_track_m``, ``best_heading_deg``
         √tr J⁻¹ of the measurements along a track: root mean square over all headings, smallest
         value, and heading of the smallest value;
@@ -205,7 +205,8 @@ def score(
 def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
     """Return the cells of a map, row by row from the south, and the design with its defaults.
 
-    The map extends beyond the cells by the largest displacement of a track.
+    The map extends beyond the cells by the largest displacement of a track, and by the part of a
+    track outside its cell.
 
     Raises
     ------
@@ -270,9 +271,10 @@ def cells_between(
 
 
 def _completed(design: Design, side: float) -> Design:
-    """Return the design, whose height is known, with nothing None.
+    """Return the design with defaults in place of None; its height must be set.
 
-    ``side`` is the shortest of all cells [m].
+    ``side`` is the shortest side of all cells [m]. Raise MapError if a cell has too few or too many
+    nodes.
     """
     spacing = side / 50.0 if design.spacing_m is None else design.spacing_m
     if not stats.FEWEST_NODES - 1 <= side / spacing <= _MOST_NODES:
@@ -338,9 +340,10 @@ def tracks(cell: Cell, design: Design) -> Iterator[tuple[float, Array]]:
 
 
 def _nodes(cell: Cell, height: float, spacing: float | None) -> tuple[Array, float, float]:
-    """Positions (m, n, 3) [rad, rad, m] of nodes on and within a cell; their distances [m].
+    """Return positions (m, n, 3) [rad, rad, m] of nodes in a cell, and their spacings [m].
 
-    About ``spacing`` apart; 64 along each side if it is None.
+    The spacings to the east and to the north are close to ``spacing`` [m]. If this is None, each
+    side has 64 nodes.
     """
     centre = np.array([*np.radians(cell.centre), height])
     axes, steps = [], []
@@ -355,7 +358,10 @@ def _nodes(cell: Cell, height: float, spacing: float | None) -> tuple[Array, flo
 
 
 def _scalar(field: Field, instrument: info.Instrument, nodes: Array) -> Array:
-    """What the statistics are of (m, n), without the normal field: Γ_UU [E], or −δg_U [mGal]."""
+    """Return the scalar field (m, n) for the statistics, without the normal field.
+
+    It is Γ_UU [E], or for a gravimeter −δg_U [mGal].
+    """
     axes = np.moveaxis(nodes, -1, 0)
     if instrument.kind == "gravity":
         return np.asarray(-info.MGAL * field.gravity_disturbance(*axes)[..., 2])

@@ -31,11 +31,10 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
 
     Parameters
     ----------
-    name : str
-        Path of a map, ``*.nc``, or the name of a shipped region or terrain.
-    design : Design Cells, instrument and tracks. The default height is that of the lowest nodes of
-        a file, or the lowest height of a shipped region.
-    bounds : Bounds Area of the cells; a map of a shipped region is built only as large as needed.
+    name : path of a map, ``*.nc``, or the name of a shipped region or terrain.
+    design : cells, instrument and tracks. The default height is that of the lowest nodes of a file,
+        or the lowest height of a shipped region.
+    bounds : area of the cells; a map of a shipped region is built only as large as needed.
 
     Raises
     ------
@@ -109,7 +108,7 @@ def _recipe(name: str, source: Limits, height: float, bounds: Bounds, around_m: 
 
 
 def _spacing_arcmin(widest_m: float) -> float:
-    """Return the spacing for a limit [m], rounded down to thousandths of an arc minute."""
+    """Return the largest spacing [arcmin] for a limit [m], rounded down to 0.001 arcmin."""
     widest = math.degrees(widest_m / SEMI_MAJOR_AXIS) * 60.0
     return min(_WIDEST_ARCMIN, math.floor(1e3 * widest) / 1e3)
 
@@ -117,7 +116,7 @@ def _spacing_arcmin(widest_m: float) -> float:
 def _sides(
     source: Limits, bounds: Bounds, around_m: float, spacing: float
 ) -> tuple[float, float, float, float]:
-    """Return the map's south, north, west and east [deg]; ``spacing`` [deg] is of its nodes."""
+    """Return the map's south, north, west and east [deg]; ``spacing`` [deg] separates its nodes."""
     (south, north), (west, east) = source.latitudes, source.longitudes
     # The last nodes may lie up to one spacing beyond the bounds of a recipe.
     north, east = north - spacing, east - spacing

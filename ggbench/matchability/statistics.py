@@ -1,7 +1,8 @@
 """Statistics of map cells that the literature uses to choose matching areas.
 
-A cell is an array g (m, n) of a scalar field at m rows of nodes from south to north and n columns
-from west to east. The statistics do not depend on sensor noise or on the direction of a track.
+A cell is an array g (m, n) of a scalar field at nodes. It has m rows from south to north, and n
+columns from west to east. The statistics do not depend on sensor noise or on the direction of a
+track.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from ..judging.field_scale import correlation_length
 Array = NDArray[np.float64]
 
 FEWEST_NODES = 8
-"""Along each side of a cell: below, a correlation length or a slope's deviation says nothing."""
+"""Least number of nodes along each side of a cell; fewer give no useful statistics."""
 FRACTAL_NODES = 64
-"""Along each side of the grid on which a fractal dimension is counted."""
+"""Number of nodes along each side of the grid for a fractal dimension."""
 _ROUNDING = 1e-13
 
 
@@ -31,8 +32,8 @@ class Statistics(NamedTuple):
     deviation, span : standard deviation and range [u] after subtraction of the best-fitting plane.
     slope_deviation : standard deviation of the slope [u/m]; the plane is not subtracted.
     roughness : RMS difference of neighbouring nodes [u/m]; the plane is not subtracted.
-    entropy : entropy of the deviations from the mean, relative to its largest value: 0 to 1, small
-        if few nodes deviate.
+    entropy : entropy of the absolute deviations from the mean, divided by the largest possible
+        entropy. It is from 0 to 1, and small if few nodes deviate.
     correlation_m : distance at which the autocorrelation is 1/e [m], after subtraction of the
         plane.
     """
@@ -98,8 +99,8 @@ def roughness(g: Array, east_m: float, north_m: float) -> float:
 
     The result is the mean of the values along rows and along columns. In the literature the
     difference is not divided by the distance between nodes, and therefore depends on the node
-    spacing. The result still depends on the spacing if the nodes do not resolve
-    short wavelengths of the field.
+    spacing. The result still depends on the spacing if the nodes do not resolve short wavelengths
+    of the field.
     """
     along_rows = math.sqrt(float(np.mean(np.diff(g, axis=1) ** 2))) / east_m
     along_columns = math.sqrt(float(np.mean(np.diff(g, axis=0) ** 2))) / north_m
@@ -110,8 +111,8 @@ def difference_entropy(g: Array) -> float:
     """Return the entropy H / ln(mn) of a cell g (m, n); 1 for a constant.
 
     H = −Σ D ln D with D = |g − ḡ| / Σ|g − ḡ| and the mean ḡ. The literature defines the deviation
-    as |g − ḡ|/|ḡ|. In a fraction of the sum, as in D, |ḡ| cancels. Without the division by the sum,
-    the deviation diverges if the mean is near zero, as for anomalies.
+    as |g − ḡ|/|ḡ|. After division by the sum of the deviations, as in D, the factor 1/|ḡ| cancels.
+    Without this division, the deviation diverges if the mean is near zero, as for anomalies.
     """
     deviations = np.abs(g - g.mean()).ravel()
     total = deviations.sum()
@@ -125,10 +126,10 @@ def fractal_dimension(g: Array) -> float:
     """Return the fractal dimension (2 to 3) of the surface g (m, n), by differential box counting.
 
     The method is that of Sarkar & Chaudhuri (1994), applied to the largest square of the grid.
-    Boxes have s × s nodes, with s from 2 to a quarter of the side of the square, and heights
-    proportional to the range of g. In each column, boxes are counted between the lowest and the
-    highest node, including nodes on the border, so that neighbouring columns share nodes. The
-    result is NaN for a constant.
+    Boxes have sides of s node spacings. s doubles from 2 to at most a quarter of the side of the
+    square. The height of a box divided by the range of g equals its side divided by that of the
+    square. The number of boxes from the lowest to the highest node of a column is not rounded, but
+    is at least 1. Nodes on a border belong to both columns. The result is NaN for a constant.
 
     Raises
     ------

@@ -15,11 +15,11 @@ from . import published, sweeps, views
 from .reported import Reported
 
 MOST_OUTSIDE = 0.05
-"""Share of an estimator's runs that may leave the map before an answer says so."""
+"""Largest share of runs outside the map for which an answer does not name the estimator."""
 MOST_RECOVERED = 4
-"""Estimators with a largest σ/ℓ in an answer."""
+"""Largest number of estimators that an answer names with their largest σ/ℓ."""
 MOST_OWN = 2
-"""Estimators of one's own that an answer names."""
+"""Largest number of the user's own estimators in an answer."""
 
 
 def left_the_map(runs: pd.DataFrame) -> list[str]:
@@ -61,8 +61,8 @@ def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[st
 def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
     """Return the estimator that is recommended in most cases.
 
-    Of estimators with equally many cases, whose mean error ratios differ by at most 1 %, it is the
-    one that is most often the cheapest recommended estimator.
+    Several estimators may be recommended in equally many cases, with mean error ratios that differ
+    by at most 1 %. Then the estimator is chosen that is most often the fastest recommended one.
 
     Parameters
     ----------

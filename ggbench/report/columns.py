@@ -43,7 +43,7 @@ class Column:
 
 
 def _registered() -> dict[str, Column]:
-    """Return the columns of ``templates/columns.csv``, of intervals the ends, too.
+    """Return the columns of ``templates/columns.csv``, and those of the ends of intervals.
 
     ``interval`` is the stem of the keys of an interval's ends, ``<stem>_lo`` and ``<stem>_hi``.
     """

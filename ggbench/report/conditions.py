@@ -15,7 +15,7 @@ from .columns import significant
 from .tables import code
 
 _MOST_VALUES = 3
-"""Values of a condition that are listed; of more, the range or the number is given."""
+"""Largest number of values of a condition that are listed; more are given as a range."""
 _NUMBER = re.compile(r"(\D*)(\d[\d.e+-]*)(\D*)")
 _NO_DIFFERENCE = "none"
 """Difference of a model that equals the truth."""
@@ -24,7 +24,7 @@ _ABBREVIATED = {"gnss": "GNSS", "imu": "IMU"}
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of conditions: values or ranges over the cases, for the truth.
+    """Return the table of true conditions, with values or ranges over the cases.
 
     Parameters
     ----------
@@ -46,7 +46,10 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
 
 
 def _each(cases: Sequence[CaseSpec], text_of: Callable[[CaseSpec], Sequence[str]]) -> str:
-    """Return the texts of all cases, part by part: a few texts, or a range of numbers."""
+    """Summarise the texts of all cases, part by part.
+
+    A few different texts are listed; more are replaced by a range of numbers.
+    """
     texts = [text_of(case) for case in cases]
     parts = []
     for column in itertools.zip_longest(*filter(None, texts), fillvalue=""):
@@ -59,7 +62,10 @@ def _each(cases: Sequence[CaseSpec], text_of: Callable[[CaseSpec], Sequence[str]
 
 
 def _range_of_texts(texts: Sequence[str]) -> str:
-    """Return the range of texts that differ in one number, such as ``every 10 s``."""
+    """Return the range of texts that differ only in one number, such as ``every 10 s``.
+
+    For other texts the result is "varies by case".
+    """
     matches = [_NUMBER.fullmatch(text) for text in texts]
     parts = [match.groups() for match in matches if match]
     if len(parts) < len(texts) or len({(before, after) for before, _, after in parts}) > 1:

@@ -17,7 +17,7 @@ from ..results.digest import Digest
 from .columns import duration, metres, share
 
 SUITE, MEASURED = "suite", "vinton2008"
-"""Scenarios of findings: the cases of the first one are the columns of the matrix."""
+"""Scenarios of the findings: the standard suite, and measured gradients at Vinton Dome."""
 BIASES = "vinton2008_biases"
 """Sweep of constants added to the readings of MEASURED."""
 FOSTERVILLE, EAST_VICTORIA = "fosterville2019", "east_victoria2023"
@@ -42,8 +42,9 @@ TOLD = {
     "prior-1": ("prior-1", "gaussian-sum"),
     "prior-3": ("prior-3", "gaussian-sum"),
 }
-"""Case and estimator with the right model, by the case with which they are compared; in all other
-cases it is the EKF.
+"""Case and estimator with the right model, by the compared case with a wrong model.
+
+All other cases are compared with the EKF in the same case.
 """
 
 
@@ -129,7 +130,8 @@ def fosterville(of: Metrics) -> str:
 def east_victoria(of: Metrics) -> str:
     """Return the finding that a measured gravimeter along one line gains little.
 
-    The filter must be overconfident or unsafe when it takes every sample for white noise.
+    If all samples are processed as if their noise were white, the filter must be overconfident or
+    unsafe.
     """
     case, name = "60s", "ekf"
     ins, aided = of.rms(case, "ins"), of.rms(case, name)
@@ -222,8 +224,8 @@ def wrong_noise(of: Metrics) -> str:
 def map_error(of: Metrics) -> str:
     """Return the finding that an unmodelled map error makes the EKF unsafe.
 
-    Its median error must be at least 1.5 times that with a modelled map error, with which the EKF
-    must be consistent or conservative.
+    The median error must be at least 1.5 times the median error with a modelled map error. With
+    the modelled map error the EKF must be consistent or conservative.
     """
     case, known = "map-error", "map-error-known"
     plain, told, one, ins = (
@@ -257,8 +259,8 @@ def gravity(of: Metrics) -> str:
 def one_filter(of: Metrics) -> str:
     """Return the finding that one filter suits all cases of the suite.
 
-    It must be consistent or conservative in 90% of the cases, and its RMS error at most 1.5 times
-    that of a filter with the right model.
+    The filter must be consistent or conservative in at least 90% of the cases. Its RMS error must
+    be at most 1.5 times that of a filter with the right model.
     """
     cases = of.cases(ONE_FILTER)
     right = [of.consistency(case, ONE_FILTER) in (CONSISTENT, CONSERVATIVE) for case in cases]

@@ -51,7 +51,7 @@ def folder_of(label: str) -> str:
 
 
 def of_the_reference(flight: RecordedFlight) -> str:
-    """Return a remark if the reference is also a sensor's record, which estimators use; else ""."""
+    """Return a remark if estimators also use the reference as a sensor's record, or ""."""
     sensor = flight.reference_is_of
     if not sensor:
         return ""
@@ -70,8 +70,9 @@ def write(
     """Write the report of a recorded flight, all files together or none.
 
     For each estimator ``LABEL/corrected.csv``, ``.gpx`` and ``.kml`` have the corrected track at
-    the epochs, ``LABEL/full_rate.csv`` has it at the INS samples, and ``LABEL/residuals.csv`` has
-    the residuals. The pages are ``report.md`` with figures, and ``report.html`` as a single file.
+    the epochs. ``LABEL/full_rate.csv`` has this track at the INS samples. ``LABEL/residuals.csv``
+    has the residuals. The pages are ``report.md`` with figures, and ``report.html`` as a single
+    file.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def _write(
 
 
 def _page(text: str, title: str, output: Path) -> str:
-    """Return a report as HTML, with its figures in the page."""
+    """Return a report as an HTML page with embedded figures."""
     parser = libraries.package("markdown_it").MarkdownIt("commonmark", {"html": False})
     # The parser refuses images of the scheme data: they are filled in afterwards.
     body = parser.enable("table").render(text)
@@ -183,7 +184,7 @@ def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[s
 
 
 def _what_there_is(flight: RecordedFlight) -> str:
-    """Return the flight in a few words, and its readings in a table."""
+    """Return a sentence on the flight and a table of its measurements, as markdown."""
     problem, spec = flight.problem, flight.spec
     kind = "the solution of its INS" if spec.ins else "inertial increments, mechanised here"
     assert problem.map is not None  # a recorded flight has one, be it the normal field's
@@ -212,7 +213,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
 
 
 def _sensors(problem: Problem) -> dict[str, list[int]]:
-    """Return the numbers of the channels of each sensor."""
+    """Return the channel indices of each sensor, by name of the sensor."""
     channels: dict[str, list[int]] = {}
     for j, channel in enumerate(problem.channels):
         channels.setdefault(channel.sensor, []).append(j)
@@ -222,7 +223,7 @@ def _sensors(problem: Problem) -> dict[str, list[int]]:
 def _estimators(
     problem: Problem, estimates: Mapping[str, Estimate], residuals_of: Mapping[str, Residuals]
 ) -> str:
-    """Return a table of what each estimator claims, and what the readings say to it."""
+    """Return a markdown table with the reported σ, mean NIS and residuals of each estimator."""
     rows = []
     for label, estimate in estimates.items():
         own = residuals_of[label]
@@ -268,7 +269,7 @@ _PARTS = (slice(0, 3), slice(3, 6))
 
 
 def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> list[str]:
-    """Return the errors against the reference in windows, if there is one."""
+    """Return the markdown section on errors against the reference; empty without a reference."""
     if not judged:
         return []
     some = next(iter(judged.values()))
@@ -376,7 +377,10 @@ def _tracks(
 
 
 def _local(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Return positions (K, 3) relative to an origin, ENU [km, km, m], heights as they are."""
+    """Return east and north [km] from an origin, and height [m], of positions (K, 3).
+
+    Positions and origin (3,) are latitude, longitude [rad] and height [m].
+    """
     local = position_error(positions, np.broadcast_to(origin, positions.shape)) * [1e-3, 1e-3, 1.0]
     local[:, 2] = positions[:, 2]
     return np.asarray(local)

@@ -26,14 +26,14 @@ from .pictures import Picture
 from .reported import Reported
 
 MOST_BYTES = 3_000_000
-"""Size of a page at most."""
+"""Largest size of a page [bytes]."""
 _MOST_POINTS = 40_000
-"""Points of all figures over time together; of longer flights fewer epochs are drawn."""
+"""Largest number of points in all figures over time; long flights have fewer epochs."""
 _MOST_DRAWN = 30
-"""Cases with a figure over time, evenly spread; each takes a second and 50 kB."""
+"""Largest number of cases with a figure over time; each figure takes a second and 50 kB."""
 _WINDOWS = ("settled", "whole", "last20")
 _SIZES = ((True, True), (False, True), (False, False))
-"""Whether a page has pairs, and all windows: the fullest first."""
+"""Contents of a page, the largest first: whether it has the pairs, and all windows."""
 _DIGITS = 4
 """Digits of a number in the page."""
 _CELLS = "RMS error (× oracle), success below 100%; † overconfident, ‡ unsafe."
@@ -159,7 +159,7 @@ def packed(tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
 def _packed(table: pd.DataFrame) -> dict[str, Any]:
     """Return a table as its column names and, column by column, its values.
 
-    Texts that repeat are numbers of a list of texts.
+    A column of texts has a list of its different texts; its values are indices into this list.
     """
     packed = []
     for key in table:
@@ -173,7 +173,7 @@ def _packed(table: pd.DataFrame) -> dict[str, Any]:
 
 
 def _number(value: Any) -> float | bool | None:
-    """Return a number with few digits, None for no number: JSON knows no NaN."""
+    """Return a number with few digits, or None for NaN and infinity, which JSON excludes."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if not math.isfinite(value):
@@ -183,11 +183,11 @@ def _number(value: Any) -> float | bool | None:
 
 
 _ERROR = "error of "
-"""Begin of the keys of columns that have errors of an estimator: its name may be any."""
+"""Prefix of the keys of columns with an estimator's errors, because its name is arbitrary."""
 
 
 def _error_key(key: str, labels: Sequence[str]) -> str:
-    """Return the key of a column of the table of errors."""
+    """Return the key of a column in the table of errors; labels of estimators get a prefix."""
     return f"{_ERROR}{key}" if key in labels else key
 
 
@@ -206,9 +206,9 @@ def _meanings(tables: Any) -> dict[str, dict[str, str]]:
 
 
 def _figures(results: Reported, answer: Picture) -> dict[str, Any]:
-    """Return the figures of the page: over time of each case by its name, of all cases by "".
+    """Return the errors over time by name of the case, and the main figure by "".
 
-    Over time, estimators that are not in the answer's figure are switched off at first.
+    In figures over time, estimators that are not in the main figure are hidden at first.
     """
     cases = views.few_cases(results.cases(), _MOST_DRAWN)
     page_cases = sweeps.shown_cases(results)

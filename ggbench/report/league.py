@@ -26,9 +26,9 @@ def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
     """Return the content of the league figure for the settled window.
 
     A cell has the ratio of the RMS error to that of the oracle, or to the bound if there is no
-    oracle. If most runs are lost, the cell has their share. Estimators are in
-    the order of the metrics, with smoothers last. The profile includes only estimators with all
-    runs of a case.
+    oracle. If most runs are lost, the cell has their share. Estimators are in the order of the
+    metrics, with smoothers last. The profile includes causal estimators. For each case it uses only
+    the estimators with all runs of this case.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
 
 
 def _of_all_runs(cell: Mapping[str, Any] | None, most: int) -> float:
-    """Return the RMS error of an estimator that flew all runs, else NaN."""
+    """Return the RMS error [m] of an estimator with all runs of a case, else NaN."""
     return math.nan if cell is None or cell["runs"] < most else float(cell["rms_m"])
 
 
@@ -83,7 +83,7 @@ def ratio_of(cell: Mapping[str, Any] | None) -> float:
 
 
 def _text(cell: Mapping[str, Any] | None) -> str:
-    """Return what stands in a cell."""
+    """Return the text of a cell."""
     if cell is None:
         return columns.NONE
     if cell["failed"] == cell["runs"]:

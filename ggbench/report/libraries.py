@@ -42,7 +42,7 @@ def installed() -> bool:
 
 @cache
 def datatables() -> tuple[str, str]:
-    """Return the JavaScript module of DataTables, with the default export, and the style sheet."""
+    """Return the source of DataTables: the JavaScript module and the style sheet."""
     folder = Path(package("itables").__file__).parent / "html"
     script = (folder / "dt_bundle.js").read_text(encoding="utf-8")
     style = (folder / "dt_bundle.css").read_text(encoding="utf-8")
@@ -50,7 +50,7 @@ def datatables() -> tuple[str, str]:
 
 
 def _within_html(script: str) -> str:
-    """Return a script that cannot end the element that holds it."""
+    """Escape the sequences of a script that would end its HTML element."""
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 

@@ -67,9 +67,9 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
 
 
 def studies(output: Path, digests: Sequence[Digest]) -> dict[str, str]:
-    """Return the first sentence of each further page's answer, by name of the page.
+    """Return the first sentence of the answer on each study's page, by name of the page.
 
-    Further pages report other measurements than runs of a scenario.
+    A study's page reports other results than the runs of a scenario, such as computing times.
     """
     scenarios = {each.manifest["scenario"] for each in digests}
     pages = {path.stem: path.read_text(encoding="utf-8") for path in sorted(output.glob("*.md"))}

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 _LINK = re.compile(r"`[^`]*`|!?\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]*)[^)]*\)")
-"""A link or a picture of markdown; or code, in which nothing is a link."""
+"""A link or an image in markdown, or a code span, which contains no links."""
 _ABSOLUTE = re.compile(r"[a-zA-Z][\w+.-]*:")
 
 

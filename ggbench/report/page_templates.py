@@ -13,7 +13,7 @@ from . import columns, tables
 from .columns import TEMPLATES
 
 PAGE_VERSION = 3
-"""Number in the first line of a page; pages of other numbers are of another layout."""
+"""Version of the page layout, in the first line of each page."""
 
 
 def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Environment:

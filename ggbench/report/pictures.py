@@ -20,7 +20,7 @@ from .reported import Reported
 from .views import comparable, drawn_estimators
 
 MOST_COLUMNS = 3
-"""Cases of a figure over time."""
+"""Largest number of cases in a figure over time."""
 
 
 class Picture(NamedTuple):

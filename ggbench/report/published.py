@@ -16,14 +16,14 @@ from .tables import FAILED, MOST_ROWS, code
 from .views import comparable, together
 
 MOST_REFERENCES = 3
-"""Cases with published errors of which a page's table has columns."""
+"""Largest number of cases with published errors in a table of a page."""
 MOST_GROUPS = 6
-"""Rows of estimators of that table."""
+"""Largest number of rows of estimators in this table."""
 STARTS_S = (0.0, 50.0, 75.0, 100.0, 150.0)
 """Starts of windows for the table of window starts [s]."""
 WINDOWS = ("whole", "settled")
 MOST_RUNS = 400
-"""Runs up to which the pairs of a claim are flown."""
+"""Largest number of runs for the test of a claim."""
 _QUANTITIES = {
     "east position": 0,
     "north position": 1,
@@ -38,11 +38,11 @@ _QUANTITIES = {
 """Columns of an INS's response to the gravity disturbance."""
 _ARCMINUTES = math.degrees(1.0) * 60.0
 _NEAR = 1.25
-"""Largest ratio of a published improvement to the response at which it is of its size."""
+"""Largest ratio of a possible published improvement to the computed response."""
 
 
 def referenced(metrics: pd.DataFrame) -> list[str]:
-    """Return as many cases with published errors as fit into a table."""
+    """Return the cases with published errors, at most :data:`MOST_REFERENCES`."""
     return metrics.loc[metrics["published_m"].notna(), "case"].unique().tolist()[:MOST_REFERENCES]
 
 
@@ -89,7 +89,7 @@ def published_table(
 
 
 def _published(error: float, is_allowed: bool | None) -> str:
-    """Return a published error, and whether the bound allows it if there is one."""
+    """Return a published error as text; with a bound, state whether the bound allows it."""
     text = columns.metres(error)
     if is_allowed is None:
         return text
@@ -215,14 +215,14 @@ def claimed(results: Any) -> pd.DataFrame:
 
 
 def _needed(runs: float) -> str:
-    """Return a number of runs rounded up to tens, at most :data:`MOST_RUNS`."""
+    """Return a number of runs as text, rounded up to tens; ``> 400`` above :data:`MOST_RUNS`."""
     if math.isnan(runs):
         return columns.NONE
     return f"> {MOST_RUNS}" if runs > MOST_RUNS else f"{10 * math.ceil(runs / 10.0)}"
 
 
 def _of_ratio(ratio: float) -> str:
-    """Return the verdict of a ratio of two times, equal within what errors are."""
+    """Return the verdict on a ratio of two times, with the equivalence margin of errors."""
     if 1.0 / EQUIVALENCE_RATIO <= ratio <= EQUIVALENCE_RATIO:
         return EQUIVALENT
     return BETTER if ratio < 1.0 else WORSE

@@ -125,7 +125,7 @@ class Reported(Results):
             digest.write_csv(table, folder / f"{name}.csv")
 
     def rerun(self) -> str:
-        """Return the command that repeats the campaign; the scenario's own seed is left out."""
+        """Return the command that repeats the campaign, without a seed if it is the scenario's."""
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""
@@ -140,7 +140,7 @@ class Reported(Results):
         return f"ggbench run {as_argument(m['argument'])} -n {m['runs']}{seed}{flags}"
 
     def _models(self) -> pd.DataFrame:
-        """Return the heaviest models of estimators that weigh models, at some times."""
+        """Return the models with the largest weights of multiple-model estimators, over time."""
         parts = [
             models_over_time.over_time(infos).assign(case=case, estimator=estimator)
             for (case, estimator), infos in self.infos.items()
@@ -150,14 +150,14 @@ class Reported(Results):
         return pd.concat(rows, ignore_index=True)[keys] if rows else pd.DataFrame()
 
     def _remarks(self) -> pd.DataFrame:
-        """Return the remarks on the runs of the cases, and the number of runs that each is on."""
+        """Return the number of runs with each remark, by case and estimator."""
         runs = self.runs()
         own = runs[(runs["assumption"] == "") & (runs["remark"] != "")]
         counted = own.groupby(["case", "estimator", "remark"], sort=False)["run"].count()
         return counted.rename("runs").reset_index()
 
     def _named(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Return a table with the shown names of estimators."""
+        """Replace labels of estimators in a table by their short names; return the table."""
         changed = {label: name for label, name in self.shown.items() if label != name}
         for key in set(_LABELS) & set(table) if changed else ():
             table[key] = table[key].map(lambda cell: changed.get(cell, cell))

@@ -61,7 +61,7 @@ def by_line(results: Results, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _nearest(cases: Mapping[str, CaseSpec]) -> dict[tuple[str, str], tuple[str, float]]:
-    """Return the map's next line and its distance of each case and line, in order."""
+    """Return the nearest survey line in the map and its distance [m], by case and flown line."""
     nearest: dict[tuple[str, str], tuple[str, float]] = {}
     known: dict[object, tuple[str, float]] = {}
     for name, case in cases.items():

@@ -20,12 +20,12 @@ from .views import comparable, deciding_cases, few_cases
 _FIXED_COLUMNS = 3
 """Columns of the table of targets besides estimators: error, case, bound."""
 MOST_PARTS = 3
-"""Parts of a grid that a figure shows."""
+"""Largest number of parts of a grid in a figure."""
 SUCCESS = 0.95
-"""Success rate at which a case counts as reached."""
+"""Required success rate of the cases in :func:`recovered`."""
 
 LISTED = "at"
-"""What a list of values begins with that reach a target, where there is no largest one."""
+"""Word before a list of values that reach a target, if no largest value exists."""
 
 
 class Part(NamedTuple):
@@ -100,11 +100,10 @@ def reached(
 ) -> pd.DataFrame:
     """Return a table of the values of the first axis that reach each target, for each part.
 
-    There are columns for the bound, the EKF and the user's first own estimator, with an interval in
+    There are columns for the bound, the EKF and the user's own estimators, with an interval in
     parentheses. A cell such as ``3.2 E`` is the largest value that reaches the target, interpolated
-    between cases. If the error does not grow along the axis (one error is significantly smaller
-    than the error before), all values that reach the target are listed. The table is empty without
-    a sweep.
+    between cases. If an error is significantly smaller than the error before it on the axis, all
+    values that reach the target are listed. The table is empty without a sweep.
     """
     if scenario.sweep is None:
         return pd.DataFrame()
@@ -126,7 +125,7 @@ def reached(
 
 
 def _errors(settled: pd.DataFrame, label: str, names: Sequence[str]) -> np.ndarray:
-    """Return bound, RMS error and the ends of its interval (4, n) of an estimator in n cases."""
+    """Return (4, n) of an estimator in n cases: bound, RMS error, lower and upper end [m]."""
     rows = settled.reindex([(label, name) for name in names])
     return rows[["bound_m", "rms_m", "rms_lo", "rms_hi"]].to_numpy(dtype=float).T
 
@@ -134,9 +133,10 @@ def _errors(settled: pd.DataFrame, label: str, names: Sequence[str]) -> np.ndarr
 def _reach(
     axis: AxisSpec, target: float, errors: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> str:
-    """Return up to which value of an axis errors (n,) reach a target, or the values that do.
+    """Return the largest value of an axis at which errors (n,) reach a target, as text.
 
-    ``low`` and ``high`` are the ends of their intervals.
+    If the errors decrease significantly along the axis, the text lists all values that reach the
+    target. ``low`` and ``high`` (n,) are the ends of the confidence intervals of the errors.
     """
     within = errors <= target
     falls = bool((high[1:] < low[:-1]).any())

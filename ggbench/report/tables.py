@@ -13,10 +13,10 @@ from . import columns
 
 _LONGEST_TEXT = 1000
 _MARKUP = re.compile(r"[\\`*_\[\]<>~&]")
-"""Characters by which a line of text becomes more than itself: emphasis, links, images, HTML."""
+"""Characters with a meaning in markdown: emphasis, links, images, HTML."""
 
 MOST_ROWS, MOST_COLUMNS = 10, 8
-"""Limits of a table on a markdown page."""
+"""Largest numbers of rows and columns of a table on a markdown page."""
 FAILED = "failed"
 """A cell of an estimator without a finished run."""
 MOST_LOST = 0.5
@@ -70,8 +70,8 @@ def error_cell(row: Mapping[str, Any]) -> str:
     """Return the cell of an estimator, ``RMS (× oracle), success †``, from a row of metrics.
 
     The success rate is omitted at 100%. The cell of the INS has the RMS error, and the success rate
-    if any run succeeds. If most runs are lost, the cell has only their share; if all runs failed,
-    it is "failed". "as the INS" means a success rate no higher than that of the INS.
+    if any run succeeds. If most runs are lost, the cell has only their share. If all runs failed,
+    it is "failed". The text "as the INS" means a success rate no higher than that of the INS.
     """
     if row["failed"] == row["runs"]:
         return FAILED

@@ -16,13 +16,13 @@ from . import columns
 from .tables import MOST_COLUMNS, MOST_ROWS, code, error_cell
 
 MOST_CASES = 5
-"""Cases of a page's table."""
+"""Largest number of cases in a table of a page."""
 _FIXED_ROWS = 5
 """Rows of a table of estimators besides one's own: bound, INS, EKF, recommended, smoother."""
 MOST_DRAWN = 6
 """Estimators of a figure."""
 ALIKE = 1.01
-"""Ratio of errors up to which estimators share a row, and rank nothing."""
+"""Largest ratio of errors for which estimators count as equal: they share a row or a rank."""
 _OF_SEVERAL = {"recommended": "cheapest recommended"}
 """Headings of a column that names another estimator in each case."""
 
@@ -48,7 +48,7 @@ def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
 
 
 def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
-    """Return the estimators that have fewer runs of a case than others."""
+    """Return the estimators that have fewer runs than others in every case."""
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     comparable_labels = comparable(rows)["estimator"]
     return [label for label in rows["estimator"].unique() if label not in set(comparable_labels)]
@@ -104,8 +104,8 @@ def answer_table(
     """Return a table with bound, INS, EKF, recommended estimator and best smoother by case.
 
     Of several recommended estimators the cheapest is named. Each of the user's own estimators has a
-    column. If there are too many, the table has a column for each case and a row for each
-    estimator, with own estimators first.
+    column. If the table has too many columns, it is transposed: it has a column for each case and a
+    row for each estimator.
     """
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     plain = (cases["recommended"] != "").to_numpy()
@@ -147,7 +147,7 @@ def answer_table(
 
 
 def _transposed(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of cases with a column for each case, and a row for each other column."""
+    """Transpose a table of cases: return a column for each case, and a row for each quantity."""
     bounds = [columns.cell("bound_m", value) for value in table["bound_m"]]
     turned = table.assign(bound_m=bounds).rename(columns={"bound_m": "bound"}).set_index("case").T
     return turned.rename_axis("RMS error [m]").rename_axis(None, axis=1).reset_index()
@@ -170,7 +170,7 @@ class _Cells:
         self.pairs = pairs
 
     def of(self, label: str) -> str:
-        """Return the error of an estimator; with fewer runs, its ratio to the EKF's."""
+        """Return the error of an estimator as text; with fewer runs, the ratio to the EKF."""
         row = self.rows.get(label)
         if row is None:
             return columns.NONE
@@ -183,7 +183,7 @@ class _Cells:
         return columns.marked(text, row["consistency"])
 
     def alike(self, label: str, other: str) -> bool:
-        """Return whether the cells of two estimators agree, errors within 1%."""
+        """Return whether the cells of two estimators are equal, with errors equal within 1%."""
         one, two = self.rows.get(label), self.rows.get(other)
         if one is None or two is None or one["runs"] != two["runs"]:
             return False
@@ -194,11 +194,12 @@ class _Cells:
 def drawn_estimators(
     metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = (), most: int = MOST_DRAWN
 ) -> list[str]:
-    """Return the estimators of a figure: EKF, own, those of the table, best.
+    """Return the estimators of a figure: the EKF, own estimators, those of the table, the best.
 
-    Of several parameter sets of one estimator with the same causality only one is drawn: a set in
-    the table, else the set with the least geometric mean of error / bound. Own estimators are all
-    drawn, up to ``most``. Only estimators with all runs of all shown cases are drawn.
+    Of several parameter sets of one estimator with the same causality, only one is drawn. It is a
+    set in the table, or otherwise the set with the least geometric mean of error / bound. Own
+    estimators are all drawn, up to ``most``. Only estimators with all runs of all shown cases are
+    drawn.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]

@@ -19,7 +19,7 @@ from ..spec.limits import MOST_RUNS, MOST_SEED
 _TYPES = {str: "TEXT", int: "INTEGER", bool: "INTEGER", float: "REAL"}
 _COUNT = ">= 0"
 _POSITIVE = ">= 0.0"
-"""Of a number that may be infinite: the error of a filter that has diverged may be."""
+"""Condition on a number that may be infinite, such as the error of a diverged filter."""
 _FINITE = f"BETWEEN 0.0 AND {sys.float_info.max!r}"
 
 
@@ -159,4 +159,4 @@ CREATE TABLE curves (
 );
 CREATE TABLE shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
 """
-"""Tables of the database; what goes with a record goes when the record is replaced."""
+"""Tables of the database; replacing a record deletes its fixes and time series."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""With the apostrophes before it, so that a text that has them is restored as it was."""
+"""Start of a formula. It may follow apostrophes, so that texts with apostrophes are restored."""
 
 
 def csv_text(table: pd.DataFrame, **options: Any) -> str:

@@ -30,7 +30,7 @@ APPLICATION_ID = 0x67676231
 """Identifier of ggbench in the header of the database."""
 _BUSY_S = 60.0
 _PIECE = 5000
-"""Rows that are held at a time on their way into a table."""
+"""Number of rows that are read into a table at a time."""
 _TRUTHS = tuple(column.name for column in COLUMNS if column.kind is bool)
 
 
@@ -49,8 +49,8 @@ class Result(NamedTuple):
         epochs; or None.
     detail : (K, 18) float32: errors and their σ, only for run 0 (:meth:`Database.detail`); or None.
     fixes : fixes of a matcher, see :func:`.judging.fix_metrics.judge`.
-    retry_above : for a run that died or was too slow, the time limit [s] above which the run is
-        repeated; None if the result is final.
+    retry_above : time limit [s] above which a run that died or was too slow is repeated; None if
+        the result is final.
     """
 
     key: str
@@ -95,7 +95,10 @@ class Database:
             failure.pop_all()
 
     def _connect(self, write: bool) -> sqlite3.Connection:
-        """Open the database; a folder in which nothing may be written is read as it is."""
+        """Open the database; in a folder without write permission, open it as immutable.
+
+        Raise StoreError if such a folder has a write-ahead log, which cannot be read there.
+        """
         name = self.path.absolute().as_uri()
         if write or os.access(self.path.parent, os.W_OK):
             return sqlite3.connect(name, timeout=_BUSY_S, uri=True)
@@ -109,7 +112,7 @@ class Database:
         return sqlite3.connect(f"{name}?immutable=1", timeout=_BUSY_S, uri=True)
 
     def _require_sound(self) -> None:
-        """Raise StoreError unless tables and rows are those that the declared columns allow."""
+        """Raise StoreError unless the tables and all rows agree with the declared columns."""
         with contextlib.closing(sqlite3.connect(":memory:")) as blank:
             blank.executescript(SCHEMA)
             if _tables(blank) != _tables(self._connection):
@@ -217,7 +220,7 @@ class Database:
     def _table(
         self, name: str, columns: Sequence[Column], keys: Set[str], runs: int, order: str
     ) -> pd.DataFrame:
-        """Return some columns of a table of the database, with the keys before them."""
+        """Return columns of a database table; the first column of the result is ``key``."""
         import pandas as pd  # not at the top: workers and campaigns make no tables
 
         query = (
@@ -298,7 +301,7 @@ class Database:
             raise StoreError(f"{self.path} cannot be read: {text_of(error)}") from None
 
     def _write(self, rows: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
-        """Write rows of tables in one transaction, in place of those of the same keys."""
+        """Write rows of tables in one transaction; rows with equal primary keys are replaced."""
         try:
             with self._connection:
                 for table, values in rows.items():

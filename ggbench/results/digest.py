@@ -23,7 +23,7 @@ from .database import StoreError
 from .folder import Results
 
 FOLDER = "data"
-"""Name of the folder, in that of a report's figures."""
+"""Name of the digest's folder, which is in the folder of a report's figures."""
 _KEPT = (
     "ggbench",
     "results_version",
@@ -61,9 +61,9 @@ _TEXTS = dict.fromkeys(
     ),
     str,
 )
-"""Columns of text, whatever it looks like: a case may be named 10, or null."""
+"""Columns that are always read as text: a case may be named 10, or null."""
 _FLAGS = {"metrics": {"recommended": bool}}
-"""Types that a table has in place of those."""
+"""Types of columns that replace the type text, by table."""
 DIGITS = "%.6g"
 
 

@@ -167,7 +167,11 @@ class Results:
         return None if curve is None else self._of_length(curve, case, "times")
 
     def _of_length(self, curves: np.ndarray, case: str, epochs: str) -> np.ndarray:
-        """Return (..., K, columns) as it is if K is the number of a case's epochs."""
+        """Return time series (..., K, columns) unchanged.
+
+        Raise StoreError unless K is the length of the array ``epochs`` of the case, and all errors
+        are finite.
+        """
         errors = curves[..., :2]  # a NEES or NIS may be undefined, an error may not
         if curves.shape[-2] != len(self.arrays(case)[epochs]) or not np.isfinite(errors).all():
             raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
@@ -278,7 +282,7 @@ class Results:
 
     @cached_property
     def _unjudged(self) -> pd.DataFrame:
-        """The metrics of the cases before any estimator is recommended."""
+        """Metrics of the cases, without recommendations."""
         return self.metrics_of(self._cases_runs)
 
     def metrics_of(self, runs: pd.DataFrame) -> pd.DataFrame:
@@ -296,7 +300,7 @@ class Results:
 
     @cached_property
     def _verdicts(self) -> dict[str, dict[str, Verdict]]:
-        """The verdicts by kind of estimators and case."""
+        """Verdicts by kind of estimators and by case."""
         return cases.verdicts(self._cases_runs, self._unjudged)
 
     def pairs(self) -> pd.DataFrame:
@@ -322,7 +326,10 @@ class Results:
 
     @cached_property
     def _measurements(self) -> _Measurements:
-        """Epochs with a measurement, and channels then, by case and window."""
+        """Number of epochs with a measurement, and mean number of channels at these epochs.
+
+        They are ordered by case and window.
+        """
         counts: _Measurements = {}
         for case in self.scenario.cases:
             arrays = self.arrays(case.name)
@@ -396,7 +403,7 @@ def write_tables(results: Results) -> pd.DataFrame:
 
 
 def _write_runs(results: Results) -> None:
-    """Write the table of runs in the better of two formats, and leave none in the other."""
+    """Write the table of runs as Parquet, or as CSV without pyarrow; remove the other file."""
     table, content = results.runs(), io.BytesIO()
     if importlib.util.find_spec("pyarrow") is None:
         name, other = "runs.csv", "runs.parquet"

@@ -80,7 +80,7 @@ def flaw_of_manifest(content: Any) -> str | None:
 
 
 def _flaw_of_cells(manifest: dict[str, Any]) -> str | None:
-    """Return what is wrong with the cells of a manifest whose parts are of the right types."""
+    """Return the first fault of a manifest's cells, or None; all types must be correct."""
     cells = manifest["cells"]
     places = {(cell["assumption"], cell["case"], cell["estimator"]) for cell in cells}
     if len(places) < len(cells):
@@ -99,9 +99,9 @@ def _flaw_of_cells(manifest: dict[str, Any]) -> str | None:
 
 
 _OF_GRAVITY = {"response": 9, "gravity": 8}
-"""What is there where the INS does not know the gravity: columns of each."""
+"""Arrays of cases with an unknown gravity disturbance, and their numbers of columns."""
 _OF_GRADIENTS = ("gradient_times", "vertical", "noisy", "filtered", "filtered_true")
-"""What is there of a case with a gradiometer."""
+"""Possible arrays of a case with a gradiometer."""
 
 
 def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:

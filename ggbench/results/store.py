@@ -40,7 +40,7 @@ DATABASE_FILES = (
     "records.sqlite-wal",
     "records.sqlite",
 )
-"""The logs first: one that outlives its database would be replayed into the next."""
+"""In the order of removal. A log that outlives its database would alter the next database."""
 RESULT_FILES = (
     *DATABASE_FILES,
     "scenario.toml",
@@ -54,7 +54,7 @@ RESULT_FILES = (
     "runs.csv",
     "manifest.json",
 )
-"""In the order of removal: as long as there is something of ours, the manifest says whose it is."""
+"""In the order of removal. The manifest is last, because it identifies a results folder."""
 LOCK = ".lock"
 _PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")
 _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
@@ -63,7 +63,8 @@ _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 def kept_epochs(epochs: int) -> np.ndarray:
     """Return the indices (K',) of the epochs with stored time series.
 
-    Up to :data:`MOST_KEPT` epochs are all stored; of more epochs an evenly spread part.
+    Up to :data:`MOST_KEPT` epochs are all stored. Of more epochs, this number is stored, evenly
+    spread.
     """
     numbers = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
     return np.round(numbers).astype(int)
@@ -107,7 +108,10 @@ class Store(Database):
             failure.pop_all()
 
     def _lock(self) -> None:
-        """Take the folder for this process, until it ends however it ends."""
+        """Lock the folder for this process; the lock ends with the process at the latest.
+
+        Raise StoreError if another process has locked the folder.
+        """
         self._locked = (self.folder / LOCK).open("wb")
         try:
             fcntl.flock(self._locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -123,7 +127,7 @@ class Store(Database):
         self._leave()
 
     def _leave(self) -> None:
-        """Let other processes use the folder."""
+        """Unlock the folder for other processes."""
         if self._locked is not None:
             self._locked.close()
 
@@ -208,7 +212,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _remove_left(folder: Path, all_of_them: bool) -> None:
-    """Remove what a stopped process left half written, or all files of earlier campaigns."""
+    """Remove partly written files; with ``all_of_them``, also the files of earlier campaigns."""
     for path in folder.iterdir():
         if _PART.fullmatch(path.name):
             path.unlink()
@@ -217,7 +221,7 @@ def _remove_left(folder: Path, all_of_them: bool) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Write a folder's list of files through to the disk."""
+    """Synchronise the directory entries of a folder to the disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -22,9 +22,9 @@ from .stored_runs import ScoreError
 
 RUNS = 40
 _FINEST, _COARSEST = 1e-6, 1e4
-"""Noise of a gradiometer between which one is sought for a target, in its own unit."""
+"""Limits of the gradiometer noise in the search for a target, in the unit of the key."""
 _STEPS = 14
-"""Halvings of that range on a logarithmic scale: to 0.2%."""
+"""Number of bisections of this range on a logarithmic scale, for an accuracy of 0.2%."""
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 SIDES = ("", "truth", "model")
 """Tables of a case that may state a number: the common table, and those of truth and model."""
@@ -99,7 +99,7 @@ def advise(
 
 
 def _noise_key(case: CaseSpec) -> str:
-    """Return the key of the gradiometer's noise, "" if none can be changed by a number."""
+    """Return the dotted key of the gradiometer's noise; "" if no key states it as a number."""
     tables = [case.gradiometer, case.truth.gradiometer, case.model.gradiometer]
     present = [t for t in tables if t is not None]
     names = [n for n in _NOISES if any(getattr(table, n, None) is not None for table in present)]
@@ -125,7 +125,7 @@ def with_value(
 
 
 def _held(tables: Any, key: str) -> Any:
-    """Return what a side states at a dotted key, None if nothing."""
+    """Return the value at a dotted key in the tables of a side, or None."""
     *path, name = key.split(".")
     table = tables
     if path[0] != "sensor" and path[0] in tables.sensor:
@@ -136,7 +136,7 @@ def _held(tables: Any, key: str) -> Any:
 
 
 def _numbers(table: Any, *words: str) -> list[str]:
-    """Return the names of a table's numbers that are named by one of some words, but for times."""
+    """Return the keys of a table that contain one of some words, except keys of times."""
     return [
         name
         for name in type(table).model_fields

@@ -38,7 +38,7 @@ Number = float | None
 Error = Annotated[float, Field(ge=0.0)] | None
 """An error [m], or null where there is none."""
 Line = Annotated[str, AfterValidator(lambda text: line_of(text, _LONGEST_TEXT))]
-"""A text on one printable line, whatever an estimator says of itself."""
+"""An untrusted text, converted to one printable line."""
 
 
 class _Part(BaseModel):
@@ -105,7 +105,11 @@ class Question(_Part):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        """Refuse a question whose parts are not of the same runs."""
+        """Raise ValueError if the opponents or the numbers of runs are inconsistent.
+
+        The EKF must be an opponent, each role must be unique, and ``errors_m`` and ``succeeded``
+        must have equal lengths.
+        """
         roles = [other.role for other in self.against]
         if len(set(roles)) != len(roles) or (not self.skipped and "ekf" not in roles):
             raise ValueError("against must have the EKF, and each role once")
@@ -142,7 +146,7 @@ class Card(_Part):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        """Refuse a card with a case twice, or of other numbers of runs than it states."""
+        """Raise ValueError if a case occurs twice, or has not ``runs`` values of ``errors_m``."""
         names = [question.case for question in self.questions]
         if len(set(names)) != len(names):
             raise ValueError("questions must be of different cases")

@@ -18,7 +18,7 @@ from .card import Card, Question
 from .stored_runs import SUITE, ScoreError, header
 
 TOLERANCE = 2e-5
-"""Relative difference of two numbers up to which a card is reproduced; cards have six digits."""
+"""Largest relative difference of reproduced numbers; the numbers of a card have six digits."""
 
 
 def differences(old: Card, new: Card) -> list[str]:
@@ -39,7 +39,7 @@ def differences(old: Card, new: Card) -> list[str]:
 
 
 def _conditions(card: Card) -> dict[str, Any]:
-    """Return what a card states besides its questions, the estimator without its folder."""
+    """Return all values of a card except its questions; the estimator's folder is removed."""
     stated = card.model_dump(exclude={"questions"})
     path, bracket, parameters = card.estimator.label.partition("[")
     stated["estimator"]["label"] = PurePath(path).name + bracket + parameters
@@ -47,7 +47,7 @@ def _conditions(card: Card) -> dict[str, Any]:
 
 
 def _unlike(old: Any, new: Any, place: str = "") -> Iterator[str]:
-    """Yield the differences of two values of a card, a sentence each."""
+    """Yield a sentence for each difference between two values of a card."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in dict.fromkeys((*old, *new)):
             yield from _unlike(old.get(key), new.get(key), f"{place}.{key}".lstrip("."))

@@ -105,7 +105,7 @@ def _folder(old: Card) -> str:
 
 
 def _named(old: Card, allowed: Sequence[Choice]) -> str:
-    """Return the text of the estimator that flies a card; raise ScoreError if none may."""
+    """Return the text of a card's estimator; raise ScoreError if it must not be run."""
     label = old.estimator.label
     if not is_own(label):
         return label

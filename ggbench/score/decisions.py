@@ -46,8 +46,8 @@ def estimator_rows(advice: Advice) -> list[tuple[str, ...]]:
 def verdicts(advice: Advice) -> list[str]:
     """Return the conclusions from the runs, each as a sentence.
 
-    The sentences recommend estimators for use in flight and after landing, list estimators that
-    failed or left the map, and compare the width of the prior with the field.
+    The sentences recommend estimators for use in flight and after landing. They list estimators
+    that failed or left the map. They compare the width of the prior with the field.
     """
     rows = advices.table(advice)
     errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
@@ -78,7 +78,7 @@ def verdicts(advice: Advice) -> list[str]:
 
 
 def _of_the_ekf(rows: pd.DataFrame) -> str:
-    """Return a sentence on an EKF that is not efficient in these runs, "" if it is."""
+    """Return a sentence on the EKF if it is not efficient in these runs, or ""."""
     ratios = rows.loc[rows["estimator"] == "ekf", "efficiency"]
     if ratios.empty or not ratios.iloc[0] > _EFFICIENT:
         return ""

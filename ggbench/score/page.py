@@ -40,7 +40,7 @@ _DIVERGED = "diverged: the final error exceeds ten bounds and the error of the I
 def shown_name(card: Card) -> str:
     """Return the estimator's own name with its parameters, as tables of results show it.
 
-    It is the label if that has another form.
+    If the label has another form, the label is returned unchanged.
     """
     label = card.estimator.label
     try:
@@ -121,7 +121,7 @@ def kinds_of_failures(failures: pd.DataFrame) -> list[tuple[str, str, str]]:
 
 
 def _picture(card: Card) -> Drawing:
-    """Draw the errors of the questions that were flown."""
+    """Draw the errors of the scored estimator and of the EKF in all cases that were run."""
 
     def number(value: float | None) -> float:
         return math.nan if value is None else value

@@ -27,7 +27,7 @@ from .card import Card, CardEstimator, Judged, Opponent, Question, Role, rounded
 from .stored_runs import REFERENCE, SUITE, ScoreError, StoredRuns, read
 
 QUICK_RUNS = 20
-"""Runs of a case in a quick score: one of each map error."""
+"""Number of runs of a case in a quick score: one for each realisation of the map error."""
 _HALVES: Mapping[Judged, tuple[int, ...]] = {"all": (0, 1), "even": (0,), "odd": (1,)}
 _OWN = "(scored)"
 _NUMBERS = (
@@ -154,7 +154,7 @@ def score(
 
 
 def _require_version(stored: StoredRuns, suite: Scenario) -> None:
-    """Raise ScoreError unless the stored runs are of this suite and version of results."""
+    """Raise ScoreError unless the stored runs have the installed suite and version of results."""
     header = stored.header
     installed = suite.content_hash, RESULTS_VERSION
     if (header["scenario_hash"], header["results_version"]) != installed:
@@ -165,7 +165,7 @@ def _require_version(stored: StoredRuns, suite: Scenario) -> None:
 
 
 def _skipped(choice: Choice, suite: Scenario, seed: int) -> dict[str, str]:
-    """Return why an estimator cannot take cases, by case."""
+    """Return the reasons why an estimator refuses cases, by case."""
     return {
         case.name: reason
         for case in suite.cases
@@ -186,13 +186,13 @@ def _opponents(stored: StoredRuns, side: str) -> dict[str, dict[Role, str]]:
 
 @dataclass(frozen=True)
 class _Match:
-    """An estimator's runs of a case, those of all others, and whom it is compared with.
+    """Runs of the scored estimator and of all others in a case, and the opponents.
 
     Attributes
     ----------
     own, others : tables of runs.
     opponents : label by role.
-    half : remainders modulo 2 of the runs that are judged.
+    half : remainders modulo 2 of the indices of judged runs.
     """
 
     own: pd.DataFrame
@@ -201,7 +201,7 @@ class _Match:
     half: tuple[int, ...]
 
     def chosen(self, label: str | None = None) -> pd.DataFrame:
-        """Return the runs that are judged, of an opponent or of the estimator itself."""
+        """Return the judged runs of an opponent; None stands for the scored estimator."""
         runs = self.own if label is None else self.others[self.others["estimator"] == label]
         return runs[(runs["run"] % 2).isin(self.half)]
 
@@ -209,7 +209,7 @@ class _Match:
 def _questions(
     suite: Scenario, results: Results, matches: Mapping[str, _Match], skipped: Mapping[str, str]
 ) -> list[Question]:
-    """Return the questions with their verdicts, by Holm over all of them."""
+    """Return the questions with verdicts; Holm's procedure covers all comparisons together."""
     pairs: list[dict[str, Any]] = []
     for name, match in matches.items():
         own = match.chosen()

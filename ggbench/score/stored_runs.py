@@ -51,7 +51,7 @@ _TYPES = dict.fromkeys(NUMBERS, np.float32) | {
     "draw": np.uint32,
     "cell": np.uint32,
 }
-"""Columns of the file and their types; ``cell`` is the place of case and estimator in a list."""
+"""Columns of the file and their types; ``cell`` is an index into ``cells`` of the header."""
 _CELL = ["case", "estimator"]
 
 
@@ -65,9 +65,9 @@ class StoredRuns:
 
     Attributes
     ----------
-    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``; ``cells``,
-        with name, parameters, causality, bound and seconds of every case and estimator;
-        ``recommended``, the recommended estimators by case and kind.
+    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``, ``cells`` and
+        ``recommended``. ``cells`` has name, parameters, causality, bound and seconds for every case
+        and estimator. ``recommended`` has the estimators to compare with, by case and kind.
     runs : table of runs as in a results folder, NaN for missing values.
     """
 
@@ -154,7 +154,7 @@ def read(file: Traversable | Path | None = None) -> StoredRuns:
 def _stored(
     file: Traversable | Path | None, columns: bool
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the header of a file, the shipped one by default, and its columns if wanted."""
+    """Return the header of a file, by default the shipped file, and its columns if requested."""
     file = file or importlib.resources.files("ggbench.scenarios") / FILE
     try:
         stored = read_arrays(
