@@ -83,7 +83,7 @@ def delayed_rows_lanes(
             later += 1
         for i in range(later, k + 1):
             gather_rows(transition, group, i, STATES, phi)
-            _undo(late, phi)
+            multiply_by_inverse(late, phi)
         for run in range(rows.shape[0]):
             for i in range(len(MOVED)):
                 for j in range(STATES):
@@ -91,7 +91,7 @@ def delayed_rows_lanes(
 
 
 @copied
-def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
+def multiply_by_inverse(rows: np.ndarray, phi: np.ndarray) -> None:
     """Replace rows Y (6, 15) by Y Φ⁻¹ for Φ (15, .), whose first 15 columns are overwritten.
 
     The navigation part of Φ is factorised into triangular matrices. Pivoting is not needed, because

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from thinning import thinned
 
 from ggbench.ins import adjoint, error_model, strapdown
-from ggbench.ins.delayed_rows import intervals_of
+from ggbench.ins.delayed_rows import intervals_of, multiply_by_inverse
 from ggbench.ins.noise import noise_roots
 from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.trajectory.truth import Segment, Trajectory, fly
@@ -357,6 +357,17 @@ def test_delayed_rows(flown, delay):
     assert np.abs(attitude - tilt).max() < 1e-3 * np.abs(tilt).max()
     if delay > 0.1:
         assert moved > 0.03
+
+
+def test_rows_times_the_inverse_of_a_transition():
+    """Of any transition whose biases depend on themselves alone, however far from a triangle."""
+    generator = np.random.default_rng(4)
+    rows, phi = generator.normal(size=(6, 15)), np.eye(15)
+    phi[:9] += generator.uniform(-0.15, 0.15, (9, 15))
+    phi[range(9, 15), range(9, 15)] = generator.uniform(0.5, 1.0, 6)
+    result, factors = in_lanes(rows[np.newaxis]), in_lanes(phi[np.newaxis])
+    multiply_by_inverse(result, factors)
+    np.testing.assert_allclose(result[:, :, 0], rows @ np.linalg.inv(phi), rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.01, 0.05, 0.0749, 0.08, 0.35, 3.093, 4.99])

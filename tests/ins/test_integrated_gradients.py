@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from small_cases import QUIET, small_flight
 
-from ggbench.ins.known_gravity import extrapolate, of_readings
+from ggbench.gravity.ellipsoid import normal_gradient_of, radii_of_curvature
+from ggbench.ins.known_gravity import extrapolate, integrate, of_readings
 from ggbench.ins.strapdown import navigate
 from ggbench.numerics.lanes import lanes
 from ggbench.simulation.error_free_flight import Flight
@@ -92,6 +96,31 @@ def test_between_two_readings_the_last_one_is_held_to_the_middle_of_the_step():
     tensor = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]])
     expected = [100.0, 200.0, 300.0] + tensor @ [10.25, 20.5, 31.0]
     np.testing.assert_allclose(disturbance[0, :, 0], expected, rtol=1e-14)
+
+
+def test_the_integrated_disturbance_keeps_its_direction_on_the_earth():
+    """An hour at 300 m/s without gradients: its local-level components turn by 13 degrees.
+
+    The local level turns by the transport rate (Groves 2013, eq. 5.44).
+    """
+    latitude, east, north, seconds = np.radians(50.0), 240.0, -180.0, 3600
+    gravity = of_readings(lanes(2, 6), np.array([1, 2]), seconds + 3)
+    ee, nn, nu, uu = normal_gradient_of(math.sin(latitude), math.cos(latitude), 0.0)
+    normal = np.array([ee, 0.0, 0.0, nn, nu, uu])
+    gravity.readings.tensors[:, :, 0] = normal, normal
+    gravity.readings.tensors[0, :, 0] += [20.0, 5.0, 10.0, 0.0, -15.0, -20.0]
+    track, moved = lanes(seconds + 3, 15), lanes(3, 3)
+    track[:, 0], track[:, 3, 0], track[:, 4, 0] = latitude, east, north
+    for n in range(seconds + 2):
+        integrate(gravity.readings, track, n, 1.0, moved)
+    start, end = gravity.readings.total[2, :, 0], gravity.readings.total[-1, :, 0]
+    meridian, prime_vertical = radii_of_curvature(latitude)
+    transport = [-north / meridian, east / prime_vertical, east / prime_vertical * np.tan(latitude)]
+    turn = -seconds * np.array(transport)
+    assert np.degrees(np.linalg.norm(turn)) == pytest.approx(12.8, abs=1.0)
+    expected = Rotation.from_rotvec(turn).apply(start)
+    assert np.linalg.norm(end - start) > 0.05 * np.linalg.norm(start)
+    assert np.linalg.norm(end - expected) < 1e-3 * np.linalg.norm(start)
 
 
 def test_errors_of_the_velocity_are_integrated_as_f_says(rough_gravity):
