@@ -36,7 +36,10 @@ def test_answers_are_those_of_the_same_algorithm(name):
     if reference is None or name in OTHER_POINTS:
         pytest.skip("no estimator with the same algorithm")
     for scenario, case in (("wang2013", "0.01E-1Hz"), ("outliers", "dropouts")):
-        problem = block_of_runs(scenario, case, 0, 1).problem(0)
+        block = block_of_runs(scenario, case, 0, 1)
+        if reference == BATCH:  # the work of a dense solver grows with the cube of the epochs
+            block = block.part(0, 150, block.prior_mean, block.prior_cov)
+        problem = block.problem(0)
         sigma = np.sqrt(np.diag(problem.prior_cov))
         found, expected = (
             estimation.estimate(estimator(label), problem, np.random.default_rng(0))
