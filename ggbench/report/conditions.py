@@ -162,12 +162,8 @@ def map_conditions(case: CaseSpec) -> list[str]:
 
 
 def _differences(case: CaseSpec) -> list[str]:
-    changed = {
-        key
-        for side in (case.truth, case.model)
-        for key, value in side.model_dump(exclude_defaults=True).items()
-        if value
-    }
+    true, assumed = (side.model_dump(exclude_defaults=True) for side in (case.truth, case.model))
+    changed = {key for key in true | assumed if (true.get(key) or {}) != (assumed.get(key) or {})}
     words = " and ".join(_ABBREVIATED.get(key, key) for key in sorted(changed))
     return [words.replace("_", " ") or _NO_DIFFERENCE]
 

@@ -22,7 +22,8 @@ _ON_GRAVITY = (
     "Published improvements by a known gravity disturbance. Largest response: the largest error "
     "that the disturbance causes in an otherwise perfect INS"
 )
-_ON_ESTIMATORS = "Claims of the paper (ratios of errors or times, first over second)"
+_MOST_CLAIMS = 6
+"""Claims in the table of a page; ``data/claims.csv`` has all."""
 
 
 def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
@@ -39,7 +40,8 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
     save(picture.figure, folder / ANSWER)
     claims, claims_caption = published.gravity_claims(results), _ON_GRAVITY
     if claims.empty:
-        claims, claims_caption = published.claimed(results), _ON_ESTIMATORS
+        claims = published.claimed(results)
+        claims_caption = published.claims_in_words(claims)
     stated = answer(results)
     return markdown(
         "scenario.md.j2",
@@ -60,8 +62,8 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
         left_out=views.left_out(metrics, page_cases),
         below_bound=views.below_bound(metrics, page_cases),
         claims_caption=claims_caption,
-        claims=claims.iloc[: tables.MOST_ROWS],
-        hidden_claims=max(0, len(claims) - tables.MOST_ROWS),
+        claims=claims.iloc[:_MOST_CLAIMS],
+        hidden_claims=max(0, len(claims) - _MOST_CLAIMS),
         conditions=conditions(loaded.cases, cases),
         titles={case.name: case.title for case in loaded.cases},
         notes=notes,

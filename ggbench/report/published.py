@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..estimator_spec import EstimatorSpec
 from ..judging.statistics import BETTER, EQUIVALENCE_RATIO, EQUIVALENT, UNDECIDED, WORSE
 from ..results.folder import Results
 from . import columns
@@ -36,6 +37,8 @@ _QUANTITIES = {
     "heading": 8,
 }
 """Columns of an INS's response to the gravity disturbance."""
+_OPEN, _REFUTED = "open", "does not hold"
+"""Verdicts on a claim, other than "holds"."""
 _ARCMINUTES = math.degrees(1.0) * 60.0
 _NEAR = 1.25
 """Largest ratio of a possible published improvement to the computed response."""
@@ -177,16 +180,22 @@ def claimed(results: Any) -> pd.DataFrame:
     metrics = results.metrics()
     settled = metrics[metrics["window"] == "settled"].set_index(["case", "estimator"])
     names_by_label = results.shown
+    # A scenario may state parameters in another order than the labels of the runs.
+    specs = [(EstimatorSpec.parse(label), label) for label in names_by_label]
+
+    def flown_label(text: str) -> str:
+        spec = EstimatorSpec.parse(text)
+        return next((label for own, label in specs if own == spec), text)
 
     def has_flown(case: str, label: str) -> bool:
         return (case, names_by_label.get(label, label)) in settled.index
 
-    flown = [
-        (claim, value, claim.case, *claim.labels(value))
+    stated = [
+        (claim, value, claim.case, *map(flown_label, claim.labels(value)))
         for claim in results.scenario.comparisons
         for value in claim.values
-        if all(has_flown(claim.case, label) for label in claim.labels(value))
     ]
+    flown = [row for row in stated if all(has_flown(row[2], label) for label in row[3:])]
     of_errors = [tuple(row[2:]) for row in flown if row[0].quantity != "time"]
     family = iter(results.pairs_of(of_errors).to_dict("records") if of_errors else ())
     rows = []
@@ -197,7 +206,7 @@ def claimed(results: Any) -> pd.DataFrame:
             pair = {"error_ratio": one / two, "verdict": _of_ratio(one / two)}
         else:
             pair = next(family)
-        verdict = "open" if pair["verdict"] == UNDECIDED else "does not hold"
+        verdict = _OPEN if pair["verdict"] == UNDECIDED else _REFUTED
         verdict = "holds" if pair["verdict"] == judged[claim.relation] else verdict
         rows.append(
             {
@@ -212,6 +221,19 @@ def claimed(results: Any) -> pd.DataFrame:
     table = pd.DataFrame(rows)
     decided = table.empty or (table["needed_runs"] == columns.NONE).all()
     return table.drop(columns="needed_runs", errors="ignore") if decided else table
+
+
+def claims_in_words(claims: pd.DataFrame) -> str:
+    """Return the caption of a table of :func:`claimed`, with the number of each verdict."""
+    if claims.empty:
+        return ""
+    counts = claims["holds"].value_counts()
+    parts = [
+        f"{counts.get(verdict, 0)} {words}"
+        for verdict, words in (("holds", "hold"), (_REFUTED, "do not"), (_OPEN, "are open"))
+        if counts.get(verdict, 0)
+    ]
+    return f"Claims of the paper: {', '.join(parts)}. Ratios of errors or times, first over second"
 
 
 def _needed(runs: float) -> str:

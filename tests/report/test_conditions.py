@@ -5,7 +5,7 @@ from __future__ import annotations
 from reporting import cases
 from thinning import thinned
 
-from ggbench.report.conditions import _range_of_texts, conditions
+from ggbench.report.conditions import _range_of_texts, conditions, other_conditions
 from ggbench.spec import scenario
 
 
@@ -25,6 +25,24 @@ def test_differences_of_the_model_are_listed():
     loaded = scenario.load("below_summits")
     table = conditions(loaded.cases, cases(9)).set_index("condition")["value"]
     assert table["Wrongly modelled"] == "none or field"
+
+
+def test_equal_errors_of_truth_and_model_are_no_difference():
+    """In half of the cases the filter assumes the standard deviation of the true biases."""
+    loaded = scenario.load("vinton2008_biases")
+    estimated = [case for case in loaded.cases if case.side("model") == case.side("truth")]
+    assert estimated and len(estimated) < len(loaded.cases)
+    words = conditions(loaded.cases, cases(8)).set_index("condition")["value"]
+    assert words["Wrongly modelled"] == "gradiometer or none"
+    table = conditions(estimated, cases(8)).set_index("condition")["value"]
+    assert "Wrongly modelled" not in table
+
+
+def test_a_sensor_of_all_cases_is_listed_once_with_its_intervals():
+    """Of a sensor of some cases this is said."""
+    cases_of = {name: list(scenario.load(name).cases) for name in ("li2011", "gnss_outage")}
+    assert other_conditions(cases_of["li2011"]) == "gravimeter 0.5 mGal every 120 or 300 s"
+    assert "in some cases" in other_conditions(cases_of["gnss_outage"])
 
 
 @thinned("name", scenario.shipped())

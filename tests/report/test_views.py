@@ -11,7 +11,13 @@ import pytest
 from reporting import CAUSALITY, ERRORS, cases, metric, metrics, pairs, scenario
 
 from ggbench.report import columns, tables, views
-from ggbench.report.published import allowed, claimed, from_starts, published_table
+from ggbench.report.published import (
+    allowed,
+    claimed,
+    claims_in_words,
+    from_starts,
+    published_table,
+)
 from ggbench.spec.claims import ComparisonSpec
 
 
@@ -298,3 +304,33 @@ def test_claims_on_pairs_follow_the_verdict(relation, verdict, needed, row):
     (found,) = claimed(results).to_dict("records")
     assert asked == [("c0", "ukf", "ekf")]
     assert found == {"claim": "A", "first": "`ukf`", "second": "`ekf`", "error_ratio": 0.5} | row
+
+
+def test_a_claim_finds_its_estimators_whatever_the_order_of_their_parameters():
+    """A scenario states ``window`` first, and the labels of the runs sort by the class."""
+    label = "correlation[association=nearest,window=12]"
+    claim = ComparisonSpec(
+        title="A",
+        case="c0",
+        first="correlation[window=12,association=nearest]",
+        relation="smaller",
+        quantity="error",
+        second="ekf",
+    )
+    table = metrics().replace({"estimator": {"ukf": label}})
+    results = scenario(
+        scenario=scenario(comparisons=(claim,)),
+        metrics=lambda: table,
+        pairs_of=lambda wanted: pairs(*((*names, 0.5, 40, "better") for names in wanted)),
+        shown={label: label, "ekf": "ekf"},
+    )
+    found = claimed(results)
+    assert found[["first", "holds"]].values.tolist() == [[f"`{label}`", "holds"]]
+
+
+def test_the_caption_of_claims_counts_the_verdicts():
+    verdicts = pd.DataFrame({"holds": ["open", "holds", "does not hold", "open"]})
+    words = claims_in_words(verdicts)
+    assert words.startswith("Claims of the paper: 1 hold, 1 do not, 2 are open. Ratios")
+    assert claims_in_words(verdicts[:0]) == ""
+    assert claims_in_words(verdicts[1:2]).startswith("Claims of the paper: 1 hold. ")

@@ -16,6 +16,7 @@ from small_cases import over_the_normal_field
 from thinning import thinned
 
 from ggbench.campaign import registry
+from ggbench.estimator_spec import EstimatorSpec
 from ggbench.judging.references import CaseBound
 from ggbench.maps.recipe import checked, nodes_of
 from ggbench.simulation.error_free_flight import Flight, prepare
@@ -133,3 +134,14 @@ def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
     total = np.einsum("ki,ij,kj->", left, np.linalg.inv(problem.noise_cov), left)
     low, high = chi2.ppf([5e-5, 1.0 - 5e-5], np.count_nonzero(problem.present))
     assert low < total < high
+
+
+def test_comparisons_name_estimators_as_the_runs_do():
+    """Up to the order of parameters; a default that a label states would hide the comparison."""
+    comparisons = [c for name in scenario.shipped() for c in scenario.load(name).comparisons]
+    labels = {label for c in comparisons for value in c.values for label in c.labels(value)}
+    assert len(labels) > 20
+    for label in labels:
+        assert EstimatorSpec.parse(label) == registry.choose(label).spec, label
+    stated = EstimatorSpec.parse("correlation[candidates=basins]")
+    assert stated != registry.choose("correlation[candidates=basins]").spec
