@@ -147,9 +147,9 @@ def _end(workers: Collection[Worker]) -> None:
 
 
 def kill_surely(workers: Collection[Worker]) -> None:
-    """End worker processes and all processes that they have started, even after Ctrl-C.
+    """End worker processes and all processes that they have started, even if Ctrl-C interrupts.
 
-    If Ctrl-C was pressed meanwhile, raise KeyboardInterrupt after all have ended.
+    If Ctrl-C is pressed during this function, raise KeyboardInterrupt after all have ended.
     """
     interrupt: KeyboardInterrupt | None = None
     while True:

@@ -109,11 +109,12 @@ def gradients_and_slopes(
     values: np.ndarray,
     derivatives: np.ndarray,
 ) -> None:
-    """Fill the full tensors (N, 6) [E] and their derivatives (N, 6, 3) [E/m] at N points.
+    """Fill ``values`` (N, 6) with tensors [E] and ``derivatives`` (N, 6, 3) with slopes [E/m].
 
-    The last axis of the derivatives is east, north, up. ``positions`` (N, 3) are latitude,
-    longitude [rad] and height [m]. ``origin``, ``step``, ``coefficients`` and ``base`` are the map,
-    as in :func:`.vector_at`; ``coefficients`` of size zero mean the normal field alone.
+    The tensors are the normal plus the disturbing field. The last axis of the derivatives is east,
+    north, up. ``positions`` (N, 3) are latitude, longitude [rad] and height [m]. ``origin``,
+    ``step``, ``coefficients`` and ``base`` are the map, as in :func:`.vector_at`, but with six
+    components. ``coefficients`` of size zero mean the normal field alone.
     """
     s, work = np.zeros(24), np.empty(TENSOR_WORK)
     for n in range(positions.shape[0]):

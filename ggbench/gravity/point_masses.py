@@ -50,9 +50,9 @@ def fields(points: np.ndarray, places: np.ndarray, masses: np.ndarray, out: np.n
 
 @compiled
 def responses(points: np.ndarray, places: np.ndarray, weights: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (c, n, m) with c weighted sums of the field components of unit masses.
+    """Fill ``out`` (c, n, m) with c weighted sums of the nine field components of each unit mass.
 
-    The unit of mass is 1e9 kg.
+    The unit of mass is 1e9 kg. Sums are over components, not over masses.
 
     Parameters
     ----------

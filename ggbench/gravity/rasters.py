@@ -54,12 +54,13 @@ def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
 
     ``area`` is the area in which values are needed; None: everywhere.
 
-    Raises TerrainError if GDAL cannot read the file, or if the file's format differs from the
-    format of its suffix. GDAL does not access the network. The only other files that it reads are
-    ``.prj``, ``.tfw`` and ``.aux.xml`` with the name of the raster.
+    Raises TerrainError if GDAL cannot read the file, if the file's format differs from the format
+    of its suffix, or if the raster has a mask file. GDAL does not access the network. It also reads
+    files with the name of the raster, such as ``.prj``, ``.tfw``, ``.wld`` and ``.aux.xml``.
     """
     rasterio = imported("rasterio", path)
     driver = _driver(path)
+    _require_no_mask(path)
     try:
         # Its warnings concern what is refused here in a sentence.
         with (
@@ -93,6 +94,21 @@ def _driver(path: Path) -> str:
             f"{', '.join([*_DRIVERS, '.grd'])}: convert it with gdal_translate."
         )
     return driver
+
+
+def _require_no_mask(path: Path) -> None:
+    """Raise TerrainError if a raster has a mask file.
+
+    GDAL would choose the driver of the mask by content. A virtual mask could refer to other files
+    or to the network.
+    """
+    for suffix in (".msk", ".MSK"):
+        mask = path.with_name(path.name + suffix)
+        if os.path.lexists(mask):
+            raise TerrainError(
+                f"{path.name} has a mask file, {mask.name}, which could refer to other files: give "
+                "missing nodes a no-data value in the raster, and remove the mask file."
+            )
 
 
 @contextlib.contextmanager

@@ -3,8 +3,9 @@
 Each cell of a terrain is a column between a base level and the height of the cell. Columns near a
 point are prisms, by the kernels of choclo. Columns farther away are vertical line masses with a
 dipole at each end; blocks of 2 x 2, 4 x 4, ... cells are also represented by such line masses. The
-dipoles represent all second moments of a block: its width, and the variance and slope of its
-heights. choclo has no kernel for a line mass, and its prism kernel takes twenty times as long.
+dipoles represent second moments of a block: the mean square of its width and length, and the
+variance and slope of its heights. The difference of width and length is neglected. choclo has no
+kernel for a line mass, and its prism kernel takes twenty times as long.
 
 Let (e, n, z) be the offset of a point of the line mass, ρ² = e² + n², r² = ρ² + z² and s = z / r.
 The integrals over the line are ∫dz/r³ = [s] / ρ² and ∫dz/r⁵ = [s − s³/3] / ρ⁴, with the brackets

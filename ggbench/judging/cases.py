@@ -76,10 +76,10 @@ def cases(
     Parameters
     ----------
     specs : cases of the scenario.
-    arrays : arrays (K,) or (K, m) that the runs of a case share, by case. If each run draws its
-        flight, they belong to run 0.
+    arrays : arrays that all runs of a case share, by case and by name; over epochs (K,) or (K, m).
+        If each run draws its own flight, the arrays are those of run 0.
     metrics : table of metrics of the campaign.
-    verdicts : verdict by kind of estimators and by case.
+    verdicts : verdicts by kind of estimators ("causal" or "smoother"), then by case.
     """
     import pandas as pd
 

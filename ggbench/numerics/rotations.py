@@ -71,8 +71,11 @@ def small_turn(x: float, y: float, z: float) -> Matrix:
 def left_jacobian(x: float, y: float, z: float) -> Matrix:
     """Return the left Jacobian J of the rotation vector v = (x, y, z).
 
-    To first order in δ, exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]). J = I + (1 − cos θ)/θ² [v×] + (θ
-    − sin θ)/θ³ [v×]² with θ = |v|, by series as in :func:`circular`.
+    To first order in δ, exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]). With θ = |v|, the Jacobian is
+
+        J = I + (1 − cos θ)/θ² [v×] + (θ − sin θ)/θ³ [v×]².
+
+    Both factors are computed by series as in :func:`circular`.
     """
     square = x * x + y * y + z * z
     rest = like(square, 0.0)

@@ -78,7 +78,7 @@ def remarks(
     residuals: Mapping[str, Residuals],
     rejected: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[str]:
-    """Yield a remark on each robust filter that is consistent except for outliers.
+    """Yield a remark on each robust filter whose mean NIS is too large only because of outliers.
 
     ``residuals`` has the residuals or innovations of each estimator, by label. ``rejected`` has the
     number of measurements that filters with a gate have rejected, by label.

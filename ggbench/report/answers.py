@@ -78,11 +78,12 @@ def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
 def answer(results: Reported) -> dict[str, Any]:
     """Return the values for the template ``answer.j2``.
 
-    ``label`` is the estimator that is recommended in most cases (:func:`leading`); without any
-    recommendation, the best one in most cases. ``lead`` is the first case in the page's table in
-    which it is recommended (or best), and ``row`` has its metrics in this case. ``reason`` states
-    why no estimator is recommended, for the first such case. ``own`` has the metrics of the user's
-    own estimators in the lead case.
+    ``label`` is the estimator that is recommended in most cases (:func:`leading`). If no case has a
+    recommended estimator, it is the estimator that is best in the largest number of cases. ``lead``
+    is the first case where ``label`` is recommended (or best), if possible among the cases in the
+    page's table. ``row`` has the metrics of ``label`` in this case. ``reason`` states why the first
+    case without a recommended estimator has none. ``own`` has metrics of the user's own estimators
+    in the lead case: at most :data:`MOST_OWN`, finished, and other than ``label``.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]

@@ -170,7 +170,7 @@ class Record(NamedTuple):
 
 
 def record(flight: Flight, seed: int, run: int) -> Record:
-    """Return the sensor data of a run, which are those of :func:`simulate`.
+    """Return the sensor data of a run, from which :func:`simulate` computes the run's problem.
 
     Parameters
     ----------

@@ -67,8 +67,8 @@ class SensorSuite:
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, or None.
     disturbance : states of the unknown gravity disturbance, or None.
     compensates : whether the mechanization adds the gravity disturbance of its map.
-    map_error : standard error of the map in each gradiometer channel [E], which is added to the
-        noise; ``()`` if it is not.
+    map_error : standard error of the map in each gradiometer channel [E], whose square is
+        added to the variance of the noise; ``()``: nothing is added.
     """
 
     imu: Imu

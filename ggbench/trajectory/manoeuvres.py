@@ -300,8 +300,8 @@ def plan(
     start : initial state of the flight.
     manoeuvres : manoeuvres in the order of the flight.
     dt : sampling interval [s].
-    size : number of manoeuvres in the scenario file; later manoeuvres are repetitions. Used in
-        messages.
+    size : number of manoeuvres in the scenario file, used in messages only. Manoeuvres beyond this
+        number repeat those of the file.
 
     Returns
     -------

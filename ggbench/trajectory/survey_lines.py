@@ -237,10 +237,10 @@ def _unpacked(file: Path) -> bytes:
 
 
 def line_named(file: str, name: str) -> SurveyLine:
-    """Return one survey line of a file, with samples at a constant interval.
+    """Return one survey line of a file, with its times corrected to a constant interval.
 
-    Raises TrajectoryError if the file is invalid, if it does not contain the line, or if the line
-    has gaps.
+    Positions and measurements are unchanged. Raises TrajectoryError if the file is invalid or does
+    not contain the line, or if a time deviates by more than 5 % of the interval, as at a gap.
     """
     lines = read_lines(file)
     if name not in lines:

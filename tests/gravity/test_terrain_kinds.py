@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import subprocess
@@ -159,6 +160,27 @@ def test_a_raster_leads_not_into_the_network(name, tmp_path, monkeypatch):
             with pytest.raises(rasterio.RasterioIOError), rasterio.open(tmp_path / name) as data:
                 data.read(1)
             server.accept()[0].close()
+
+
+def test_a_mask_file_leads_not_into_the_network(tmp_path, monkeypatch):
+    """It is refused, whatever it contains; control: without the rule GDAL asks there."""
+    monkeypatch.setenv("GDAL_HTTP_TIMEOUT", "1")
+    monkeypatch.setenv("GDAL_HTTP_CONNECTTIMEOUT", "1")
+    path = write_raster(tmp_path / "a.tif", HEIGHTS)
+    np.testing.assert_allclose(read_terrain(path).height_m, HEIGHTS)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        address = f"http://127.0.0.1:{server.getsockname()[1]}/x.tif"
+        declared = '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata></VRTDataset>'
+        mask = virtual_raster(address).replace("</VRTDataset>", declared)
+        (tmp_path / "a.tif.msk").write_text(mask)
+        with pytest.raises(TerrainError, match=r"has a mask file, a\.tif\.msk, which could refer"):
+            read_terrain(path)
+        with pytest.raises(BlockingIOError):
+            server.accept()
+        with contextlib.suppress(rasterio.RasterioIOError), rasterio.open(path) as data:
+            data.read_masks(1)
+        server.accept()[0].close()
 
 
 def test_an_ascii_grid_by_its_suffix(tmp_path):
