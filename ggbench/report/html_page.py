@@ -24,6 +24,7 @@ from .conditions import conditions
 from .libraries import PageError
 from .pictures import Picture
 from .reported import Reported
+from .tables import SUCCESS_SHOWN
 
 MOST_BYTES = 3_000_000
 """Largest size of a page [bytes]."""
@@ -36,7 +37,7 @@ _SIZES = ((True, True), (False, True), (False, False))
 """Contents of a page, the largest first: whether it has the pairs, and all windows."""
 _DIGITS = 4
 """Digits of a number in the page."""
-_CELLS = "RMS error (× oracle), success below 100%; † overconfident, ‡ unsafe."
+_CELLS = f"RMS error (× oracle), {SUCCESS_SHOWN}; † overconfident, ‡ unsafe."
 """Definition of a column of the table of errors."""
 _SCRIPTS = ("figure.js", "table.js", "page.js")
 _DROPPED = ("name", "parameters")

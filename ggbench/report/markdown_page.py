@@ -23,7 +23,7 @@ _ON_GRAVITY = (
     "that the disturbance causes in an otherwise perfect INS"
 )
 _MOST_CLAIMS = 6
-"""Claims in the table of a page; ``data/claims.csv`` has all."""
+"""Largest number of claims on estimators in the table of a page; their labels are long."""
 
 
 def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
@@ -38,10 +38,6 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
     page_cases = sweeps.shown_cases(results)
     save(picture.figure, folder / ANSWER)
-    claims, claims_caption = published.gravity_claims(results), _ON_GRAVITY
-    if claims.empty:
-        claims = published.claimed(results)
-        claims_caption = published.claims_in_words(claims)
     stated = answer(results)
     return markdown(
         "scenario.md.j2",
@@ -61,16 +57,29 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
         hidden_cases=len(page_cases) < len(cases),
         left_out=views.left_out(metrics, page_cases),
         below_bound=views.below_bound(metrics, page_cases),
-        claims_caption=claims_caption,
-        claims=claims.iloc[:_MOST_CLAIMS],
-        hidden_claims=max(0, len(claims) - _MOST_CLAIMS),
         conditions=conditions(loaded.cases, cases),
         titles={case.name: case.title for case in loaded.cases},
         notes=notes,
         command=results.rerun(),
         manifest=results.manifest,
+        **_claims(results),
         **_published(results, stated["allowed"], folder),
     )
+
+
+def _claims(results: Reported) -> dict[str, Any]:
+    """Return the values of the table of claims: claims on gravity, or else on estimators."""
+    claims, name, most = published.gravity_claims(results), "gravity_claims", tables.MOST_ROWS
+    caption = _ON_GRAVITY
+    if claims.empty:
+        claims, name, most = published.claimed(results), "claims", _MOST_CLAIMS
+        caption = published.claims_in_words(claims)
+    return {
+        "claims": claims.iloc[:most],
+        "claims_caption": caption,
+        "claims_file": f"{name}.csv",
+        "hidden_claims": max(0, len(claims) - most),
+    }
 
 
 def _published(results: Reported, allowed: pd.DataFrame, folder: Path) -> dict[str, Any]:

@@ -39,6 +39,7 @@ def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Envir
         "names": tables.names,
         "counted": counted,
         "span": span,
+        "success_shown": tables.SUCCESS_SHOWN,
         "page_version": PAGE_VERSION,
     }
     return templating

@@ -66,6 +66,10 @@ def text(table: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
+SUCCESS_SHOWN = "success if ≠100% (INS: ≠0%)"
+"""Caption on the success rates in the cells of :func:`error_cell`."""
+
+
 def error_cell(row: Mapping[str, Any]) -> str:
     """Return the cell of an estimator, ``RMS (× oracle), success †``, from a row of metrics.
 
