@@ -49,6 +49,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=place)
 
 
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of recorded flights, which tests copy and never change."""
+    from recorded_flights import written_logs
+
+    return written_logs(tmp_path_factory.mktemp("logs"))
+
+
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 

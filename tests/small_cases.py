@@ -69,6 +69,30 @@ GRAVIMETER = {
     "gravimeter.bias_mgal": 0.5,
 }
 
+GNSS = {
+    "gradiometer": None,
+    "gnss.period_s": 1.0,
+    "gnss.position_noise_m": 2.0,
+    "gnss.velocity_noise_mps": 0.1,
+}
+"""A receiver without a gradiometer."""
+ASKEW = {"trajectory.heading_deg": 37.0, "trajectory.roll_deg": 12.0, "trajectory.pitch_deg": 1.0}
+"""Body axes that lie along no others."""
+LEVEL = {"gradiometer.instrument": "local-level", "gradiometer.noise_eotvos": 1e-6}
+"""An instrument held level, nearly without noise."""
+CONSTANT = {
+    "field": {"source": "normal", "gravity_disturbance": True},
+    "truth.field.constant_disturbance_mgal": [10.0, 20.0, 30.0],
+}
+"""Gravity that the truth has and the INS does not compensate."""
+STATES = {"model.disturbance.horizontal_mgal": 40.0, "model.disturbance.vertical_mgal": 20.0}
+INTEGRATED = {
+    "model.disturbance.integrate_gradients": True,
+    "gradiometer.instrument": "local-level",
+}
+OUTLIERS = {"truth.gradiometer.outlier_share": 0.2, "truth.gradiometer.outlier_eotvos": 5.0}
+TILT = {"truth.gradiometer.tilt_arcmin": 1.0, "truth.gradiometer.tilt_time_s": 5.0}
+
 TINY = {
     "initial_error.position_m": 1e-3,
     "initial_error.velocity_mps": 1e-4,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import agency_surveys
 import numpy as np
 
 from ggbench.maps.survey_files import read_lines
@@ -18,13 +19,7 @@ CELLS = {
     "VALUE": [f"{v:.3f}" for v in VALUES],
 }
 RADIANS = {name: [f"{np.radians(float(v)):.9f}" for v in CELLS[name]] for name in ("LAT", "LONG")}
-KEYS = {
-    "line": "LINE",
-    "time_s": "FID",
-    "latitude_deg": "LAT",
-    "longitude_deg": "LONG",
-    "height_m": "HGT",
-}
+KEYS = agency_surveys.PLACES
 
 
 def read(

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import estimator, kalman, linear_problem, rng
+from refusals import refused
 
 from ggbench.campaign import registry
 from ggbench.campaign.registry import EstimatorError, choose
@@ -143,9 +144,8 @@ def test_parameters_are_read(text, label, parameters, values):
 )
 def test_a_mistaken_choice_has_its_sentence(text, message):
     """An unknown name, parameter or value is one line that says what is allowed."""
-    with pytest.raises(EstimatorError, match=message) as caught:
+    with refused(EstimatorError, message):
         choose(text)
-    assert "\n" not in str(caught.value)
 
 
 def test_an_estimator_is_one_file(own):
@@ -203,9 +203,8 @@ def test_a_file_that_is_no_estimator_has_its_sentence(content, message, tmp_path
     path = tmp_path / "mine.py"
     path.write_text(content)
     before = set(sys.modules)
-    with pytest.raises(EstimatorError, match=rf"^{re.escape(str(path))} {message}") as caught:
+    with refused(EstimatorError, rf"^{re.escape(str(path))} {message}") as caught:
         choose(str(path))
-    assert "\n" not in str(caught.value)
     if "imported" in str(caught.value):
         assert not [name for name in set(sys.modules) - before if name.startswith("ggbench_user")]
 

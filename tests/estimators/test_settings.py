@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from oracles import reference
 from problems import LinearModel, changed, estimator, linear_problem, rng
+from refusals import refused
 from rough_field import rough_flight
 from small_cases import ON_BOARD, small_flight
 from thinning import thinned
@@ -69,9 +70,8 @@ BAD = {
 @pytest.mark.parametrize("label", BAD)
 def test_settings_that_mean_nothing_are_refused_with_a_reason(label):
     """Before anything runs, and not as a failure in every run."""
-    with pytest.raises(EstimatorError, match=re.escape(BAD[label])) as caught:
+    with refused(EstimatorError, re.escape(BAD[label])):
         estimator(label)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_lag_has_to_reach_over_the_longest_gap():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from ggbench.errors import GGBenchError
 from ggbench.exchange import containers
@@ -110,13 +111,11 @@ def test_a_bad_file_is_refused_in_one_sentence(kind, tmp_path):
         (tmp_path / name).write_text(content)
     elif content:
         content(tmp_path / name)
-    with pytest.raises(GGBenchError, match=message) as caught:
+    with refused(GGBenchError, message):
         containers.read(tmp_path / name)
-    assert "\n" not in str(caught.value)
 
 
 def test_another_suffix_is_not_written(tmp_path):
     message = r"must end with \.nc, \.mat, \.txt"
-    with pytest.raises(GGBenchError, match=message) as caught:
+    with refused(GGBenchError, message):
         containers.write(tmp_path / "file.csv", CONTENT, {})
-    assert "\n" not in str(caught.value)

@@ -143,44 +143,46 @@ def test_a_raster_leads_to_no_other_file(suffix, tmp_path):
     np.testing.assert_allclose(read_terrain(source).height_m, HEIGHTS)
 
 
-@pytest.mark.parametrize("name", ["a.tif", "a.asc", "a.grd"])
-def test_a_raster_leads_not_into_the_network(name, tmp_path, monkeypatch):
-    """Nothing arrives at the address that it names; control: without the rule GDAL asks there."""
+@pytest.fixture
+def listener(monkeypatch):
+    """A socket without a connection, and its address; GDAL waits a second for an answer."""
     monkeypatch.setenv("GDAL_HTTP_TIMEOUT", "1")
     monkeypatch.setenv("GDAL_HTTP_CONNECTTIMEOUT", "1")
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.setblocking(False)
-        address = f"/vsicurl/http://127.0.0.1:{server.getsockname()[1]}/x.tif"
-        (tmp_path / name).write_text(virtual_raster(address))
-        with pytest.raises(TerrainError, match="cannot be read as a raster"):
-            read_terrain(tmp_path / name)
-        with pytest.raises(BlockingIOError):
-            server.accept()
-        if name == "a.tif":
-            with pytest.raises(rasterio.RasterioIOError), rasterio.open(tmp_path / name) as data:
-                data.read(1)
-            server.accept()[0].close()
+        yield server, f"http://127.0.0.1:{server.getsockname()[1]}/x.tif"
 
 
-def test_a_mask_file_leads_not_into_the_network(tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["a.tif", "a.asc", "a.grd"])
+def test_a_raster_leads_not_into_the_network(name, tmp_path, listener):
+    """Nothing arrives at the address that it names; control: without the rule GDAL asks there."""
+    server, address = listener
+    (tmp_path / name).write_text(virtual_raster(f"/vsicurl/{address}"))
+    with pytest.raises(TerrainError, match="cannot be read as a raster"):
+        read_terrain(tmp_path / name)
+    with pytest.raises(BlockingIOError):
+        server.accept()
+    if name == "a.tif":
+        with pytest.raises(rasterio.RasterioIOError), rasterio.open(tmp_path / name) as data:
+            data.read(1)
+        server.accept()[0].close()
+
+
+def test_a_mask_file_leads_not_into_the_network(tmp_path, listener):
     """It is refused, whatever it contains; control: without the rule GDAL asks there."""
-    monkeypatch.setenv("GDAL_HTTP_TIMEOUT", "1")
-    monkeypatch.setenv("GDAL_HTTP_CONNECTTIMEOUT", "1")
+    server, address = listener
     path = write_raster(tmp_path / "a.tif", HEIGHTS)
     np.testing.assert_allclose(read_terrain(path).height_m, HEIGHTS)
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        server.setblocking(False)
-        address = f"http://127.0.0.1:{server.getsockname()[1]}/x.tif"
-        declared = '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata></VRTDataset>'
-        mask = virtual_raster(address).replace("</VRTDataset>", declared)
-        (tmp_path / "a.tif.msk").write_text(mask)
-        with pytest.raises(TerrainError, match=r"has a mask file, a\.tif\.msk, which could refer"):
-            read_terrain(path)
-        with pytest.raises(BlockingIOError):
-            server.accept()
-        with contextlib.suppress(rasterio.RasterioIOError), rasterio.open(path) as data:
-            data.read_masks(1)
-        server.accept()[0].close()
+    declared = '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata></VRTDataset>'
+    mask = virtual_raster(address).replace("</VRTDataset>", declared)
+    (tmp_path / "a.tif.msk").write_text(mask)
+    with pytest.raises(TerrainError, match=r"has a mask file, a\.tif\.msk, which could refer"):
+        read_terrain(path)
+    with pytest.raises(BlockingIOError):
+        server.accept()
+    with contextlib.suppress(rasterio.RasterioIOError), rasterio.open(path) as data:
+        data.read_masks(1)
+    server.accept()[0].close()
 
 
 def test_an_ascii_grid_by_its_suffix(tmp_path):

@@ -12,6 +12,7 @@ import rasterio.shutil
 import sea_floors
 import xarray
 from rasterio.transform import Affine, from_origin
+from refusals import refused
 from terrain_planes import (
     HEIGHTS,
     LATITUDES,
@@ -382,6 +383,5 @@ def test_a_bad_elevation_model_is_refused_in_one_sentence(kind, tmp_path):
     name, write, options, message, *area = BAD[kind]
     path = tmp_path / name
     write(path, **options)
-    with pytest.raises(TerrainError, match=message) as caught:
+    with refused(TerrainError, message):
         read_terrain(path, *area)
-    assert "\n" not in str(caught.value)

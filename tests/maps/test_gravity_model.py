@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from ggbench.gravity.gradient_map import MapError
 from ggbench.maps.gravity_model import read_model
@@ -283,15 +284,13 @@ def test_a_bad_model_is_refused_in_one_sentence(kind, tmp_path):
         name, make, message = BAD_FILES[kind]
         path = tmp_path / name
         make(path)
-    with pytest.raises(MapError, match=message) as caught:
+    with refused(MapError, message):
         read_model(path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("degree", [1, 5, 10_000])
 def test_a_degree_that_is_not_there_is_refused(tmp_path, degree):
     file = tmp_path / "model.gfc"
     file.write_text(text())
-    with pytest.raises(MapError, match="degrees up to 4") as caught:
+    with refused(MapError, "degrees up to 4"):
         read_model(file, degree)
-    assert "\n" not in str(caught.value)

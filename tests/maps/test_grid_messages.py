@@ -21,6 +21,7 @@ from gravity_grids import (
 )
 from grids import BAD_AXES, LATITUDES, LONGITUDES, grid, write_grid
 from grids import VALUES as WAVES
+from refusals import refused
 
 from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.meridians import Area
@@ -267,6 +268,5 @@ BAD = {
 def test_a_bad_grid_is_refused_in_one_sentence(case, tmp_path):
     name, kind, write, options, message, *area = BAD[case]
     write(tmp_path / name, **options)
-    with pytest.raises(MapError, match=message) as caught:
+    with refused(MapError, message):
         read_grid(tmp_path / name, kind, area=area[0] if area else None)
-    assert "\n" not in str(caught.value)

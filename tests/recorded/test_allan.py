@@ -7,6 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from refusals import refused
 from scipy.signal import lfilter
 
 from ggbench.cli.main import main
@@ -134,6 +135,5 @@ def test_a_log_that_says_nothing_has_its_sentence(kind, tmp_path):
         path.write_text(content)
     else:
         log(path, **at_rest(**content))
-    with pytest.raises(FlightError, match=expected) as caught:
+    with refused(FlightError, expected):
         imu_noise(path)
-    assert "\n" not in str(caught.value)

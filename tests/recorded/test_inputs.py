@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,18 +15,12 @@ from recorded_flights import (
     with_times,
     with_zeros,
     without_rows,
-    written_logs,
 )
 
 import ggbench as gg
 from ggbench.recorded.flight import read_flight
 from ggbench.recorded.inertial import DELTAS, RATES
 from ggbench.spec.flight import FlightError
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory) -> Path:
-    return written_logs(tmp_path_factory.mktemp("logs"))
 
 
 def test_readings_outside_are_dropped_where_the_table_says_so(logs, tmp_path):

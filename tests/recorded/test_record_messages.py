@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,18 +13,12 @@ from recorded_flights import (
     with_times,
     with_zeros,
     without_rows,
-    written_logs,
 )
 from thinning import thinned
 
 import ggbench as gg
 from ggbench.recorded.flight import read_flight
 from ggbench.spec.flight import FlightError
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory) -> Path:
-    return written_logs(tmp_path_factory.mktemp("logs"))
 
 
 def scaled(factor, *names):

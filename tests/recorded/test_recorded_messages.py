@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
 
 import pytest
 from recorded_flights import (
     edit,
     recorded,
-    written_logs,
 )
 
 import ggbench as gg
@@ -18,11 +16,6 @@ from ggbench.spec.flight import FlightError
 
 LEVEL = {"file": "gnss.csv", "period_s": 1.0, "noise_eotvos": 1.0, "instrument": "local-level"}
 INTEGRATED = {"horizontal_mgal": 20.0, "integrate_gradients": True}
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory) -> Path:
-    return written_logs(tmp_path_factory.mktemp("logs"))
 
 
 KEYS = {

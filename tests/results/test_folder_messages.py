@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from campaigns import plan, ran
 from problems import SMALL
+from refusals import refused
 from thinning import thinned
 
 from ggbench.errors import GGBenchError
@@ -206,9 +207,8 @@ def results(tmp_path_factory) -> Path:
 
 def is_refused(folder: Path, message: str) -> None:
     """Assert that a report of a folder ends with one line, and that nothing in it is executed."""
-    with pytest.raises(GGBenchError, match=message) as caught:
+    with refused(GGBenchError, message):
         render.write(folder, folder.parent / "deep" / "er")
-    assert "\n" not in str(caught.value)
     assert not (folder / "sprung").exists()
 
 
@@ -259,6 +259,5 @@ def test_a_folder_that_cannot_be_used_has_its_sentence(kind, tmp_path, monkeypat
     argument = make(tmp_path)
     work = plan(tmp_path, folder, ("ins",))
     work.argument = argument
-    with pytest.raises(StoreError, match=message) as caught:
+    with refused(StoreError, message):
         work.open()
-    assert "\n" not in str(caught.value)

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from markdown_it import MarkdownIt
+from refusals import refused
 
 from ggbench.score import card as cards
 from ggbench.score import cards_compared, page, stored_runs
@@ -223,9 +224,8 @@ def test_a_bad_card_is_refused_in_one_sentence(kind, tmp_path):
         path.write_text(changed_text(content))
     elif isinstance(content, str):
         path.write_bytes(content.encode("utf-8", "surrogatepass"))
-    with pytest.raises(ScoreError, match=message) as caught:
+    with refused(ScoreError, message):
         cards.read(path)
-    assert "\n" not in str(caught.value)
 
 
 def changed_text(changes: dict[str, object]) -> str:
@@ -296,9 +296,8 @@ def before_a_score(**changes: object) -> None:
 @pytest.mark.parametrize("kind", BAD_COMPARISONS)
 def test_cards_that_cannot_be_compared_are_refused_in_one_sentence(kind):
     compare, message = BAD_COMPARISONS[kind]
-    with pytest.raises(ScoreError, match=message) as caught:
+    with refused(ScoreError, message):
         compare()
-    assert "\n" not in str(caught.value)
 
 
 def test_a_card_is_no_larger_than_its_limit(monkeypatch, tmp_path):

@@ -10,7 +10,7 @@ from conftest import local_axes, square
 from problems import estimator, propagated
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from small_cases import small_flight
+from small_cases import ASKEW, small_flight
 
 from ggbench.gravity import ellipsoid
 from ggbench.judging.references import CaseBound
@@ -26,8 +26,6 @@ from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.random_streams import RandomStreams
 from ggbench.simulation.runs import simulate
 
-ASKEW = {"trajectory.heading_deg": 37.0, "trajectory.roll_deg": 12.0, "trajectory.pitch_deg": 1.0}
-"""Body axes that lie along no others."""
 SOME = ["xx", "yz", "xx-yy", "zz-xx"]
 FILTERS: dict[str, dict[str, Any]] = {
     "unfiltered": {},

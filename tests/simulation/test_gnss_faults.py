@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 from laws import likely
 from scipy.stats import chi2
-from small_cases import residuals_at_the_truth, small_flight
+from small_cases import GNSS, residuals_at_the_truth, small_flight
 
 from ggbench.sensors.gradiometer.faults import Faults
 from ggbench.simulation.runs import simulate_block
 
-GNSS = {
-    "gradiometer": None,
-    "gnss.period_s": 1.0,
-    "gnss.position_noise_m": 2.0,
-    "gnss.velocity_noise_mps": 0.1,
-}
 BIAS = {"position_bias_m": 5.0, "position_bias_time_s": 6.0}
 
 

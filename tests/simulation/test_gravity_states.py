@@ -4,20 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_cases import GRAVIMETER, ON_BOARD, QUIET, small_flight
+from small_cases import CONSTANT, GRAVIMETER, INTEGRATED, ON_BOARD, QUIET, STATES, small_flight
 
 from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
-
-CONSTANT = {
-    "field": {"source": "normal", "gravity_disturbance": True},
-    "truth.field.constant_disturbance_mgal": [10.0, 20.0, 30.0],
-}
-INTEGRATED = {
-    "model.disturbance.integrate_gradients": True,
-    "gradiometer.instrument": "local-level",
-}
-STATES = {"model.disturbance.horizontal_mgal": 40.0, "model.disturbance.vertical_mgal": 20.0}
 
 
 def test_what_the_ins_does_not_know_is_its_error():

@@ -13,17 +13,13 @@ import pytest
 from laws import ALARM, likely
 from scipy.stats import binom, chi2, kstest, norm
 from scipy.stats import t as student
-from small_cases import small_flight
+from small_cases import LEVEL, OUTLIERS, TILT, small_flight
 
 from ggbench.judging.references import CaseBound
 from ggbench.sensors.gradiometer.faults import Faults
 from ggbench.simulation.flight_bounds import flight_bound
 from ggbench.simulation.runs import simulate, simulate_block
 
-LEVEL = {"gradiometer.instrument": "local-level", "gradiometer.noise_eotvos": 1e-6}
-"""An instrument held level, nearly without noise."""
-OUTLIERS = {"truth.gradiometer.outlier_share": 0.2, "truth.gradiometer.outlier_eotvos": 5.0}
-TILT = {"truth.gradiometer.tilt_arcmin": 1.0, "truth.gradiometer.tilt_time_s": 5.0}
 RUNS = range(60)
 DIAGONAL = [0, 3, 5]
 

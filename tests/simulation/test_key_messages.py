@@ -5,39 +5,34 @@ from __future__ import annotations
 import re
 
 import pytest
-from small_cases import GRAVIMETER, ON_BOARD, ROTATING, SEVERAL, small_flight
+from small_cases import (
+    ASKEW,
+    CONSTANT,
+    GNSS,
+    GRAVIMETER,
+    INTEGRATED,
+    LEVEL,
+    ON_BOARD,
+    OUTLIERS,
+    ROTATING,
+    SEVERAL,
+    STATES,
+    TILT,
+    small_flight,
+)
 
 from ggbench.errors import GGBenchError
 from ggbench.gravity.gradient_map import MapError
 from ggbench.spec.scenario import ScenarioError
 
 ALONE = {"gradiometer": None}
-GNSS = {
-    "gradiometer": None,
-    "gnss.period_s": 1.0,
-    "gnss.position_noise_m": 2.0,
-    "gnss.velocity_noise_mps": 0.1,
-}
 RECEIVER = {"gnss.period_s": 1.0, "gnss.position_noise_m": 1.0}
 STERN = {key: value for key, value in SEVERAL.items() if ".stern." in key}
 BAR = {"sensor.x.kind": "barometer", "sensor.x.period_s": 1.0, "sensor.x.noise_m": 1.0}
 BAROMETER = {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}
-CONSTANT = {
-    "field": {"source": "normal", "gravity_disturbance": True},
-    "truth.field.constant_disturbance_mgal": [10.0, 20.0, 30.0],
-}
-STATES = {"model.disturbance.horizontal_mgal": 40.0, "model.disturbance.vertical_mgal": 20.0}
-INTEGRATED = {
-    "model.disturbance.integrate_gradients": True,
-    "gradiometer.instrument": "local-level",
-}
 ALL = CONSTANT | STATES | INTEGRATED
-LEVEL = {"gradiometer.instrument": "local-level", "gradiometer.noise_eotvos": 1e-6}
-OUTLIERS = {"truth.gradiometer.outlier_share": 0.2, "truth.gradiometer.outlier_eotvos": 5.0}
-TILT = {"truth.gradiometer.tilt_arcmin": 1.0, "truth.gradiometer.tilt_time_s": 5.0}
 LATE = "gradiometer.latency_s"
 MOUNTED = {"gradiometer.mounting_sigma_arcmin": 3.0}
-ASKEW = {"trajectory.heading_deg": 37.0, "trajectory.roll_deg": 12.0, "trajectory.pitch_deg": 1.0}
 JUMP = {
     "truth.gnss.jump_m": [1.0, 0.0, 0.0],
     "truth.gnss.jump_from_s": 5.0,

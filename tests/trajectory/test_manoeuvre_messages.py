@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from manoeuvres import FOLLOWING, quarter_of_voids, ridges, spec
 from pydantic import ValidationError
+from refusals import refused
 
 from ggbench.trajectory import terrain_following
 from ggbench.trajectory.manoeuvres import Climb, TrajectoryError
@@ -143,17 +144,15 @@ BAD_SAMPLING = {
 def test_a_climb_that_its_sampling_spoils_has_its_sentence(kind):
     """Rounded to intervals of seven seconds there is no time for it."""
     segments, speed, message = BAD_SAMPLING[kind]
-    with pytest.raises(TrajectoryError, match=rf"segment\[0\]: {message}") as caught:
+    with refused(TrajectoryError, rf"segment\[0\]: {message}"):
         fly(**FROM, speed=speed, segments=segments, dt=7.0)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_repetition_that_cannot_be_flown_is_told_as_one():
     """By the place of its segment in the file, also where no scenario was read before."""
     message = r"segment\[0\] \(repetition 2\): already flies at 5000"
-    with pytest.raises(TrajectoryError, match=message) as caught:
+    with refused(TrajectoryError, message):
         fly(**FROM, speed=200.0, segments=[Climb(to=5000.0, angle=0.1)] * 2, dt=0.1, size=1)
-    assert "\n" not in str(caught.value)
 
 
 GRID = np.zeros((3, 4))
@@ -180,14 +179,12 @@ def test_terrain_without_a_height_has_its_sentence(kind, monkeypatch):
     grid, latitude, longitude, message = BAD_PLACES[kind]
     monkeypatch.setattr(terrain_following, "terrain_of", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
     monkeypatch.setattr(terrain_following, "version_of", lambda _: (0, 0))
-    with pytest.raises(TrajectoryError, match=message) as caught:
+    with refused(TrajectoryError, message):
         terrain_following.heights("x", np.radians(latitude), np.radians(longitude))
-    assert "\n" not in str(caught.value)
 
 
 def test_voids_under_a_flight_have_their_sentence(tmp_path):
     path = quarter_of_voids(tmp_path / "voids.npz")
     places = np.radians([33.1, 33.11]), np.radians([108.2, 108.6])
-    with pytest.raises(TrajectoryError, match=r"voids among .* of the area needed") as caught:
+    with refused(TrajectoryError, r"voids among .* of the area needed"):
         terrain_following.heights(str(path), *places)
-    assert "\n" not in str(caught.value)
