@@ -65,11 +65,11 @@ class Ranking:
         return [index.column for index in self.indices].index(column)
 
     def beyond(self, i: int) -> str:
-        """Return whether an index differs significantly from roughness: better, worse or no."""
+        """Return the verdict against roughness: better, worse, undecided, or – for roughness."""
         if self.indices[i] == BASE:
             return "–"
         if not self.ahead_p[i] < ALPHA:
-            return "no"
+            return "undecided"
         return "better" if self.ahead.value[i] > 0.0 else "worse"
 
     def table(self, outcome: str) -> pd.DataFrame:
@@ -84,9 +84,7 @@ class Ranking:
                 "spearman_lo": low[i],
                 "spearman_hi": high[i],
                 "minus_roughness": self.ahead.value[i] if region == "mean" else np.nan,
-                "versus_roughness": self.beyond(i)
-                if region == "mean" and self.indices[i] != BASE
-                else "–",
+                "versus_roughness": self.beyond(i) if region == "mean" else "–",
                 "trusted": i in self.trusted,
             }
             for region, (value, low, high) in {"mean": mean, **self.order.regions}.items()

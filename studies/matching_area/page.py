@@ -131,9 +131,7 @@ def _index(mean: pd.DataFrame, index: str) -> dict[str, str]:
         if outcome in own.index:
             found = own.loc[outcome]
             row[title] = _interval(found.spearman, found.spearman_lo, found.spearman_hi)
-            row[f"{title} against roughness"] = (
-                "undecided" if found.versus_roughness == "no" else found.versus_roughness
-            )
+            row[f"{title} against roughness"] = found.versus_roughness
     fit = own.index[own["trusted"]]
     return row | {"reliable for": "both" if len(fit) == 2 else "".join(fit) or "none"}
 
