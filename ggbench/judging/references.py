@@ -19,8 +19,9 @@ METRICS = {
     "oracle_position_ms": False,
     "oracle_velocity_ms": False,
 }
-"""Mean squares of a window, and whether every run has them: of the bound; of the oracle's errors,
-where the model is right.
+"""Mean squares of a window; true if every run has a value.
+
+Only runs with the right model have an oracle.
 """
 DEFAULT_RATIO = 3.0
 """Default required final error, as a multiple of the RMS bound of a filter in the last window."""
@@ -91,23 +92,18 @@ def oracle_means(
 
     Parameters
     ----------
-    name : name of the bound, which states the causality.
+    name : name of the bound for the causality of the oracle.
     flight, bound : flight of the runs, and bounds of this flight.
     residuals : (R, K, m) measurements minus h at the truth.
     error_state : (R, K, n) true error states.
     transition : (R, K, n, n) transition matrices.
     """
-    filtered, predicted = bound.bound.oracle(residuals, error_state, transition)
     causality, lag = parts(name)
-    if causality != "filter":
-        lag = bound.bound.whole if lag is None else lag
-        filtered = bound.bound.oracle_smoothed(filtered, predicted, lag)
-    errors = error_state - np.swapaxes(filtered, 0, 1)
-    squares = np.stack(
-        [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)], axis=2
-    )
-    times, windows = flight.times, flight.case.windows
-    return np.stack([_window_means(of_run, times, windows) for of_run in squares])
+    if lag is None:
+        lag = 0 if causality == "filter" else bound.bound.whole
+    errors = error_state - bound.bound.oracle(residuals, error_state, transition, lag)
+    squares = [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)]
+    return _window_means(np.stack(squares, axis=2), flight.times, flight.case.windows)
 
 
 def parts(name: str) -> tuple[str, int | None]:
@@ -118,5 +114,6 @@ def parts(name: str) -> tuple[str, int | None]:
 
 
 def _window_means(squares: np.ndarray, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:
-    """Return means (W, 2) of squares (K, 2) over the windows."""
-    return np.stack([squares[window_mask(times, windows, name)].mean(axis=0) for name in WINDOWS])
+    """Return means (..., W, 2) of squares (..., K, 2) over the windows."""
+    masks = [window_mask(times, windows, name) for name in WINDOWS]
+    return np.stack([squares[..., mask, :].mean(axis=-2) for mask in masks], axis=-2)

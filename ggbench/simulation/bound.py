@@ -7,10 +7,12 @@ matrices by the Rauch–Tung–Striebel recursion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from ..numerics.frozen import read_only
+from ..numerics.kernels import compiled
 
 
 @dataclass(frozen=True)
@@ -45,86 +47,106 @@ class Bound:
 
     def fixed_lag(self, lag: int) -> np.ndarray:
         """Return the bound (K, n, n) for a fixed-lag smoother with a lag of ``lag`` ticks."""
-
-        def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
-            gain = self.smoother_gain[k]
-            change = gain @ (after - self.predicted[k + 1]) @ gain.transpose(0, 2, 1)
-            return self.filtering[k] + change
-
-        return self._smoothed(self.filtering, lag, step_back)
-
-    def _smoothed(
-        self, filtered: np.ndarray, lag: int, step_back: Callable[..., np.ndarray]
-    ) -> np.ndarray:
-        """Return smoothed values (K, ...), which use measurements up to ``lag`` ticks later.
-
-        ``filtered`` (K, ...) are the filtered values. ``step_back`` computes the smoothed values at
-        given epochs from those at the following epochs.
-        """
-        epochs = len(filtered)
-        if lag >= self.ticks[-1] - self.ticks[0]:
-            smoothed = filtered.copy()
-            for k in range(epochs - 2, -1, -1):
-                smoothed[k] = step_back(np.array([k]), smoothed[[k + 1]])[0]
+        if lag >= self.whole:
+            smoothed = self.filtering.copy()
+            for k in range(len(smoothed) - 2, -1, -1):
+                smoothed[k] = self._stepped_back(np.array([k]), smoothed[[k + 1]])[0]
             return smoothed
         # Start every epoch from the filter's at the end of its window, then step back.
-        targets = np.arange(epochs)
-        last = np.searchsorted(self.ticks, self.ticks + lag, side="right") - 1
-        smoothed = filtered[last].copy()
+        targets, last = np.arange(len(self.ticks)), self._last(lag)
+        smoothed = self.filtering[last].copy()
         for back in range(int((last - targets).max(initial=0))):
             now = last - 1 - back
             active = now >= targets
-            smoothed[active] = step_back(now[active], smoothed[active])
+            smoothed[active] = self._stepped_back(now[active], smoothed[active])
         return smoothed
 
-    def oracle(
-        self, residuals: np.ndarray, error_state: np.ndarray, transition: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the filtered and predicted states of the oracle, a filter linearised at the truth.
+    def _stepped_back(self, k: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Return smoothed covariances (k, n, n) at epochs (k,) from those one epoch later."""
+        gain = self.smoother_gain[k]
+        change = gain @ (after - self.predicted[k + 1]) @ gain.transpose(0, 2, 1)
+        return np.asarray(self.filtering[k] + change)
 
-        The oracle is a Kalman filter with the gains of the bound. It processes the same
-        measurements as the estimators.
+    def _last(self, lag: int) -> np.ndarray:
+        """Return the last epoch (K,) at most ``lag`` ticks after each epoch."""
+        return np.searchsorted(self.ticks, self.ticks + lag, side="right") - 1
+
+    def oracle(
+        self, residuals: np.ndarray, error_state: np.ndarray, transition: np.ndarray, lag: int
+    ) -> np.ndarray:
+        """Return the states (R, K, n) of the oracle, a filter or smoother linearised at the truth.
+
+        The oracle has the gains of the bound. It processes the same measurements as the estimators,
+        up to ``lag`` ticks after each epoch; with a lag of 0 it is a filter.
 
         Parameters
         ----------
         residuals : (R, K, m) measurements minus h at the truth.
         error_state : (R, K, n) true states.
         transition : (R, K, n, n) transition matrices of each run.
-
-        Returns
-        -------
-        Two arrays (K, R, n) of states.
+        lag : lag [ticks].
         """
-        filtered, predicted = np.empty((2, *np.swapaxes(error_state, 0, 1).shape))
-        state = np.zeros_like(error_state[:, 0])
-        for k, gain in enumerate(self.gain):
-            state = _times(transition[:, k], state)
-            predicted[k] = state
-            innovations = residuals[:, k] + _times(self.jacobians[k], error_state[:, k] - state)
-            state = state + _times(gain, innovations)
-            filtered[k] = state
-        return filtered, predicted
-
-    def oracle_smoothed(self, filtered: np.ndarray, predicted: np.ndarray, lag: int) -> np.ndarray:
-        """Return the smoothed states (K, R, n) of the oracle with a lag of ``lag`` ticks.
-
-        ``filtered`` and ``predicted`` (K, R, n) come from :meth:`oracle`.
-        """
-
-        def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
-            gain = self.smoother_gain[k][:, np.newaxis]
-            return np.asarray(filtered[k] + _times(gain, after - predicted[k + 1]))
-
-        return self._smoothed(filtered, lag, step_back)
+        states = np.empty(error_state.shape)
+        _oracle(
+            residuals=read_only(residuals),
+            error_state=read_only(error_state),
+            transition=read_only(transition),
+            jacobians=read_only(self.jacobians),
+            gain=read_only(self.gain),
+            smoother_gain=read_only(self.smoother_gain),
+            last=self._last(lag),
+            states=states,
+        )
+        return states
 
 
-def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return the products of matrices (..., m, n) and vectors (..., n), computed one by one.
+@compiled
+def _oracle(
+    residuals: np.ndarray,
+    error_state: np.ndarray,
+    transition: np.ndarray,
+    jacobians: np.ndarray,
+    gain: np.ndarray,
+    smoother_gain: np.ndarray,
+    last: np.ndarray,
+    states: np.ndarray,
+) -> None:
+    """Fill the oracle's states (R, K, n), which use the measurements up to epochs ``last`` (K,)."""
+    runs, epochs, n = states.shape
+    filtered, predicted = np.empty((epochs, n)), np.empty((epochs, n))
+    innovation, change = np.empty(residuals.shape[2]), np.empty(n)
+    for r in range(runs):
+        x = np.zeros(n)
+        for k in range(epochs):
+            predicted[k] = 0.0
+            _add_product(transition[r, k], x, predicted[k])
+            for j in range(n):
+                change[j] = error_state[r, k, j] - predicted[k, j]
+            innovation[:] = residuals[r, k]
+            _add_product(jacobians[k], change, innovation)
+            x = filtered[k]
+            x[:] = predicted[k]
+            _add_product(gain[k], innovation, x)
+        for k in range(epochs - 1, -1, -1):
+            x, first = states[r, k], last[k] - 1
+            x[:] = filtered[last[k]]
+            if last[k] > k and last[k] == last[k + 1]:  # the following epoch is smoothed already
+                x[:], first = states[r, k + 1], k
+            for i in range(first, k - 1, -1):
+                for j in range(n):
+                    change[j] = x[j] - predicted[i + 1, j]
+                x[:] = filtered[i]
+                _add_product(smoother_gain[i], change, x)
 
-    The rounding of one product with all vectors depends on the number of vectors. The result of a
-    run would then depend on the block.
-    """
-    return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
+
+@compiled
+def _add_product(matrix: np.ndarray, vector: np.ndarray, out: np.ndarray) -> None:
+    """Add the product of a matrix (m, n) and a vector (n,) to ``out`` (m,)."""
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j] * vector[j]
+        out[i] += total
 
 
 def posterior_bound(
