@@ -60,7 +60,8 @@ class Correlation(Estimator):
     ----------
     association : ``nearest``: the candidate with the smallest J. ``reciprocal``: all candidates,
         with weights 1/J (Li's PDAF). ``likelihood``: all candidates, with their posterior
-        probabilities; nodes have exp(−½ χ²), as if the terms of J were independent.
+        probabilities. For ``nodes`` these are proportional to exp(−½ χ²), which neglects the
+        correlation between the terms of J.
     candidates : ``basins``: local minima of J, each refined to the most probable states of the
         window. ``nodes``, as in Li, Wu & Ma 2011: the grid points with the smallest J, without
         refinement.
@@ -73,8 +74,8 @@ class Correlation(Estimator):
     most : largest number of grid points; the step is increased if necessary.
     misfit : largest χ² per measurement of an accepted fix; 1 is expected. For ``nodes`` it is the
         χ² of the terms of J.
-    odds : smallest log odds of an accepted fix: most probable candidate against the second best
-        position.
+    odds : smallest log odds of an accepted fix: candidate of the largest weight against the most
+        probable other position.
     """
 
     association: Literal["nearest", "reciprocal", "likelihood"] = "likelihood"
@@ -205,15 +206,15 @@ class _Fix:
 class Sequences(Search):
     """Map search with Li's criterion J = Σ_c r_cᵀ W_c r_c, for residuals r_c of channel c.
 
-    The weights of all terms of J add up to one. Differences are those of consecutive measurements
-    of one channel, even if other channels measure in between.
+    The weights of all terms of J add up to one. A difference is that of consecutive measurements of
+    the same channel; measurements of other channels may lie in between.
 
     Attributes
     ----------
     form : (m, K, K) matrix W_c of each channel, for a window of K epochs.
     terms : number of terms of J.
-    chi_squared : factor that converts J to a χ² with this number of terms. A term has the variance
-        of one measurement, or of two measurements if it is a difference.
+    chi_squared : factor that converts J to a χ² with ``terms`` terms. The factor is half as large
+        for differences, because a difference has the noise variance of two measurements.
     """
 
     _kept = (*Search._kept, "_total", "_last")
@@ -260,12 +261,12 @@ class Sequences(Search):
 def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (n,) and covariance (n, n) at the window's end for the grid point ``index``.
 
-    J must be smallest at this grid point. The optimal displacement δd from the trajectory of the
-    point minimises the sum of the χ² of J and the χ² of the prior. Near the trajectory it is linear
-    in the residuals, δd = Σ M_k r_k. This displacement is processed as a measurement of the states,
-    with errors from noise, INS and grid. The correlation of these errors with the final state is
-    computed by propagating both through the window. The covariance therefore accounts for the
-    information that J does not use.
+    The gradient of J is assumed to be zero at this grid point. The optimal displacement δd from the
+    trajectory of the point minimises the sum of the χ² of J and the χ² of the prior. Near the
+    trajectory δd is linear in the residuals: δd = Σ M_k r_k. This displacement is processed as a
+    measurement of the states, with errors from noise, INS and grid. The correlation of these errors
+    with the final state is computed by propagating both through the window. The covariance
+    therefore accounts for the information that J does not use.
     """
     problem = search.problem
     variances, gain, *_ = position_axes(problem)

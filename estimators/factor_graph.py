@@ -37,9 +37,10 @@ class GraphParameters(RobustLoss):
         node when it leaves a sliding window (measurements up to ``lag`` later). ``batch`` returns
         all nodes, given all measurements.
     lag : length of the sliding window [s].
-    relinearize_threshold : limit on the change of a measurement [standard deviations of the noise].
-        iSAM2 and the sliding window relinearise a node if the change of one of its states causes a
-        larger change, see :func:`noticeable_changes`. States without effect on h are ignored.
+    relinearize_threshold : change of h that causes relinearisation [standard deviations of the
+        noise]. iSAM2 and the sliding window relinearise a node if the change of any of its states
+        changes h by this amount or more, see :func:`noticeable_changes`. States without effect on h
+        are ignored.
     max_iterations : largest number of steps of the batch optimizer.
     """
 

@@ -42,7 +42,7 @@ class GaussNewton(RobustLoss, BlockEstimator):
         mean. The track of a filter is an additional start.
     refine : number of starts with the lowest costs that are refined.
     window : number of epochs with measurements in the grid search; 0: no grid search. With
-        ``starts=1`` there is none.
+        ``starts=1`` there is no grid search either.
     spacing_m : step of the grid search [m]; a quarter of the field's correlation length is
         suitable.
     max_iterations : largest number of Gauss–Newton steps from each start.

@@ -1,8 +1,8 @@
 """Factor graph (GTSAM): batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
 
-The graph has one vector node per measurement epoch, in units of the prior's standard deviations; a
-prior factor on the first node; a linear process factor between neighbouring nodes; and a
-measurement factor on each node.
+The graph has one vector node per measurement epoch, in units of the prior's standard deviations. It
+has three kinds of factors: a prior factor on the first node, a linear process factor between
+neighbouring nodes, and a measurement factor on each node.
 
 The process noise is singular, because constant biases have no noise. Therefore the residual of a
 process factor is expressed in the eigenvectors of Q, and directions without noise are hard
@@ -39,7 +39,7 @@ _NO_NOISE = 1e-13
 
 @dataclass(frozen=True)
 class GtsamSmoother(GraphParameters):
-    """Batch optimizer, iSAM2 and fixed-lag smoother of GTSAM on one factor graph of any model."""
+    """Batch optimizer, iSAM2 and fixed-lag smoother of GTSAM on one factor graph, for any model."""
 
     name = "gtsam"
 

@@ -1,15 +1,16 @@
 """ICCP: rigid displacement of the INS track onto the map contours of the measurements.
 
 ICCP stands for iterated closest contour point (Kamgar-Parsi & Kamgar-Parsi 1999). Every measurement
-of a window restricts the vehicle to a contour of the map. The method finds, for each point of the
-indicated track, the nearest point of the contour. It then translates and rotates the whole track to
-fit these contour points, and repeats both steps until convergence (iterated closest point of Besl &
+of a window restricts the vehicle to a contour of the map. For each point of the indicated track the
+method finds the nearest point of the contour. Then it translates and rotates the whole track to fit
+these contour points. Both steps are repeated until convergence (iterated closest point of Besl &
 McKay 1992). With a scale factor the transform is a similarity (Zhang, Yang & Li 2019).
 
 The nearest contour is correct only if the INS error is smaller than the width of the features of
-the field. Therefore the method can track a position but cannot search for a position. At common
-fixes, measured position errors are several times those of Kalman filters with the same single
-channel. A contour belongs to one channel, so only one channel is used; ``info`` names the channel.
+the field. Therefore the method can track a position but cannot search for a position. In test runs,
+the position errors at its fixes are several times those of Kalman filters that process the same
+single channel. A contour belongs to one channel, so only one channel is used; ``info`` names the
+channel.
 The literature gives no covariance for the method. The estimate contains the least-squares
 covariance at the solution, scaled by the misfit and increased by the errors of height and velocity.
 This covariance does not include convergence to a wrong contour. The method is included for
@@ -50,14 +51,16 @@ class Iccp(Estimator):
 
     Parameters
     ----------
-    window : number of measurements along the piece of track that is moved as a rigid body.
-    transform : ``rigid``: translation and rotation of the track. ``similarity``: also scaling.
-        Rotation and scale are limited to three standard deviations of the INS velocity error.
+    window : number of measurements along the piece of track that is fitted to the contours.
+    transform : ``rigid``: translation and rotation of the track. ``similarity``: also scaling. The
+        rotation [rad] and the relative change of scale are at most 0.5, and at most three standard
+        deviations of the velocity error, divided by the speed.
     fusion : ``kalman``: consecutive windows, whose fixes update a Kalman filter. ``none``: a
         sliding window, in which each estimate uses only the last ``window`` measurements.
     channel : name of the channel [default: ``gradient zz``, else ``gravity scalar``].
     cell_m : step of the grid on which contours are computed [m]; increased if the prior is wide.
-    misfit : largest χ² per measurement of an accepted fix, from the residuals at convergence.
+    misfit : largest χ² of an accepted fix, from the residuals at convergence, divided by the number
+        of measurements minus two.
     """
 
     window: Annotated[int, Field(ge=3)] = 20

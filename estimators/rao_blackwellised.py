@@ -60,9 +60,9 @@ class RaoBlackwellisedFilter(CloudFilter):
         a Gaussian; otherwise the update is split into stages. 0: no stages.
     jitter : noise density of the position [m²/s] for 4000 particles; it is scaled by (4000 /
         N)^{1/2}. The Kalman filter includes this noise.
-    straight : largest ratio of the nonlinear part of the variance of h over the particles to the
-        noise variance, for 4000 particles; it is scaled by 4000 / N. Below this limit a Gaussian
-        replaces the particles; 0: never.
+    straight : limit below which a Gaussian replaces the particles; 0: never. The limit applies to
+        the variance of the nonlinear part of h over the particles, divided by the noise variance.
+        It holds for 4000 particles and is scaled by 4000 / N.
     start : factor on N for the first measurement at which h is nonlinear over the Gaussian.
     """
 

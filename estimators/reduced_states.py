@@ -101,7 +101,11 @@ class ReducedStates(Estimator):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems without these states, or that the filter skips."""
+        """Return a reason to skip the problem, or None.
+
+        The problem must have the reduced states and other states. The chosen filter must accept the
+        problem of the reduced states.
+        """
         blocks = {block.name for block in problem.layout}
         if not horizontal(problem, self.states == "motion") or len(blocks) < 2:
             return "the problem has no position and velocity errors among other states"

@@ -54,8 +54,8 @@ class GatedUpdate(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    gate : probability of accepting a measurement with the assumed noise. A measurement is rejected
-        if its normalised innovation squared exceeds this quantile of χ². 0: no gate.
+    gate : probability that a measurement whose noise is as assumed is accepted. A measurement is
+        rejected if its normalised innovation squared exceeds this quantile of χ². 0: no gate.
     underweighting : β of S = (1 + β) H P Hᵀ + R, which is used only for the gain; 0: optimal gain.
     """
 

@@ -8,12 +8,13 @@ the position uncertainty. If the field is linear, the filter equals the extended
 
 One plane is valid over a region up to the width of a hill. For a wider prior, AFTI/SITAN (Boozer &
 Fellerhoff 1988) acquires the position with a bank of filters on a grid; the uncertainty of each
-filter is so small that a plane is valid. All filters run in parallel until one filter has residuals
-of the expected size over several measurements, and smaller residuals than the filters at other
-positions. Then only this filter continues. Unlike in the Gaussian sum (``gaussian-sum``), filters
-are neither merged nor weighted: before the decision no filter is used for the estimate, after the
-decision only the selected filter. Decisions are reported as fixes. The statistic of a fix is the
-smallest ratio of the squared residuals at other positions to those of the selected filter.
+filter is so small that a plane is valid. All filters run in parallel until one filter is selected.
+The residuals of this filter must have the expected size over several measurements, and must be
+smaller than those of the filters at other positions. Then only this filter continues. Unlike in the
+Gaussian sum (``gaussian-sum``), filters are neither merged nor weighted. Before the decision no
+filter is used for the estimate, after the decision only the selected filter. Decisions are reported
+as fixes. The statistic of a fix is a ratio of squared residuals: the smallest value of the filters
+at other positions, divided by the value of the best filter.
 
 Measured results over hills: if the standard deviation of the prior is a tenth of the width of a
 hill, a single filter equals the extended Kalman filter. At a third of the width the single filter
@@ -53,12 +54,12 @@ class Sitan(Estimator):
     bank : ``none``: one filter. ``auto``: a bank that fills the prior, if the position prior is
         wider than three ``sigma_m``.
     sigma_m : standard deviation of the position in each filter of a bank [m]. The distance between
-        filters is three times ``sigma_m``. The prior is not split in directions in which it is
-        narrower.
+        filters is three times ``sigma_m``. The prior is not split in directions in which its
+        standard deviation is smaller than this distance.
     most : largest number of filters; the distance is increased if necessary.
     readings : number of measurements over which normalised squared residuals are smoothed. The bank
         decides after this number at the earliest.
-    largest : largest smoothed square per channel of a filter that can be selected; 1 is expected.
+    largest : limit on the smoothed square per channel of the selected filter; 1 is expected.
     ratio : smallest ratio of the smoothed squares of all filters at other positions to that of the
         selected filter, for a decision.
     """
@@ -76,7 +77,10 @@ class Sitan(Estimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Whether there is only one filter; a bank uses only one cell of the prior."""
+        """Whether there is only one filter.
+
+        A bank is not exact: after its decision the estimate comes from one cell of the prior.
+        """
         return self.bank == "none"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

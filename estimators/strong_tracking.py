@@ -3,8 +3,8 @@
 With a correct model and gain the innovations γ of a filter are white and have the predicted
 covariance. With a wrong model the filter is overconfident and reacts too slowly. Strong tracking
 (Zhou, Xi & Zhang 1991; Zhou & Frank 1996) multiplies the propagated covariance by a fading factor λ
-≥ 1: P⁻ = λ Φ P Φᵀ + Q. With this factor the predicted covariance of the innovations equals the
-observed covariance:
+≥ 1: P⁻ = λ Φ P Φᵀ + Q. With this factor and β = 1, the predicted covariance of the innovations has
+the same trace as the observed covariance V if λ > 1:
 
     V_1 = γ_1 γ_1ᵀ,   V_k = (ρ V_{k−1} + γ_k γ_kᵀ) / (1 + ρ),
     N_k = V_k − H Q Hᵀ − β R,   M_k = H Φ P Φᵀ Hᵀ,   λ_k = max(1, tr N_k / tr M_k).

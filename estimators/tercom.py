@@ -76,7 +76,7 @@ class Tercom(RobustLoss):
     _hands_over: ClassVar[bool] = False
 
     def conflict(self) -> str | None:
-        """Return an error text if windows are too short or never grow; else None."""
+        """Return an error text if ``window`` is too short or exceeds ``longest``; else None."""
         if self.criterion in ("ncc", "nccdm") and self.window < 3:
             return f"criterion={self.criterion} needs a window of at least 3, not {self.window}"
         if self.longest < self.window:

@@ -57,7 +57,7 @@ _MOST = 100_000
 
 @dataclass(frozen=True)
 class UnscentedParticle(Estimator):
-    """Unscented particle filter; with ``strong_tracking`` the STUPF.
+    """Unscented particle filter; with ``strong_tracking`` the strong tracking UPF (STUPF).
 
     Parameters
     ----------
@@ -65,8 +65,9 @@ class UnscentedParticle(Estimator):
     weights : ``mixture``, ``likelihood`` or ``exact``; see :mod:`.unscented_particle`. ``exact``
         needs process noise in every direction of the state.
     width_m : with ``mixture``, standard deviation of a particle [m] in directions in which the
-        position prior is wider; a fraction of the field's correlation length. The mixture of all
-        particles then equals the prior. Otherwise each particle has the covariance of the prior.
+        position prior is wider; a fraction of the field's correlation length. The particles are
+        distributed such that their mixture is the prior. With other weights each particle has the
+        covariance of the prior.
     kappa : κ of the sigma points (Julier & Uhlmann 2004) [default: 3 − n].
     strong_tracking : whether each particle has a fading factor.
     rho, beta : forgetting factor ρ, and β, of :mod:`.strong_tracking`.

@@ -61,9 +61,10 @@ class Viterbi(Estimator):
         the side is this standard deviation.
     most : largest number of cells; if necessary, cells are enlarged along east and north. A cell
         needs 40 bytes at every epoch at which its probability is not negligible.
-    drift : factor on the steps of the INS error that follow from the prior. Modelled steps are
-        independent, but a true drift persists: with a factor of one the forward pass lags by one
-        standard deviation of a measurement.
+    drift : factor on the standard deviation of the modelled steps of the INS error; 1 gives the
+        steps that follow from the prior. The modelled steps are independent, but the true drift
+        persists. Therefore, with ``drift=1`` the forward pass lags by one standard deviation of a
+        measurement.
     """
 
     decode: Literal["path", "marginal", "forward"] = "path"
@@ -83,8 +84,8 @@ class Viterbi(Estimator):
     def skip(self, problem: Problem) -> str | None:
         """Return a reason to skip the problem, or None.
 
-        The problem must have errors of position and velocity, and a cell must be large compared
-        with the steps of the INS error between measurements.
+        The problem must have errors of position and velocity. The standard deviation of the INS
+        error's steps between measurements must not exceed 60 cells.
         """
         if not horizontal(problem, velocity=True):
             return "the problem has no errors of position and velocity"

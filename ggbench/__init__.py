@@ -5,7 +5,7 @@ Vocabulary, frames, units and shapes of all modules:
 =====================  ============================================================================
 navigation frame n     East-North-Up (ENU), local level on the WGS84 ellipsoid
 body frame b           right-forward-up; heading clockwise from north (90° = flying east)
-inertial frame i       Earth-centred, its axes those of ECEF at t = 0
+inertial frame i       Earth-centred; the axes coincide with the ECEF axes at t = 0
 ``c_nb``               rotation that maps b to n; a rotation is named ``c_to_from``
 position               geodetic latitude and longitude [rad], height above the ellipsoid [m], (3,)
 velocity               ENU relative to the Earth [m/s], (3,)
@@ -22,8 +22,8 @@ truth, model           the truth is the simulated world; the model is the world 
                        assume; a scenario may define a model that differs from the truth
 map                    the disturbing field, gradient [E] and gravity [m/s²], on a grid of nodes
                        regular in latitude, longitude and height; the normal field is no part of it
-converged              the position error stays within the required limit until the end of the
-                       flight
+converged              from an epoch on, the position error stays within the required limit until
+                       the end of the flight
 false fix              the final position error exceeds the required limit, although the reported
                        covariance indicates an error within the limit
 root PSD               square root of a white noise's power spectral density

@@ -1,6 +1,6 @@
 """Packed files: gzip, zip, tar and NumPy archives, unpacked within limits.
 
-Archives are untrusted. For damaged ones the libraries raise a dozen kinds of exceptions (a zip
+Archives are untrusted. For damaged archives the libraries raise a dozen kinds of exceptions (a zip
 header alone: BadZipFile, NotImplementedError, RuntimeError, OverflowError, struct.error, EOFError,
 zlib.error). This module converts each exception to the caller's error class, with a message of one
 sentence.

@@ -105,8 +105,8 @@ class ProblemBlock:
 
         Parameters
         ----------
-        mean, cov : (n,), (n, n) prior that all runs share. It is valid at the epoch before
-            ``first``, or at the start of the flight if ``first`` is 0.
+        mean, cov : (n,), (n, n) prior of all runs, valid at the epoch before ``first``. If
+            ``first`` is 0, the prior is valid at the start of the flight.
         """
         epochs = slice(first, stop)
         arrays = self._with_axis("K", lambda array, axis: array[(slice(None),) * axis + (epochs,)])

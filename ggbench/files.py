@@ -69,9 +69,10 @@ def written_whole(
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Yield an empty temporary folder; at the end its files move to ``folder`` together.
+    """Yield an empty temporary folder; at the end its files are moved to ``folder``.
 
-    After an error or interrupt ``folder`` is unchanged. Raise OSError if it cannot be written.
+    If an error or interrupt occurs before the move, ``folder`` is unchanged. Raise OSError if
+    ``folder`` cannot be written.
     """
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)

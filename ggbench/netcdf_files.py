@@ -57,7 +57,8 @@ def netcdf_file(
     what : name of the file in the error message.
     library : ``netCDF4`` yields a ``netCDF4.Dataset``; ``xarray`` yields an ``xarray.Dataset`` with
         missing values as NaN and times as numbers.
-    again : True omits the search for references to other files, if an earlier call has made it.
+    again : whether an earlier call has searched the file for references to other files. If True,
+        the search is omitted.
     """
     if not again:
         require_own_values(path, error, what)

@@ -1,7 +1,7 @@
 """Parameters of estimators: the fields of a frozen dataclass, with types, limits and defaults.
 
-A limit is part of the type of a field, ``Annotated[int, Field(ge=1)]``. It is checked when an
-estimator is created, and printed with the parameter.
+A limit is part of the type of a field, ``Annotated[int, Field(ge=1)]``. Limits are checked when an
+estimator is created, and are printed with the parameters.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Parameter(NamedTuple):
         return _described(self.annotation)
 
     def validate(self, value: object) -> Any:
-        """Return a value, given itself or as text, converted to the parameter's type.
+        """Return a value or its text, converted to the type of the parameter.
 
         Raises
         ------

@@ -89,8 +89,8 @@ class StateBlock:
 class Channel:
     """One component of the measurement vector: its name, unit and sensor.
 
-    ``sensor`` is the kind of the sensor, such as ``gnss``, or its own name if there are several of
-    a kind.
+    ``sensor`` is the name of the sensor. Unless the scenario names the sensor, the name is the kind
+    of the sensor, such as ``gnss``.
     """
 
     name: str
@@ -139,9 +139,10 @@ class ClosedLoop(Protocol):
     """
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the next part: epochs after the last correction to ``last``.
+        """Return the problem of the next part, which ends with the epoch ``last``.
 
-        Its prior is the estimate at the last correction.
+        The part begins with the epoch after the last correction. The prior of the problem is the
+        estimate at that correction.
         """
 
     def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
@@ -282,7 +283,8 @@ class Problem:
 class Fixes:
     """Position fixes of a matcher, accepted and rejected, each from a window of measurements.
 
-    Each of the F ≥ 0 rows is one attempt, in order of the epochs, and at most one per epoch.
+    Each of the F ≥ 0 rows is one attempted fix. The rows are in order of the epochs, with at most
+    one row per epoch.
 
     Attributes
     ----------
@@ -292,9 +294,9 @@ class Fixes:
     cov : (F, 2, 2) or (F, 3, 3) covariance of ``mean`` [m²], including the uncertainty of all other
         states.
     accepted : (F,) whether the estimator accepts the fix.
-    statistic : (F,) statistic of the acceptance test; larger values are more certain. By default it
-        is the log odds between the best and the second-best position. −∞: rejected at any
-        threshold. ∞: there is no second position.
+    statistic : (F,) statistic of the acceptance test; larger values are more certain. The default
+        statistic is the log odds between the best and the second-best position. −∞: the fix is
+        rejected at any threshold. ∞: there is no second position.
     """
 
     epoch: np.ndarray
@@ -317,8 +319,9 @@ class Estimate:
     ----------
     mean : (K, n) estimated state at the measurement epochs.
     cov : (K, n, n) error covariance of ``mean``, or None if the estimator computes none.
-    causality : measurements used by the estimate at an epoch: those up to it (``filter``), those up
-        to it plus a lag (``fixed-lag``), all (``batch``), or no measurement (``none``).
+    causality : measurements used by the estimate at an epoch: measurements up to this epoch
+        (``filter``), up to this epoch plus a lag (``fixed-lag``), all measurements (``batch``), or
+        no measurement (``none``).
     lag : the lag of a fixed-lag estimate [s], else None.
     info : counters and remarks of this run (iterations, repairs, ...).
     nis : (K,) normalised innovation squared, NaN without a measurement. A filter sets it only
@@ -345,10 +348,11 @@ class Estimate:
 class Estimator(ABC):
     """Base of all estimators: a frozen dataclass whose fields are its parameters.
 
-    A parameter is a field with a default, typed ``int``, ``float``, ``bool``, ``str`` or a
-    ``Literal`` of strings, with its limits as in :mod:`.parameters`; ``name[parameter=value]`` on
-    the command line sets it. An estimator whose causality is ``fixed-lag`` has a parameter ``lag``
-    [s]. An estimator that processes many runs at once is a :class:`.block.BlockEstimator`.
+    A parameter is a field with a default. Its type is ``int``, ``float``, ``bool``, ``str`` or a
+    ``Literal`` of strings, optionally with limits (:mod:`.parameters`). On the command line,
+    ``name[parameter=value]`` sets a parameter. An estimator with the causality ``fixed-lag`` has a
+    parameter ``lag`` [s]. An estimator that processes many runs at once is a
+    :class:`.block.BlockEstimator`.
 
     Parameters
     ----------
@@ -397,7 +401,7 @@ class Estimator(ABC):
     def skip(self, problem: Problem) -> str | None:
         """Return the reason why this estimator cannot process the problem, or None if it can.
 
-        A campaign calls it once per case, with the first run. The result must not depend on the
-        run.
+        A campaign calls this method once per case, with the problem of run 0. The result must not
+        depend on the run.
         """
         return None

@@ -37,8 +37,8 @@ class Reduction:
         """Extend an estimate of the reduced problem to all n states.
 
         The other states have the mean and covariance of the propagated prior, uncorrelated with the
-        chosen states. The result has no innovations, because those of the original problem are
-        different. Position fixes refer to the first chosen states.
+        chosen states. The result has no innovations, because the innovations of the original
+        problem are different. Position fixes refer to the first chosen states.
         """
         chosen = list(self.states)
         mean, cov = self.mean.copy(), None
@@ -179,11 +179,11 @@ def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
 
 
 def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
-    """Return the covariance (K, r, r) that omitted states add to the chosen ones at each step.
+    """Return the covariance (K, r, r) that omitted states add to the chosen states at each step.
 
-    It is Φ P Φᵀ. Φ is the block of Φ_k from the omitted to the chosen states. P is the propagated
-    prior covariance of the omitted states. An example is the position change by velocity errors.
-    Process noise is white, whereas these errors persist.
+    The covariance is Φ P Φᵀ. Φ is the block of Φ_k from the omitted to the chosen states. P is the
+    propagated prior covariance of the omitted states. An example is the position change by velocity
+    errors. As process noise the covariance is white, but the errors of the omitted states persist.
     """
     chosen = list(states)
     others = [i for i in range(problem.dimension) if i not in chosen]

@@ -71,6 +71,7 @@ def page(measured: pd.DataFrame) -> str:
         **{
             "estimator": [f"`{label}`" for label in first["estimator"]],
             "difference [prior σ]": [f"{d:.0e}" for d in first["difference [prior σ]"]],
+            "adapter [lines]": [str(lines) for lines in first["adapter [lines]"]],
             **{
                 name: [short(value) for value in first[name]]
                 for name in ("ms/run", "first run [ms]", "memory [MB]")

@@ -24,7 +24,7 @@ except ImportError as error:
     ) from error
 
 LIBRARIES = ("bayesfilter",)
-"""Distributions whose version its results depend on."""
+"""Distributions on whose versions the estimators' results depend."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ except ImportError as error:
     ) from error
 
 LIBRARIES = ("cuthbert", "cuthbertlib", "jax", "jaxlib")
-"""Distributions whose version its results depend on."""
+"""Distributions on whose versions the estimators' results depend."""
 
 
 @dataclass(frozen=True)

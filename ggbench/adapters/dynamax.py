@@ -53,7 +53,7 @@ if version("dynamax").startswith(("0.", "1.0.0", "1.0.1", "1.0.2")):
 jax.config.update("jax_enable_x64", True)
 
 LIBRARIES = ("dynamax", "jax", "jaxlib")
-"""Distributions whose version its results depend on."""
+"""Distributions on whose versions the estimators' results depend."""
 _SMALL = 1e-4
 """Units of states and measurements, in standard deviations of prior and noise.
 

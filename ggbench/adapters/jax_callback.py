@@ -14,7 +14,7 @@ from ..problem import Problem
 jax.config.update("jax_enable_x64", True)
 
 LIBRARIES = ("jax", "jaxlib")
-"""Distributions whose version results depend on."""
+"""Distributions on whose versions the results depend."""
 
 
 def measurement_function(problem: Problem) -> Callable[[Any, Any], Any]:
@@ -41,9 +41,9 @@ class MeasurementCallback:
 
     Parameters
     ----------
-    unit : unit of the states in prior standard deviations, and of the measurements in noise
-        standard deviations; None: SI units.
-    problem : current problem; None: the problem of the context (:meth:`of`).
+    unit : scale of the states divided by their prior standard deviations, and scale of the
+        measurements divided by their least noise standard deviations. None: no scaling.
+    problem : current problem. None: the problem of the context :meth:`of`.
     """
 
     def __init__(self, unit: float | None = 1.0, problem: Problem | None = None) -> None:
@@ -52,7 +52,7 @@ class MeasurementCallback:
 
     @contextlib.contextmanager
     def of(self, problem: Problem) -> Iterator[None]:
-        """Return a context that evaluates the measurement model of a problem."""
+        """Return a context in which ``problem`` is the current problem."""
         self._problem = problem
         try:
             yield

@@ -23,7 +23,7 @@ except ImportError as error:
     ) from error
 
 LIBRARIES = ("kalbee",)
-"""Distributions whose version its results depend on."""
+"""Distributions on whose versions the estimators' results depend."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class KalbeeEkf(KalbeeEstimator):
         return ExtendedKalmanFilter(**arguments)
 
     def step(self, kalman: Any, problem: Problem, k: int, unit: np.ndarray) -> None:
-        """Predict to epoch ``k`` and update with its Jacobians; ``unit`` (n,) scales the states."""
+        """Predict to epoch ``k`` and update with Φ_k and H_k; ``unit`` (n,) scales the states."""
         kalman.predict(1.0, F=problem.transition[k] / unit[:, np.newaxis] * unit)
         rows = problem.model.jacobian(k, kalman.state[:, 0] * unit) * unit
         kalman.update(problem.measurements[k][:, np.newaxis], H=rows)

@@ -29,7 +29,7 @@ except ImportError as error:
     ) from error
 
 LIBRARIES = ("pyceres",)
-"""Distributions whose version its results depend on."""
+"""Distributions on whose versions the estimators' results depend."""
 _ENOUGH = 1e-10
 """Relative decrease of the cost, and size of the gradient, below which the iteration ends."""
 _UNDAMPED = 1e16

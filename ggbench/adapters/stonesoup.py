@@ -43,7 +43,7 @@ except ImportError as error:
     ) from error
 
 LIBRARIES = ("stonesoup",)
-"""Distributions whose version its results depend on."""
+"""Distributions on whose versions the estimators' results depend."""
 _START = datetime.datetime(2000, 1, 1)
 """Arbitrary date of the start of a flight, which Stone Soup requires."""
 
@@ -63,7 +63,7 @@ class Transition(LinearGaussianTimeInvariantTransitionModel):
     generator: np.random.Generator = Property()
 
     def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
-        """Return noise samples w_k (n, N) with the rank of Q_k."""
+        """Return N samples (n, N) of the process noise w_k; Q_k may be singular."""
         root = self.problem.noise_root(self.epoch)
         return (root @ self.generator.standard_normal((root.shape[1], num_samples))).view(
             StateVectors
@@ -73,8 +73,8 @@ class Transition(LinearGaussianTimeInvariantTransitionModel):
 class Measurement(NonLinearGaussianMeasurement):
     """Measurement model of one epoch k: z_k = h(k, x_k) + v_k, v_k ~ N(0, R_k).
 
-    h is evaluated at all points in one call. For a missing measurement z, h and H are zero, so that
-    its update changes nothing.
+    h is evaluated at all points in one call. If a channel is missing, its measurement, h and H are
+    zero, so the update with this channel has no effect.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Measurement(NonLinearGaussianMeasurement):
         return len(self.noise_covar)
 
     def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
-        """Return noise samples v_k (m, N)."""
+        """Return N samples (m, N) of the measurement noise v_k."""
         root = np.linalg.cholesky(self.noise_covar)
         return (root @ self.generator.standard_normal((len(root), num_samples))).view(StateVectors)
 

@@ -223,7 +223,7 @@ def _common_runs(
 
 
 def misreadings(estimates: Path | str, results: Results) -> list[str]:
-    """Return remarks on estimates that fit the truth better in another sign, frame or unit.
+    """Return remarks on estimates that fit the truth better with another sign, frame or unit.
 
     Parameters
     ----------
@@ -232,8 +232,9 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
 
     Returns
     -------
-    A sentence for each file with a probable misreading. The RMS error must fall below a fifth of
-    its value if the numbers are read with opposite sign, as north-east-down, or in kilometres.
+    A sentence for each file with a probable misreading. The numbers are also read with opposite
+    sign, as north-east-down, and in kilometres. A misreading is probable if the RMS position error
+    then falls below a fifth.
     """
     sentences = []
     for one in estimate_files.stored_runs(Path(estimates)):

@@ -34,7 +34,7 @@ class Results(folder.Results):
     Raises
     ------
     StoreError
-        If it is no results folder, or it is damaged.
+        If ``folder`` is no results folder, or is damaged.
     """
 
     def __repr__(self) -> str:
@@ -81,7 +81,7 @@ class Results(folder.Results):
         estimator: str | None = None,
         quantity: Quantity = "position",
     ) -> Figure:
-        """Draw the ENU errors of run 0 with the reported ±3σ, and those of the INS if available.
+        """Draw the ENU errors of run 0 with the reported ±3σ, and the INS errors if available.
 
         Parameters
         ----------

@@ -66,8 +66,8 @@ def run(
     fresh : whether to discard the stored results of the folder.
     retry_failed : whether to repeat failed runs, for example after a full disk.
     progress : whether to show compilation, map building and progress on standard error; by default
-        in a terminal and in a notebook. It may be a function instead. The function is
-        called with two numbers: results stored so far by this call, and all results to store.
+        in a terminal and in a notebook. A function in place of a truth value is called with
+        two numbers: results stored so far by this call, and all results to store.
 
     Raises
     ------

@@ -32,7 +32,7 @@ class CapturedOutput:
 
     @property
     def readable(self) -> list[int]:
-        """Descriptor to wait for, as a list; empty once the pipe is at its end."""
+        """List with the file descriptor of the pipe; empty if the pipe is closed."""
         return [] if self._descriptor is None else [self._descriptor]
 
     def read(self) -> None:

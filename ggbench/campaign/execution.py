@@ -52,8 +52,9 @@ def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[li
     """Run tasks in up to ``jobs`` worker processes.
 
     A run whose process dies is repeated once, alone. If the second process dies too, the run is
-    recorded as failed. A run that takes more than ``limit`` seconds is killed and recorded as
-    failed. A block of runs that takes longer is killed, and its runs are repeated singly.
+    recorded as failed. A process is killed if a run takes more than ``limit`` seconds, and the run
+    is recorded as failed. The time limit of a block is also ``limit``. If a block takes longer, its
+    runs are repeated singly.
 
     Raise ExecutionError if processes die before they are ready. Raise GGBenchError if a worker has
     other versions or sources than the campaign.
@@ -76,8 +77,8 @@ def drive(
 ) -> Generator[list[Result]]:
     """Run tasks in a pool of workers until all are done or ``stop`` returns true.
 
-    The whole pool is idle at the end. ``stop`` is called about once a second. Tasks are taken from
-    the iterable on demand.
+    At the end no worker has a task, unless ``stop`` has returned true. ``stop`` is called about
+    once a second. Tasks are taken from the iterable on demand.
     """
     queue = _Queue(tasks)
     results: list[Result] = []

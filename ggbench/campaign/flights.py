@@ -76,8 +76,9 @@ _flown: set[CaseSpec] = set()
 def fly_unseen(case: CaseSpec) -> None:
     """Create and cache the flight of a case, excluded from garbage collection.
 
-    The garbage collector can then not list the flight's objects for an estimator. Intended for
-    workers: all other objects that exist by then, mainly modules, are excluded as well.
+    An estimator can then not find the objects of the flight through the garbage collector. The
+    function is intended for workers: all other objects that exist at the time of the call, mainly
+    modules, are excluded as well.
     """
     if case not in _flown:
         _flown.add(case)
@@ -142,11 +143,14 @@ class SimulatedRuns:
             yield some, flight_of(case), bound
 
     def oracle_means(self, name: str, error_state: np.ndarray) -> np.ndarray:
-        """Return the oracle's mean squared errors (R, W, 2); NaN if the model is wrong.
+        """Return the mean squared errors (R, W, 2) of the oracle.
 
-        W is the number of windows; the last axis is position [m²] and velocity [m²/s²]. All
-        estimators that are compared with the same bound share these numbers, so they are cached.
-        They do not reveal the truth.
+        The oracle is a filter or smoother linearised at the truth (:func:`.oracle_means`). The
+        errors are NaN if the assumed model differs from the true one. W is the number of windows.
+        The last axis is position [m²] and velocity [m²/s²].
+
+        All estimators that are compared with the same bound share the result, so it is cached. The
+        result does not reveal the truth.
 
         Parameters
         ----------

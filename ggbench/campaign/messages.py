@@ -1,7 +1,7 @@
-"""Messages between a campaign and its workers, protected against other output on the same pipe.
+"""Messages between a campaign and its workers, protected against foreign bytes.
 
-A message consists of its length, a checksum and pickled bytes. Bytes that another program writes to
-the pipe are detected and never unpickled.
+A message consists of its length, a checksum and pickled bytes. Bytes that an estimator writes to
+the connection are detected and never unpickled.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ _ADOPT_ORPHANS = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
 
 
 def adopt_orphans() -> None:
-    """Make this process the parent of its children's orphans; on Linux only."""
+    """Make this process the parent of orphaned descendants; Linux only."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_ADOPT_ORPHANS, 1, 0, 0, 0)
 

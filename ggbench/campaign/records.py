@@ -80,7 +80,7 @@ class TimedEstimates:
 def peak_memory_mb() -> float:
     """Return the peak memory [MiB] of this process.
 
-    On Linux it is read from proc(5), because getrusage(2) includes the memory of the parent.
+    On Linux the value is from proc(5), because getrusage(2) includes the memory of the parent.
     """
     if platform.system() == "Linux" and (own := _PEAK.search(_STATUS.read_text())):
         return int(own[1]) / 2.0**10

@@ -71,8 +71,9 @@ class Choice:
     def content(self) -> dict[str, Any]:
         """Origin of the estimator's results: class, all parameters, hash of the source file.
 
-        For an estimator from other packages, their installed versions are included. Names in the
-        source that give access to the truth are included too (:func:`.suspicious_names`).
+        If an estimator uses other packages through adapters, the versions of these packages are
+        included. Names in the source that give access to the truth are included too
+        (:func:`.suspicious_names`).
         """
         cls = type(self.estimator)
         source, seeks = source_of(cls)
@@ -98,7 +99,7 @@ def registered() -> dict[str, type[Estimator]]:
 def estimator_points() -> dict[str, importlib.metadata.EntryPoint]:
     """Return the entry points of the registered estimators by name, sorted.
 
-    They are cached, because reading them from all installed packages takes 50 ms.
+    The result is cached, because reading the entry points of all packages takes 50 ms.
     """
     points = importlib.metadata.entry_points(group=GROUP)
     return {point.name: point for point in sorted(points, key=lambda p: p.name)}
@@ -197,9 +198,9 @@ def _made(cls: type[Estimator], requested: EstimatorSpec) -> tuple[EstimatorSpec
 def spec_of(estimator: Estimator) -> EstimatorSpec:
     """Return the spec (name and parameters) of an estimator object.
 
-    The class must be registered, or come from a file that :func:`choose` has read. Raise
-    EstimatorError otherwise, or if this file has changed since, or if a parameter cannot be written
-    as text.
+    Raise EstimatorError unless the class is registered, or is from a file that :func:`choose` has
+    read. The error is also raised if this file has changed since, or if a parameter cannot be
+    written as text.
     """
     cls = type(estimator)
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
@@ -251,7 +252,7 @@ def listed(texts: Iterable[str]) -> tuple[str, ...]:
 
 
 def is_own(text: str) -> bool:
-    """Return whether a text names a file or a program instead of an installed estimator.
+    """Return whether a text names a file, a folder or a program, no installed estimator.
 
     Raise EstimatorError if the text is not of the form ``NAME`` or ``NAME[parameter=value,...]``.
     """

@@ -134,7 +134,7 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
 
 
 def by_block_size(pairs: EstimatorKeys) -> tuple[EstimatorKeys, EstimatorKeys]:
-    """Split estimators into those that process many runs at once and those that process one."""
+    """Split estimators into block estimators and estimators that process a single run."""
     # Read again, not as this process chose it once: a file may change between campaigns.
     together = tuple(p for p in pairs if isinstance(choose(p[0]).estimator, BlockEstimator))
     return together, tuple(pair for pair in pairs if pair not in together)
@@ -252,9 +252,11 @@ def timed_estimates(
 ) -> TimedEstimates:
     """Run an estimator on a block or a single run, measure the time, validate the estimates.
 
-    An estimator without blocks processes only row ``run`` of the block. Raise TypeError or
-    ValueError if the result is no estimate or has another causality than the estimator declares.
-    The same holds for a wrong shape, complex numbers, or an ``info`` that cannot be stored.
+    An estimator without blocks processes only row ``run`` of the block.
+
+    Raise TypeError or ValueError if the result is no estimate, or has another causality or lag than
+    the estimator declares. The same errors are raised for a wrong shape, complex numbers, or an
+    ``info`` that cannot be stored.
     """
     # A new instance each time: what one run leaves in it cannot reach the next.
     estimator = dataclasses.replace(choice.estimator)

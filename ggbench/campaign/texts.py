@@ -53,7 +53,7 @@ def traceback_text() -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text shortened, with control characters and lone surrogates as escapes."""
+    """Return a shortened text, with control characters and lone surrogates as escapes."""
     characters = (
         c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:LONGEST_TEXT]
     )

@@ -31,7 +31,7 @@ _NAMES = {
 class HiddenArray:
     """An array in hidden memory; it becomes a NumPy object only while :meth:`looked_at` is open.
 
-    The original array is overwritten with NaN: code that gets its memory later cannot read it.
+    The original array is overwritten with NaN, so that its memory does not reveal the truth later.
     """
 
     def __init__(self, array: np.ndarray) -> None:

@@ -81,11 +81,11 @@ class Worker:
 
     @property
     def readable(self) -> list[int]:
-        """Connections to wait for: those of messages and of printed output."""
+        """File descriptors of the connections for messages and for printed output."""
         return [self._socket.fileno(), *self.output.readable]
 
     def give(self, task: Any) -> None:
-        """Send a task to the worker; if it is dead, :meth:`receive` reports this later."""
+        """Send a task to the worker; if the process is dead, :meth:`receive` raises an error."""
         with contextlib.suppress(OSError):
             self._socket.sendall(packed(task))
 
@@ -204,7 +204,11 @@ def _die_before_the_parent() -> None:
 
 
 def main(descriptor: int, parent: int) -> None:
-    """Run received tasks until the parent closes the pipe with this descriptor."""
+    """Run received tasks until the parent closes the connection.
+
+    ``descriptor`` is the file descriptor of the connection. ``parent`` is the process id of the
+    parent.
+    """
     mark = os.environ[orphan_processes.MARK]
     _end_with_parent(parent, mark)
     orphan_processes.adopt_orphans()

@@ -1,8 +1,8 @@
 """Checks of flights for ``ggbench validate`` and ``run``: extremes, and margins inside maps.
 
-Nothing is simulated. The recipe of a map contains its limits. Therefore a map is built only if it
-is draped over the ground, or if the scenario adds errors to it. A flight that may leave its map is
-computed as in a run.
+The recipe of a map contains the limits of this map. Therefore a map is built only if it is draped
+over the ground, or if the scenario adds errors to it. No run is simulated, with one exception: if a
+flight may leave its map or exceeds a limit, run 0 is simulated.
 """
 
 from __future__ import annotations
@@ -47,10 +47,11 @@ class FlightExtremes:
     track : whether the flight follows a track of positions.
     duration : duration [s].
     length : distance over ground [m].
-    speeds, heights : lowest and highest [m/s, m above the ellipsoid].
+    speeds : lowest and highest speed [m/s].
+    heights : lowest and highest height above the ellipsoid [m].
     bank, bank_time : largest absolute bank angle [rad], and the first time at which it occurs [s].
     pitch : largest absolute pitch angle [rad].
-    across, vertical : largest absolute accelerations [m/s²] across the track and upwards.
+    across, vertical : largest absolute lateral and vertical acceleration [m/s²].
     remark : remark on the conversion of heights; may be empty.
     """
 
@@ -79,7 +80,7 @@ class Examined:
     margin : smaller one of the margins inside the true and the assumed map; None without a map.
     readings : number of measurements of each sensor, by name.
     ins : error of the INS without aiding.
-    narrow : margins inside the assumed map that are too narrow for this error.
+    narrow : margins inside the assumed map that are too narrow for the INS error.
     """
 
     study: str
@@ -99,8 +100,8 @@ class Examined:
     def correlation_m(self) -> float:
         """Correlation length of the field along the track [m], computed on demand.
 
-        It is NaN without a gradiometer, if the flight leaves a map, or if the true map is not built
-        yet.
+        The length is NaN without a gradiometer or a map, if the flight leaves a map, or if the true
+        map is not built yet.
         """
         return _correlation(self.case) if self.inside else math.nan
 

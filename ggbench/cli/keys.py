@@ -89,13 +89,13 @@ class KeyTable(NamedTuple):
         return f"[[{self.name}]]" if self.listed else f"[{self.name}]"
 
     def all_keys(self) -> tuple[Key, ...]:
-        """Keys of the table, followed by those of recorded flights."""
+        """Return the keys of the table, then the additional keys of recorded flights."""
         return self.keys + self.recorded
 
 
 @cache
 def tables() -> dict[str, KeyTable]:
-    """Return all tables by dotted name: those of scenarios, then those of recorded flights."""
+    """Return all tables by dotted name: tables of scenarios, then of recorded flights."""
     from ..spec.axes import SweepSpec
     from ..spec.campaign import CampaignSpec
     from ..spec.case import CaseSpec
@@ -137,7 +137,7 @@ def tables() -> dict[str, KeyTable]:
 
 
 def named(name: str) -> str:
-    """Return a dotted name without brackets, names of sensors and indices."""
+    """Return a dotted name without brackets and indices, and with ``<name>`` for sensors."""
     from ..spec.named_sensors import short_key
 
     plain = short_key(re.sub(r"\[\d+\]", "", name).strip("[] "))

@@ -83,7 +83,7 @@ class Shortfall:
 
     Attributes
     ----------
-    side : name of a side of the map, ``below`` or ``above``.
+    side : ``south``, ``north``, ``west``, ``east``, ``below`` or ``above``.
     margin, needed : actual and required margin [m].
     time : time of the largest shortfall [s].
     """
@@ -97,7 +97,11 @@ class Shortfall:
 def distances(
     trajectory: Trajectory, bounds: Bounds, samples: np.ndarray | slice = slice(None)
 ) -> dict[str, np.ndarray]:
-    """Return the distances (K,) [m] at samples to each side of a map, ``below`` and ``above``."""
+    """Return the distances (K,) [m] of a flight from the limits of a map, at samples.
+
+    Keys are ``south``, ``north``, ``west``, ``east``, ``below`` (lowest layer) and ``above``
+    (highest layer). Distances are negative outside the map.
+    """
     lower, upper, positions = bounds.lower, bounds.upper, trajectory.positions[samples]
     turn = turns(0.5 * (lower[1] + upper[1]), trajectory.positions[0, 1], math.tau)
     metres = metres_along(positions)
@@ -127,8 +131,8 @@ def shortfalls(
 ) -> tuple[Shortfall, ...]:
     """Return the margins that are too narrow: at most one side and one height limit.
 
-    The largest shortfall of each kind is returned. With GNSS positions no margin is too narrow;
-    with a barometer no height margin is.
+    The side and the height limit with the largest shortfalls are returned. With GNSS positions no
+    margin counts as too narrow. With a barometer no height margin counts as too narrow.
     """
     aided: set[str] = set()
     for sensor in case.side("truth").sensor.values():
@@ -161,7 +165,10 @@ def shortfalls(
 
 
 def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterator[str]:
-    """Yield a sentence for each limit with margins that are too narrow, for the worst case."""
+    """Yield a sentence for each limit of a map that is too near, on the largest shortfall.
+
+    ``margins`` has the name of each case and the shortfalls of this case.
+    """
     of_side: dict[str, list[tuple[str, Shortfall]]] = {}
     for name, short_of in margins:
         for each in short_of:

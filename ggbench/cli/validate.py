@@ -28,8 +28,9 @@ def validate(file: str, with_estimators: bool) -> None:
     """Check the scenario FILE and describe its flights.
 
     FILE is a path or the name of a shipped scenario. The command warns of implausible flights and
-    of flights near the border of the map. It simulates nothing and runs no code of estimator files.
+    of flights near the border of the map. It runs no code of estimator files.
     It builds a map only if the map is draped over the ground, or the scenario adds errors to it.
+    It simulates a run only if a flight exceeds a limit or may leave the map.
     """
     tell_first_use("ins/strapdown.py", "in a minute")
     with Progress(console, file):

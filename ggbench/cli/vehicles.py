@@ -50,8 +50,8 @@ def clearance_of(
     ----------
     track, terrain : paths of the track and of the terrain; heights of the terrain are above sea
         level.
-    attributes : attributes of the map. The geoid height in them is used; without it, that of
-        EGM2008 at the start of the track.
+    attributes : attributes of the map. Without a geoid height in the attributes, the geoid height
+        of EGM2008 at the start of the track is used.
     clearance : requested least height above the ground [m].
 
     Raises

@@ -31,7 +31,7 @@ _UNMOVED, _MOVED = 1e-12, 1e-6
 _SHIFT = 10.0
 """Change of the measurements, in standard deviations of their noise."""
 _ROUNDINGS, _SCATTER = 4, 10.0
-"""Number of problems with a changed last digit, and largest error per scatter of estimates."""
+"""Number of priors with a different last digit; largest ratio of an error to the scatter."""
 
 
 class Broken(Exception):
@@ -177,11 +177,15 @@ def inputs_kept(estimator: Estimator, problem: Problem) -> None:
 def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None:
     """Require that no estimate depends on measurements that its causality excludes.
 
-    Measurements after an epoch are changed by ten standard deviations of the noise. Estimates that
-    must not use them may change by less than 1e-12 prior σ. With ``exactly`` their covariances must
-    be equal bit for bit. The first estimate that may use them must change. If the estimator makes
-    fixes, a later estimate may be the first to change. With causality ``batch`` all estimates up to
-    this epoch must change. With causality ``none`` no estimate may change.
+    Measurements after the middle epoch are shifted by ten standard deviations of the noise. The
+    requirements depend on the causality:
+
+    - ``filter`` and ``fixed-lag``: an estimate that must not use shifted measurements may change by
+      less than 1e-12 prior σ. With ``exactly`` its covariance must be equal bit for bit. The first
+      estimate that may use shifted measurements must change. For an estimator with fixes, the
+      fixes up to the middle epoch must be equal, and any later estimate or fix must change.
+    - ``batch``: all estimates up to the middle epoch must change.
+    - ``none``: no estimate may change.
     """
     last_same = problem.epochs // 2
     measurements = problem.measurements.copy()
@@ -269,12 +273,13 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
 
     - for a filter, the Kalman filter in Joseph form,
     - for a smoother, the Rauch–Tung–Striebel smoother,
-    - for a fixed-lag smoother, this smoother on each window,
+    - for a fixed-lag smoother, the Rauch–Tung–Striebel smoother on each window,
     - for an estimator without aiding, the propagated prior.
 
-    Differences up to 1e-5 pass with a remark, because some libraries regularise or iterate. An
-    estimator may amplify rounding errors. Differences that rounding explains pass up to 1e-4, and
-    the remark states the loss of digits. Without a covariance only the mean is tested.
+    Two kinds of larger differences pass with a remark. Differences up to 1e-5 pass, because some
+    libraries regularise or iterate. Differences up to 1e-4 pass if amplified rounding errors
+    explain them (:func:`rounding`); the remark states their size. Without a covariance only the
+    mean is tested.
     """
     estimate = answer(estimator, problem, gaussian=True)
     right = exact(problem, estimate)

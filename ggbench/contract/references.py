@@ -108,7 +108,7 @@ def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Proble
 
 
 def graded(problem: Problem) -> Problem:
-    """Return the problem with another R at each epoch, scaled by factors from 1/9 to 9."""
+    """Return the problem with R multiplied by a different factor, 1/9 to 9, at each epoch."""
     factors = 9.0 ** np.sin(np.arange(1.0, problem.epochs + 1.0))
     return replace(problem, noise_cov=problem.noise_cov * factors[:, None, None])
 
@@ -142,9 +142,10 @@ _REACH = 2e3
 def with_sensor_model(problem: Problem) -> Problem:
     """Replace the :class:`LinearModel` of a problem by the package's sensor model.
 
-    The channels are Γ_EN and Γ_EU, which are zero in the normal field. The derivatives S of the map
-    are constant, so h(x) = −S B_k x is exactly linear in x. B_k is chosen such that h(x) = H_k x.
-    The problem must have one or two channels.
+    The channels are Γ_EN and Γ_EU, which are zero in the normal field. The map has constant
+    derivatives S (m, 3) [E/m] with respect to position, so h(x) = −S B_k x is exactly linear in x.
+    B_k (3, n) maps the states to the position error and is chosen such that −S B_k = H_k. The
+    problem must have one or two channels.
     """
     model = problem.model
     assert isinstance(model, LinearModel)

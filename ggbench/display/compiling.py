@@ -26,8 +26,11 @@ _LATELY_S = 30.0
 def tell_first_use(module: str, scope: str) -> bool:
     """Print a message if code must be compiled; return whether one was printed.
 
-    ``module`` is the path of a module that the command compiles early. If this module is not in the
-    cache, the cache counts as empty. ``scope`` states the expected time in words.
+    Parameters
+    ----------
+    module : path of a module that the command compiles early. Code must be compiled if this module
+        is not in the cache.
+    scope : expected time in words, a part of the message.
     """
     sentences = first_use(module, scope)
     _echo(sentences)

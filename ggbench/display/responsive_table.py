@@ -42,7 +42,7 @@ class ResponsiveTable:
         self._styles.append(style)
 
     def add_section(self) -> None:
-        """Draw a line below the last row."""
+        """Draw a line below the row that was added last."""
         self._section_ends.add(len(self._rows) - 1)
 
     def print(self, console: Console) -> None:

@@ -30,9 +30,10 @@ _STEPS = 5
 
 
 class Whitening(NamedTuple):
-    """Whitened coordinates y = W r of a residual r, for sampled states p and linear states l.
+    """Whitened coordinates y = W r of the residuals r of a measurement.
 
-    The measurement is z = h(p) + C l + noise, with noise covariance R and covariance P_l of l.
+    The measurement of sampled states p and linear states l is z = h(p) + C l + noise. The noise has
+    the covariance R, and l has the covariance P_l.
 
     Attributes
     ----------
@@ -112,7 +113,7 @@ def annealed(
     ----------
     normals : (M, r) samples of the standard normal prior.
     read : function that returns the whitened residuals y (·, m) of samples (·, r).
-    space : the whitened coordinates of y.
+    space : whitened coordinates that define y.
     count : number N of samples to return.
     least : minimum effective sample size after a stage.
     resampling : resampling method.

@@ -72,16 +72,16 @@ def split_prior(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the prior as a grid of Gaussians: log weights (J,), means (J, n), covs (J, n, n).
 
-    The grid lies along the principal axes of the position prior (all states in metres). Each
-    Gaussian is the prior with a smaller standard deviation along these axes and unchanged
-    regression of the other states on the position. Means and covariances are in units of the
-    prior's standard deviations.
+    The grid lies along the principal axes of the position prior. The position states are all states
+    in metres. Along the split axes each Gaussian has a smaller standard deviation than the prior.
+    The regression of the other states on the position is that of the prior. Means and covariances
+    are in units of the prior's standard deviations.
 
     Parameters
     ----------
     problem : problem or block with the prior to split.
-    spacing_m : distance between neighbouring Gaussians [m]. An axis along which the prior's
-        standard deviation is smaller is not split.
+    spacing_m : distance between neighbouring Gaussians [m]. An axis is not split if the prior's
+        standard deviation along it is smaller than this distance.
     most : largest number of Gaussians; a grid that needs more is made coarser.
     width : standard deviation of each Gaussian along a split axis, in units of the spacing.
     """

@@ -1,10 +1,11 @@
 """Particle cloud: some states are sampled, the others are in Kalman filters.
 
-Row i of the cloud is (p_i, l_i): the d sampled states, and the mean of the other states. The prior,
-the prediction and the kernels sample p from a Gaussian of all states with covariance J. They
-condition l on the sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl. Here e is standard
-normal, and G has full column rank with G Gᵀ = J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a
-non-zero cross-block J_lp, because process noise moves p and l together.
+Row i of the cloud is (p_i, l_i): the d sampled states, and the mean of the other states. Three
+operations draw samples of p: sampling of the prior, prediction, and the kernel after resampling.
+Each of them draws from a Gaussian of all states with covariance J. Then l is conditioned on the
+sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl. Here e is standard normal, and G has
+full column rank with G Gᵀ = J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a non-zero cross-block
+J_lp, because process noise moves p and l together.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 Tests compare the plain filter with filterpy, and the other filters with the same equations in
 filterpy and NumPy.
 
-The adaptive filter estimates the noise variance of each component of a whitened measurement from
-the residuals of updates (Mohamed & Schwarz 1999, with the fading memory of Sage & Husa 1969).
+The adaptive filter estimates the noise variance of each component of a whitened measurement. The
+estimate follows from the residuals of updates (Mohamed & Schwarz 1999) and has the fading memory of
+Sage & Husa (1969).
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ class AdaptiveNoise:
 def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -> None:
     """Whiten a measurement (1, m, lanes) with the estimated noise.
 
-    The factors in ``reading.precision`` also apply to later measurements.
+    The factors stay in ``reading.precision``, so :func:`.linearise` applies them until they are
+    reset.
     """
     for c in range(reading.precision.shape[1]):
         for r in range(reading.precision.shape[2]):
@@ -108,8 +110,8 @@ class UpdateOptions(NamedTuple):
         :mod:`.robust_weights`.
     noise_memory : number of measurements over which the noise is estimated; 0 keeps the assumed
         noise.
-    gate, underweighting : probability of the gate and β of :mod:`.innovation_gating`; 0 switches
-        them off. They apply to plain updates only.
+    gate, underweighting : acceptance probability of the gate; β. See :mod:`.innovation_gating`.
+        0 switches the gate or the underweighting off. Both apply to plain updates only.
     """
 
     iterations: int = 1

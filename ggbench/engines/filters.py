@@ -252,11 +252,11 @@ def unscented(
 ) -> EstimateBlock:
     """Run the unscented Kalman filter.
 
-    For a sigma point x ± d that moves the instrument by less than 1 cm and rotates it by less than
-    1e-7 rad, h is linearised: h(x) ± A B_k d, with A the derivative of h with respect to the
-    instrument errors B_k x. The linearisation error is at most 5e-5 m² times the second derivative
-    of h. At 10 km height this derivative is at most 1e-6 E/m² (100 E/(10 km)²), and the error is
-    below 1e-10 E. At 100 m the error is below 5e-7 E.
+    If the deviation d of sigma points x ± d displaces the instrument by less than 1 cm and rotates
+    it by less than 1e-7 rad, h is linearised: h(x) ± A B_k d. Here A is the derivative of h with
+    respect to the instrument errors B_k x. The linearisation error is at most 5e-5 m² times the
+    second derivative of h. At 10 km height this derivative is at most 1e-6 E/m² (100 E/(10 km)²),
+    and the error is below 1e-10 E. At 100 m the error is below 5e-7 E.
 
     Parameters
     ----------
@@ -264,8 +264,8 @@ def unscented(
     weights : spread and weights of the sigma points; the weights of a mean add up to 1.
     loss, threshold : robust loss on each whitened component of a measurement, see
         :mod:`.robust_weights`.
-    gate, underweighting : probability of the gate and β of :mod:`.innovation_gating`; 0 switches
-        them off. They must be 0 with a loss.
+    gate, underweighting : acceptance probability of the gate; β. See :mod:`.innovation_gating`.
+        0 switches the gate or the underweighting off. Both must be 0 with a loss.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))

@@ -2,9 +2,9 @@
 
 ``fusion`` names one of two methods. Both use each measurement once.
 
-``none``    each fix has the flight's prior and the measurements of its own window: the fixes are
-            independent.
-``kalman``  a fix is an update: its prior is the propagated estimate.
+``none``    the prior of each fix is the flight's prior, propagated without fixes. A fix
+            uses only the measurements of its own window.
+``kalman``  the prior of each fix is the propagated estimate, which includes earlier fixes.
 
 A matcher may hand over to a filter: the first accepted fix ends the search, and the filter
 processes the later measurements.

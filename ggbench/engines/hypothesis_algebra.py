@@ -22,7 +22,7 @@ class Added:
     move, drive : (1, 5, lanes) transition and added variance of the processes, see ``moves`` and
         ``drives`` of :class:`.hypothesis_bank.Bank`.
     variances : (1, processes, lanes) stationary variances of the error processes.
-    coupling : (n, 4, lanes) block of Φ from the added states to the states of the block.
+    coupling : (n, 4, lanes) submatrix of Φ: effect of the added states on the block's states.
     """
 
     base: int
@@ -45,7 +45,7 @@ def predict(
     p: np.ndarray,
     turned: np.ndarray,
 ) -> None:
-    """Replace x by Φ x and P by Φ P Φᵀ + Q, for N states with the added ones.
+    """Replace x by Φ x and P by Φ P Φᵀ + Q, for N states including the added states.
 
     Parameters
     ----------

@@ -49,8 +49,9 @@ class Families:
     coupled : (G,) number of added states that act on the states of the block: 0, 3 or 4.
     constants : (G,) number of constant errors.
     losses, thresholds : (G,) robust losses, see :mod:`.robust_weights`.
-    first_linear, columns, column_starts : (G,), concatenated, (G + 1,) arrays of
-        :class:`.ModelArrays` for each family.
+    first_linear : (G,) ``first_linear`` of :class:`.ModelArrays` for each family.
+    columns : ``columns`` of :class:`.ModelArrays` for each family, concatenated.
+    column_starts : (G + 1,) start of each family in ``columns``, and the length of ``columns``.
     linears : matrices C_k (R, K, m, N) of the linear part of h for each family, concatenated.
     linear_starts : (G,) start of each family in ``linears``.
     roots : (G,) index into ``inverses`` of :class:`Bank`.
@@ -89,9 +90,9 @@ class Bank:
     evident, estimating : (F,) whether the evidence of a filter is used; whether its estimates are
         used.
     scales : (F, m) factors on the noise standard deviations of the channels.
-    heights : (F, 2) logarithm, per channel, of the peak of the assumed normal noise density over
-        the peak of the filter's noise density. The first value is the effect of the noise factor
-        on map-matched channels, the second the effect of the loss on all channels.
+    heights : (F, 2) reduction of the log peak of a channel's noise density, relative to the assumed
+        normal density. The first value is the effect of the noise factor and applies to
+        map-matched channels. The second is the effect of the loss and applies to all channels.
     peaks : (R, K, 3) log peak of the assumed noise density without the term in 2π; number of
         available map-matched channels; number of available channels.
     motions : (F,) row of ``moves`` and ``drives`` for each filter.
@@ -101,9 +102,10 @@ class Bank:
         flattened, and process noise variance of the unknown gravity.
     variances : (F, c) stationary variances of the error processes.
     priors : (F, .) prior variances of the added states.
-    coupling : (R, K, n, 4) block of Φ from the coupled added states to the states of the block.
+    coupling : (R, K, n, 4) submatrix of Φ: effect of the coupled added states on the block's
+        states.
     inverses : (., 1 or K, m, m) inverse Cholesky factors of noise covariances.
-    square : zeros, as many as the largest P has elements.
+    square : zeros, one for each element of the largest P; ``prior_cov`` of each family's batch.
     """
 
     batch: Batch

@@ -24,9 +24,9 @@ class Motion(NamedTuple):
     Attributes
     ----------
     ways : (R, K) distance flown since the previous epoch or the start [m]; zero without a track.
-    known : (R, K, 3) change since the start of the acceleration error −δg of uncompensated gravity,
-        from integrated gradients, ENU [m/s²]. The value is the mean since the previous epoch; zero
-        if not available.
+    known : (R, K, 3) change of the acceleration error −δg since the start of the flight, ENU
+        [m/s²]. δg is the gravity that the INS does not compensate. The change is integrated from
+        measured gradients. The value is the mean since the previous epoch; zero if not available.
     walked : (R, K) variance that gradient noise adds to the integral at each epoch [m²/s⁴].
     """
 

@@ -8,11 +8,11 @@ of a Bayes tree. Here a Kalman filter restarts from the oldest relinearised node
 multipliers of :mod:`.smoother_passes` are propagated back through all nodes.
 
 In a sliding window (GTSAM's IncrementalFixedLagSmoother) a node leaves the window when it is older
-than the newest measurement by more than the lag. The linearisation of this node is then final, and
-so is that of the window's oldest node, which is coupled to it.
+than the newest measurement by more than the lag. The linearisation of this node is then final. The
+oldest node in the window is coupled to the node that left, so its linearisation is also final.
 
-Eight runs are processed in parallel: the filter restarts at the oldest node that any of the eight
-needs.
+Eight runs are processed in parallel: the filter restarts at the oldest node that is relinearised in
+any of the eight runs.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 A gate rejects a measurement whose normalised innovation squared yᵀ S⁻¹ y exceeds a quantile of its
 χ² distribution (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4). Underweighting uses S = (1 + β) H P
-Hᵀ + R for the gain, because with a wide prior and a nonlinear field the innovation covariance
-exceeds H P Hᵀ + R (Lear 1985; Carpenter & D'Souza 2018, NASA/TP-2018-219822). The posterior
+Hᵀ + R for the gain (Lear 1985; Carpenter & D'Souza 2018, NASA/TP-2018-219822). The reason is that
+with a wide prior and a nonlinear field the innovation covariance exceeds H P Hᵀ + R. The posterior
 covariance is Joseph's form with R and this gain.
 
 If gating and underweighting are combined, the gate uses the underweighted S.
@@ -40,7 +40,7 @@ def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> Gat
 
     Parameters
     ----------
-    gate : probability of accepting a measurement with the assumed noise; 0 for no gate.
+    gate : probability that a measurement whose noise is as assumed is accepted; 0 for no gate.
     underweighting : β; 0 for no underweighting.
     """
     limits = gate_limits(gate, block.present)
@@ -55,7 +55,7 @@ def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    gate : probability of accepting a measurement with the assumed noise; 0 for no gate.
+    gate : probability that a measurement whose noise is as assumed is accepted; 0 for no gate.
     present : (..., m) mask of available channels.
     """
     channels = np.count_nonzero(present, axis=-1)

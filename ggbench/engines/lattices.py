@@ -17,7 +17,7 @@ class Lattice:
     Parameters
     ----------
     mean, cov : (d,), (d, d) mean and covariance of the Gaussian.
-    steps : (d,) distance between neighbouring points along each state.
+    steps : (d,) distance between neighbouring points in each state.
     reach : half the side of the box, in standard deviations.
     """
 

@@ -7,10 +7,11 @@ line-search iterated extended Kalman smoother of Särkkä & Svensson 2020.
 Eight searches are processed in parallel, one per lane; they may belong to different runs. A search
 that has ended stays unchanged.
 
-The motion cost ½ M(x, x) of a trajectory x is that of the prior and of the process noise. Let b be
-the minimum of the linear problem about the trajectory a. Between a and b the motion cost is
-quadratic, so M(a, a), M(a, b) and M(b, b) define it. At b the gradient of the linear problem is
-zero: M(b, a − b) = (y − H b)ᵀ H (a − b). Therefore M(a, b) needs no stored multipliers:
+The motion cost ½ M(x, x) of a trajectory x is the cost of the prior and of the process noise. The
+linear problem about a trajectory a has the measurement equations H x = y + noise of unit variance.
+Let b be its minimum. Between a and b the motion cost is quadratic, so M(a, a), M(a, b) and M(b, b)
+define it. At b the gradient of the linear problem is zero: M(b, a − b) = (y − H b)ᵀ H (a − b).
+Therefore M(a, b) needs no stored multipliers:
 
     M(a, b) = M(b, b) + |y − H b|² − (y − H b)ᵀ (y − H a).
 """
@@ -71,8 +72,8 @@ class MapSearches:
     cost : (J,) cost of the trajectory: negative log posterior without constants.
     iterations : (J,) number of steps.
     evaluations : (J,) number of evaluations of h.
-    converged : (J,) whether both the last step and the linear problem decreased the cost by less
-        than the limit of convergence.
+    converged : (J,) whether the linear problem predicts, or the last step achieves, a decrease of
+        the cost below the limit of convergence. False if no trial step decreases the cost.
     """
 
     runs: np.ndarray
@@ -165,8 +166,8 @@ def assign_trials(
 ) -> int:
     """Assign the next trial steps of unfinished line searches to evaluation slots.
 
-    Each unfinished search gets the same number of slots. They hold successive halvings of its
-    Gauss–Newton step.
+    Each unfinished search gets the same number of slots, or fewer if it has fewer trial steps left.
+    The slots contain successive halvings of its Gauss–Newton step.
 
     Parameters
     ----------
@@ -218,7 +219,8 @@ def search(problems: BatchProblem, most: int, enough: float, found: MapSearches)
     ----------
     problems : problems of all runs.
     most : largest number of steps of a search.
-    enough : a search has converged if a step decreases the cost by less than this.
+    enough : a search has converged if the actual or predicted decrease of the cost in a step is
+        smaller than this.
     found : J searches; all arrays except ``runs`` are updated.
     """
     searches, epochs, n = found.states.shape

@@ -220,8 +220,8 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
 def relinearise_epoch(smoother: Smoother, k: int) -> None:
     """Linearise the measurement of epoch ``k`` about the trial trajectory: H (m, n), y (1, m).
 
-    The terms of the cost are increased. With a loss, each equation is multiplied by the square root
-    of its weight.
+    The cost terms of the epoch are added to ``costs``. With a loss, each equation is multiplied by
+    the square root of its weight.
     """
     problems, reading = smoother.problems, smoother.reading
     path, costs = smoother.path, smoother.costs

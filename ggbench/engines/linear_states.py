@@ -13,7 +13,7 @@ POSITION = 3
 
 
 def mixing(problem: Problem) -> str | None:
-    """Return the reason why h is not linear in the states after the position; None if it is."""
+    """Return the reason why h is nonlinear in the states after the position; None if linear."""
     if not isinstance(problem.model, CompiledModel):
         return (
             "linear states are known only for the model of ggbench, not for "

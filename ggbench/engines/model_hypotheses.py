@@ -94,7 +94,7 @@ def heavy_tails(kind: str, noise: float) -> Hypothesis:
     not bias the estimated size of other model errors. These tails are too heavy if outliers are
     few. Therefore the estimates come from a filter with the usual threshold of Cauchy's loss, and
     with 3 % more noise. Without the additional noise the mean NEES of nine campaigns with 10 %
-    outliers is 6.26 with a standard error of 0.09, instead of 6.
+    outliers is 6.26 ± 0.09 (standard error). The expected value is 6.
     """
     usual = Hypothesis(kind=kind, noise=_ADAPTED * noise, loss="cauchy", threshold=_THRESHOLD)
     return Hypothesis(

@@ -23,9 +23,10 @@ class Moves(NamedTuple):
     resampling : resampling method.
     threshold : effective sample size (ESS), as a fraction of N, below which the cloud is resampled.
     tempering : smallest ESS, as a fraction of N, that an update may leave; otherwise the update is
-        split into stages. Without a kernel only updates of samples from a Gaussian are split, and
-        the result is exact (:mod:`.annealing`). With a kernel any update may be split into powers
-        of the likelihood (Oudjane & Musso 2000), with resampling between stages.
+        split into stages. Without ``kernel``, ``roughening`` and ``regularisation`` only updates of
+        samples from a Gaussian are split, and the result is exact (:mod:`.annealing`). With one of
+        these options any update may be split into powers of the likelihood (Oudjane & Musso 2000),
+        with resampling between stages.
     kernel : bandwidth b of the kernel after resampling, x ← m + √(1 − b²) (x − m) + b T^{1/2} e,
         which preserves the mean m and the covariance T of the cloud (Liu & West 2001); e is
         standard normal.
@@ -35,8 +36,8 @@ class Moves(NamedTuple):
         4000 / N. The limit applies to the residual variance of h after a linear regression on the
         sampled states, relative to the noise variance. If h is linear, a cloud of Gaussian shape is
         replaced by a Kalman filter until h is nonlinear again.
-    start : factor on N until the first measurement has been processed. More particles are needed
-        then, to find narrow modes within the whole prior.
+    start : factor on N in the first update that uses particles. This update needs more particles,
+        to find narrow modes within the whole prior.
     roughening : K of Gordon et al. (1993). After resampling, noise with standard deviation K E_j
         N^{−1/d} is added to state j of d sampled states, where E_j is the extent of the cloud in
         state j.

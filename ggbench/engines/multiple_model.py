@@ -148,9 +148,10 @@ def multiple_model(
 def cell_spacing(block: ProblemBlock) -> float:
     """Return a spacing [m] of Gaussians at which linearisation errors of the map are small.
 
-    The result is the larger of two spacings. Within the first, the derivative of the gradients
-    changes little. Within the second, the second-order term of the gradients is small compared with
-    the noise. The result is infinite without a finite map.
+    The result is the larger of two spacings. Over the first, the derivative of the gradients
+    changes by 30 % of its RMS. For the second, the second-order term of a gradient at one standard
+    deviation of a Gaussian is a tenth of the noise. The result is infinite without a map of finite
+    extent, and for a map whose gradients have no second derivative.
     """
     gravity_map = block.map
     if gravity_map is None or not np.isfinite([*gravity_map.lower, *gravity_map.upper]).all():
@@ -403,9 +404,10 @@ def mix(
 def summaries(
     times: np.ndarray, hypotheses: Sequence[Hypothesis], shares: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return texts (R,) with the hypotheses of significant weight at several times.
+    """Return a text for each run with the hypotheses of significant weight, at several times.
 
-    The keys of the result are named by the time, for example ``at_600_s``.
+    The result contains an array of texts (R,) for each time. Its key names the time, for example
+    ``at_600_s``.
 
     Parameters
     ----------

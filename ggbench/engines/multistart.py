@@ -94,9 +94,10 @@ def multistart(
     Parameters
     ----------
     block : block of R runs.
-    count, keep : number of starts across the prior, and of the best starts that are refined.
-    window, spacing_m : number of epochs with measurements, and step of the grid [m], of
-        :func:`window_search`; 0 epochs for no window search.
+    count : number of starts across the prior.
+    keep : number of the best starts that are refined.
+    window : number of epochs with measurements in :func:`window_search`; 0 for no window search.
+    spacing_m : step of the grid of :func:`window_search` [m].
     most : largest number of Gauss–Newton steps from each start.
     loss, threshold : robust loss on each whitened component of a measurement, see
         :mod:`.robust_weights`.

@@ -15,14 +15,14 @@ positions lie outside, 1.6e-4 of all positions."""
 
 
 class Axes(NamedTuple):
-    """The principal axes of the prior's states in metres.
+    """Principal axes of the position prior; the position states are all states in metres.
 
     Attributes
     ----------
     variances : (d,) variances of the prior along the axes [m²].
     gain : (n, d) [1/m] regression coefficients of all states, in units of the prior's standard
         deviations, on the coordinates along the axes.
-    states : indices of the position states (all states in metres).
+    states : indices of the position states.
     vectors : (d, d) unit vectors of the axes, in columns.
     """
 
@@ -33,7 +33,7 @@ class Axes(NamedTuple):
 
 
 def position_axes(problem: Problem | ProblemBlock) -> Axes:
-    """Return the principal axes of the prior's states in metres."""
+    """Return the principal axes of the position prior (of all states in metres)."""
     scale = np.sqrt(np.diag(problem.prior_cov))
     states = states_in_metres(problem)
     variances, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(states, states)])

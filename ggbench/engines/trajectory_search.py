@@ -81,8 +81,8 @@ class TrajectorySearch:
     def search(self, searches: MapSearches, most: int, enough: float = CONVERGED) -> None:
         """Run Gauss–Newton searches, with steps halved until the cost decreases, to the minima.
 
-        At most ``most`` steps are made. A search ends when a step decreases the cost by less than
-        ``enough``.
+        At most ``most`` steps are made. A search ends when the actual or predicted decrease of the
+        cost in a step is smaller than ``enough``.
         """
         search(self._arrays, most, enough, searches)
         np.add.at(self.evaluations, searches.runs, searches.evaluations)

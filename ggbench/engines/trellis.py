@@ -49,7 +49,10 @@ class Layer(NamedTuple):
     axes: np.ndarray
 
     def indices(self, which: np.ndarray) -> np.ndarray:
-        """Return the lattice indices (N, d) of the cells ``which`` (N,), positions in ``cells``."""
+        """Return the lattice indices (N, d) of N cells.
+
+        ``which`` (N,) contains the positions of these cells in the array ``cells``.
+        """
         return np.stack(np.unravel_index(self.cells[which], self.shape), axis=-1) + self.low
 
     def places(self, which: np.ndarray) -> np.ndarray:
@@ -243,10 +246,10 @@ def step_probabilities(variance: float) -> np.ndarray:
 def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
     """Return the sides (d,) of cells such that at most ``most`` cells cover a prior.
 
-    ``side`` is the requested side; it is increased if more than ``most`` cells were needed. Along
-    an axis where the prior's standard deviation is smaller, the side is this standard deviation,
-    which gives eleven cells. With eleven cells along every axis, ``most`` may be exceeded. ``cov``
-    (d, d) is the covariance of the prior.
+    ``side`` is the requested side; it is increased if more than ``most`` cells are needed. Along an
+    axis on which the prior's standard deviation is smaller than ``side``, this standard deviation
+    is the side, which gives eleven cells. With eleven cells along every axis, ``most`` may be
+    exceeded. ``cov`` (d, d) is the covariance of the prior.
     """
     sigma = np.sqrt(np.diag(cov))
     sides = np.minimum(side, sigma)

@@ -266,8 +266,8 @@ class Search:
     def multipliers(self, point: np.ndarray) -> np.ndarray:
         """Return the multipliers λ (n,) of a displacement (d,) along the axes [m].
 
-        The state prior_mean + P_0 λ has this displacement, in units of the prior's standard
-        deviations.
+        The state with this displacement is prior_mean + P_0 λ, if all three are in units of the
+        prior's standard deviations.
         """
         start = np.zeros(self.problem.dimension)
         axes = self._axes

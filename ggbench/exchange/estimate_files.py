@@ -257,7 +257,8 @@ def stored_runs(path: Path) -> tuple[StoredRuns, ...]:
     Raises
     ------
     ExchangeError
-        As in :func:`read`; also if a folder contains no such file, or files of several estimators.
+        As in :func:`read`; also if a folder contains no such file, or if the causality or the lag
+        differs between its files.
     """
     try:
         files = [path]
@@ -294,13 +295,14 @@ class StoredEstimates(Estimator):
         return False
 
     def conflict(self) -> str | None:
-        """Refuse a noise scale, because the estimates are already computed."""
+        """Refuse a noise scale other than 1, because the estimates are already computed."""
         return None if self.noise_scale == 1.0 else "noise_scale changes no stored estimates"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Return the stored estimate of the run that has the measurements of a problem.
 
-        States that the file lacks have the propagated prior. The estimate has no innovations.
+        States that the file lacks have the propagated prior. In this case the estimate has no
+        innovations (``nis`` is NaN).
 
         Raises
         ------

@@ -40,8 +40,8 @@ class Variable:
     """A variable of the file (array or text): axes, unit and meaning.
 
     Axes are numbers or symbols: R runs, K epochs, n states, m channels, g gradiometer channels.
-    Further symbols are T measurements combined by whitening, b columns of the matrix B, and C
-    states with check values.
+    Further symbols are T measurements combined by whitening, b columns of the matrix B, and C check
+    states. The file contains h and H at the check states.
     """
 
     name: str
@@ -71,7 +71,7 @@ def identity(facts: Mapping[str, object], block: ProblemBlock) -> str:
 
 
 def fingerprints(measurements: np.ndarray) -> list[float]:
-    """Return a number for each run that identifies the measurements (R, K, m) of this run."""
+    """Return a fingerprint of each run, computed from the measurements (R, K, m)."""
     weights = 1.0 + np.cos(np.arange(1.0, 1.0 + measurements[0].size)).reshape(
         measurements[0].shape
     )

@@ -23,8 +23,9 @@ _DECIMALS = re.compile(r"(\.\d\d)\d+")
 def picture(figure: Drawing, hidden: Set[str] = frozenset()) -> dict[str, Any]:
     """Return a figure as SVG, with the data that ``figure.js`` needs.
 
-    The SVG groups have ids. For the third series, ``series-2-0`` are the points, ``range-2-1`` is
-    an interval, and ``legend-2-0`` is the name in the legend. ``panel-0`` are the first axes.
+    The SVG groups have ids, numbered from zero. For the third series, ``series-2-0`` are the
+    points, ``range-2-1`` is an interval, and ``legend-2-0`` is the name in the legend. ``panel-0``
+    are the first axes.
 
     Parameters
     ----------

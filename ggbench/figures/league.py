@@ -55,8 +55,8 @@ class League(NamedTuple):
     ratios : (n, m) ratios that set the colours of the cells; NaN if missing.
     texts : (n, m) texts in the cells.
     framed : (n, m) mask of recommended estimators, whose cells have a frame.
-    to_best : (n,) ratio of the RMS error to that of the best causal estimator, by label of a causal
-        estimator; NaN if missing.
+    to_best : for each causal estimator, by label, the ratios (n,) of its RMS errors to those of the
+        best causal estimator; NaN if missing.
     """
 
     cases: Sequence[str]
@@ -75,7 +75,8 @@ def league(of: League, families: Mapping[str, str]) -> Drawing:
     Parameters
     ----------
     of : content of the figure.
-    families : family of each estimator by label; labels of the family ``own`` have its colour.
+    families : family of each estimator by label. Labels of estimators of the family ``own`` are
+        drawn in the colour of this family.
     """
     rows, width = _ROW * len(of.cases), _LABELS + _NARROWEST * (_places(of)[-1] + 1.0)
     figure, (grid, profile) = subplots(

@@ -86,8 +86,8 @@ def stacked(labels: Iterable[str], families: Mapping[str, str]) -> list[Layer]:
     """Return the lines of a figure in drawing order.
 
     The INS comes first. Each line is thinner than the line before, so that equal curves stay
-    visible. Users' own estimators come last, on top of all others, with the thickest and
-    translucent lines.
+    visible. Users' own estimators come last, on top of all others. Their lines are the thickest,
+    and translucent.
     """
     order = sorted(labels, key=lambda label: _LAYERS.get(families[label], 1))
     shipped = [label for label in order if not is_own(label, families)]

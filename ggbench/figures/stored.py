@@ -117,12 +117,14 @@ def track_gradient(results: Results, case: str) -> Drawing:
 def swept(results: Results, key: str | None = None) -> Drawing:
     """Draw RMS errors, bounds and the INS error against a swept value.
 
-    The values of other swept keys are drawn in at most :data:`MOST_PANELS` panels.
+    Each combination of values of the other swept keys has a panel; at most :data:`MOST_PANELS` are
+    drawn.
 
     Parameters
     ----------
     results : results of a sweep.
-    key : dotted key of the abscissa; None: the key that varies least often.
+    key : dotted key of the abscissa. By default it is the key with the fewest changes between
+        successive cases.
 
     Raises
     ------

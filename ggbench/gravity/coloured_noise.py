@@ -56,10 +56,11 @@ class Whitening(NamedTuple):
 
     Attributes
     ----------
-    weights : (G, p + 1, m, m) matrices that multiply each measurement and the p measurements before
-        it; zero for missing measurements.
-    lags : (G, p + 1) lags of these p + 1 measurements, counted in measurements and including
-        missing ones; −1 if there is no such measurement.
+    weights : (G, p + 1, m, m) matrices that multiply each measurement and up to p available earlier
+        measurements; zero for missing measurements.
+    lags : (G, p + 1) differences between the index of each measurement and the indices of these
+        p + 1 measurements. Missing measurements also have an index. The lag is −1 if there is no
+        such measurement.
     """
 
     weights: np.ndarray
@@ -141,7 +142,7 @@ class VectorAutoregression:
 
     @cached_property
     def spectral_radius(self) -> float:
-        """Largest modulus of the poles of the process, which is stable if this is below 1."""
+        """Largest modulus of the poles of the process; a stable process has a value below 1."""
         if self.order == 0:
             return 0.0
         if not np.isfinite(self.coefficients).all():

@@ -1,4 +1,4 @@
-"""Names of columns of coordinates: contradictions, signs, and zero levels of heights."""
+"""Names of coordinate columns: contradictions, signs, and zero levels of heights."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ _LEVELS = {
 
 
 def contradiction_of_axis(key: str, name: str, values: NDArray[np.float64]) -> str:
-    """Return the contradiction between a key of a coordinate and a column's name; "" if none.
+    """Return the contradiction between a coordinate key and the name of a column; "" if none.
 
     Parameters
     ----------
-    key : ``latitude_deg``, ``longitude_deg``, ``height_m``, ``easting_m`` or ``northing_m``; other
-        keys have none.
+    key : ``latitude_deg``, ``longitude_deg``, ``height_m``, ``easting_m`` or ``northing_m``. For
+        other keys the result is "".
     name : name of the column, with its description.
     values : (N,) numbers of the column, in the unit of the key; NaN for missing values.
     """
@@ -74,7 +74,7 @@ def contradiction_of_axis(key: str, name: str, values: NDArray[np.float64]) -> s
 
 
 def old_datum(text: str) -> str:
-    """Return the horizontal datum far from WGS 84 that a text names; "" if it names none."""
+    """Return the old datum, 50 m or more from WGS 84, that a text names; "" if none."""
     match = _OLD_DATUM.search(text.casefold())
     return match[1].upper() if match else ""
 

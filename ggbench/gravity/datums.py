@@ -27,9 +27,9 @@ def name_of(crs: Any) -> str:
 
 
 def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
-    """Return whether a geographic coordinate system ``crs`` differs from WGS 84 at a position.
+    """Return whether a geographic coordinate system ``crs`` differs by over 5 m from WGS 84.
 
-    ``longitude`` and ``latitude`` [deg] are coordinates of ``crs``.
+    ``longitude`` and ``latitude`` [deg] are the position of the comparison, in ``crs``.
 
     Raises TerrainError if rasterio is not installed.
     """
@@ -60,7 +60,10 @@ ELLIPSOIDAL = "heights are above the ellipsoid"
 def require_wgs84(
     variables: Mapping[Any, Any], variable: Any, place: tuple[float, float], path: Path
 ) -> None:
-    """Raise TerrainError if a variable of a netCDF file names another datum than WGS 84.
+    """Raise TerrainError if the grid mapping of a netCDF variable states another datum.
+
+    The datum must be WGS 84, and the prime meridian must be Greenwich. An invalid reference system
+    raises the same error.
 
     ``variables`` are all variables of the file, including the grid mapping. ``place`` is the
     longitude and latitude of a point within the grid [deg].

@@ -1,7 +1,7 @@
 """Maps with added errors, so that the assumed field differs from the true field.
 
-Four errors of real maps can be added: limited resolution, a wrong density of the terrain, white
-noise of the nodes, and noise that is correlated over the line spacing of a survey.
+Four errors of real maps can be added: limited resolution, a wrong density of the masses, white
+noise at the nodes, and noise with a correlation length such as the line spacing of a survey.
 """
 
 from __future__ import annotations
@@ -63,8 +63,10 @@ class MapDegradation:
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     """Return a map with errors: smoothed and scaled first, then with noise.
 
-    Raises MapError if the map is narrower than ``resolution_m``, or if the correlation length does
-    not suit the nodes or the base surface.
+    Raises MapError if the map is narrower than ``resolution_m``; if the correlation length is
+    shorter than the node spacing; if it is so long that the random field needs too many nodes. In a
+    draped map the correlation length must be at least twice the depth of the lowest point of the
+    base surface below its mean.
     """
     _check(right, degradation)
     tensor = np.asarray(right.tensor, dtype=float)

@@ -6,9 +6,9 @@ consistent. The sum reproduces the closed forms of normal gravity to a relative 
 the normal gradient to 1e-10 E (J14 is below 2e-19).
 
 Latitudes are geodetic. Angles are in rad, heights in m above the ellipsoid, gravity in m/s²,
-gradients in E (1 E = 1e-9 s⁻²). The gradient is the *gravitational* part only: a gradiometer
-without rotation in inertial space does not measure the centrifugal potential; normal gravity
-includes it.
+gradients in E (1 E = 1e-9 s⁻²). Normal gravity includes the centrifugal acceleration. The gradient
+excludes the gradient of the centrifugal acceleration, because a gradiometer that does not rotate in
+inertial space does not measure it.
 """
 
 from __future__ import annotations
@@ -318,8 +318,9 @@ def normal_gradient_of(
     """Return the components EE, NN, NU, UU of the normal gradient [E]; EN and EU are zero.
 
     ``sine`` and ``cosine`` are sin L and cos L of the geodetic latitude, ``height`` is in m. The
-    components in spherical axes of a zonal potential V(r, sin φ') (e.g. Hofmann-Wellenhof & Moritz
-    2006) are rotated about the east axis by ψ = L − φ', with the geocentric latitude φ'.
+    gradient tensor of the zonal potential V(r, sin φ') is computed in spherical axes (e.g.
+    Hofmann-Wellenhof & Moritz 2006). The axes are then rotated about the east axis by ψ = L − φ',
+    with the geocentric latitude φ'.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
@@ -339,7 +340,7 @@ def normal_gradient_of(
 def normal_gradient_slopes_of(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return the derivatives of EE, NN, NU, UU northwards, then the four upwards [E/m].
+    """Return the northward, then the upward derivatives of EE, NN, NU and UU [E/m].
 
     The components are those of :func:`normal_gradient_of`, in axes that move with the point. The
     chain rule uses the radius r(L, h), the geocentric latitude φ'(L, h) and ψ(L, h) = L − φ'.

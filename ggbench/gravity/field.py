@@ -219,14 +219,15 @@ class Field:
     ----------
     origin, step : (3,) first node and spacing of the map in latitude, longitude [rad], height [m];
         of a draped map the third coordinate is the height above its base surface.
-    tensor_coefficients : (n0, n1, n2, 6) B-spline coefficients [E]; size 0 for no map.
-    disturbance_coefficients : (n0, n1, n2, 3) B-spline coefficients of the gravity disturbance
-        vector, ENU [m/s²].
+    tensor_coefficients : (n_lat + 2, n_lon + 2, n_h + 2, 6) B-spline coefficients [E] of a map with
+        n_lat x n_lon x n_h nodes; size 0 for no map.
+    disturbance_coefficients : (n_lat + 2, n_lon + 2, n_h + 2, 3) B-spline coefficients of the
+        gravity disturbance vector, ENU [m/s²].
     constant_disturbance : (3,) vector added to the gravity disturbance everywhere, ENU [m/s²].
     standard_error : (9,) standard errors of tensor [E] and gravity disturbance [m/s²], as stated by
         the map; NaN: unknown.
-    base_coefficients : (n0, n1) B-spline coefficients of the base surface of a draped map [m]; size
-        0 for level layers.
+    base_coefficients : (n_lat + 2, n_lon + 2) B-spline coefficients of the base surface of a draped
+        map [m]; size 0 for level layers.
     """
 
     origin: np.ndarray
@@ -338,7 +339,7 @@ class Field:
         return positions[..., 0], positions[..., 1], positions[..., 2] + self.base(positions)
 
     def flattened(self) -> Field:
-        """Return the field with level layers: heights above the base become heights above zero."""
+        """Return the field with level layers; heights above the base become ellipsoidal heights."""
         return replace(self, base_coefficients=np.zeros((0, 0)))
 
     def covers(self, positions: np.ndarray, slack: float) -> np.ndarray:

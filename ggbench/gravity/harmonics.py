@@ -70,7 +70,7 @@ class HarmonicCoefficients:
 
 
 def without_normal_field(coefficients: HarmonicCoefficients) -> HarmonicCoefficients:
-    """Return coefficients minus the normal field: those of the disturbing potential.
+    """Return the coefficients of the disturbing potential, without the normal field.
 
     The even zonal coefficients J2..J12 of WGS84 are subtracted. Degrees 0 and 1 become zero,
     because the normal field has the mass and the centre of mass of the Earth.

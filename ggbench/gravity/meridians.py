@@ -1,7 +1,8 @@
 """Longitudes modulo whole turns, and areas that may cross the date line.
 
 Longitudes of 275.7° and −84.3° are equal, as are 181° and −179°. Before a comparison, :func:`turns`
-gives the whole turns that shift longitudes to within half a turn of each other.
+gives the whole turns to add to a longitude. The sum is *in the turn of* another longitude: the two
+differ by at most half a turn.
 """
 
 from __future__ import annotations
@@ -27,20 +28,21 @@ def turns(longitude: ArrayLike, about: ArrayLike, turn: float = 360.0) -> Any:
 
 
 def eastern(west: float, east: float) -> float:
-    """Return an eastern bound [deg] in the turn east of a western bound: 181 for 179 and −179.
+    """Return an eastern bound [deg], shifted by whole turns to the east of a western bound.
 
-    An eastern bound more than half a turn east of the western bound is unchanged: the bounds were
-    exchanged, or the area goes around the Earth.
+    Example: 181 for the western bound 179 and the eastern bound −179. If the area would then be
+    wider than half a turn, the bound is unchanged: the bounds were exchanged, or the area goes
+    around the Earth.
     """
     further = east - 360.0 * np.floor((east - west) / 360.0)
     return float(further) if 0.0 < further - west <= 180.0 else east
 
 
 def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array, float]:
-    """Return a global grid (n_lat, n_lon), rolled so that it is cut opposite to a meridian.
+    """Return a global grid (n_lat, n_lon) that begins half a turn west of a meridian.
 
-    The second result is the new first longitude [deg]. Grids that do not go around the Earth are
-    unchanged.
+    The columns are rolled in longitude. The second result is the new first longitude [deg]. Grids
+    that do not go around the Earth are unchanged.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array
 
 
 class Area(NamedTuple):
-    """Bounds of an area [deg]; longitudes may be in any turn; None: no limit."""
+    """Bounds of an area [deg]; longitudes are defined up to whole turns; None: no limit."""
 
     south: float | None = None
     north: float | None = None
@@ -64,7 +66,7 @@ class Area(NamedTuple):
     east: float | None = None
 
     def about(self, longitude: float) -> Area:
-        """Return the area with western and eastern bounds in the turn of a longitude [deg]."""
+        """Return the area, shifted by whole turns into the turn of a longitude [deg]."""
         west, east = self.west, self.east
         if west is not None and east is not None:
             east = eastern(west, east)

@@ -6,21 +6,22 @@ water at sea. Their attraction at the height z is, in the wavenumber domain,
     F[g_U] = −2πG exp(−k (z − z₀)) Σₙ kⁿ⁻¹/n! F[Σ ρ (s − z₀)ⁿ],
 
 where s is the surface of the land or of the sea floor and ρ its density contrast (Parker 1973, eq.
-4). The height z₀ is midway between the lowest and the highest point of both surfaces. All other
-components follow by multiplication with the wavenumbers. The series converges only above the
-highest ground.
+4). The inner sum is over both surfaces. The height z₀ is midway between their lowest and their
+highest point. All other components follow by multiplication with the wavenumbers. The series
+converges only above the highest ground.
 
 Beyond its edges the terrain is continued by its mirror image, which fades into the mean height of
 the edge over a tenth of the terrain's longer side. Farther away the ground is level at this mean
 height. The true ground beyond the edges is unknown and has an effect: ground that is 100 m higher
-beyond the distance D changes the field by 4 E · (10 km / D), smoothly. Short wavelengths, of the
-size of the height above the ground, are correct at distances of a few such heights from the edge.
+beyond the distance D changes the field by 4 E · (10 km / D), smoothly. Wavelengths as short as the
+height above the ground are correct at a distance of a few such heights from the edge.
 
-The Earth is flat, in a conformal map projection. The flat Earth neglects mainly the rotation of the
-axes with the position. For an attraction (E, N, U) and the Earth's radius R the neglected terms are
-U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU. For 1e-3 m/s² (100 mGal) they are 0.16 E
-(U/R) and 0.31 E (2U/R). An example is a mountain range that is 2.4 km high and 150 km wide, with a
-field of 40 E and 100 mGal RMS. The remaining error is 0.06 E and 0.5 mGal RMS.
+The Earth is assumed to be flat, in a conformal map projection. This assumption neglects mainly the
+rotation of the axes with the position. For an attraction (E, N, U) and the Earth's radius R the
+neglected terms are U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU. For 1e-3 m/s² (100
+mGal) they are 0.16 E (U/R) and 0.31 E (2U/R). An example is a mountain range that is 2.4 km high
+and 150 km wide, with a field of 40 E and 100 mGal RMS. Apart from the terms above, its error is
+0.06 E and 0.5 mGal RMS.
 """
 
 from __future__ import annotations

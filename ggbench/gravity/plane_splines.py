@@ -124,7 +124,8 @@ def evaluate(
 ) -> None:
     """Fill tensor (n_lat, n_lon, 6) and vector (n_lat, n_lon, 3) at geodetic positions, ENU.
 
-    The field is the sum of the splines on a fine and on a coarse grid of the plane.
+    The field is the sum of the splines on a fine and on a coarse grid of the plane. The constant
+    ``level_gravity`` [m/s²] is added to the upward component of the vector.
     """
     value = np.empty(8)
     for i in range(latitude.size):

@@ -83,10 +83,10 @@ def contradiction(kind: str, text: str) -> str:
 
 
 def names_gravity(name: str) -> bool:
-    """Return whether the name of values names gravity and no other quantity."""
+    """Return whether the name of a column names gravity and no other quantity."""
     return not named_quantities(name) and _GRAVITY.search(name.casefold()) is not None
 
 
 def is_corrected_for_terrain(name: str) -> bool:
-    """Return whether the name of values indicates a terrain correction."""
+    """Return whether the name of a column indicates a terrain correction."""
     return _TERRAIN.search(name.casefold()) is not None

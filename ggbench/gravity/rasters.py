@@ -55,8 +55,10 @@ def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
     ``area`` is the area in which values are needed; None: everywhere.
 
     Raises TerrainError if GDAL cannot read the file, if the file's format differs from the format
-    of its suffix, or if the raster has a mask file. GDAL does not access the network. It also reads
-    files with the name of the raster, such as ``.prj``, ``.tfw``, ``.wld`` and ``.aux.xml``.
+    of its suffix, or if the raster has a mask file.
+
+    GDAL does not access the network. Besides the raster, GDAL reads files of the same name with
+    other suffixes, such as ``.prj``, ``.tfw``, ``.wld`` and ``.aux.xml``.
     """
     rasterio = imported("rasterio", path)
     driver = _driver(path)

@@ -62,7 +62,7 @@ def regular_grid(
     ----------
     latitude, longitude : latitudes of the rows (n_lat,) and longitudes of the columns (n_lon,)
         [deg].
-    values : (n_lat, n_lon); voids are NaN or a common void value such as 99999.
+    values : (n_lat, n_lon); voids are NaN.
     name : name of the file, for messages.
     remarks : texts on earlier changes of the values; empty texts are omitted.
     area : area in which values are needed; None: everywhere.
@@ -121,7 +121,8 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
 def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
     """Return a grid (n_lat, n_lon) with the area in one piece, and the grid's first longitude.
 
-    A grid around the Earth is cut opposite to the area if the edge of the grid crosses the area.
+    A global grid is rolled in longitude if its edge crosses the area. The edge is then opposite to
+    the area. Other grids are unchanged.
 
     Parameters
     ----------
@@ -156,12 +157,13 @@ def is_netcdf(path: Path) -> bool:
 
 
 def axis_of(name: str, coordinate: Any, generic: str, file: str) -> str | None:
-    """Return whether a coordinate of a netCDF file is latitude or longitude; None if neither.
+    """Return ``latitude`` or ``longitude`` for a coordinate of a netCDF file; None if neither.
 
-    Its units and standard name decide, else its name. ``generic`` is its meaning if it is named x
-    or y without such attributes.
+    The units, the standard name and the name of the coordinate determine the result. If none of
+    them does, the result is ``generic``: ``latitude`` for y, ``longitude`` for x, None for "".
 
-    Raises TerrainError if these contradict each other, or if it is not in degrees north or east.
+    Raises TerrainError if units, standard name and name contradict each other; if the coordinate is
+    not in degrees north or east; if a latitude is described as colatitude or geocentric.
     """
     attributes = {key: str(value).strip().lower() for key, value in coordinate.attrs.items()}
     unit = attributes.get("units", "")

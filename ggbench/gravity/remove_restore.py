@@ -4,9 +4,9 @@ The steps (Hofmann-Wellenhof and Moritz 2006, ch. 8):
 
 1. a geoid is converted to the disturbing potential by Bruns' formula; gravity is not converted;
 2. the synthesis of harmonic coefficients of low degree is removed;
-3. the residual is continued upwards as a Fourier series in latitude and longitude; the wavelength
-   of each term on the sphere defines its degree n, and n defines its potential:
-   T_n = δg_n r / (n + 1) for a gravity disturbance (Hotine) or Δg_n r / (n - 1) for a gravity
+3. the residual is continued upwards as a Fourier series in latitude and longitude. The wavelength
+   of each term on the sphere defines its degree n. The potential of a term of degree n is
+   T_n = δg_n r / (n + 1) for a gravity disturbance (Hotine), and Δg_n r / (n - 1) for a gravity
    anomaly (Stokes);
 4. the coefficients of low degree are restored exactly at altitude.
 
@@ -133,7 +133,7 @@ class Residual:
         Parameters
         ----------
         latitude, longitude, height : (n_lat,), (n_lon,) [rad], (n_h,) [m].
-        centre : latitude at which the convergence of the meridians is evaluated [rad].
+        centre : latitude at which radians are converted to metres, for the wavelengths [rad].
 
         Returns
         -------
@@ -144,9 +144,10 @@ class Residual:
         The horizontal Laplacian multiplies a wave on the sphere of radius R by -n(n+1)/R². This
         defines its degree n, which need not be an integer. The degree gives the upward continuation
         (R/(R+h))^(n+1) and the vertical derivative -(n+1)/(R+h). For n -> infinity the continuation
-        is exp(-kh) of the flat Earth, which has an error of one to two per cent in the tensor at
-        degree 120. Second derivatives are covariant: the axes rotate with the position, so gravity
-        itself contributes to the tensor (Hofmann-Wellenhof and Moritz 2006).
+        is exp(-kh) of the flat Earth. At degree 120 the continuation by exp(-kh) has an error of
+        one to two per cent in the tensor. Second derivatives are covariant: the axes rotate with
+        the position, so gravity itself contributes to the tensor (Hofmann-Wellenhof and Moritz
+        2006).
         """
         meridian, prime_vertical = radii_of_curvature(centre)
         radius = math.sqrt(meridian * prime_vertical)
@@ -207,7 +208,10 @@ class Residual:
 
 
 def height_anomaly(geoid: Array, elevation: Array) -> Array:
-    """Return the height anomaly (...) [m] of the field continued to the ellipsoid.
+    """Return the height anomaly (...) [m] of the external field, continued to the ellipsoid.
+
+    The anomaly exceeds the geoid height by 2πGρH²/γ at the elevation H. The density ρ is 2670
+    kg/m³.
 
     Parameters
     ----------

@@ -22,9 +22,10 @@ def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     """Return uniform cubic B-spline coefficients that interpolate values along an axis.
 
     Values d (..., n, ...), n >= 4, give coefficients c (..., n + 2, ...) in the same unit. They
-    fulfil c[i−1] + 4 c[i] + c[i+1] = 6 d[i], a tridiagonal system. The end conditions are
-    not-a-knot: the third derivative is continuous across the second and the last but one node. This
-    gives c[2] = (8 d[2] − d[1] − d[3]) / 6 and the mirrored equation at the other end.
+    fulfil c[i−1] + 4 c[i] + c[i+1] = 6 d[i], a tridiagonal system. In these equations the indices
+    of c begin at 0 and those of d at 1. The end conditions are not-a-knot: the third derivative is
+    continuous across the second and the last but one node. This gives
+    c[2] = (8 d[2] − d[1] − d[3]) / 6 and the mirrored equation at the other end.
     """
     n = values.shape[axis]
     before, after = math.prod(values.shape[:axis]), math.prod(values.shape[axis + 1 :])
@@ -316,8 +317,8 @@ def spline_tensor_slopes(
 ) -> None:
     """Fill ``out`` (24, N) with tensors and their derivatives at some of N positions.
 
-    The rows are six tensor components [E] and their derivatives with respect to latitude, longitude
-    [E/rad] and height [E/m].
+    Rows 0 to 5 are the six tensor components [E]. Rows 6 + 3m, 7 + 3m and 8 + 3m are the
+    derivatives of component m with respect to latitude, longitude [E/rad] and height [E/m].
 
     Parameters
     ----------

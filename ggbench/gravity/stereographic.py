@@ -1,10 +1,10 @@
 """Oblique stereographic projection of WGS84: a conformal plane for a few hundred kilometres.
 
 The projection preserves angles. At the distance ρ from the centre, lengths on the plane exceed true
-lengths by the fraction ρ²/(4R²). R is the Earth's radius; the fraction is 8e-5 at 110 km. Therefore
-one Fourier series can cover a whole region, without a division into bands of latitude. Equations:
-Snyder (1987), Map Projections, eqs. 3-1, 21-24, 21-25 and 21-27; plane axes x = east and y = north
-at the centre.
+lengths by the fraction ρ²/(4R²). R is the Earth's radius; the fraction is 7.5e-5 at 110 km.
+Therefore one Fourier series can cover a whole region, without a division into bands of latitude.
+Equations: Snyder (1987), Map Projections, eqs. 3-1, 21-24, 21-25 and 21-27; plane axes x = east and
+y = north at the centre.
 """
 
 from __future__ import annotations

@@ -34,16 +34,17 @@ class Columns:
 
     Attributes
     ----------
-    blocks : (M, 4) blocks of all levels, beginning with the cells: mean height above the base [m];
-        mean of height times east coordinate and of height times north coordinate [m; coordinates
-        from the centre in widths of the block]; variance of the heights [m²].
+    blocks : (M, 4) moments of the blocks of all levels. Blocks of level l have 2^l x 2^l cells;
+        level 0 are the cells. Heights h are above the base; e and n are the east and north
+        coordinates from the centre of the block, as fractions of its width and length. The columns
+        are the means of h, h e and h n [m], and the variance of h [m²].
     first : (L,) index of the first block of each level.
     shape : (L, 2) number of blocks of each level along latitude and longitude.
     south_west, steps : (2,) first cell, and distances between cells, in latitude and longitude
         [rad].
     base : height of the lower end of all columns [m].
-    density : density of columns that rise above the base; density deficit of columns below the base
-        [kg/m³].
+    density : density of the ground, for columns of the land; density deficit of water, for columns
+        of the sea [kg/m³]. A column with its top below the base has a negative mass.
     """
 
     blocks: np.ndarray
@@ -176,8 +177,9 @@ def add_columns(columns: Columns, points: np.ndarray, ratio: float, out: np.ndar
     Parameters
     ----------
     points : (N, 3) latitude, longitude [rad], height above the zero level [m].
-    ratio : smallest ratio of the distance of a block to its width at which the block is a line
-        mass.
+    ratio : smallest ratio of the distance of a block to its size at which the block is a line mass.
+        The size is √((w² + l²)/2 + 12 v) for the width w, the length l and the variance v of the
+        heights.
     """
     top_level = columns.first.shape[0] - 1
     levels, rows, places = np.empty((3, _DEEPEST), np.int64)

@@ -208,9 +208,8 @@ def read_terrain(path: Path, area: Area | None = None, voids: Sequence[float] = 
         netCDF grid (``.nc``, ``.grd``), a Surfer grid (``.grd``) or a NumPy archive (``.npz``). An
         archive has the arrays of a :class:`Terrain`; or ``lat``, ``lon`` and ``z``; or
         ``elevation``, ``xmin``, ``ymax``, ``dx`` and ``dy``.
-    area : area in which heights are needed; None: everywhere. Voids outside the area are filled
-        with the nearest cell, however many there are. A grid around the Earth is cut opposite to
-        the area.
+    area : area in which heights are needed; None: everywhere. Voids outside the area are filled,
+        however many there are. A global grid is rolled in longitude if its edge crosses the area.
     voids : additional values in the file that mark voids.
 
     Returns

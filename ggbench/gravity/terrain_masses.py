@@ -49,8 +49,9 @@ class TerrainMasses:
     Attributes
     ----------
     terrain : heights above the zero level.
-    layers : columns of the land, and columns of the density deficit of the sea, relative to the
-        mean height of the edge.
+    layers : columns of the land, and columns of the density deficit of the sea, from a base to the
+        ground. The base of the land is the mean height of the edge, but at least 0; that of the sea
+        is at most 0. Without continuation both bases are 0.
     geoid_height : height of the terrain's zero level above the ellipsoid [m].
     """
 
@@ -102,8 +103,8 @@ class TerrainMasses:
         Parameters
         ----------
         points : (N, 3) latitude, longitude [rad], height above the ellipsoid [m].
-        ratio : smallest ratio of the distance of a block to its width at which the block is a line
-            mass.
+        ratio : smallest ratio of the distance of a block to its size at which the block is a line
+            mass, see :func:`.add_columns`.
 
         Raises
         ------

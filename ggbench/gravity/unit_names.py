@@ -163,8 +163,8 @@ def examples_for(key: str) -> str:
 def unit_at_end(text: str, key: str) -> str:
     """Return the unit at the end of a name or a description; "" if there is none.
 
-    Examples: ``ALT_FT``, ``HeightFeet``, ``GFAAGU``, ``Grav um/s2``. A unit of the quantity of
-    ``key`` counts, and also another unit that is rarely part of a name, such as nT.
+    Examples: ``ALT_FT``, ``HeightFeet``, ``GFAAGU``, ``Grav um/s2``. The unit must belong to the
+    quantity of ``key``, or it must be a unit that rarely ends a name by chance, such as nT.
     """
     quantity = base_of(key).quantity
     split = _CAPITAL.sub("_", text.strip())

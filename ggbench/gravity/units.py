@@ -24,7 +24,7 @@ _DEPTH = re.compile(r"(water|sea.?floor|ocean|bottom)?[ _]?depths?(?![a-z])")
 
 @dataclass(frozen=True)
 class Units:
-    """Allowed units, and limits, of the values of grids of one quantity.
+    """Allowed units and limits of a quantity that is read from grids.
 
     Attributes
     ----------

@@ -28,11 +28,16 @@ _SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
 
 
 def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, str]:
-    """Return values with undeclared void values replaced by NaN, and a remark.
+    """Return values with declared and common void values replaced by NaN, and a remark.
 
-    Void values are those of ``units`` and common void values, such as -9999 always, 32767 outside
-    the limits of the quantity, and -999 far from all other values. The remark names the common void
-    values that were replaced; "" if there are none.
+    Void values are
+
+    - the declared void values of ``units``;
+    - -9999, -99999, -32767, -32768 and numbers of magnitude 1e20 or more;
+    - 9999, 99999, 32767, 999999 and -999999, if outside the limits of the quantity;
+    - -99, -999, 999 and -10000, if far from all other values.
+
+    The remark names common void values that were replaced but not declared; "" if there are none.
 
     Parameters
     ----------

@@ -43,20 +43,20 @@ MOST_FACTORS = 48
 """Largest number of factors of Q in an interval, see :func:`propagate`."""
 
 _LAST = 5
-"""Order of the last term: F's chain bias → attitude → velocity → position ends after three
-products, and what comes back is 1e-4 of it in an interval. The fifth is for biases that wander:
-over a tenth of their time constant, the longest interval allowed, it is 8e-8 of what remains of
-them and 3e-8 of their Q, and the sixth is 1e-9. (Of Q without them the fifth is below 1e-12 even in
-intervals of a second.)"""
+"""Order of the last term of the series. The chain bias → attitude → velocity → position of F ends
+after three products. Feedback to the start of the chain is 1e-4 of the error in an interval. The
+fifth term is needed for biases that vary. In the longest allowed interval, a tenth of their time
+constant, it is 8e-8 of the remaining bias and 3e-8 of its Q. The sixth term is 1e-9. For constant
+biases the fifth term of Q is below 1e-12, even in intervals of a second."""
 _SLOW = 2e-4
-"""Up to how much the errors may turn, or come back, in an interval for which three orders are
-enough: what they neglect is its third power / 24, 3e-13 of Φ and less of Q. Nearly all of what
-comes back is an error of the height, with 1.8e-3 s⁻¹."""
+"""Largest rotation or feedback of errors in an interval for which three orders are sufficient.
+The neglected terms are the third power of this limit / 24: 3e-13 of Φ and less of Q. Nearly all
+feedback is that of the height error, at a rate of 1.8e-3 s⁻¹."""
 TIME = ENTRIES
 SCALED = ENTRIES + 1
-"""Numbers of F over an interval: its entries and, last, the interval itself, of δh' = δv_U."""
+"""Length of F dt, see :func:`scaled_entries`: the entries of F, then dt for δh' = δv_U."""
 DISTURBANCE = STATES
-"""The first of three states that come after the others where the gravity disturbance is one."""
+"""Index of the first of the three states of the gravity disturbance, if it is a state."""
 _HEIGHT = STATES + 3
 """Index of the altimeter component of a term, after the components of y."""
 
@@ -65,8 +65,8 @@ _HEIGHT = STATES + 3
 def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
     """Return whether :func:`propagate_short_series` is accurate enough for all intervals.
 
-    The result is False if biases or the gravity disturbance vary, or if an altimeter damps the INS.
-    Only the first and the last interval are examined.
+    The result is False if biases vary, if the gravity disturbance is a state, or if an altimeter
+    damps the INS. Only the first and the last interval are examined.
 
     Parameters
     ----------
@@ -176,7 +176,10 @@ def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
 
 @compiled
 def scaled_entries(f: np.ndarray, n: int, time: float, out: np.ndarray) -> None:
-    """Fill ``out`` (1, SCALED, LANES) with the entries ``f[n]`` of F, multiplied by a time [s]."""
+    """Fill ``out`` (1, SCALED, LANES) with the entries ``f[n]`` of F, multiplied by a time [s].
+
+    The entry ``DRIVEN`` is not multiplied. The last element of ``out`` is the time.
+    """
     for i in range(ENTRIES):
         store(out, 0, i, time * load(f, n, i))
     store(out, 0, DRIVEN, load(f, n, DRIVEN))
@@ -267,11 +270,17 @@ def propagate(
     columns : (C, 15 or 18, LANES) columns y, changed in place.
     terms : scratch from :func:`series_terms`.
     factors : (MOST_FACTORS, C, LANES) output. The rows up to the returned number form a matrix W,
-        and the noise of the interval adds WᵀW to Q. The rows contain Legendre coefficients b_0,
-        b_1, ... of y times noise roots: b_0 and b_1 of velocity, and b_0 to b_2 of attitude; with
-        an altimeter also b_0 to b_2 of altimeter noise and b_2 of velocity; b_0 to b_2 of variable
-        biases and of the gravity disturbance. Higher coefficients are negligible, because the chain
-        from noise to position has no more integrations.
+        and the noise of the interval adds WᵀW to Q. Each row is a Legendre coefficient of y, b_0,
+        b_1 or b_2, times a noise root:
+
+        - b_0 and b_1 of the velocity; with an altimeter also b_2,
+        - b_0 to b_2 of the attitude,
+        - b_0 to b_2 of the altimeter noise, with an altimeter,
+        - b_0 to b_2 of the biases, if they vary,
+        - b_0 to b_2 of the gravity disturbance, if it is a state.
+
+        Higher coefficients are negligible, because the chain from noise to position has no more
+        integrations.
 
     Returns
     -------

@@ -15,7 +15,7 @@ from .system_matrix import NAVIGATION_STATES, STATES, entries_between
 from .transitions import entries_of, metres_at, unit_columns
 
 MOVED = (0, 1, 2, 6, 7, 8)
-"""Position and attitude error among the states."""
+"""Indices of the position and attitude errors in the state vector."""
 
 
 @compiled
@@ -30,7 +30,7 @@ def delayed_rows_lanes(
     transition: np.ndarray,
     rows: np.ndarray,
 ) -> None:
-    """Fill B_k: position error [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
+    """Fill B_k, which maps x(t_k) to errors of position [m] and attitude [rad] at t_k − τ_k.
 
     B_k consists of rows of Φ(t_k, t_k − τ_k)⁻¹, where τ_k is the delay. Process noise within the
     delay (millimetres) is neglected.

@@ -63,7 +63,8 @@ class Imu:
     def draw_biases(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Return the gyro (3,) [rad/s] and accelerometer (3,) [m/s²] biases at the start of a run.
 
-        The biases are random, with the stationary distribution of the process.
+        The biases are random numbers from N(0, σ²), the stationary distribution of a Gauss–Markov
+        bias. With ``fixed_biases`` they are +σ or −σ.
         """
         draws = rng.standard_normal((2, 3))
         if self.fixed_biases:

@@ -1,9 +1,9 @@
 """Gravity disturbance that a mechanization adds, from a map or from integrated gradients.
 
-With a gradiometer no map is needed: during the motion v dt the disturbance changes by T v dt, where
-T is the disturbing gradient, and by the rotation of the local level. The initial disturbance
-remains unknown, and measurement noise adds a random walk (Jekeli 2006, Precision free-inertial
-navigation with gravity compensation by an onboard gradiometer)::
+With a gradiometer no map is needed. During the motion v dt the disturbance changes by T v dt, where
+T is the disturbing gradient. Its components also change by the rotation of the local level. The
+initial disturbance remains unknown, and measurement noise adds a random walk (Jekeli 2006,
+Precision free-inertial navigation with gravity compensation by an onboard gradiometer)::
 
     δĝ' = T̂ v̂ − ω_en × δĝ,   T̂ = Γ̂ − Γ_normal(p̂),   δĝ(0) = 0
 
@@ -25,7 +25,7 @@ from ..numerics.records import record
 from .local_level import frame_rates_of, place_of
 
 COMPONENT = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-"""Which of the six numbers of a tensor stands in each of its rows and columns."""
+"""Index, among the six stored components, of each element (3, 3) of a symmetric tensor."""
 
 
 @record
@@ -66,7 +66,7 @@ class KnownGravity:
 _NO_READINGS = GradientReadings(lanes(0, 6), np.zeros(0, dtype=np.int64), lanes(1, 6), lanes(0, 3))
 NO_MAP = Field.normal().disturbance_map
 NORMAL_GRAVITY = KnownGravity(NO_MAP, _NO_READINGS)
-"""Of a mechanization that knows nothing of the disturbance."""
+"""No disturbance: the mechanization uses normal gravity alone."""
 
 
 def of_map(disturbance: DisturbanceMap) -> KnownGravity:
@@ -90,7 +90,9 @@ def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGr
 
 @compiled
 def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
-    """Hold the gradients measured at sample ``n``, if any; a missing one keeps its last value.
+    """Store the disturbing gradient of the measurement at INS sample ``n``, if there is one.
+
+    For a missing measurement the previous gradient is stored again.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
 
 @compiled
 def receive_all(readings: GradientReadings, track: np.ndarray) -> None:
-    """Hold the measured gradients at all samples of a track (N + 1, TRACK, LANES)."""
+    """Call :func:`receive` for all samples of a track (N + 1, TRACK, LANES)."""
     for n in range(track.shape[0]):
         receive(readings, track, n)
 
@@ -167,9 +169,9 @@ def integrate(
     ----------
     readings, track : as in :func:`receive`.
     dt : INS interval [s].
-    moved : (3, 3, LANES) state of the integration: displacement since the last measurement, ENU
-        [m]; δĝ at the last measurement, in present local-level axes [m/s²]; whether there was a
-        measurement.
+    moved : (3, 3, LANES) state of the integration. Row 0 is the displacement since the last
+        measurement, ENU [m]. Row 1 is δĝ at the last measurement, in present local-level axes
+        [m/s²]. Row 2 is 1 after the first measurement and 0 before.
     """
     before, now = readings.latest[n], readings.latest[n + 1]
     receive(readings, track, n + 1)

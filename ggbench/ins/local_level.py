@@ -9,7 +9,7 @@ from ..numerics.rotations import sine_cosine
 Vector = tuple[float, float, float]
 """Three numbers in axes ENU or of the body, or three vectors of the numbers of a group of runs."""
 Place = tuple[float, float, float, float]
-"""What :func:`place_of` returns."""
+"""sin L, cos L, R_M + h and R_N + h [m] of a position, from :func:`place_of`."""
 
 
 @inlined

@@ -22,9 +22,9 @@ class Noise:
     damped : whether an altimeter damps the vertical channel.
     wandering : whether biases vary.
     disturbance : (3,) noise of the gravity disturbance, ENU; empty if the disturbance is no state.
-        With a map it is √2 σ [m/s²], for a process with standard deviation σ, correlation distance
-        D and PSD 2 σ² |v|/D at the speed |v|. With integrated gradients it is the root PSD of a
-        random walk per speed [s⁻¹˙⁵].
+        Without integrated gradients it is √2 σ [m/s²]. The process then has the standard deviation
+        σ, the correlation distance D and the PSD 2 σ² |v|/D at the speed |v|. With integrated
+        gradients it is the root PSD of a random walk, per unit of speed [s⁻¹˙⁵].
     """
 
     roots: np.ndarray

@@ -1,4 +1,4 @@
-"""Strapdown mechanization in the local-level East-North-Up frame, and exact inverse of it.
+"""Strapdown mechanization in the local-level East-North-Up frame, and its exact inverse.
 
 The state consists of geodetic latitude L, longitude λ [rad], ellipsoidal height h [m], velocity v
 (ENU) [m/s] and C_nb, which maps the body frame b (right-forward-up) to the local-level frame n::
@@ -244,8 +244,8 @@ def navigate_lanes(
     dt : IMU interval [s].
     heights : (N, 1, LANES) heights of the altimeters [m]; (0, 1, LANES) without altimeters.
     gains : k₁ [1/s], k₂ [1/s²] of the altimeter.
-    gravity : gravity disturbance that is added to normal gravity; held and integrated gradients are
-        filled.
+    gravity : gravity disturbance that is added to normal gravity. If gradients are integrated, the
+        arrays ``held`` and ``total`` of its ``readings`` are filled.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb (row by row).
     """
     copy(initial, track)
@@ -350,8 +350,8 @@ def error_free_increments(
 
     A fixed-point iteration on each step finds the increments. A change of the increments changes
     the result of the step by almost the same amount, so six corrections reach rounding accuracy in
-    any manoeuvre. Each step starts from the result of the previous step, not from the truth:
-    otherwise systematic rounding errors would grow in the vertical channel by e^(t √(2g/R)), to
+    any manoeuvre. Each step starts from the result of the previous step, not from the truth.
+    Otherwise systematic rounding errors would grow in the vertical channel by e^(t √(2g/R)), to
     kilometres in four hours.
 
     Parameters

@@ -43,7 +43,8 @@ def metres_at(track: np.ndarray, n: int, out: np.ndarray) -> None:
 def unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
     """Fill ``out`` (len(which), n, LANES) with the rows ``which`` of the identity matrix.
 
-    Position errors in the rows are in metres, those in ``out`` in radians, see
+    The identity matrix refers to position errors ENU in metres. The rows in ``out`` refer to errors
+    of latitude and longitude in radians, and are converted with ``metres`` (1, 2, LANES) from
     :func:`metres_at`.
     """
     out[:] = 0.0

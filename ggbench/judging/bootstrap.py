@@ -16,7 +16,7 @@ from .statistics import ALPHA, FEWEST_CLUSTERS, ROUNDING
 FEWEST_OF_INTERVAL = 30
 """Least number of runs for the interval of an RMS error."""
 _GROUPS, _FAR = 64, 1e6
-"""Number of groups that are resampled at a time; limit of scores, beyond it an end is open."""
+"""Number of groups that are resampled at a time; limit of t-scores, which gives an open end."""
 _SAMPLES = 2000
 _SEED = 20130
 _BLOCK = 2_000_000
@@ -140,8 +140,8 @@ def ratio_interval(
     Parameters
     ----------
     before_ms, after_ms : (runs,) mean squared errors [m² or m²/s²].
-    paired : whether both belong to the same runs. Pairs are resampled together, unpaired runs
-        independently.
+    paired : whether both arrays have the errors of the same runs. Pairs are resampled together,
+        unpaired errors independently.
 
     Returns
     -------

@@ -12,7 +12,7 @@ def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarra
 
     The bound is the covariance of a filter or smoother that is linearised at the truth. By Jensen's
     inequality the mean of this covariance over flights lies above the posterior Cramér–Rao bound.
-    It is therefore no proven limit for nonlinear problems.
+    The bound is therefore no proven limit for nonlinear problems.
 
     An estimate without aiding is compared with the bound of a filter.
     """

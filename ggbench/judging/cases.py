@@ -76,7 +76,7 @@ def cases(
     Parameters
     ----------
     specs : cases of the scenario.
-    arrays : arrays that all runs of a case share, by case and by name; over epochs (K,) or (K, m).
+    arrays : arrays (K,) or (K, m) over epochs that all runs of a case share, by case, then by name.
         If each run draws its own flight, the arrays are those of run 0.
     metrics : table of metrics of the campaign.
     verdicts : verdicts by kind of estimators ("causal" or "smoother"), then by case.

@@ -56,9 +56,10 @@ class Comparison:
     rows : table with the columns :data:`ROW_COLUMNS`, and three rows for each common assumption,
         case and estimator. For the quantities "position" [m] and "velocity" [m/s], ``before`` and
         ``after`` are RMS errors, and ``ratio`` is after / before, with 95 % interval ``lo``, ``hi``
-        (:func:`ratio_interval`). For the quantity "failed or diverged" they are numbers of such
-        runs, without a ratio. ``runs_before`` and ``runs`` are the numbers of runs before and
-        after. ``paired`` states whether the simulated problems are equal. ``p`` and ``p_better``
+        (:func:`ratio_interval`). For the quantity "failed or diverged", ``before`` and ``after``
+        are the numbers of such runs, and there is no ratio. ``runs_before`` and ``runs`` are the
+        numbers of all runs before and after. ``paired`` states whether the two campaigns have the
+        same simulated problems. ``p`` and ``p_better``
         are adjusted p-values of the hypotheses "not worse" and "not better". ``verdict`` is
         "worse", "better", "same" (equal data, bit for bit) or "undecided".
     only_before, only_after : items of only one campaign, "case a" or "estimator ekf in case a".
@@ -81,14 +82,15 @@ def compare(
 ) -> Comparison:
     """Compare two tables of runs.
 
-    Runs of the same simulated problem (equal case hash and seed) are paired: errors are compared on
-    the runs that finished in both campaigns. Runs of different problems are independent samples of
-    equal size (the larger campaign contributes its first runs). With samples of unequal size the
-    skewed squared errors would cause false alarms (30 against 300 runs: in a third of the
-    comparisons of ten rows). Failed and diverged runs have a separate row, over all runs.
+    Runs of the same simulated problem (equal case hash and seed) are paired. Their errors are
+    compared on the runs that finished in both campaigns. Runs of different problems are compared as
+    independent samples of equal size: the larger campaign contributes its first runs. Samples of
+    unequal size would cause false alarms, because squared errors are skewed. With 30 against 300
+    runs, a third of the comparisons with ten rows had a false alarm. The row of failed and diverged
+    runs covers all runs.
 
-    An estimator may have one set of parameters only in ``before`` and one only in ``after``. These
-    two are compared, in rows with both labels.
+    An estimator with changed parameters has one label only in ``before`` and another only in
+    ``after``. The two labels are compared in rows with the label "old → new".
 
     Errors are worse if the RMS error grew by more than ``threshold`` (:func:`excess_p_value`).
     Failures are worse if there are more of them (one-sided exact tests: McNemar's for pairs,

@@ -25,15 +25,17 @@ MARKS = {OVERCONFIDENT: "†", UNSAFE: "‡"}
 LEAST_COVERAGE, MOST_FALSE = 0.90, 0.05
 """Least coverage of a 95 % region; largest share of false fixes."""
 FARTHEST = 0.001
-"""Tail probability of χ²: a run with a larger NEES that ends outside the required error is lost."""
+"""Tail probability of χ² beyond :data:`BEYOND`."""
 BEYOND = float(chdtri(JUDGED, FARTHEST))
-"""NEES that a consistent estimate exceeds with this probability; larger values are limited to
-it.
+"""NEES that a consistent estimate exceeds with probability :data:`FARTHEST`.
+
+:func:`trimmed` limits the NEES to this value. A run with a larger NEES that ends outside the
+required error is lost.
 """
 LARGE_SHARE = 0.20
 _LARGE = float(chdtri(JUDGED, LARGE_SHARE))
 _STRICT = 0.02
-"""Twice the level at which a mean is surely too large: with the band, marks stay below 2.5 %."""
+"""Two-sided level of the test for a large mean NEES or NIS; keeps false marks below 2.5 %."""
 MISFIT = 1.10
 """Ratio of the mean NIS to the end of its band beyond which R does not fit."""
 UNFIT = "R does not fit"
@@ -96,10 +98,14 @@ def noise_fit(
 ) -> str:
     """Return :data:`UNFIT` if the mean NIS does not fit the assumed noise, else "".
 
-    The noise does not fit under two conditions. The mean NIS is above 1.1 times the upper end of
-    ``band``, or below the lower end divided by 1.1. A t-test on the means of the clusters agrees;
-    it is needed because innovations may have heavy tails. With fewer than ten clusters the result
-    is "".
+    The noise does not fit if two conditions hold:
+
+    - the mean NIS is above 1.1 times the upper end of ``band``, or below the lower end divided by
+      1.1;
+    - the mean NIS differs significantly from ``channels`` in Student's t-test over clusters.
+
+    The second condition is needed because innovations may have heavy tails. With fewer than ten
+    clusters the result is "".
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Convergence of the position: time, share of runs, false fixes.
+"""Convergence of the position: convergence times and false fixes.
 
 With a wide prior an estimator converges to the true position or to a wrong position. A mean error
 over both outcomes is not informative. :func:`judge` compares every run with the required error
@@ -23,9 +23,9 @@ def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
     """Return the radius (K,) [m] of a sphere with at least 95 % reported probability.
 
     The radius is 1.96 √tr P, with the reported covariance P of the position. For any P the sphere
-    contains at least 95 % of N(0, P): of all Gaussian vectors with equal trace of the covariance, a
-    one-dimensional vector has the largest probability outside (Székely & Bakirov 2003). For an
-    isotropic P the 95 % radius would be 1.61 √tr P.
+    contains at least 95 % of N(0, P). For a given trace of P the probability outside the sphere is
+    largest if P has rank one (Székely & Bakirov 2003). For an isotropic P the 95 % radius would be
+    1.61 √tr P.
 
     Parameters
     ----------
@@ -49,9 +49,10 @@ def judge(
 
     Returns
     -------
-    Convergence times (R,) [s]: the first epoch from which the error stays within ``required_m`` to
-    the end of the flight; NaN if there is none. False fixes (R,): runs in which the error at the
-    last epoch exceeds ``required_m``, but the reported radius (:func:`claimed_radius`) does not.
+    Convergence times (R,) [s] and mask of false fixes (R,). The convergence time is the first epoch
+    from which the error stays within ``required_m`` to the end of the flight, or NaN. A run ends in
+    a false fix if the error at the last epoch exceeds ``required_m``, but the reported radius
+    (:func:`claimed_radius`) does not.
     """
     within = position_error <= required_m
     lasting = np.logical_and.accumulate(within[:, ::-1], axis=1).sum(axis=1)

@@ -2,7 +2,7 @@
 
 A fix is *right* if the horizontal error at the epoch of the fix is below the case's required error.
 A fix is *false* if it is accepted and not right. Fixes of one flight may share measurements and
-errors; therefore shares are shares of runs, each counted by the first accepted fix.
+errors. Therefore the shares of right and false fixes count runs, each by its first accepted fix.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ COLUMNS = (
     "nees_lo",
     "nees_hi",
 )
-"""Of the fixes of an estimator on a case: see :func:`metrics`."""
+"""Metrics of the fixes of an estimator on a case, see :func:`metrics`."""
 
 
 def checked(fixes: Fixes, epochs: int) -> Fixes:
@@ -113,12 +113,13 @@ def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
     """Return the metrics of :data:`COLUMNS` over the fixes of an estimator on a case.
 
     - The numbers of attempted, accepted and false fixes;
-    - the shares of *runs* whose first accepted fix is right, whose first accepted fix is false, and
-      that have no accepted fix, with Wilson's 95 % intervals;
-    - the median time [s] of the first right fix, over the runs with a right fix, with an interval;
+    - three shares of *runs* with Wilson's 95 % intervals: first accepted fix right, first accepted
+      fix false, no accepted fix;
+    - the median time [s] of the first right fix over the runs with a right fix, with a 95 %
+      interval;
     - the radii [m] that contain 50 and 95 % of the errors of accepted fixes;
-    - the mean NEES of the accepted fixes, 2 if consistent, with a 95 % band that counts each run
-      with an accepted fix as one sample.
+    - the mean NEES of the accepted fixes, 2 if consistent, with a 95 % band. In the band each run
+      with an accepted fix is one sample.
 
     Parameters
     ----------

@@ -99,8 +99,8 @@ def judge(
     ------
     JudgingError
         If the estimate has another shape than the problem, is not finite, or has an invalid
-        covariance; if the truth has other epochs or another number of states than the problem. The
-        truth of another run of the same case is not detected, because these are equal.
+        covariance. Also if the truth has other epochs or another number of states than the problem.
+        The truth of another run of the same case raises no error: its epochs and states agree.
     """
     _require(problem, estimate, truth, windows)
     try:

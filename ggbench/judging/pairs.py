@@ -44,7 +44,7 @@ PAIRS = (
 FAMILY = (*PAIRS, "needed_runs")
 """Columns of :func:`family`."""
 FEWEST = 20
-"""Clusters of common runs that "equivalent" needs."""
+"""Least number of clusters of common runs for the verdict "equivalent"."""
 ERRORS = "settled_position_ms"
 """Column of a table of runs by which estimators are compared."""
 
@@ -67,12 +67,14 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
     finished. ``error_ratio`` is the geometric mean of first / second error in the settled window,
     with 95 % interval ``lo``, ``hi``. ``first_only`` and ``second_only`` are the numbers of runs in
     which only one of the two ends within the required error. p-values are adjusted by Holm's
-    procedure over all tests of a case. The verdict on the first estimator is
+    procedure over all tests of a case. The verdict on the first estimator is the first that
+    applies:
 
     - "better" or "worse", if it succeeds significantly more or less often (5 %);
-    - "equivalent", if two one-sided tests at 5 % place the ratio within 5 % of 1;
+    - "equivalent", if two one-sided tests at 5 % place the ratio within 5 % of 1, with at least
+      :data:`FEWEST` clusters;
     - "better" or "worse", if the ratio is significantly below or above 1 (5 %);
-    - "undecided" otherwise.
+    - "undecided".
 
     If no estimators differ, at most 5 % of the cases have any verdict "better" or "worse".
     """
@@ -96,9 +98,9 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
 def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
     """Compare requested pairs of estimators, as one family of tests.
 
-    The result has the columns :data:`FAMILY`. It is that of :func:`pairs`, but p-values are
-    adjusted over these pairs only, for example the claims of a paper. For an undecided pair
-    ``needed_runs`` is the number of runs that would give a verdict
+    The comparison is that of :func:`pairs`, but p-values are adjusted over the requested pairs
+    only, for example the claims of a paper. The result has the columns :data:`FAMILY`. For an
+    undecided pair ``needed_runs`` is the number of runs that would give a verdict
     (:func:`.statistics.runs_to_decide`).
 
     Parameters

@@ -32,7 +32,7 @@ JUDGED = 6
 """Number of states whose consistency is tested: position and velocity errors."""
 COVERAGE = 0.95
 _INSIDE = float(chdtri(JUDGED, 1.0 - COVERAGE))
-"""The NEES below which a consistent estimate is with that probability."""
+"""95 % quantile of the NEES of a consistent estimate."""
 _FLAWS = (
     "",
     "the estimate's mean is not finite from epoch {} on",
@@ -41,7 +41,7 @@ _FLAWS = (
 )
 _MEAN, _COV, _DEFINITE = 1, 2, 3
 _PLAIN = (np.ndarray, np.matrix, np.memmap)
-"""Arrays whose numbers are all that they mean."""
+"""Types of arrays without a mask or units."""
 _ROUNDING = 1e-9
 
 
@@ -86,7 +86,7 @@ def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
     Raises
     ------
     ValueError
-        If it has another shape, contains anything except real numbers, is masked or has units.
+        If the array has another shape, elements other than real numbers, a mask or units.
     """
     require_plain(name, array)
     values = np.asarray(array)
@@ -354,8 +354,8 @@ def window_metrics(
 def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
     """Return whether a run has diverged at the last epoch.
 
-    A run has diverged if the final position error exceeds ten times the bound, and also the INS
-    error. The INS error must be exceeded by more than rounding, because the estimator ``ins``
-    computes it in another order.
+    A run has diverged if its final position error exceeds both ten times the bound and the INS
+    error, all in metres. A relative excess of at most 1e-9 over the INS error is ignored, because
+    the estimator ``ins`` rounds differently.
     """
     return final_error > max(10.0 * final_bound, (1.0 + _ROUNDING) * final_ins_error)

@@ -11,9 +11,9 @@ from ..spec.case import CaseSpec
 from ..spec.named_sensors import table_of
 
 NARROW, WIDE = 0.2, 1.0
-"""σ/ℓ up to which a prior is narrow, and from which on it is wide."""
+"""Limits of σ/ℓ: a prior is narrow below the first, and wide from the second on."""
 LONG_S = 1800.0
-"""Duration from which a flight is called long [s]."""
+"""Least duration of a long flight [s]."""
 SITUATIONS = {
     "measured": "Readings that were measured",
     "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
@@ -33,7 +33,11 @@ _READINGS = ("outlier", "dropout", "noise_freedom")
 
 
 def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
-    """Return the situation of a case: the first of :data:`SITUATIONS` that fits the keys.
+    """Return the situation of a case, a key of :data:`SITUATIONS`.
+
+    The first situation that applies is returned. The order of the tests is "measured", "outage",
+    "readings", "modelled-map" or "map", "gravity", "scalar", "wide" or "between", "long", "model",
+    "plain".
 
     Parameters
     ----------
@@ -70,7 +74,8 @@ def is_right_model(case: CaseSpec) -> bool:
     """Return whether the assumed model equals the true one in all keys of the case.
 
     Gaps at known times are no model errors. For measured data the truth is unknown, so the result
-    is false.
+    is false. The result is also false for a filtered gradiometer with the treatment "delayed",
+    because the filter colours the noise.
     """
     spec = case.gradiometer
     white = spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"
@@ -85,7 +90,7 @@ _OF_GRAVITY = {
     "truth.field.constant_disturbance_mgal",
     "model.field.compensate",
 }
-"""Gravity that the accelerometers feel or the mechanization adds: no part of the map."""
+"""Keys of the gravity disturbance and of its compensation, which do not change the map."""
 
 
 def _set_apart(case: CaseSpec) -> set[str]:

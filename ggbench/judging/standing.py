@@ -27,11 +27,12 @@ def standing(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return a table with a row for each causal estimator except the INS.
 
     The columns are :data:`STANDING`. ``recommended_in`` is the number of cases in which the
-    estimator is recommended. The error ratio of a case is the RMS error divided by that of the best
-    estimator. ``worst_ratio`` and ``mean_ratio`` are its largest value and its geometric mean.
-    ``least_seconds`` and ``most_seconds`` are the extremes, over the cases, of the median time per
-    run [s]. The order is by number of recommendations, then mean ratio, then geometric mean of the
-    times. In each case only estimators with all runs count.
+    estimator is recommended. The error ratio of a case is the RMS error divided by the RMS error of
+    the best estimator. ``worst_ratio`` and ``mean_ratio`` are the largest value and the geometric
+    mean of the error ratios over the cases. ``least_seconds`` and ``most_seconds`` are the least
+    and the largest median time per run [s] over the cases. The order is by number of
+    recommendations, then mean ratio, then geometric mean of the times. In each case only estimators
+    with all runs count.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """Statistics over runs: tests, consistency bands, intervals of shares and means.
 
-Each run is one sample, because the epochs of a run are strongly correlated.
+The epochs of a run are strongly correlated. Therefore each run is one sample, or each cluster of
+runs that share a track or a map error. Innovations are white: for the NIS each epoch is a sample.
 """
 
 from __future__ import annotations
@@ -40,8 +41,9 @@ class LogRatio:
     ----------
     ratio, lo, hi : geometric mean of first / second, with a 95 % interval (Student's t).
     p : two-sided p-value of the hypothesis "the mean logarithm of the ratio is 0" (Student's t).
-    p_equivalent : p-value of the hypothesis "the ratio is not within :data:`EQUIVALENCE_RATIO` of
-        1", the larger of two one-sided tests (Schuirmann 1987).
+    p_equivalent : p-value of the hypothesis "the ratio lies outside 1/1.05 to 1.05"
+        (:data:`EQUIVALENCE_RATIO`). It is the larger p-value of two one-sided tests
+        (Schuirmann 1987).
     """
 
     ratio: float
@@ -154,12 +156,14 @@ def _independent_runs(hits: np.ndarray, cluster: np.ndarray) -> float:
 def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
     """Return the p-value of the hypothesis that at most a given share of runs are hits.
 
+    The test is an exact binomial test with the effective number of independent runs. Without runs
+    the p-value is 1.
+
     Parameters
     ----------
     hits : (runs,) mask of the runs that count as hits, or a fraction for each run.
     cluster : (runs,) index of the track or map error that runs share.
-    share : share in the hypothesis. The test is an exact binomial test; without runs the result is
-        1.
+    share : share of hits in the hypothesis.
     """
     if len(hits) == 0:
         return 1.0
@@ -171,7 +175,7 @@ def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
 def share_below(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
     """Return the p-value of the hypothesis that at least a given share of runs are hits.
 
-    Arguments (runs,) and test are those of :func:`share_above`.
+    The test and the arguments, (runs,) arrays and a share, are those of :func:`share_above`.
     """
     return share_above(1.0 - hits.astype(float), cluster, 1.0 - share)
 
@@ -181,7 +185,7 @@ def mean_interval(
 ) -> tuple[float, float, float]:
     """Return the mean of cluster means of values (runs,), with an interval (Student's t).
 
-    The ends are NaN with a single cluster.
+    The interval has the confidence level 1 − ``alpha``. Its ends are NaN with a single cluster.
     """
     means = cluster_means(values, cluster)
     mean, count = float(means.mean()), len(means)
@@ -271,18 +275,19 @@ def excess_p_value(
     """Return the p-value of the hypothesis that an RMS error grew by at most ``threshold``.
 
     The test is one-sided. For pairs it is Student's t-test of the hypothesis that the mean of after
-    − (1 + threshold)²·before is not positive. For independent samples it is Welch's test (1947);
-    they should be of equal size, because squared errors are skewed.
+    − (1 + threshold)²·before is not positive. For independent samples it is Welch's test (1947).
+    Independent samples should have equal sizes, because squared errors are skewed.
 
     Parameters
     ----------
     before_ms, after_ms : (runs,) mean squared errors [m² or m²/s²].
     threshold : tolerated relative increase of the RMS error.
-    paired : whether both belong to the same runs.
+    paired : whether both arrays have the errors of the same runs.
 
     Returns
     -------
-    The p-value. It is 1 if either has fewer than two runs, and 0 or 1 if the values do not scatter.
+    The p-value. It is 1 if an array has fewer than two runs, and 0 or 1 if the values do not
+    scatter.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Table of metrics of estimators over many runs, by case, estimator and window.
 
-The input is the table of runs, which have been evaluated by :mod:`.judging.run_errors`. Runs that
-share a drawn track or map error form a cluster. Confidence intervals resample clusters.
+The input is the table of runs, with the errors of :mod:`.judging.run_errors`. Runs that share a
+drawn track or map error form a cluster. Confidence intervals resample clusters.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ _RATIOS = {
     ("velocity_rms_mps", "velocity_rms"): ("velocity_ms", ""),
     ("efficiency", "efficiency"): ("position_ms", "oracle_position_ms"),
 }
-"""Metrics, and stems of the ends of their intervals: root of the ratio of two means; "" is one."""
+"""Columns by metric and stem of its interval: √(mean of first / mean of second); "" is 1."""
 
 
 def _ratios(

@@ -1,8 +1,7 @@
 """Verdicts on cases: best estimator, recommended estimators, gain of aiding.
 
-Estimators are compared on equal runs. Recommendations are cross-fitted: the best estimator is
-chosen on the even runs and the others are compared with it on the odd runs, and vice versa. Both
-results must agree.
+Estimators are compared on equal runs. Recommendations are cross-fitted. The best estimator of the
+even runs is compared with the others on the odd runs, and vice versa. Both results must agree.
 """
 
 from __future__ import annotations
@@ -44,15 +43,15 @@ class Verdict(NamedTuple):
 
     Attributes
     ----------
-    best : label of the estimator with the least RMS error among the consistent estimators; among
-        all estimators if none is consistent; "" if none was compared. If none is recommended,
-        reports call it the *least bad*.
+    best : label of the estimator with the least RMS error among the consistent or conservative
+        estimators. If there are none, it is the best of all estimators. It is "" if none was
+        compared. If none is recommended, reports call this estimator the *least bad*.
     recommended : labels of the recommended estimators, the fastest first. Times up to twice the
         least time count as equal; these estimators are in the order of the campaign.
-    consistent : number of consistent estimators.
-    gain : verdict of the comparison with the INS: the best estimator of one half of the runs is
-        compared in the other half. "undecided" if the two halves differ; "" without an INS or with
-        a single run.
+    consistent : number of consistent or conservative estimators.
+    gain : verdict of the comparison with the INS. The best estimator of each half of the runs is
+        compared with the INS in the other half. The verdict is "undecided" if the two halves
+        differ, and "" without an INS or with a single run.
     reason : reason why no estimator is recommended; "" if one is.
     """
 

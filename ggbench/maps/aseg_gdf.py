@@ -1,8 +1,8 @@
 """Reader of ASEG-GDF2 tables: a ``.dat`` file of rows and a ``.dfn`` file of definitions.
 
 The standard is revision 4 of ASEG-GDF2 for point located data (Australian Society of Exploration
-Geophysicists, 2003). Both layouts in use are read: fields of the widths that are defined, and
-fields separated by blanks, tabs or commas.
+Geophysicists, 2003). Both layouts in use are read: fields with the defined widths, and fields
+separated by blanks, tabs or commas.
 """
 
 from __future__ import annotations

@@ -185,7 +185,7 @@ class SmoothTerrain:
 
     @classmethod
     def of(cls, part: TerrainPart, nodes: Nodes) -> SmoothTerrain | None:
-        """Return the smoothed terrain whose field ``part`` subtracts; None without subtraction."""
+        """Return the smoothed terrain to subtract for ``part``; None without subtraction."""
         from .ground import Ground
 
         if part.above_degree is None:

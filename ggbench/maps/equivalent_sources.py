@@ -6,8 +6,8 @@ consistent. Each line and component has an unknown constant, because processed g
 mean along a line. The constants are eliminated: measurements and modelled values are deviations
 from their means over a line.
 
-The area is assumed to be flat: over 50 km the Earth deviates by 50 m from a plane, over 20 km by 8
-m.
+The area is assumed to be flat. The edges of an area that is 50 km wide deviate by 50 m from the
+plane that touches the Earth in the middle. For an area of 20 km the deviation is 8 m.
 """
 
 from __future__ import annotations
@@ -106,14 +106,21 @@ class Plane:
 
 @dataclass(frozen=True)
 class EquivalentSources:
-    """Map part: m point masses (m,) [1e9 kg] at places (3, m), east, north, up [m] on a plane."""
+    """Map part: the field of m point masses.
+
+    Attributes
+    ----------
+    plane : plane with the east and north coordinates.
+    places : (3, m) east and north coordinates and heights of the masses [m].
+    masses : (m,) masses [1e9 kg].
+    """
 
     plane: Plane
     places: Array
     masses: Array
 
     def along(self, lines: SurveyLines, samples: NDArray[np.int64]) -> Array:
-        """Return the measured components (n, components) of the masses' field at n samples."""
+        """Return the field of the masses (n, c) at n samples, as the c components of ``lines``."""
         return self._fields(self.plane.metres(lines)[:, samples]) @ weights_of(lines).T
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
@@ -207,7 +214,7 @@ def residuals(sources: EquivalentSources, lines: SurveyLines, index: int) -> Arr
 
 
 def metres_along(lines: SurveyLines, index: int) -> Array:
-    """Return the distance (N,) of each sample of line ``index`` from its start, along track [m]."""
+    """Return the along-track distances (N,) of samples from the start of line ``index`` [m]."""
     east, north, _ = Plane.under(lines).metres(lines)[:, lines.samples(index)]
     steps = np.hypot(np.diff(east), np.diff(north))
     distance: Array = np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,5 +1,7 @@
 """Reduction of time-variable coefficients of ICGEM (gfct, trnd, acos, asin) to an epoch.
 
+The value of a coefficient G (C or S) at the time t, with the value G(t0) of ``gfct``, is
+
 G(t) = G(t0) + trnd (t − t0) + Σ acos cos(2π (t − t0)/p) + asin sin(2π (t − t0)/p)
 
 The time t, the reference epoch t0 and the period p are in years (Ince et al., Earth System Science

@@ -49,12 +49,12 @@ def read_grid(
 ) -> GravityGrid:
     """Return the grid of a netCDF file (CF or GMT), raster, ``.gdf`` or ``.npz`` file.
 
-    A netCDF file has one variable on latitude x longitude. The unit of this variable (attribute
-    ``units``) or of a raster's band is m for a geoid and mGal, µGal, Gal or m/s² for gravity;
-    without a unit mGal is assumed. A raster is a GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or Surfer
-    grid, as its suffix indicates. A ``.gdf`` file of ICGEM's calculation service states its
-    quantity, unit and height. An ``.npz`` file contains a geoid: ``lat0``, ``lon0``, ``step`` [deg]
-    and ``N_1e4m`` [1e-4 m].
+    A netCDF file has one variable on latitude x longitude. The unit is the attribute ``units`` of
+    this variable, or the unit of a raster's band. Allowed are metres or feet for a geoid, and mGal,
+    µGal, Gal or m/s² for gravity. Without a unit, m or mGal is assumed. A raster is a GeoTIFF, ESRI
+    ASCII, GTX, ISG, BYN, GXF or Surfer grid, as its suffix indicates. A ``.gdf`` file of ICGEM's
+    calculation service states its quantity, unit and height. An ``.npz`` file contains a geoid:
+    ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m`` [1e-4 m].
 
     Parameters
     ----------
@@ -62,8 +62,7 @@ def read_grid(
     kind : ``geoid``, ``anomaly`` or ``disturbance``.
     height_m : height of the values above the ellipsoid [m].
     area : area in which values are needed; None: everywhere. A grid with gaps is cropped to the
-        area. A grid around the Earth is cut opposite to the area if the edge of the grid crosses
-        the area.
+        area. A global grid is rolled in longitude if its edge crosses the area.
     voids : additional values in the file that mark gaps.
 
     Raises

@@ -66,8 +66,8 @@ def read_model(
     omitted. Time-variable coefficients are reduced to ``epoch``.
 
     Raises MapError if the file cannot be read or has another format; if coefficients are duplicate
-    or missing; if its degree is below ``highest``; if coefficients are time-variable and no epoch
-    is given; if an epoch is given for static coefficients.
+    or missing; if ``highest`` is below 2 or above the degree of the model; if coefficients are
+    time-variable and no epoch is given; if an epoch is given for static coefficients.
     """
     content = content_of(path, MapError, "the coefficients ")
     if path.suffix == ".npz":

@@ -62,7 +62,7 @@ class Ground:
 
         The spacing of the terrain, the convergence of Parker's series and the size of the Fourier
         grid set the clearance above the summit. The layer is at most as high as the planned flight
-        over the summit.
+        over the summit, but not below :meth:`floor_m`.
         """
         from ..gravity.parker import converging_clearance, least_clearance
 
@@ -94,8 +94,10 @@ class Ground:
     def beyond(self, nodes: Nodes, density: float) -> list[str]:
         """Return a remark on the effect of unknown ground beyond the terrain, if it is large.
 
-        The estimate uses a half-plane of thickness t and density ρ beyond the distance D: its
-        gradient is 2 G ρ t / D, with the gravitational constant G. ``density`` is ρ [kg/m³].
+        The list is empty if the effect is small. The estimate uses a half-plane of thickness t and
+        density ρ beyond the distance D: its gradient is 2 G ρ t / D, with the gravitational
+        constant G. The thickness t is the standard deviation of the terrain's heights. D is the
+        distance of the map from the nearest edge of the terrain. ``density`` is ρ [kg/m³].
         """
         from ..gravity.parker import GRAVITATIONAL_CONSTANT  # compiled, as the series below
 

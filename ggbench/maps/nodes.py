@@ -1,4 +1,4 @@
-"""Choice of the nodes of a map: a user's request, or the finest that the inputs support."""
+"""Choice of the nodes of a map: a user's request, or defaults derived from the inputs."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class SourceExtent:
     floor_m : lowest valid height [m].
     lowest_m : default of the lowest height [m].
     sources_m : height of the masses [m]; the distance from the masses limits the node spacing.
-    ground : description of the highest ground; "" for other sources.
+    ground : description of the highest ground of a terrain; "" for other sources.
     """
 
     bounds: Array
@@ -274,8 +274,8 @@ def _horizontal(request: GridRequest, across: float, distance: float, remarks: l
 def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
     """Return the largest horizontal and vertical distances between nodes [m].
 
-    ``distance`` is the distance from the masses [m]. ``ground`` states whether the masses are
-    those of a terrain, for which wider spacings are allowed.
+    ``distance`` is the distance of the lowest layer from the masses [m]. ``ground`` states whether
+    the masses are those of a terrain, for which wider spacings are allowed.
     """
     quarter = _SPACING_PER_HEIGHT * distance
     if not ground:

@@ -1,9 +1,9 @@
 """Parts of a map, and the sum of parts without double counting.
 
-Spherical harmonics represent the field up to a degree N. A terrain adds shorter wavelengths: its
-field minus the field of the same terrain smoothed to degree N, which the harmonics already contain
-(residual terrain modelling, Forsberg 1984). The smoothing is a Butterworth filter of the spectrum
-of the terrain's masses; water is a density deficit.
+Spherical harmonics represent the field up to a degree N. A terrain adds shorter wavelengths: the
+field of the terrain minus the field of the same terrain smoothed to degree N. The harmonics already
+contain the smoothed field (residual terrain modelling, Forsberg 1984). A Butterworth filter smooths
+the masses of the terrain in the wavenumber domain. Water is a density deficit.
 
 Every part yields, for each height of a map, the tensor (n_lat, n_lon, 6) [E] and the gravity
 disturbance (n_lat, n_lon, 3) [m/s²].
@@ -105,7 +105,7 @@ class HarmonicPart:
 
 @dataclasses.dataclass(frozen=True)
 class ResidualPart:
-    """Map part: the residual field of a gravity grid, without the harmonics removed from it."""
+    """Map part: the field of a gravity grid minus the field of the harmonics."""
 
     residual: Residual
 

@@ -53,16 +53,18 @@ class MapRecipe:
     Attributes
     ----------
     source : a key of :data:`ggbench.maps.shipped.SOURCES`.
-    south_deg, north_deg, west_deg, east_deg : bounds [deg], longitudes in any turn.
+    south_deg, north_deg, west_deg, east_deg : bounds [deg]; longitudes may differ by whole turns.
     min_height_m, max_height_m : bounds [m above the ellipsoid].
-    spacing_arcmin : distance between nodes in latitude and in longitude. The height of the third
-        layer sets its limit. For a geoid the limit is a quarter of the height above the masses,
-        which on land lie at the ellipsoid; the error of a cubic spline is then below 1e-3 E. For a
-        terrain the limit is 0.6 of the height above the highest ground; the error 100 m above the
-        highest ground is then 0.01 E RMS.
-    height_spacing_m : distance between layers. The height of the lowest layer sets its limit. For a
-        geoid the limit is a quarter of the height above half the depth of the masses. For a terrain
-        the limit is the height above the highest ground.
+    spacing_arcmin : distance between nodes in latitude and in longitude. Its upper limit depends on
+        the height of the third layer. For a geoid the limit is a quarter of the height above the
+        masses, which lie at the ellipsoid on land. The error of a cubic spline is then below 1e-3
+        E. For a terrain the limit is 0.6 of the height above the highest ground. The error 100 m
+        above the highest ground is then 0.01 E RMS. For point masses the limit is 0.35 of the
+        height above the highest mass.
+    height_spacing_m : distance between layers. Its upper limit depends on the height of the lowest
+        layer. For a geoid the limit is a quarter of the height above half the depth of the masses.
+        For a terrain the limit is the height above the highest ground. For point masses it is 0.35
+        of the height above the highest mass.
     land_correction : whether to convert the geoid to the height anomaly with the topography.
     relief_smoothing_deg : standard deviation of a Gaussian that smooths topography or terrain
         before use; 0 (no smoothing) to 1. The benchmark uses 0.
@@ -209,7 +211,7 @@ def cached_path(recipe: MapRecipe) -> Path:
 
 
 def checked(recipe: MapRecipe) -> MapRecipe:
-    """Return a valid recipe with longitudes in the turn of its source.
+    """Return a valid recipe, with longitudes shifted by whole turns to those of its source.
 
     Raises MapError in the cases of :func:`build`.
     """

@@ -1,7 +1,7 @@
 """Map parts from shipped data.
 
-Each kind of part is a class in :data:`KINDS`. The class converts the keys of a part in
-``shipped.toml`` to a :class:`.parts.Part`, the class that is also used for users' data.
+Each kind of part is a class in :data:`KINDS`. Its attributes are the keys of a part in
+``shipped.toml``. Its method ``part`` returns a :class:`.parts.Part`, as is used for users' data.
 """
 
 from __future__ import annotations
@@ -84,8 +84,10 @@ class SpacingRule:
 
     Attributes
     ----------
-    share, vertical_share : largest horizontal and vertical distance, as a fraction of the height
-        above ``ground_m`` and above ``vertical_ground_m``.
+    share : largest horizontal distance, as a fraction of the height of the third layer above
+        ``ground_m``.
+    vertical_share : largest vertical distance, as a fraction of the height of the lowest layer
+        above ``vertical_ground_m``.
     ground_m, vertical_ground_m : reference levels of these heights [m].
     words, vertical_words : descriptions of the rule, for the end of a message.
     """
@@ -270,7 +272,7 @@ class ShippedTerrain:
     ----------
     file : name of the data file.
     clearance_m : smallest height of a map above the highest ground [m]. At lower heights Parker's
-        series has too many terms. The clearance increases with the relief.
+        series has too many terms. A terrain with a larger range of heights needs a larger value.
     """
 
     SHARE: ClassVar[float] = 0.6  # 0.01 E rms at a tenth of a kilometre above the highest ground

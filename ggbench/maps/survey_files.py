@@ -77,13 +77,14 @@ def read_lines(
 
     Values are converted from the units that the file states (``UNIT`` in a ``.dfn`` file, or a unit
     in brackets after a column's name). Free-air anomalies are converted to gravity disturbances
-    with the EGM2008 geoid to degree 120. Codes for missing values
-    are those declared by the file or the user, and common ones such as −9999.999. If at least two
-    components are measured and all of them are exactly 0, all gradients of the sample are missing.
+    with the EGM2008 geoid to degree 120. Missing values are marked by codes that the file or the
+    user declares, or by common codes such as −9999.999. If at least two components are measured and
+    all of them are exactly 0, all gradients of the sample are missing.
 
     Parameters
     ----------
-    path : ``*.xyz`` (Geosoft), ``*.dat`` with its ``*.dfn`` (ASEG-GDF2), ``*.csv``; or any ``.gz``.
+    path : ``*.xyz`` (Geosoft), ``*.dat`` with its ``*.dfn`` (ASEG-GDF2) or ``*.csv``; each may be
+        compressed (``.gz``).
     columns : the file's column names, by key: ``line``, ``kind``, keys in :data:`REQUIRED` and
         :data:`PROJECTED`, and components. A unit in brackets after a name, as in ``Alt [ft]``,
         replaces the unit of the file.

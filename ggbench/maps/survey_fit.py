@@ -38,7 +38,15 @@ _DAMPINGS = (0.03, 0.1, 0.3, 1.0)
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Settings of a fit; None: chosen by cross-validation."""
+    """Fixed settings of a fit; None: not fixed.
+
+    Attributes
+    ----------
+    depth_m, damping : depth of the masses below the flights [m], and relative damping; None: chosen
+        by cross-validation.
+    spacing_m : distance between the masses [m]; None: 0.6 of the depth, or more if this gives too
+        many masses.
+    """
 
     depth_m: float | None = None
     spacing_m: float | None = None
@@ -66,12 +74,15 @@ class SurveyFit:
 
     @cached_property
     def fitted(self) -> dict[int, Array]:
-        """Measurement minus the map of all lines, (N, components), for each held-back line."""
+        """Residuals (N, components) of each line in ``held_back``, from the fit to all lines."""
         return {index: residuals(self.sources, self.lines, index) for index in self.held_back}
 
     @cached_property
     def rms(self) -> tuple[Array, Array]:
-        """RMS (components,) of residuals and of measurements of held-back lines, without means."""
+        """RMS (components,) of the residuals and of the measurements of held-back lines.
+
+        The mean of the measurements over each line is subtracted first.
+        """
         readings = [self.lines.values[self.lines.samples(index)] for index in self.held_back]
         differences = np.concatenate(list(self.held_back.values()))
         read = np.concatenate([rows - rows.mean(axis=0) for rows in readings])

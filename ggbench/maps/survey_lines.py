@@ -58,7 +58,8 @@ PRIMARY, TIE = "primary", "tie"
 def zero_rows(measured: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return the mask (N,) of missing samples, in which all gradients (N, c) are exactly 0.
 
-    No gradiometer measures 0 in several components at once. A single component may be 0.
+    No gradiometer measures 0 in several components at once. A single component may be 0: for c = 1
+    no sample is missing.
     """
     return np.asarray((measured == 0.0).all(axis=1) & (measured.shape[1] > 1))
 
@@ -110,7 +111,7 @@ class SurveyLines:
         return np.flatnonzero(self.line == index)
 
     def only(self, lines: Sequence[int]) -> SurveyLines:
-        """Return a survey of only the lines with these indices, in the same order."""
+        """Return a survey of only the lines with these indices, in the order of this survey."""
         numbers = sorted(lines)
         samples = np.isin(self.line, numbers)
         return dataclasses.replace(

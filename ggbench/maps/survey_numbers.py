@@ -57,7 +57,8 @@ class Numbers(NamedTuple):
 def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[float]) -> Numbers:
     """Return the numbers of a column, converted to the unit of ``key``.
 
-    Raises MapError if a cell is not a number; the message states the line of the file.
+    Raises MapError if a cell is not a number (the message states the line of the file), or if the
+    unit of the column is unknown or of another quantity.
     """
     cells = [cell.strip() for cell in table.columns[column.name]]
     if key == "time_s" and any(_CLOCK.fullmatch(cell) for cell in cells[:1]):
@@ -99,7 +100,7 @@ def _require_numbers(
 
 
 def written_numbers(table: SurveyTable, columns: Sequence[str]) -> Array:
-    """Return the numbers (N, c) of columns as they are written; NaN for other cells."""
+    """Return the numbers (N, c) in c columns of text, unconverted; NaN for other text."""
     texts = ([cell.strip() for cell in table.columns[name]] for name in columns)
     return np.column_stack([_written(cells) for cells in texts])
 

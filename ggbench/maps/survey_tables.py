@@ -100,7 +100,7 @@ class SurveyTable:
 def text_in(path: Path, content: bytes) -> str:
     """Return the text of a survey file.
 
-    Raises MapError if the content is not UTF-8.
+    Raises MapError if the content is not UTF-8 or has a null byte.
     """
     try:
         text = content.decode("utf-8-sig")

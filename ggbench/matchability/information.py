@@ -61,7 +61,8 @@ class Instrument:
     def readings(self, field: Field, positions: Array) -> Array:
         """Return h (N, c), in units of the noise, at positions (N, 3) [rad, rad, m].
 
-        h has c channels. For a gravimeter it is normal gravity plus gravity disturbance.
+        c is the number of channels. The measurement of a gravimeter is normal gravity minus the
+        upward component of the gravity disturbance.
 
         Raises
         ------
@@ -176,7 +177,8 @@ def false_fix_bound(
 
     Q is the tail probability of the standard normal distribution. The measurements of the true and
     the displaced track differ by √(2A) standard deviations. The wrong track is more likely if the
-    noise exceeds half this distance. The sum is over the minima of A with |d| > r₀.
+    noise exceeds half this distance. The sum is over the local minima of A with r₀ < |d| ≤
+    ``reach_m``.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Design:
-    """Sizes of the cells, instrument and tracks. None: derived from the size of the cells.
+    """Cells, instrument and tracks of a score; None: the default of an attribute.
 
     Attributes
     ----------
@@ -70,10 +70,11 @@ class Design:
         map; by default the height of the map's lowest nodes.
     cell_deg : side of a cell [deg].
     instrument : instrument that measures the field.
-    spacing_m : distance between the nodes of the statistics; by default a fiftieth of the cell.
+    spacing_m : distance between the nodes at which the field is evaluated for the statistics; by
+        default a fiftieth of the shortest side of all cells.
     per_km2 : number of measurements per square kilometre, for the Fisher information.
     track_m : length of straight tracks through the centre of a cell; by default the shortest side
-        of a cell.
+        of all cells.
     readings : number of measurements on a track, including its ends.
     sigma_m : standard deviation of the position prior, per axis.
     right_m : r₀, largest error of a correct fix; by default half of ``sigma_m``.
@@ -148,7 +149,7 @@ class Scored:
 def score(
     field: Field, design: Design, bounds: Bounds | None = None, name: str = "the map"
 ) -> Scored:
-    """Score all cells of a map whose surroundings are also within the map.
+    """Score all cells that lie, together with their surroundings, within a map.
 
     Heights in a draped map count from the base surface, and tracks follow this surface.
 
@@ -187,7 +188,8 @@ def score(
     Raises
     ------
     MapError
-        If the map does not contain the height or a cell, or a requirement is impossible.
+        If the map does not contain the height, or a cell with its surroundings; if there are too
+        many cells; if a cell has too few or too many nodes.
     """
     import pandas as pd  # not at the top: it loads slowly
 
@@ -205,8 +207,8 @@ def score(
 def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
     """Return the cells of a map, row by row from the south, and the design with its defaults.
 
-    The map extends beyond the cells by the largest displacement of a track, and by the part of a
-    track outside its cell.
+    Around the cells the map has a margin: the largest displacement of a track, plus the length by
+    which a track extends beyond its cell on one side.
 
     Raises
     ------
@@ -222,10 +224,12 @@ def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[l
 def cells_between(
     lower: Array, upper: Array, design: Design, bounds: Bounds, name: str, above: str = ""
 ) -> tuple[list[Cell], Design]:
-    """Return the cells, as :func:`cells_of`, between a map's first and last node (3,).
+    """Return the results of :func:`cells_of` for a map that is given by two of its nodes.
 
-    ``lower`` and ``upper`` are these nodes [rad, rad, m]. ``above`` names the reference of heights
-    in messages. Raises MapError if the height or the cells are not within the map.
+    ``lower`` and ``upper`` (3,) are the first and the last node of the map [rad, rad, m]. ``above``
+    is the reference of heights in messages.
+
+    Raises MapError if the height or the cells are not within the map.
     """
     height = float(lower[2]) if design.height_m is None else design.height_m
     if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
@@ -329,7 +333,10 @@ def _along_tracks(field: Field, cell: Cell, design: Design) -> dict[str, float]:
 
 
 def tracks(cell: Cell, design: Design) -> Iterator[tuple[float, Array]]:
-    """Yield heading [deg] and positions (N, 3) [rad, rad, m] of straight tracks in a cell."""
+    """Yield heading [deg] and positions (N, 3) [rad, rad, m] of straight tracks.
+
+    The tracks pass through the centre of the cell.
+    """
     assert design.track_m is not None
     assert design.height_m is not None
     along = np.linspace(-0.5, 0.5, design.readings)[:, np.newaxis] * design.track_m

@@ -1,4 +1,4 @@
-"""Maps for scoring by name: a file, or a shipped region, terrain or survey."""
+"""Maps for scoring, chosen by name: a file, or a shipped region, terrain or survey."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
 
     Parameters
     ----------
-    name : path of a map, ``*.nc``, or the name of a shipped region or terrain.
+    name : path of a map, ``*.nc``, or the name of a shipped region, terrain or survey.
     design : cells, instrument and tracks. The default height is that of the lowest nodes of a file,
         or the lowest height of a shipped region.
     bounds : area of the cells; a map of a shipped region is built only as large as needed.

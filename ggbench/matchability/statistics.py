@@ -32,8 +32,8 @@ class Statistics(NamedTuple):
     deviation, span : standard deviation and range [u] after subtraction of the best-fitting plane.
     slope_deviation : standard deviation of the slope [u/m]; the plane is not subtracted.
     roughness : RMS difference of neighbouring nodes [u/m]; the plane is not subtracted.
-    entropy : entropy of the absolute deviations from the mean, divided by the largest possible
-        entropy. It is from 0 to 1, and small if few nodes deviate.
+    entropy : entropy of the absolute deviations from the best-fitting plane, divided by the largest
+        possible entropy. It is from 0 to 1, and small if few nodes deviate.
     correlation_m : distance at which the autocorrelation is 1/e [m], after subtraction of the
         plane.
     """
@@ -125,11 +125,12 @@ def difference_entropy(g: Array) -> float:
 def fractal_dimension(g: Array) -> float:
     """Return the fractal dimension (2 to 3) of the surface g (m, n), by differential box counting.
 
-    The method is that of Sarkar & Chaudhuri (1994), applied to the largest square of the grid.
-    Boxes have sides of s node spacings. s doubles from 2 to at most a quarter of the side of the
-    square. The height of a box divided by the range of g equals its side divided by that of the
-    square. The number of boxes from the lowest to the highest node of a column is not rounded, but
-    is at least 1. Nodes on a border belong to both columns. The result is NaN for a constant.
+    The method is that of Sarkar & Chaudhuri (1994), applied to the largest square of the grid, with
+    a side of M node spacings. The square is divided into columns with sides of s node spacings. s
+    doubles from 2 to at most M/4. A column is a stack of boxes whose height is s/M times the range
+    of g over the square. The number of boxes in a column is the range of g over the column divided
+    by this height. It is not rounded, but is at least 1. Nodes on a border belong to both columns.
+    The result is NaN for a constant.
 
     Raises
     ------

@@ -23,11 +23,11 @@ import platformdirs
 from .source import COMPILED_ROOMS, PACKAGE, module_hash, rooms_hash
 
 CACHE_VARIABLE = "GGBENCH_CACHE_DIR"
-"""Environment variable that names another cache folder than the user's."""
+"""Environment variable with the path of a cache folder to use instead of the user's."""
 _VARIABLE = "NUMBA_CACHE_DIR"
 _OURS = re.compile(r"(ggbench[\w.]*)-[0-9a-f]{16}")
 MOST_KEPT = 5
-"""Folders that a module keeps, of its newest sources."""
+"""Number of folders that are kept for each module; older ones are removed."""
 
 
 def cache_folder() -> Path:

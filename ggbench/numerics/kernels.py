@@ -2,9 +2,9 @@
 
 Kernels are cached on disk (:mod:`.compiling`) and release the GIL. Division by zero gives infinity
 or NaN, as in NumPy, because a branch that raises an exception would prevent vector instructions.
-The compiler may not fuse products and sums, so the results of a kernel are bitwise equal wherever
-it is inlined; see :mod:`.vectors`. Arrays are copied in loops, because numba needs three seconds to
-compile an assignment of one array to another.
+The compiler may not fuse products and sums on its own. Therefore the results of a kernel are
+bitwise equal wherever it is inlined; see :mod:`.vectors`. Arrays are copied in loops, because numba
+needs three seconds to compile an assignment of one array to another.
 """
 
 from __future__ import annotations
@@ -30,18 +30,19 @@ def _decorator(**options: Any) -> Any:
 
 
 compiled = _decorator()
-"""A kernel."""
+"""Decorator of a kernel."""
 inlined = _decorator(forceinline=True)
-"""Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
+"""Decorator of arithmetic that is inlined into the calling loops and vectorised with them."""
 copied = _decorator(inline="always")
-"""A part of a kernel that is compiled as one with it. A part that a single kernel has is then not
-optimised twice. In others, sizes that are constants where it is used make loops of known length,
-which become vector instructions without a remainder."""
+"""Decorator of a part of a kernel that numba inlines before compilation. A part with a single
+caller is then not optimised twice. In a part with several callers, array sizes that are constant in
+a caller give loops of known length. Such loops become vector instructions without a remainder."""
 interpreted = _decorator(nogil=False)
-"""A part that calls the interpreter, which one thread runs at a time."""
+"""Decorator of a kernel that calls the Python interpreter and therefore holds the GIL."""
 
 LANES = 8
-"""Runs that go through a kernel together, in the lanes of vector registers: the last index."""
+"""Number of runs that a kernel processes together in the lanes of vector registers. The last axis
+of arrays has this length."""
 
 
 @compiled

@@ -1,10 +1,10 @@
 """Compiled linear algebra of filters and smoothers, for eight runs at once.
 
 Matrices have the layout of :mod:`.lanes`: the run (lane) is the last axis, and docstrings omit this
-axis. There are n states and m measurement equations, each at least three (unused equations are
-zero). Measurements are whitened: the noise of each equation has unit variance. Of symmetric
-matrices one half is computed and copied to the other half. No step mixes lanes, so the result of a
-run is bitwise independent of the other runs.
+axis. There are n states and m measurement equations. Both numbers are at least three; unused
+equations are zero. Measurements are whitened: the noise of each equation has unit variance. One
+half of a symmetric matrix is computed and copied to the other half. No step mixes lanes, so the
+result of a run is bitwise independent of the other runs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .kernels import compiled, inlined
 from .vectors import load, splat, store
 
 _ROUNDING = 1e-14
-"""Share of a variance that is nothing but rounding."""
+"""Largest pivot, relative to its variance, that is attributed to rounding errors."""
 Tile = tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]
 """Vectors of three by three elements, row by row."""
 
@@ -165,7 +165,10 @@ def move(phi: np.ndarray, moving: int, x: np.ndarray, scratch: np.ndarray) -> No
 
 @compiled
 def product(left: np.ndarray, right: np.ndarray, count: int, out: np.ndarray) -> None:
-    """Fill the first ``count`` rows of ``out`` with those of A B, A (., k) and B (k, n)."""
+    """Fill the first ``count`` rows of ``out`` with those of A B.
+
+    ``left`` is A (count or more, k), and ``right`` is B (k, n).
+    """
     depth = right.shape[0]
     for i in range(count):
         for j in range(right.shape[1]):
@@ -319,7 +322,10 @@ def add_squares(values: np.ndarray, m: int, out: np.ndarray) -> None:
 
 @compiled
 def correct(half: np.ndarray, white: np.ndarray, m: int, x: np.ndarray) -> None:
-    """Add Aᵀ w to x (1, n), for ``half`` A (m, n) and ``white`` w (1, m)."""
+    """Add Aᵀ w to x (1, n), for ``half`` A (m, n) and ``white`` w (1, m).
+
+    With A = L⁻¹ H P and the whitened innovation w = L⁻¹ y, this is the Kalman update of x.
+    """
     for j in range(x.shape[1]):
         total = load(x, 0, j)
         for c in range(m):

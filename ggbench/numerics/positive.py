@@ -25,8 +25,8 @@ def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def nearest_root(matrix: np.ndarray) -> np.ndarray:
     """Return an upper triangular U (n, n) with UᵀU = P (n, n) after repair.
 
-    P is made symmetric and scaled to a correlation matrix. Eigenvalues of this matrix below a limit
-    of the size of rounding errors are set to this limit.
+    P is made symmetric and scaled to a correlation matrix. Small or negative eigenvalues of this
+    matrix are raised to a limit: n times the machine precision times the largest eigenvalue.
 
     Raises
     ------

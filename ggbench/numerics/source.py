@@ -15,9 +15,9 @@ from pathlib import Path
 VERSION = version("ggbench")
 PACKAGE = Path(__file__).parent.parent
 COMPILED_ROOMS = ("numerics", "gravity", "ins", "sensors", "trajectory", "engines", "judging")
-"""Rooms that hold compiled code, or constants that are compiled into it."""
+"""Subpackages with compiled code, or with constants that are compiled into it."""
 MAP_ROOMS = ("numerics", "gravity", "maps")
-"""Rooms that make a map from data."""
+"""Subpackages that build maps from data."""
 
 
 @cache
@@ -28,7 +28,7 @@ def rooms_hash(*rooms: str) -> str:
 
 VECTORS = PACKAGE / "numerics" / "vectors.py"
 _IMPORT = re.compile(r"^\s*from\s+(\.+)([\w.]*)\s+import\s+(\((?:[^)#]|#.*)*\)|.*)", re.MULTILINE)
-"""Modules of the package import each other relatively; a test holds them to it."""
+"""Pattern of relative imports. A test checks that all imports within the package are relative."""
 
 
 def module_hash(file: Path) -> str:

@@ -6,9 +6,10 @@ and negated lane by lane, and ``math.sqrt`` and ``math.floor`` accept vectors. T
 formula can be compiled for a number or for the numbers of eight runs. Vectors exist only in
 compiled code and cannot be returned to Python.
 
-A product and a sum of vectors in one expression are fused, that is rounded once. The source of the
-function determines fusing before the compiler inlines, so the bits of a result depend on the source
-alone. Processors without a fused instruction get the same bits from the C library, slowly.
+A product and a sum of vectors in one expression are fused, that is rounded once. This is decided
+from the source of each function, before the compiler inlines. Therefore the bits of a result depend
+on the source alone. On processors without a fused instruction the C library computes the same bits,
+but slowly.
 """
 
 from __future__ import annotations
@@ -239,7 +240,7 @@ def store_from(typing: Any, array: Any, start: Any, value: Any) -> Any:
 
 @intrinsic
 def transposed(typing: Any, rows: Any) -> Any:
-    """Transpose a square matrix, given as a tuple of LANES row vectors."""
+    """Return the transpose of a square matrix, both as tuples of LANES row vectors."""
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         rows = cgutils.unpack_tuple(builder, args[0], LANES)

@@ -72,8 +72,8 @@ class ImuNoise:
     ----------
     period, duration : interval and total duration of the samples that are used [s].
     gyros, accelerometers : noise parameters; the units are rad/s and m/s².
-    remarks : remarks on omitted or interpolated samples.
-    doubts : warnings about units.
+    remarks : remarks on jitter of the times, on gaps and on missing samples.
+    doubts : warnings about the unit of the angular rates.
     """
 
     period: float

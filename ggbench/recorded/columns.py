@@ -1,4 +1,7 @@
-"""Reader and writer of recorded numbers in CSV or netCDF columns; column names contain units."""
+"""Recorded numbers in columns: reader of CSV and netCDF files, writer of CSV files.
+
+Column names contain units.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +64,10 @@ class Columns:
         return len(next(iter(self.values.values())))
 
     def states_unit(self, name: str) -> bool:
-        """Return whether file or user state the unit of a column; else the name implies it."""
+        """Return whether the file or the user states the unit of a column.
+
+        Otherwise the unit is the unit in the standard name of the column.
+        """
         return name in self.stated
 
     def stacked(self, names: Sequence[str]) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Detection of the axes, unit and normal-field convention of a gradiometer record.
 
-Measurements are compared with the map at the INS positions, for each of eight conventions of the
-axes, in Eötvös and in s⁻². The means of measurements and map are subtracted.
+Measurements are compared with the map at the INS positions. The comparison is made for each of
+eight conventions of the axes, with the units E and s⁻². The mean difference is subtracted.
 """
 
 from __future__ import annotations
@@ -34,10 +34,15 @@ _DIRECTIONS = {
 
 
 class Convention(NamedTuple):
-    """Convention of a gradiometer record: axes, unit factor, and missing normal field or mean.
+    """Convention of a gradiometer record.
 
-    ``before`` is the RMS residual of the unchanged record against the map [E]. ``after`` is the RMS
-    residual with this convention [E].
+    Attributes
+    ----------
+    turn : axes of the record.
+    factor : conversion factor from the unit of the record to E.
+    lacks : part that the record excludes, "the normal field" or "its mean"; "" for none.
+    after, before : RMS residuals against the map with this convention, and of the unchanged record
+        [E].
     """
 
     turn: Turn
@@ -48,9 +53,11 @@ class Convention(NamedTuple):
 
 
 def gradient_convention(flight: RecordedFlight) -> Convention | None:
-    """Return a convention that fits a gradiometer record clearly better than ggbench's own.
+    """Return the convention with which a gradiometer record fits the map best, or None.
 
-    The result is None if there is no gradiometer, it has a low-pass filter, or no convention fits.
+    The result is None unless this convention fits the map and at least halves the residual of the
+    unchanged record. It is also None without a gradiometer, with a low-pass filter, or with
+    too few measurements.
     """
     problem, spec = flight.problem, flight.spec.gradiometer
     if spec is None or spec.filter != "none" or problem.track is None:

@@ -56,8 +56,8 @@ _SPINS = 10.0
 class Inertial(NamedTuple):
     """INS record of a flight, as input of compiled kernels.
 
-    In shapes, TRACK = 15 counts position, velocity and C_nb. LANES is the number of runs that a
-    kernel processes together, of which only the first is used.
+    In shapes, TRACK = 15 is the number of elements of position, velocity and C_nb. LANES is the
+    number of runs that a kernel processes together; only the first run is used.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Inertial(NamedTuple):
     base : time base of the samples.
     increments : (N, 6, LANES) angle and velocity increments.
     longitude : longitude of the first sample [rad]; all longitudes continue from it without jumps.
-    solution : (N + 1, TRACK, LANES) recorded INS solution; None if ggbench mechanises the IMU data.
+    solution : (N + 1, TRACK, LANES) recorded INS solution; None with recorded IMU data.
     recording : data for the mechanization; None with a recorded INS solution.
     """
 

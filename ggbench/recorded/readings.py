@@ -213,9 +213,9 @@ def require_near(
 
     The error is also raised if the height of the receiver or of the INS is likely to be in feet.
 
-    ``away`` (G, 3) [m] has the differences from the INS positions for the rows ``rows`` (G,), NaN
-    if missing. ``allowed`` is the largest distance that the prior allows [m]. ``what`` is the name
-    of the record in the message.
+    ``away`` (G, 3) [m] has the differences between receiver and INS positions in the rows ``rows``
+    (G,); NaN if missing. ``allowed`` is the largest distance that the prior allows [m]. ``what`` is
+    the name of the record in the message.
     """
     there = np.flatnonzero(np.isfinite(away[:, :2]).all(axis=1))
     if not len(there):

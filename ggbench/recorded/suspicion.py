@@ -62,9 +62,10 @@ def nis_ratio(problem: Problem, differences: Residuals) -> float:
 
 
 def median_nis_ratio(problem: Problem, differences: Residuals) -> float:
-    """Return the median ratio of NIS to the nominal median; NaN for other estimators.
+    """Return the median ratio of a filter's NIS to its nominal median; NaN for other estimators.
 
-    A few outliers hardly change this median.
+    The nominal median is that of the chi-squared distribution. A few outliers hardly change the
+    result.
     """
     counts = problem.present.sum(axis=1)
     some = np.isfinite(differences.nis) & (counts > 0)
@@ -187,7 +188,8 @@ def isolated_outliers(problem: Problem) -> int:
 
     An outlier differs from the measurements before and after it. Measurements are compared with the
     INS, whose error changes slowly. For each channel the deviation from a running median is divided
-    by the median absolute deviation.
+    by a standard deviation. This is the larger of the assumed noise and the standard deviation from
+    the median absolute deviation.
     """
     there = problem.present
     every = np.arange(problem.epochs)

@@ -54,8 +54,9 @@ class TimeBase:
         of the prior and has no measurement. ``outside`` states whether measurements before or after
         the INS record are dropped.
 
-        Raises FlightError if a measurement lies outside the INS record and is not dropped; if it
-        lies too far from a sample; if two measurements belong to the same sample.
+        Raises FlightError if a measurement lies outside the INS record and is not dropped, or if no
+        measurement remains. The error is also raised if a measurement lies too far from a sample,
+        or if two measurements belong to the same sample.
         """
         since = times - self.start
         nearest = np.rint(since / self.dt).astype(np.int64)
@@ -100,7 +101,7 @@ class TimeBase:
 def clocked(columns: Columns, offset: float) -> np.ndarray:
     """Return the times (N,) of a file's rows on the INS clock [s].
 
-    Raises FlightError if they do not increase.
+    Raises FlightError if the times do not increase, or are too large to be in seconds.
     """
     times = columns["time_s"]
     off = np.abs(times) > _LONGEST

@@ -37,7 +37,7 @@ def gpx_text(columns: Mapping[str, np.ndarray], name: str) -> str:
 def kml_text(columns: Mapping[str, np.ndarray], name: str) -> str:
     """Return a corrected track as a line in KML 2.2 text.
 
-    Arguments are those of :func:`gpx_text`: columns (K,), and the name of the track.
+    ``columns`` (K,) and ``name`` are as for :func:`gpx_text`.
     """
     ElementTree.register_namespace("", _KML)
     root = ElementTree.Element(f"{{{_KML}}}kml")

@@ -32,7 +32,16 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
 def named_among(
     recovered: Sequence[tuple[str, float]], own: Sequence[str]
 ) -> list[tuple[str, float]]:
-    """Select the estimators named in an answer: the first few and the user's own."""
+    """Select the estimators that an answer names with their largest σ/ℓ.
+
+    At most :data:`MOST_OWN` of the user's own estimators are selected, then the first others, in
+    total :data:`MOST_RECOVERED`.
+
+    Parameters
+    ----------
+    recovered : estimators and their largest σ/ℓ, from :func:`.sweeps.recovered`.
+    own : the user's own estimators.
+    """
     named = [label for label, _ in recovered if label in own][:MOST_OWN]
     for label, _ in recovered:
         if len(named) < MOST_RECOVERED and label not in named:
@@ -43,8 +52,8 @@ def named_among(
 def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the estimators that failed in all runs of any case.
 
-    Each row has ``label``; ``cases``, the titles of these cases, empty if they are all cases; and
-    ``reason``, the reason of the first failure.
+    Each row has the ``label`` of an estimator, the titles of these ``cases`` and the ``reason`` of
+    the first failure. If the estimator failed in all cases, ``cases`` is empty.
     """
     own = runs[runs["assumption"] == ""]
     rows = []
@@ -61,8 +70,9 @@ def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[st
 def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
     """Return the estimator that is recommended in most cases.
 
-    Several estimators may be recommended in equally many cases, with mean error ratios that differ
-    by at most 1 %. Then the estimator is chosen that is most often the fastest recommended one.
+    Of estimators that are recommended in equally many cases, the estimator with the least mean
+    error ratio is returned. If these ratios differ by at most 1 %, the estimator is returned that
+    is most often the fastest recommended one.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ NONE = "–"
 
 
 def column(key: str) -> Column:
-    """Return the column with a key; an unknown key is the counter of an estimator."""
+    """Return the column with a key; an unregistered key is the name of a counter."""
     return COLUMNS.get(key) or Column(key.replace("_", " "), form="number")
 
 

@@ -39,9 +39,9 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Gradiometer", _each(cases, gradiometer_conditions)),
         ("Other sensors", other_conditions(cases)),
         ("Map", _each(cases, map_conditions)),
-        ("Wrongly modelled", _each(cases, _differences)),
+        ("Model errors", _each(cases, _differences)),
     ]
-    relevant = [row for row in rows if row[1] and row != ("Wrongly modelled", _NO_DIFFERENCE)]
+    relevant = [row for row in rows if row[1] and row != ("Model errors", _NO_DIFFERENCE)]
     return pd.DataFrame(relevant, columns=["condition", "value"])
 
 
@@ -111,7 +111,7 @@ def _flight(shared: pd.DataFrame) -> str:
 
 
 def gradiometer_conditions(case: CaseSpec) -> list[str]:
-    """Return texts on the gradiometer: kind, noise, period and other errors."""
+    """Return texts on the gradiometer: noise, period, channels, instrument and low-pass filter."""
     spec = case.side("truth").gradiometer
     if spec is None:
         return []
@@ -149,7 +149,7 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
-    """Return texts on the map: source, spacing and errors."""
+    """Return texts on the map: source, quality, and simulation of the gravity disturbance."""
     true, assumed = case.side("truth").field, case.side("model").field
     if assumed.source == "normal":
         return ["normal field"]

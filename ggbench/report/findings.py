@@ -19,7 +19,7 @@ from .columns import duration, metres, share
 SUITE, MEASURED = "suite", "vinton2008"
 """Scenarios of the findings: the standard suite, and measured gradients at Vinton Dome."""
 BIASES = "vinton2008_biases"
-"""Sweep of constants added to the readings of MEASURED."""
+"""Sweep of constant biases that are added to the measurements of MEASURED."""
 FOSTERVILLE, EAST_VICTORIA = "fosterville2019", "east_victoria2023"
 """The other measured surveys."""
 NARROW = ("air-narrow", "ship-narrow", "drone-narrow")
@@ -88,8 +88,8 @@ def measured(of: Metrics) -> str:
     errors = [span(*map(metres, both), separator=" and ") for both in (ins, aided)]
     shares = span(*(share(of.value(fold, name, "success")) for fold in folds), separator=" and ")
     return (
-        f"On lines of [Vinton Dome]({MEASURED}.md) that are left out of the map, the INS's RMS "
-        f"error is {errors[0]} m (two folds). With measured gradients the Gaussian sum has "
+        f"On lines of [Vinton Dome]({MEASURED}.md) that are not in the map, the INS's RMS "
+        f"error is {errors[0]} m (two maps). With measured gradients the Gaussian sum has "
         f"{errors[1]} m, is consistent and succeeds in {shares} of the runs."
     )
 
@@ -140,8 +140,8 @@ def east_victoria(of: Metrics) -> str:
         return ""
     return (
         f"At [East Victoria]({EAST_VICTORIA}.md) one gravimeter measurement a minute reduces "
-        f"the INS's RMS error of {metres(ins)} m to {metres(aided)} m. If all samples "
-        f"count as white noise, the EKF's error is {metres(of.rms('2s', name))} m, and it is "
+        f"the INS's RMS error of {metres(ins)} m to {metres(aided)} m. An EKF that "
+        f"assumes white noise in all samples has {metres(of.rms('2s', name))} m and is "
         "overconfident."
     )
 
@@ -159,8 +159,8 @@ def narrow_prior(of: Metrics) -> str:
     apart = max(abs(other - 1.0) for other in others)
     return (
         f"With a narrow prior and the right model use the EKF: its RMS error is {found} times that "
-        f"of an efficient filter ([oracle](definitions.md)). The UKF and the Gaussian sum agree "
-        f"within {apart:.1%}."
+        f"of an efficient filter ([oracle](definitions.md)). Errors of the UKF and the "
+        f"Gaussian sum are within {apart:.1%} of it."
     )
 
 
@@ -209,7 +209,7 @@ def outliers(of: Metrics) -> str:
 def wrong_noise(of: Metrics) -> str:
     """Return the finding of the case with three times the assumed noise.
 
-    It is empty unless this noise increases the EKF's RMS error by at least a fifth.
+    The finding is empty unless this noise increases the EKF's RMS error by at least a fifth.
     """
     case, known = "wrong-noise", "wrong-noise-known"
     plain, told, one = of.rms(case, "ekf"), of.rms(known, "ekf"), of.rms(case, ONE_FILTER)
@@ -217,7 +217,7 @@ def wrong_noise(of: Metrics) -> str:
         return ""
     return (
         f"With three times the assumed noise the EKF's RMS error is {metres(plain)} m. With the "
-        f"right noise it is {metres(told)} m; `{ONE_FILTER}` has {metres(one)} m."
+        f"right noise it is {metres(told)} m. `{ONE_FILTER}` has {metres(one)} m in the first case."
     )
 
 
@@ -251,8 +251,8 @@ def gravity(of: Metrics) -> str:
         return ""
     return (
         f"With a strategic INS that neglects the gravity disturbance the EKF's RMS error is "
-        f"{metres(plain)} m. Integrating measured gradients reduces it to {metres(known)} m; "
-        f"`{ONE_FILTER}` has {metres(of.rms('gravity', ONE_FILTER))} m."
+        f"{metres(plain)} m. Integrating measured gradients reduces it to {metres(known)} m. "
+        f"Without them, `{ONE_FILTER}` has {metres(of.rms('gravity', ONE_FILTER))} m."
     )
 
 
@@ -271,7 +271,7 @@ def one_filter(of: Metrics) -> str:
         return ""
     worst = max(ratios, key=lambda case: ratios[case])
     return (
-        f"One filter for all cases is `{ONE_FILTER}`: consistent or conservative in {sum(right)} "
+        f"`{ONE_FILTER}` suits all cases: it is consistent or conservative in {sum(right)} "
         f"of {len(cases)}. Its RMS error is at most {ratios[worst]:.2f} times that of a filter "
         f"with the right model (case `{worst}`)."
     )

@@ -49,8 +49,8 @@ def write(results: Reported, picture: Picture, path: Path, notes: str) -> Path:
 
     ``picture`` is the main figure. ``notes`` are the scenario's notes in markdown.
 
-    If the page is too large, the table of pairs is omitted, and if necessary all windows except the
-    settled window.
+    If the page is too large, the table of pairs is omitted. If it is still too large, all windows
+    except the settled window are omitted.
 
     Raises
     ------
@@ -81,8 +81,8 @@ def text(
 ) -> str:
     """Return the HTML text of the page; ``notes`` are in markdown.
 
-    Without ``with_pairs`` the table of pairs is omitted; without ``all_windows`` all windows except
-    the settled window.
+    If ``with_pairs`` is false, the table of pairs is omitted. If ``all_windows`` is false, the
+    metrics have only the settled window.
     """
     loaded, cases, metrics = results.scenario, results.cases(), results.metrics()
     pairs = results.pairs()

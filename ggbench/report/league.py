@@ -15,9 +15,9 @@ from . import columns, tables
 
 CAPTION = "League of the estimators"
 EXPLANATION = (
-    "Cells: RMS error over the oracle's, or over the bound where the model is wrong. In brackets: "
-    "bound of filters. Lost: most runs end outside the required error without reporting it. Lower "
-    "panel: share of cases with an error of at most the ratio times the best filter's."
+    "Cells: RMS error divided by the oracle's, or by the bound where the model is wrong. In "
+    "brackets: bound of filters. Lost: share of lost runs, if above half. Lower panel: share of "
+    "cases whose error ratio to the best filter is at most the abscissa."
 )
 """Words below the figure."""
 
@@ -26,9 +26,9 @@ def league(metrics: pd.DataFrame, cases: pd.DataFrame) -> League:
     """Return the content of the league figure for the settled window.
 
     A cell has the ratio of the RMS error to that of the oracle, or to the bound if there is no
-    oracle. If most runs are lost, the cell has their share. Estimators are in the order of the
-    metrics, with smoothers last. The profile includes causal estimators. For each case it uses only
-    the estimators with all runs of this case.
+    oracle. If most runs are lost, the cell has the share of lost runs. Estimators are in the order
+    of the metrics, with smoothers last. The performance profile has the causal estimators. For each
+    case it uses only the estimators with all runs of this case.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def text(
     Parameters
     ----------
     digests : digests of the scenarios.
-    has_league : whether the suite's figure of all estimators is in the folder of the page.
+    has_league : whether the league figure exists in the suite's folder of figures.
     studies : first sentence of the answer of each study's page, by name of the page.
     """
     suite = [each for each in digests if each.manifest["scenario"] == SUITE]

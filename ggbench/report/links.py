@@ -15,9 +15,14 @@ _ABSOLUTE = re.compile(r"[a-zA-Z][\w+.-]*:")
 def without_dead(text: str, folder: Path, coming: Set[str] = frozenset()) -> str:
     """Replace relative links without a target by plain text.
 
-    Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. Neither
-    exists if a report is written to another folder. ``folder`` is the folder of the page; files
-    that will be written later (``coming``) count as existing.
+    Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. If a report
+    is written to another folder, these targets do not exist.
+
+    Parameters
+    ----------
+    text : markdown.
+    folder : folder of the page.
+    coming : files that will be written later, which count as existing.
     """
 
     def kept(match: re.Match[str]) -> str:

@@ -51,7 +51,7 @@ def style() -> str:
 
 
 def html(template: str, **values: Any) -> str:
-    """Return an HTML page rendered from a template; the style sheet is its value ``style``."""
+    """Return an HTML page rendered from a template, with the style sheet as value ``style``."""
     return environment(html=True).get_template(template).render(style=style(), **values)
 
 

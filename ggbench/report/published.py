@@ -140,9 +140,10 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:
-    """Return a table of published improvements by known gravity, and of the computed effects.
+    """Return a table of published improvements by known gravity, with the computed INS response.
 
-    The effect is the response of the INS to the gravity disturbance.
+    The response is the INS error that the gravity disturbance causes. An improvement is possible if
+    it is at most 1.25 times the largest response.
     """
     rows = []
     for claim in results.scenario.claims:
@@ -233,7 +234,7 @@ def claims_in_words(claims: pd.DataFrame) -> str:
         for verdict, words in (("holds", "hold"), (_REFUTED, "do not"), (_OPEN, "are open"))
         if counts.get(verdict, 0)
     ]
-    return f"Claims of the paper: {', '.join(parts)}. Ratios of errors or times, first over second"
+    return f"Claims tested: {', '.join(parts)}. Ratio: first over second"
 
 
 def _needed(runs: float) -> str:

@@ -34,9 +34,9 @@ def _spec_of(label: str) -> EstimatorSpec | str:
 class Reported(Results):
     """A results folder whose tables use the short names of estimators.
 
-    The short name of an estimator from a file is the name of its class, ``mine[gain=2]`` for
-    ``a/file.py[gain=2]``, unless two estimators would share it. Commands contain the path of the
-    file.
+    The short name of an estimator from a file is the ``name`` of its class with the parameters, for
+    example ``mine[gain=2]`` for ``a/file.py[gain=2]``. Estimators that would share a short name
+    keep their labels. Commands contain the path of the file.
     """
 
     @cached_property
@@ -58,7 +58,7 @@ class Reported(Results):
 
     @property
     def own(self) -> list[str]:
-        """Short names of the users' own estimators, in order."""
+        """Short names of the user's own estimators, in the order of the user's command."""
         families = self.families
         return [label for label in self.labels if is_own(label, families)]
 
@@ -98,10 +98,9 @@ class Reported(Results):
         return survey_lines.by_line(self, self.runs())
 
     def further_tables(self) -> dict[str, pd.DataFrame]:
-        """Return all further non-empty tables, by name.
+        """Return all non-empty tables except metrics, cases and pairs, by name.
 
-        Metrics, cases and pairs are excluded. The order is that of a page: errors first, counters
-        last.
+        The order is that of a page: errors first, counters last.
         """
         tables = {
             "errors": league.errors(self.metrics(), self.cases()),
@@ -119,13 +118,13 @@ class Reported(Results):
         return {name: table for name, table in tables.items() if len(table)}
 
     def write_data(self, folder: Path) -> None:
-        """Write the digest and all further non-empty tables into a folder."""
+        """Write the digest and the tables of :meth:`further_tables` into a folder."""
         digest.write(self, folder)
         for name, table in self.further_tables().items():
             digest.write_csv(table, folder / f"{name}.csv")
 
     def rerun(self) -> str:
-        """Return the command that repeats the campaign, without a seed if it is the scenario's."""
+        """Return the command that repeats the campaign; the scenario's own seed is omitted."""
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""

@@ -19,9 +19,10 @@ _PLACES = 31
 def by_line(results: Results, runs: pd.DataFrame) -> pd.DataFrame:
     """Return a table with a row for each case, flown survey line and estimator.
 
-    The columns have RMS error and mean NEES in the settled window over the finished runs on the
-    line. For shipped maps made from survey lines they also have the nearest line in the map and the
-    distance to it. The table is empty if no survey lines are flown.
+    ``rms_m`` and ``nees`` are the RMS error [m] and the mean NEES in the settled window over the
+    finished runs on the line. ``next_line`` and ``next_line_m`` are the nearest line in the map and
+    the distance to it [m]; they are empty unless a shipped map was made from survey lines. The
+    table is empty if no survey lines are flown.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def is_of_the_prior(scenario: Scenario) -> bool:
 
 
 def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
-    """Return at most three curves of a sweep over its first axis.
+    """Return at most three sections of a sweep along its first axis, one for each base case.
 
     Further axes have their middle values. The abscissae are values of the first axis, or σ/ℓ if
     this axis is the initial position uncertainty.
@@ -91,7 +91,7 @@ def label_of(scenario: Scenario) -> str:
     """Return the label of the abscissa for the figure of a sweep."""
     assert scenario.sweep is not None
     if is_of_the_prior(scenario):
-        return "initial uncertainty over correlation length, σ/ℓ"
+        return "initial uncertainty / correlation length, σ/ℓ"
     return scenario.sweep.axes[0].title
 
 
@@ -100,7 +100,7 @@ def reached(
 ) -> pd.DataFrame:
     """Return a table of the values of the first axis that reach each target, for each part.
 
-    There are columns for the bound, the EKF and the user's own estimators, with an interval in
+    There are columns for the bound, the EKF and the user's own estimators. A 95 % interval is in
     parentheses. A cell such as ``3.2 E`` is the largest value that reaches the target, interpolated
     between cases. If an error is significantly smaller than the error before it on the axis, all
     values that reach the target are listed. The table is empty without a sweep.

@@ -66,7 +66,7 @@ def text(table: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
-SUCCESS_SHOWN = "success if ≠100% (INS: ≠0%)"
+SUCCESS_SHOWN = "success (omitted: 100%; INS: 0%)"
 """Caption on the success rates in the cells of :func:`error_cell`."""
 
 
@@ -74,8 +74,9 @@ def error_cell(row: Mapping[str, Any]) -> str:
     """Return the cell of an estimator, ``RMS (× oracle), success †``, from a row of metrics.
 
     The success rate is omitted at 100%. The cell of the INS has the RMS error, and the success rate
-    if any run succeeds. If most runs are lost, the cell has only their share. If all runs failed,
-    it is "failed". The text "as the INS" means a success rate no higher than that of the INS.
+    if any run succeeds. If most runs are lost, the cell has only the share of lost runs. If all
+    runs failed, the cell is "failed". The text "as the INS" means a success rate that is not
+    significantly higher than that of the INS.
     """
     if row["failed"] == row["runs"]:
         return FAILED

@@ -18,9 +18,9 @@ from .tables import MOST_COLUMNS, MOST_ROWS, code, error_cell
 MOST_CASES = 5
 """Largest number of cases in a table of a page."""
 _FIXED_ROWS = 5
-"""Rows of a table of estimators besides one's own: bound, INS, EKF, recommended, smoother."""
+"""Rows of a table without the user's own estimators: bound, INS, EKF, recommended, smoother."""
 MOST_DRAWN = 6
-"""Estimators of a figure."""
+"""Largest number of estimators in a figure."""
 ALIKE = 1.01
 """Largest ratio of errors for which estimators count as equal: they share a row or a rank."""
 _OF_SEVERAL = {"recommended": "cheapest recommended"}
@@ -57,8 +57,9 @@ def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
 def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
     """Return whether any error is significantly below a bound.
 
-    The bound averages over the specified error statistics. Measured data, a single gravity field
-    or few runs can have smaller errors.
+    Errors with a ratio to the oracle and errors of batch smoothers are not tested. The bound
+    averages over the specified error statistics. Measured data, a single gravity field or few runs
+    can have smaller errors.
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]
@@ -68,7 +69,7 @@ def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
 def deciding_cases(
     metrics: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_CASES
 ) -> pd.DataFrame:
-    """Return at most ``most`` cases that distinguish estimators, in the order of the file.
+    """Return at most ``most`` cases that distinguish estimators, in the scenario's order.
 
     Cases are chosen by the ratio of the largest to the least RMS error of causal estimators. For
     each set of recommended estimators the case with the largest ratio is chosen first. Remaining
@@ -89,7 +90,7 @@ def deciding_cases(
 
 
 def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
-    """Return at most ``most`` cases, evenly spread in the order of the file.
+    """Return at most ``most`` cases, evenly spread in the scenario's order.
 
     The first and the last case are included.
     """
@@ -103,9 +104,9 @@ def answer_table(
 ) -> pd.DataFrame:
     """Return a table with bound, INS, EKF, recommended estimator and best smoother by case.
 
-    Of several recommended estimators the cheapest is named. Each of the user's own estimators has a
-    column. If the table has too many columns, it is transposed: it has a column for each case and a
-    row for each estimator.
+    Of several recommended estimators the fastest is shown. If none is recommended, the best causal
+    estimator is shown. Each of the user's own estimators has a column. If the table has too many
+    columns, it is transposed: it has a column for each case and a row for each estimator.
     """
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     plain = (cases["recommended"] != "").to_numpy()
@@ -194,11 +195,12 @@ class _Cells:
 def drawn_estimators(
     metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = (), most: int = MOST_DRAWN
 ) -> list[str]:
-    """Return the estimators of a figure: the EKF, own estimators, those of the table, the best.
+    """Return at most ``most`` estimators to draw in a figure.
 
-    Of several parameter sets of one estimator with the same causality, only one is drawn. It is a
-    set in the table, or otherwise the set with the least geometric mean of error / bound. Own
-    estimators are all drawn, up to ``most``. Only estimators with all runs of all shown cases are
+    The order is: the EKF, the user's own estimators, the recommended and best estimators of the
+    cases, then all others by error / bound (geometric mean). The INS is excluded. Of several
+    parameter sets of one estimator with the same causality, only the first in this order is drawn;
+    the user's own estimators are all drawn. Only estimators with all runs of all shown cases are
     drawn.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
@@ -244,7 +246,7 @@ def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:
 def not_consistent(metrics: pd.DataFrame) -> list[str]:
     """Return causal estimators that are overconfident or unsafe in any case.
 
-    The most frequent come first.
+    The estimator with the largest number of such cases comes first.
     """
     rows = metrics[(metrics["window"] == "settled") & (metrics["causality"] == "filter")]
     marked = rows[rows["consistency"].isin(list(columns.SYMBOLS))]

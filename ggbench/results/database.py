@@ -49,8 +49,8 @@ class Result(NamedTuple):
         epochs; or None.
     detail : (K, 18) float32: errors and their σ, only for run 0 (:meth:`Database.detail`); or None.
     fixes : fixes of a matcher, see :func:`.judging.fix_metrics.judge`.
-    retry_above : time limit [s] above which a run that died or was too slow is repeated; None if
-        the result is final.
+    retry_above : time limit [s] of a run that died or was too slow; a campaign with a larger limit
+        repeats the run. None if the result is final.
     """
 
     key: str
@@ -239,7 +239,8 @@ class Database:
     def series(self, key: str, runs: int) -> np.ndarray:
         """Return time series (runs, K', 4): position and velocity error [m, m/s], NEES, NIS.
 
-        Only finished runs have a time series. The array ``kept`` of the case has the K' epochs.
+        Only finished runs among the first 1000 have a time series (:data:`.store.SERIES_RUNS`). The
+        array ``kept`` of the case has the indices of the K' epochs.
 
         Raise StoreError if a series is damaged.
         """

@@ -104,7 +104,7 @@ def write(results: Results, folder: Path) -> None:
 
 
 def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the pairs that compare with the INS, the EKF or a best estimator of the case."""
+    """Return the pairs with the INS, the EKF, or a best or recommended estimator of the case."""
     named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
     is_decisive = [
         bool({first, second} & {*_ALWAYS, *names})

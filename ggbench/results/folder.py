@@ -129,7 +129,7 @@ class Results:
         return int(self.manifest["runs"])
 
     def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
-        """Yield the records of the cases (``""``) or of one assumption.
+        """Yield the records with one assumption, or without any (``""``).
 
         Each record includes its case and estimator. The order is case, estimator, run.
         """
@@ -147,8 +147,8 @@ class Results:
     def series(self, case: str, estimator: str) -> np.ndarray:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
 
-        Only finished runs have a time series; the result may be empty. The array ``kept`` of the
-        case has the K' epochs.
+        Only finished runs among the first 1000 have a time series (:data:`.store.SERIES_RUNS`). The
+        result may be empty. The array ``kept`` of the case has the indices of the K' epochs.
         """
         key = self._keys.get(("", case, estimator))
         curves = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
@@ -342,7 +342,10 @@ class Results:
         return counts
 
     def studies(self) -> pd.DataFrame:
-        """Return the metrics of the runs with each assumption, and (``""``) without any."""
+        """Return metrics with a column ``assumption``; empty if no runs have an assumption.
+
+        With ``assumption`` "" the metrics are those of the same runs without an assumption.
+        """
         table = self._runs
         studied = table[table["assumption"] != ""]
         if studied.empty:

@@ -40,7 +40,7 @@ DATABASE_FILES = (
     "records.sqlite-wal",
     "records.sqlite",
 )
-"""In the order of removal. A log that outlives its database would alter the next database."""
+"""Files of the database in the order of removal; a remaining log would alter a new database."""
 RESULT_FILES = (
     *DATABASE_FILES,
     "scenario.toml",
@@ -54,7 +54,7 @@ RESULT_FILES = (
     "runs.csv",
     "manifest.json",
 )
-"""In the order of removal. The manifest is last, because it identifies a results folder."""
+"""Files of results in the order of removal; the manifest, which identifies a folder, is last."""
 LOCK = ".lock"
 _PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")
 _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
@@ -63,8 +63,8 @@ _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 def kept_epochs(epochs: int) -> np.ndarray:
     """Return the indices (K',) of the epochs with stored time series.
 
-    Up to :data:`MOST_KEPT` epochs are all stored. Of more epochs, this number is stored, evenly
-    spread.
+    Up to :data:`MOST_KEPT` epochs are all stored. Otherwise :data:`MOST_KEPT` evenly spread epochs
+    are stored.
     """
     numbers = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
     return np.round(numbers).astype(int)
@@ -167,8 +167,9 @@ class Store(Database):
 def require_ours(folder: Path) -> None:
     """Raise StoreError if the folder exists and is no results folder.
 
-    A results folder contains the database or a ggbench manifest, and possibly other files; or it
-    contains only the first files of a campaign.
+    A results folder contains the database or a ggbench manifest, and possibly other files. An empty
+    folder passes too, and so does a folder with only the first files of a campaign: the lock, an
+    empty database, or partly written files.
     """
     try:
         names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()

@@ -32,7 +32,14 @@ SIDES = ("", "truth", "model")
 
 @dataclass(frozen=True)
 class Limit:
-    """Bound [m] if one error source is halved, with the relative decrease of the bound."""
+    """Cramér–Rao bound of a case in which one error source is halved.
+
+    Attributes
+    ----------
+    cause : name of the error source.
+    bound_m : bound of the RMS position error in the settled window [m].
+    gain : relative decrease of the bound.
+    """
 
     cause: str
     bound_m: float
@@ -145,7 +152,10 @@ def _numbers(table: Any, *words: str) -> list[str]:
 
 
 def halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
-    """Yield each error source with a case in which it is halved, in truth and model."""
+    """Yield each error source, with a case in which it is halved in truth and model.
+
+    The error of the map is removed instead of halved.
+    """
     causes: list[tuple[str, list[str]]] = []
     if case.gradiometer is not None:
         key = _noise_key(case)
@@ -208,9 +218,9 @@ def usual_seconds() -> Mapping[str, float]:
 
 
 def recommended(advice: Advice) -> tuple[str, bool]:
-    """Return the label of the best causal estimator, and whether it is recommended.
+    """Return the label of a causal estimator, and whether it is recommended.
 
-    If several estimators are recommended, the fastest is returned.
+    The estimator is the fastest recommended estimator, or the best if none is recommended.
     """
     seconds, metrics = usual_seconds(), table(advice)
     causal = ~metrics["causality"].isin(SMOOTHERS)

@@ -46,7 +46,7 @@ class _Part(BaseModel):
 
 
 class Opponent(_Part):
-    """Comparison of the scored estimator with another one on equal runs."""
+    """Comparison of the scored estimator with another estimator on equal runs."""
 
     label: Line = Field(description="The other estimator.")
     role: Role = Field(
@@ -146,7 +146,7 @@ class Card(_Part):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        """Raise ValueError if a case occurs twice, or has not ``runs`` values of ``errors_m``."""
+        """Raise ValueError unless each case occurs once, with ``runs`` values of ``errors_m``."""
         names = [question.case for question in self.questions]
         if len(set(names)) != len(names):
             raise ValueError("questions must be of different cases")

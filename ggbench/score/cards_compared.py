@@ -122,9 +122,10 @@ def _require_same_runs(old: tuple[int, str, int], new: tuple[int, str, int]) -> 
 def worse(old: Card, new: Card) -> list[str]:
     """Return the cases in which a new card is significantly worse, each as a sentence.
 
-    Only common runs are compared. The p-values are adjusted by Holm's procedure over the card, so
-    at most 5% of the comparisons of equal estimators report anything. Raise ScoreError if the cards
-    differ in seed or suite, or have no case in common.
+    Cases that the estimator newly skips are returned too. Only common runs are compared. The
+    p-values are adjusted by Holm's procedure over the card. Therefore at most 5% of the comparisons
+    of equal estimators report a regression. Raise ScoreError if the cards differ in seed, suite or
+    version of results, or have no case in common.
     """
     _require_same_runs(
         (old.seed, old.suite, old.results_version), (new.seed, new.suite, new.results_version)

@@ -38,9 +38,9 @@ _DIVERGED = "diverged: the final error exceeds ten bounds and the error of the I
 
 
 def shown_name(card: Card) -> str:
-    """Return the estimator's own name with its parameters, as tables of results show it.
+    """Return the name of the estimator's class with the parameters, as tables of results show it.
 
-    If the label has another form, the label is returned unchanged.
+    If the label cannot be parsed, it is returned unchanged.
     """
     label = card.estimator.label
     try:
@@ -50,7 +50,10 @@ def shown_name(card: Card) -> str:
 
 
 def headline(card: Card) -> str:
-    """Return two sentences with the verdicts against the EKF and the recommended estimators."""
+    """Return sentences on the verdicts and on the overconfident or unsafe cases.
+
+    There is a verdict against the EKF and a verdict against the recommended estimators.
+    """
     sentences = []
     for role, name in (("ekf", "the EKF"), ("", "the recommended estimators")):
         counts = card.verdicts(role)

@@ -1,4 +1,4 @@
-"""Stored runs of the standard suite by all estimators of a roster.
+"""Stored runs of the standard suite by a roster (a named set of estimators).
 
 ``make suite`` writes these runs from a results folder. A scored estimator is compared with them, so
 the other estimators need not be run again.
@@ -66,8 +66,9 @@ class StoredRuns:
     Attributes
     ----------
     header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``, ``cells`` and
-        ``recommended``. ``cells`` has name, parameters, causality, bound and seconds for every case
-        and estimator. ``recommended`` has the estimators to compare with, by case and kind.
+        ``recommended``. ``cells`` has name, parameters, causality, name of the bound and median
+        time per run [s], ``seconds``, for every case and estimator. ``recommended`` has the
+        estimators to compare with, by case and kind (causal or smoother).
     runs : table of runs as in a results folder, NaN for missing values.
     """
 

@@ -44,9 +44,13 @@ class _Track(Protocol):
 
 
 class Motion(NamedTuple):
-    """Motion at K epochs: positions [rad, rad, m] (..., K, 3), velocities ENU [m/s], C_nb.
+    """Positions, velocities and attitudes of a body at K epochs.
 
-    Velocities have the shape (..., K, 3), attitude matrices C_nb (..., K, 3, 3).
+    Attributes
+    ----------
+    positions : (..., K, 3) latitude, longitude [rad] and height [m].
+    velocities : (..., K, 3) velocities ENU [m/s].
+    attitudes : (..., K, 3, 3) attitude matrices C_nb, from body axes to ENU.
     """
 
     positions: np.ndarray
@@ -131,9 +135,9 @@ class AidingSensor(ABC):
         """
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Convert measurements (..., K, e) relative to an old INS solution to a new INS solution.
+        """Return measurements (..., K, e), converted from an old to a new INS solution.
 
-        Most measurements do not depend on the INS solution.
+        The base class returns them unchanged, because most measurements do not depend on the INS.
         """
         return readings
 
@@ -168,7 +172,10 @@ class AidingSensor(ABC):
         return np.zeros((*motion.positions.shape[:-1], len(self.channels), 3))
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return the factor (K,) e^(−Δt/T) of a bias from the previous epoch to each epoch."""
+        """Return the decay factor (K,) e^(−Δt/T) of a bias from the previous epoch to each epoch.
+
+        The first factor is that from time zero to the first epoch.
+        """
         return remaining(times, self.bias_time)
 
     def biases(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -251,12 +258,13 @@ class Gravimeter(AidingSensor):
 
     In steady flight an accelerometer measures the specific force f = c(v, p) + γ(p) − δg. In this
     equation c = (2ω_ie + ω_en) × v is the Eötvös acceleration, and −γ is normal gravity. The
-    reduced measurement is
-    c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f. It equals the disturbance δg at the true position plus effects
-    of the INS errors on c, γ and f (Li 2011). The component ``scalar`` is −δg_U, the excess of
-    downward gravity. Vehicle accelerations are assumed known; residual accelerations are part of
-    the noise. Terms of second order in the errors are neglected: 0.02 mGal for 1 m/s or 10 km, 0.04
-    mGal for a tilt of 1′.
+    reduced measurement is c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f. This is the disturbance δg at the true
+    position plus the effects of the INS errors on c, γ and f (Li 2011). The component ``scalar``
+    is −δg_U, the excess of downward gravity.
+
+    Vehicle accelerations are assumed known; residual accelerations are part of the noise. Terms of
+    second order in the INS errors are neglected. They are 0.02 mGal for an error of 1 m/s or 10 km,
+    and 0.04 mGal for a tilt of 1′.
     """
 
     components: tuple[str, ...] = ("scalar",)
@@ -280,7 +288,10 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS[:, np.newaxis] * np.eye(3))[self._axes])
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return the reduced disturbance (..., K, e) [mGal] at the true position."""
+        """Return the reduced measurements (..., K, e) [mGal] without sensor errors.
+
+        The specific force is that of the true motion; the reduction uses the INS solution.
+        """
         disturbance = gravity.gravity_disturbance(*np.moveaxis(truth.positions, -1, 0))
         felt = self.steady_force(truth.positions, truth.velocities) - disturbance
         turn = ins.attitudes @ np.swapaxes(truth.attitudes, -1, -2)
@@ -304,9 +315,10 @@ class Gravimeter(AidingSensor):
         return np.asarray((MGAL * _SIGNS * again)[..., self._axes])
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return zeros (..., K, e) and the Jacobian (..., K, e, 9) with respect to the INS errors.
+        """Return the offset (..., K, e) [mGal], which is zero, and C_k (..., K, e, 9).
 
-        The Jacobian is that of the reduction, in mGal per m, m/s and rad.
+        C_k is the derivative of the reduced measurements with respect to the INS errors, in mGal
+        per m, m/s and rad. The derivative of the map's gravity is excluded.
         """
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         for j, step in ((1, 100.0), (2, 100.0), (3, 1.0), (4, 1.0), (5, 1.0)):
@@ -371,7 +383,10 @@ def cross_matrix(vectors: np.ndarray) -> np.ndarray:
 
 
 def metres_of(positions: np.ndarray) -> np.ndarray:
-    """Return metres per radian of longitude and of latitude, and one for the height (..., 3)."""
+    """Return metres per unit of longitude, latitude, height (..., 3): [m/rad, m/rad, 1].
+
+    ``positions`` (..., 3) are latitude, longitude [rad] and height [m].
+    """
     flat = np.ascontiguousarray(positions).reshape(-1, 3)
     metres = np.hstack([metres_along(flat), np.ones((len(flat), 1))])
     return metres.reshape(positions.shape)

@@ -50,10 +50,10 @@ class Gnss(AidingSensor):
     the lever arm l adds C_nb l ≈ (I + [φ×]) Ĉ_nb l to the position. Only positions have biases and
     errors at fixed times.
 
-    Velocities are corrected for the known lever arm with the gyro rates ω, without errors of ω. A
-    lever-arm error δl adds C_nb δl to positions and C_nb (ω × δl) to velocities. If δl is a state,
-    the measurement model uses Ĉ_nb instead of C_nb. This neglects φ × Ĉ_nb δl (2 mm for δl = 2 m
-    and φ = 3′) and makes h linear.
+    Velocities are corrected for the assumed lever arm with error-free angular rates ω. A lever-arm
+    error δl adds C_nb δl to positions and C_nb (ω × δl) to velocities. If δl is a state, the
+    measurement model uses Ĉ_nb instead of C_nb, so h is linear. This neglects φ × Ĉ_nb δl, which is
+    2 mm for δl = 2 m and φ = 3′.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Gnss(AidingSensor):
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return offset (..., K, e) and C_k (..., K, e, 9) of the measurements.
 
-        They are −δr + Ĉ_nb l + φ × Ĉ_nb l for the position and v̂ − δv for the velocity.
+        The position is −δr + Ĉ_nb l + φ × Ĉ_nb l, and the velocity is v̂ − δv.
         """
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))

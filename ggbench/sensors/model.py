@@ -61,9 +61,9 @@ class AidingChannels(NamedTuple):
     gravity: DisturbanceMap
 
     def without(self, absent: np.ndarray) -> AidingChannels:
-        """Return the equation with zeros for missing measurements, given by the mask ``absent``.
+        """Set the terms of missing measurements to zero in place, and return the equation.
 
-        The mask has the shape (..., K, e).
+        ``absent`` (..., K, e) is the mask of missing measurements.
         """
         for array in (self.offset, self.linear, self.weights):
             array[absent] = 0.0
@@ -89,7 +89,7 @@ def aiding_channels(
     states : states of the sensors, which follow those of the INS.
     dimension : number n of states.
     gravity : map of the gravity disturbance for the gravimeters.
-    read_at : for each sensor, the epochs of its measurements.
+    read_at : for each sensor, the indices (G,) of the epochs of its measurements.
     motion : INS solution at the K epochs.
     turning : (..., K, 3) angular rates about the body axes at the epochs [rad/s].
     """
@@ -132,11 +132,11 @@ def model_arrays(
     taken : INS solution at the measurement times of the gradiometer.
     treatment : prefilter of the G outputs of the gradiometer.
     missing : (..., G) mask of missing gradiometer measurements.
-    at : (G,) epochs of the gradiometer's measurements.
+    at : (G,) indices of the epochs with gradiometer measurements.
     others : measurement equation of the aiding sensors.
     states : states of the sensors, which follow those of the INS.
-    whitening : whitening of the G measurements for coloured noise, allowed without low-pass and
-        delay; None for white noise.
+    whitening : whitening of the G measurements for coloured noise, or None for white noise. It is
+        allowed only without low-pass filter and latency.
     """
     if gradiometer is None:
         gradiometer = NO_GRADIOMETER
@@ -254,8 +254,8 @@ class SensorModel:
 
     Whitening of coloured noise combines a few successive measurements. Each is evaluated at its INS
     position minus the position error at epoch k. This neglects the change of the position error
-    during the lag (velocity error times lag), which is at most 15 s in the shipped flights. In
-    ``vinton2008`` the neglect raises the error bounds by 0.7 to 1.1 %.
+    during the lag, velocity error times lag. The lag is at most 15 s in the shipped flights. In
+    ``vinton2008`` this approximation raises the error bounds by 0.7 to 1.1 %.
 
     Outside the map the field at the border is used. For a missing measurement h and H are zero.
 

@@ -28,10 +28,11 @@ class ModelArrays:
     position errors ENU [m]. If the mount is fixed to the body, T is also rotated by the INS
     attitude minus the attitude error [rad]. The sum is over the measurements that the whitening of
     coloured noise combines; without whitening there is one term with lag 0. For sensors other than
-    the gradiometer the rows of S_ki are zero. Biases, scale factors, lever arms, gravity and clocks
-    are columns of C_k or B_k; mounting angles and delays are columns of B_k. Constant biases of the
-    gradiometer are whitened like its measurements. A missing measurement has a zero offset and zero
-    rows.
+    the gradiometer the rows of S_ki are zero.
+
+    The sensor states have columns in C_k (gravity disturbance, biases and lever arms) or in B_k
+    (mounting angles). Constant biases of the gradiometer are whitened like its measurements. A
+    missing measurement has a zero offset and zero rows.
 
     In a block of runs the arrays in :data:`OF_A_RUN` have the run as leading axis.
 
@@ -125,7 +126,10 @@ OF_A_RUN = (
 
 
 def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarray]:
-    """Return ``first_linear`` and ``columns`` (s,) of C_k (..., m, n) and W_k (..., m, 3)."""
+    """Return the attributes ``first_linear`` and ``columns`` (s,) of :class:`ModelArrays`.
+
+    They follow from ``linear``, C_k (..., m, n), and ``weights``, W_k (..., m, 3).
+    """
     m, n = linear.shape[-2:]
     used = np.asarray(linear.reshape(-1, m, n).any(axis=0))
     weighed = np.asarray(weights.reshape(-1, m, 3).any(axis=(0, 2)))
@@ -145,7 +149,7 @@ class EpochContext:
 
     Attributes
     ----------
-    references : (T, 3, lanes) INS positions at the T times of the combined readings
+    references : (T, 3, lanes) INS positions at the times of the T combined measurements
         [rad, rad, m].
     attitudes : (1, 9, lanes) INS attitude C_nb, row by row.
     offset : (1, m, lanes) constant term of h [unit of the channel].

@@ -505,7 +505,10 @@ def _linearise(
 def linearise(
     model: ModelArrays, k: int, states: np.ndarray, predicted: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill h (N, m) and H (N, m, n) at states (N, n) at epoch k; ``model``: block of one run."""
+    """Fill h (N, m) and H (N, m, n) at states (N, n) at epoch ``k``.
+
+    ``model`` is a block of one run. ``predicted`` is the output for h, and ``out`` that for H.
+    """
     x = lanes.lanes(1, states.shape[1])
     _linearise(
         model=model, k=k, states=states, x=x, at=expansion_of(model), predicted=predicted, out=out

@@ -33,7 +33,10 @@ def gauss_markov(
 
 
 def remaining(times: np.ndarray, correlation_time: float) -> np.ndarray:
-    """Return the factor (K,) e^(−Δt/T) of a Gauss–Markov process from the previous to each time."""
+    """Return the decay factors (K,) e^(−Δt/T) of a Gauss–Markov process since the previous time.
+
+    The first factor is that from time zero to the first time.
+    """
     return np.asarray(np.exp(-np.diff(times, prepend=0.0) / correlation_time))
 
 

@@ -60,11 +60,14 @@ class SensorStates:
     stream: ClassVar[str] = ""
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return the transition factor (K,) of the states between epochs at ``times`` (K,) [s]."""
+        """Return the transition factor (K,) of the states from the previous epoch to each epoch.
+
+        ``times`` (K,) are the epochs [s].
+        """
         return np.ones(len(times))
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return the process-noise variance (K,) of each interval before an epoch."""
+        """Return the process-noise variance (K,) from the previous epoch to each epoch."""
         return np.zeros(len(times))
 
     def draw(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -73,7 +76,7 @@ class SensorStates:
         return np.tile(constant, (len(times), 1))
 
     def distort(self, readings: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Add the effect of true values (G, s) to error-free gradiometer measurements (G, c)."""
+        """Return gradiometer measurements (G, c) plus the effect of true states (G, s)."""
         return readings
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
@@ -90,7 +93,7 @@ class SensorStates:
 
 @dataclass(frozen=True)
 class GravityDisturbance(SensorStates):
-    """Gravity disturbance unknown to INS and map, ENU [m/s²], as three states.
+    """Gravity disturbance that the INS does not compensate, ENU [m/s²], as three states.
 
     The dynamics of these states are part of the INS error model.
     """
@@ -151,11 +154,14 @@ class AidingBias(SensorStates):
         return self.sensor.decay(times)
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return the process-noise variance (K,) that keeps σ²: σ² (1 − e^(−2 Δt/T))."""
+        """Return the process-noise variance (K,) of each interval, σ² (1 − e^(−2Δt/T)).
+
+        With it the variance of the bias remains σ².
+        """
         return np.asarray(self.sensor.bias**2 * (1.0 - self.decay(times) ** 2))
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return a matrix (e, s) that is one where a bias belongs to a channel, else zero."""
+        """Return the matrix (e, s) with 1 for the channel of each bias; None for other sensors."""
         if sensor is not self.sensor:
             return None
         return np.eye(len(self.sensor.channels), len(self.sigma))

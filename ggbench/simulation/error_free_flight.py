@@ -40,7 +40,7 @@ class Flight:
     ----------
     case : specification of the case.
     trajectory : true trajectory at the INS rate.
-    delta_angles, delta_velocities : (N, 3) error-free IMU increments.
+    delta_angles, delta_velocities : (N, 3) error-free IMU increments [rad], [m/s].
     field : map and normal field in which the truth flies.
     model_field : map and normal field that the estimators assume.
     epochs : (K,) indices of the INS samples at the measurement epochs of all sensors.
@@ -48,7 +48,8 @@ class Flight:
         gradiometer.
     measured : (G, g) measured gradients [E] at these times, NaN if missing; None if measurements
         are simulated.
-    measured_errors : (G,) errors of measured gravity [mGal] by gravimeter, NaN if missing.
+    measured_errors : errors (G,) of measured gravity [mGal] by name of the gravimeter, NaN if
+        missing.
     """
 
     case: CaseSpec
@@ -74,7 +75,7 @@ class Flight:
 
     @cached_property
     def aiding_epochs(self) -> list[np.ndarray]:
-        """Indices (G,) of the epochs with measurements of each aiding sensor."""
+        """For each aiding sensor, the indices (G,) of the epochs with measurements."""
         return [self._read_at(sensor.name) for sensor in self.true.aiding]
 
     def _read_at(self, sensor: str) -> np.ndarray:
@@ -161,7 +162,7 @@ class Flight:
 
     @cached_property
     def unknown_to_a_map(self) -> np.ndarray:
-        """True gravity disturbance (K, 3), ENU [m/s²], minus that in the map of the INS."""
+        """True gravity disturbance (K, 3), ENU [m/s²], minus the map's if the INS adds it."""
         places = self.motion_at_epochs.positions.T
         disturbance = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:
@@ -172,7 +173,7 @@ class Flight:
 
     @property
     def gravity_response(self) -> np.ndarray:
-        """Errors (K, 9) of an INS whose only error is the uncompensated gravity disturbance.
+        """Errors (K, 9) of an INS that are caused by the uncompensated gravity disturbance alone.
 
         The columns are position ENU [m], velocity ENU [m/s], and attitude about the body axes
         [rad]: pitch, roll and heading (positive to the left).
@@ -223,7 +224,7 @@ class Flight:
     def motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean specific force [m/s²] and angular rate [rad/s] during measurements, in mount axes.
 
-        Both arrays are (K, 3). A platform does not rotate in inertial space. The rotation of a
+        Both arrays are (G, 3). A platform does not rotate in inertial space. The rotation of a
         local-level mount (Earth rate and transport rate, 1e-4 rad/s) is neglected.
         """
         truth, samples = self.trajectory, self.epochs[self.gradient_epochs]
@@ -285,7 +286,8 @@ def prepare(case: CaseSpec) -> Flight:
     MapError, OutsideMapError, TrajectoryError
         If a map cannot be built, the flight leaves a map, or the flight cannot be flown.
     GGBenchError
-        If the low-pass filter cannot be computed, or errors decay within its delay.
+        If the low-pass filter cannot be computed, or a time constant is shorter than the delay
+        of measurements.
     """
     if case.trajectory.files():
         case.check_duration()

@@ -21,9 +21,9 @@ def bounds(flights: Sequence[Flight]) -> list[Bound]:
 
     H and Φ are evaluated at the truth. Noise, biases, initial errors, field and latency are the
     true ones. Gradients behind a low-pass filter are whitened, as for estimators. Outliers, errors
-    without a state and noise due to motion are omitted, so the result remains a lower bound. A
-    measurement that drops out in some runs counts with the expected share of available
-    measurements.
+    without a state and noise due to motion are omitted, so the result remains a lower bound. The
+    information of a measurement is multiplied by the expected share of runs in which it is
+    available.
 
     Parameters
     ----------

@@ -89,7 +89,8 @@ class MechanizedRuns(NamedTuple):
     delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) INS solution at the delayed
         measurement times.
     transition, process_cov : (R, K, n, n) assumed Φ and Q.
-    rows : (R, K, 6, 15) matrices that map an error at an epoch to the error at the delayed time.
+    rows : (R, K, 6, 15) B_k, which maps INS errors at an epoch to errors of position [m] and
+        attitude [rad] at the delayed time.
     integrated : (R, K, 3) gravity disturbance ENU [m/s²] from integrated gradients.
     turning : (R, K, 3) measured angular rate about the body axes [rad/s].
     """
@@ -133,7 +134,8 @@ class SensorReadings(NamedTuple):
     gradients : (R, G, g) gradiometer measurements, behind its low-pass filter if any [E].
     missing : (R, G) mask of missing gradiometer measurements.
     others : (R, K, e) measurements of the aiding sensors, in the order of their channels.
-    present : (R, K, e) mask of available values in ``others``; all others may be any finite number.
+    present : (R, K, e) mask of available values in ``others``. Unavailable values may be any finite
+        number.
     """
 
     gradients: np.ndarray
@@ -336,11 +338,12 @@ def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Wh
 
 
 def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:
-    """Raise GGBenchError if state errors decay within the delay of gradiometer measurements.
+    """Raise GGBenchError if a time constant is shorter than the delay of the gradiometer.
 
-    The delay comes from a low-pass filter or a latency. The measurement model propagates the state
-    back over the delay (:mod:`.ins.transitions`). In this direction a decaying error would grow by
-    e^(delay / time constant), and the process noise of that time is neglected.
+    The time constants are those of the altimeter damping and of the IMU biases. The delay comes
+    from a low-pass filter or a latency. The measurement model propagates the state back over the
+    delay (:mod:`.ins.delayed_rows`). In this direction a decaying error would grow by
+    e^(delay / time constant). The process noise within the delay is neglected.
 
     Parameters
     ----------

@@ -42,10 +42,10 @@ class InsError:
     def linear_until(self, allowed: float) -> float:
         """Return the time [s] at which second-order errors exceed ``allowed`` [m]; ∞ if never.
 
-        For an INS position error d, the second-order error is d² / 2R on a sphere of radius R. With
-        a GNSS receiver of 3 m noise, the open-loop EKF becomes worse than the closed-loop EKF at
-        one to three times this time. d is the growth of the error since the start, because feedback
-        does not reduce the initial error.
+        The second-order error is d² / 2R on a sphere of radius R. Here d is the growth of the
+        horizontal position error since the start. The initial error is excluded, because feedback
+        does not reduce it. With a GNSS receiver of 3 m noise, the open-loop EKF becomes worse than
+        the closed-loop EKF at one to three times the returned time.
         """
         grown = self.horizontal**2 - self.horizontal[0] ** 2
         beyond = grown > 2.0 * EARTH_RADIUS_M * allowed

@@ -52,7 +52,7 @@ class GravityState(NamedTuple):
 
     @property
     def driven(self) -> tuple[float, ...]:
-        """Return the process noise of these states, see :class:`ggbench.ins.adjoint.Noise`."""
+        """Process noise of these states, see :class:`ggbench.ins.noise.Noise`."""
         if self.walk is not None:
             return (self.walk,) * 3
         return tuple(math.sqrt(2.0) * size for size in self.sizes)

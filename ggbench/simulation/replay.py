@@ -65,7 +65,7 @@ class Recording(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """Data with which the INS of a run is mechanised again from any epoch.
+    """Inputs for running the INS mechanization of a run again from any epoch.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Replay:
     recording: Recording
 
     def start(self, problem: Problem) -> Loop:
-        """Return a closed loop before the first epoch of the problem, without corrections."""
+        """Return a closed loop at the start of the problem, before any correction."""
         return Loop(self, problem)
 
 
@@ -130,9 +130,10 @@ class Loop:
         self._part = problem
 
     def ahead(self, last: int) -> Problem:
-        """Return the problem of the next part: the epochs after the last correction to ``last``.
+        """Return the problem of the next part, which ends with the epoch ``last``.
 
-        The prior of this problem is the estimate at the last correction.
+        The part begins with the epoch after the last correction. The prior of the problem is the
+        estimate at that correction.
         """
         replay, first = self._replay, self._first
         when, recording = replay.when, replay.recording

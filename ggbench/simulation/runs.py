@@ -78,7 +78,7 @@ def simulate_block(flight: Flight, seed: int, runs: Sequence[int]) -> tuple[Prob
 def simulate_flights(
     flights: Sequence[Flight], seed: int, runs: Sequence[int]
 ) -> tuple[ProblemBlock, Truth]:
-    """Simulate several runs, each with another flight of the same case (:func:`simulate_block`).
+    """Simulate several runs as :func:`simulate_block`, each with its own flight of one case.
 
     Raises
     ------

@@ -256,8 +256,8 @@ class SensorSuite:
 
         Parameters
         ----------
-        motions, delta_velocities : of each of R tracks, the motion at N + 1 IMU samples and the
-            velocity increments (N, 3) [m/s].
+        motions, delta_velocities : motion at N + 1 IMU samples and velocity increments (N, 3)
+            [m/s], for each of R tracks.
         epochs, delays, dt, gravity : as in :meth:`along`.
         """
         track = in_lanes(np.stack([motion.states for motion in motions]))
@@ -304,7 +304,7 @@ class SensorSuite:
         process_cov: np.ndarray,
         rows: np.ndarray,
     ) -> None:
-        """Fill Φ and Q (R, K, n, n) for the first R of the runs that a kernel processes together.
+        """Fill Φ and Q (R, K, n, n) for a group of R runs, which occupy the first R lanes.
 
         ``rows`` is filled with matrices that propagate an error from an epoch back to the time of
         the delayed measurement.

@@ -22,7 +22,7 @@ _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
 
 
 class Interruptions(Section):
-    """Base of tables of true sensors: missing measurements and outliers."""
+    """Base of the tables of true sensors: keys of missing measurements and of outliers."""
 
     outlier_share: q.Share = 0.0
     """Probability that a measurement of a channel is an outlier; needs the size of outliers."""
@@ -236,7 +236,7 @@ class RecordedBarometer(BarometerSpec, ReadingsRecording):
 
 
 class GravimeterSpec(PeriodicSpec):
-    """``[gravimeter]``: gravity disturbance, as magnitude (``scalar``) or components.
+    """``[gravimeter]``: downward (``scalar``) or horizontal components of the gravity disturbance.
 
     The measurements are reduced with the INS position and velocity, so they contain INS errors.
     """
@@ -251,7 +251,7 @@ class GravimeterSpec(PeriodicSpec):
     components: Annotated[Several[Literal["scalar", "east", "north"]], distinct("a component")] = (
         "scalar",
     )
-    """`"scalar"`: magnitude of the gravity disturbance; `"east"`, `"north"`: its components."""
+    """`"scalar"`: excess of downward gravity; `"east"`, `"north"`: horizontal components."""
     readings: Literal["simulated", "measured"] = "simulated"
     """Simulated measurements, or those of the survey lines that `[trajectory]` flies."""
 
@@ -263,7 +263,7 @@ class GravimeterSpec(PeriodicSpec):
 
     @property
     def in_words(self) -> str:
-        """Gravimeter, and noise if it is known, in words."""
+        """Gravimeter in words, with the noise if the measurements are simulated."""
         if self.readings == "measured":
             return "measured gravimeter"
         return f"gravimeter {self.noise_mgal:g} mGal"

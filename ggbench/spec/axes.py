@@ -69,7 +69,7 @@ class AxisSpec(Section):
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
     def at(self, index: int) -> str:
-        """Return the value with an index as text with unit, ``0.01 E``."""
+        """Return the value at ``index`` as text with the unit, for example ``0.01 E``."""
         return f"{number(self.values[index])} {self.unit}".rstrip()
 
     def coordinates(self) -> np.ndarray:
@@ -78,7 +78,7 @@ class AxisSpec(Section):
         return np.log10(values) if self.scale == "log" else values
 
     def changed_keys(self) -> set[str]:
-        """Return the dotted keys that the axis changes; sensors have their short form."""
+        """Return the dotted keys that the axis changes; keys of sensors are in the short form."""
         return {short_key(key) for i in range(len(self.values)) for key in _dotted(self.change(i))}
 
 

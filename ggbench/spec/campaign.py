@@ -35,5 +35,9 @@ class CampaignSpec(Section):
     """Time limit of one run of one estimator."""
 
     def runs_of(self, study: str, runs: int) -> int:
-        """Return the number of runs for the cases (``study`` ""), or for an assumption."""
+        """Return the number of runs per case of a study.
+
+        The result is ``runs`` for the cases (``study`` ""). For an assumption it is at most
+        ``assumption_runs``.
+        """
         return min(runs, self.assumption_runs) if study else runs

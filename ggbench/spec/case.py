@@ -122,9 +122,9 @@ def _changed(key: str, table: Any, change: Any) -> Any:
 
 
 class CaseSpec(WithSensors):
-    """``[[case]]``: a case to compare; keys in it replace those of the other tables.
+    """``[[case]]``: a case to compare; its keys replace the keys of the tables of the file.
 
-    An object is a resolved case: the tables of the file with the changes of the case.
+    An object of this class contains all tables of the file, with the changes of the case.
     """
 
     name: CaseName
@@ -279,7 +279,7 @@ class CaseSpec(WithSensors):
         return self._seed
 
     def with_seed(self, seed: int) -> CaseSpec:
-        """Return the case with the seed of a campaign."""
+        """Set the seed of the scenario's campaigns, and return this case itself."""
         self._seed = seed
         return self
 
@@ -400,7 +400,7 @@ class CaseSpec(WithSensors):
 
     @property
     def content_hash(self) -> str:
-        """SHA-256 of all keys that affect results; name and title are excluded."""
+        """SHA-256 of all keys that affect results: all except name, title and reference."""
         # Without defaults, so that a key that is new in a later version changes nothing.
         content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
         # A default that was another in an earlier version is named where it has an effect.

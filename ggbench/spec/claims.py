@@ -28,9 +28,9 @@ UNITS: dict[str, str] = {"position": "m", "velocity": "m/s"} | dict.fromkeys(
 
 
 class ClaimSpec(Section):
-    """``[[claim]]``: a published error that disappears if the gravity disturbance is known.
+    """``[[claim]]``: a published INS error that disappears if the gravity disturbance is known.
 
-    The error is the response of an INS whose only error is the gravity disturbance.
+    The gravity disturbance is the only error source of this INS.
     """
 
     title: Title
@@ -53,8 +53,8 @@ class ClaimSpec(Section):
 class ComparisonSpec(Section):
     """``[[comparison]]``: a published claim about two estimators, without a number.
 
-    If the source does not state a parameter, the claim is tested at several values of it, which
-    replace ``{}`` in the labels.
+    If the source does not state a parameter, the claim is tested at several values of this
+    parameter. Each value replaces ``{}`` in the labels.
     """
 
     title: Title

@@ -26,7 +26,10 @@ def _checked(value: Any) -> Any:
 
 
 def called(columns: Any) -> Any:
-    """Convert ``columns`` (names, preset or None) for :func:`.column_names.names_of`."""
+    """Return the value of the key as an argument of :func:`.column_names.names_of`.
+
+    A table of names becomes a dict. The name of a preset and None are unchanged.
+    """
     return columns.content() if isinstance(columns, Table) else columns
 
 

@@ -34,7 +34,7 @@ class DrawSpec(Section):
 
 
 def words_of(name: str) -> tuple[int, ...]:
-    """Return four 32-bit numbers derived from a name; none for an empty name."""
+    """Return four 32-bit numbers derived from a name; ``()`` for an empty name."""
     if not name:
         return ()
     digest = hashlib.sha256(name.encode()).digest()
@@ -42,9 +42,9 @@ def words_of(name: str) -> tuple[int, ...]:
 
 
 def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpec:
-    """Return the table of the track that a run flies.
+    """Return the table of the track of a run.
 
-    It is a moved and rotated track, or one of several survey lines.
+    The track is moved and rotated at random, or is one of several survey lines.
     """
     if draw.tracks > 1:
         rng = np.random.default_rng([_SEED, run % draw.tracks, *words_of(draw.name)])
@@ -56,7 +56,7 @@ def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpe
 
 
 def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float) -> TrajectorySpec:
-    """Return a flight with another start, rotated about this start.
+    """Return a flight that is moved to a new start and rotated about the new start.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Flight file of a recorded flight: assumed model, and paths of the records.
 
-The tables are those of a scenario, with paths of the records added. They contain no truth.
-Estimators never receive the reference.
+The tables have the keys of scenario tables, and the paths of the records. The file contains no
+truth. Estimators never receive the reference.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ class InsRecord(InertialRecording):
 class StartSpec(Section):
     """``[imu_record.start]``: initial state for the mechanization of recorded IMU data.
 
-    Radians and C_nb store a state exactly; degrees do not.
+    Radians and C_nb reproduce a stored state exactly. Degrees and attitude angles cause rounding
+    errors.
     """
 
     latitude_deg: q.Latitude | None = None
@@ -148,7 +149,10 @@ class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
 
 
 class RecordedAltimeter(AltimeterSpec):
-    """``[altimeter]``, with a file of heights if ggbench mechanises the INS (not for ``[ins]``)."""
+    """``[altimeter]``: heights that damp the vertical channel of the INS.
+
+    A file of heights is required with ``[imu_record]`` and excluded with ``[ins]``.
+    """
 
     file: FileName | None = None
     """Path of the record of heights, relative to the flight file; needs `[imu_record]`."""

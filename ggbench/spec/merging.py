@@ -16,7 +16,8 @@ S = TypeVar("S", bound=Section)
 def laid_over(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     """Merge changes into the tables of a case.
 
-    ``[gnss]`` and ``[sensor.gnss]`` are the same table; the result has the form of ``base``.
+    The short form ``[gnss]`` and the long form ``[sensor.gnss]`` are the same table. The result has
+    the form that ``base`` has.
     """
     return merged(base, _written_as_in(base, change))
 
@@ -45,8 +46,9 @@ def _written_as_in(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[s
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     """Merge ``change`` into ``base``, table by table.
 
-    RMS and density of the gradiometer noise replace each other. A preset in ``change`` removes the
-    keys that it sets from ``base``.
+    The gradiometer noise can be stated in several ways, for example as RMS or as density. A noise
+    in ``change`` replaces a noise that ``base`` states in another way. If ``change`` has a preset,
+    the keys of the preset are removed from ``base``.
     """
     result = {key: value for key, value in base.items() if key not in replaced(change)}
     for key, value in change.items():
@@ -65,7 +67,9 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
 
 def changed(spec: S, change: Section) -> S:
-    """Merge those keys of ``change`` that are given into a table.
+    """Return a table with the changed keys of another table merged into it.
+
+    Keys of ``change`` with default values are ignored, and keys that ``spec`` does not have.
 
     Raises
     ------

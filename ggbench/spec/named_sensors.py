@@ -54,9 +54,9 @@ def _checked_name(name: str) -> str:
 class NamedSensors(Mapping[str, T]):
     """Hashable mapping from names of sensors to their tables, in the order of the channels.
 
-    Sensors named like their kind come first, in the order of :data:`.aiding.KINDS`; all other
-    sensors follow by name. ``NamedSensors[GnssSpec | LogSpec]`` has tables of these classes,
-    selected by ``kind``.
+    Sensors named like their kind come first, in the order of :data:`.aiding.KINDS`. All other
+    sensors follow in the order of their names. In ``NamedSensors[GnssSpec | LogSpec]`` the key
+    ``kind`` of a table selects the class of this table.
     """
 
     def __init__(self, tables: Mapping[str, T]) -> None:
@@ -162,20 +162,21 @@ def keys_of(model: type[BaseModel]) -> list[str]:
 def in_one_mapping(content: Any) -> Any:
     """Move all sensor tables of a file into ``sensor``, each with its ``kind``.
 
-    Tables of truth or model that change a sensor get the kind of this sensor. A sensor that is None
-    is omitted.
+    A table of truth or model that changes a sensor gets the kind of this sensor. A sensor with the
+    value None is omitted.
 
     Parameters
     ----------
     content : Any
         Tables of a case, of its truth or model, or of a recorded flight. A value that is
-        no table passes; it is refused by a later check of the key.
+        no table is unchanged; a later check of the key refuses this value.
 
     Raises
     ------
     ValueError
-        If a sensor has both the short and the long form, or truth or model changes a missing sensor
-        or the kind of a sensor.
+        If a sensor has both the short and the long form.
+        If a table of truth or model changes a sensor that the case does not have, or changes the
+        kind of a sensor.
     """
     if not isinstance(content, Mapping) or not _is_table(content.get("sensor", {})):
         return content
@@ -236,12 +237,12 @@ def table_of(sensor: str) -> str:
 
 
 def short_key(key: str) -> str:
-    """Return a dotted key; without ``sensor.`` if the name of the sensor is its kind."""
+    """Return a dotted key in the short form, without ``sensor.``, if the sensor has one."""
     return re.sub(rf"^(truth\.|model\.)?sensor\.({'|'.join(KINDS)})(?=\.|$)", r"\1\2", key)
 
 
 def not_on_board(table: str) -> ValueError:
-    """Return the error for a table that changes a missing sensor."""
+    """Return the error for a table that changes a sensor that the case does not have."""
     return ValueError(f"{table} changes a sensor that is not on board")
 
 

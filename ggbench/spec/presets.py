@@ -108,8 +108,8 @@ PRESETS: Mapping[str, tuple[str, Mapping[str, Preset]]] = {
 def expanded(table: str, content: Any) -> Any:
     """Return the content of a table with its preset replaced by numbers.
 
-    Keys that the table states have priority. An unknown preset passes; it is refused by a later
-    check of the key.
+    Keys that the table states have priority. An unknown preset is unchanged; a later check of the
+    key refuses this preset.
     """
     key, presets = PRESETS[table]
     if not isinstance(content, Mapping):
@@ -125,7 +125,7 @@ def expanded(table: str, content: Any) -> Any:
 
 
 def replaced(change: Mapping[str, Any]) -> Iterable[str]:
-    """Return the keys that a change replaces if it contains a preset."""
+    """Return the keys that the preset in a change replaces; empty if there is no preset."""
     for key, presets in PRESETS.values():
         if isinstance(change.get(key), str) and change[key] in presets:
             return {*presets[change[key]].values, *(NOISES if key == "preset" else ())}

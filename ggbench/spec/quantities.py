@@ -19,8 +19,8 @@ from .limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 class Within:
     """Inclusive limits of a number; with ``or_zero`` the number may also be 0.
 
-    ``usual`` is the usual range; 0 is never unusual. ``mistaken`` is a unit that is often confused
-    with the correct unit, and the factor that converts it.
+    ``usual`` is the usual range; 0 is never unusual. ``mistaken`` has a unit that users often
+    confuse with the correct unit, and the conversion factor from this unit to the correct unit.
     """
 
     lowest: float

@@ -192,7 +192,11 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def from_text(source: str, name: str, notes: str) -> Scenario:
-    """Return the scenario of a text that was validated before, such as in a results folder."""
+    """Return the scenario of a text, for example of the copy in a results folder.
+
+    The key ``notes`` of the text is ignored; the argument ``notes`` is markdown, see
+    :class:`Scenario`.
+    """
     origin = f"scenario.toml of {name}"
     document = read_toml(source, origin)
     document.pop("notes", None)
@@ -200,7 +204,7 @@ def from_text(source: str, name: str, notes: str) -> Scenario:
 
 
 def as_written(scenario: Scenario) -> Scenario:
-    """Return the scenario with all cases of its file, from which some were selected.
+    """Return the scenario with all cases of its file, also after a selection of cases.
 
     Raises
     ------

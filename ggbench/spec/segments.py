@@ -43,7 +43,7 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
 
 
 class SegmentSpec(Section):
-    """``[[trajectory.segment]]``: segments of the flight, which are flown in order."""
+    """``[[trajectory.segment]]``: a segment of the flight; segments are flown in order."""
 
     kind: Kind = "rates"
     """Manoeuvre; it determines the other keys of the segment."""

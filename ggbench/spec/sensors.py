@@ -126,7 +126,7 @@ class InitialErrorChange(Section):
 
 
 class MapErrorSpec(Section):
-    """``[field.error]``: errors of a map; a table of truth or model replaces the whole table."""
+    """``[field.error]``: errors of a map; a table of truth or model replaces single keys."""
 
     resolution_km: q.Wavelength | None = None
     """Standard deviation of a horizontal Gaussian that smooths the map."""
@@ -210,10 +210,11 @@ class ModelField(FieldChange):
 class DisturbanceSpec(Section):
     """``[model.disturbance]``: the gravity disturbance unknown to the INS, as three states.
 
-    The ENU states are Gauss–Markov processes along the track, with a standard deviation and a
-    correlation distance (to 1/e). Without a distance they are constants. With
-    ``integrate_gradients`` the INS adds the change of gravity that the gradiometer measures; the
-    states are then the initial disturbance plus a random walk from the integrated noise.
+    The ENU states are first-order Gauss–Markov processes along the track. The correlation falls to
+    1/e at the correlation distance. Without a distance the states are constants.
+
+    With ``integrate_gradients`` the INS adds the change of gravity that the gradiometer measures.
+    The states are then the initial disturbance plus a random walk from the integrated noise.
     """
 
     horizontal_mgal: q.DisturbanceSize

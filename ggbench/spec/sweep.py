@@ -19,7 +19,7 @@ from .axes import AxisSpec, SweepSpec, number
 
 @dataclass(frozen=True)
 class Point:
-    """Position of a case in the grid: the varied case or "", and the index on each axis."""
+    """Position of a case in the grid: name of the varied case or "", and index on each axis."""
 
     base: str
     indices: tuple[int, ...]
@@ -34,7 +34,7 @@ class Sweep:
     axes : axes in the order of the file; figures show the first axis horizontally, the second
         vertically.
     targets_m : position errors [m] for which a report states the required value of the first axis.
-    bases : titles of the varied cases by name; ``{"": ""}`` without cases.
+    bases : titles of the varied cases by name; ``{"": ""}`` if the file has no cases.
     points : position in the grid of every case of the scenario, by name.
     """
 
@@ -57,8 +57,8 @@ class Cell:
 def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell]]:
     """Return the grid of a ``[sweep]`` table, and a list of the points.
 
-    The points are ordered case by case, with the last axis varying fastest. ``bases`` maps the
-    names of the cases to vary to their titles; if it is empty, the tables of the file are varied.
+    The points are ordered case by case, with the last axis varying fastest. ``bases`` has the
+    titles of the varied cases by name. If ``bases`` is empty, the tables of the file are varied.
     The name of a point contains the coordinates, and the case's name if several cases are varied.
     """
     bases = bases or {"": ""}
@@ -77,7 +77,7 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
 
 
 def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
-    """Return the largest value of an axis at which an error does not exceed a target.
+    """Return the value of an axis up to which an error does not exceed a target.
 
     Between two grid points the logarithm of the error is linear in the coordinate of the axis (a
     power law on a logarithmic axis).

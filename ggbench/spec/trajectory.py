@@ -147,7 +147,7 @@ class TrajectorySpec(Section):
 
     @property
     def drawn_lines(self) -> tuple[str, ...]:
-        """Survey lines if each run flies one of them; empty if each run flies all."""
+        """Survey lines of which each run flies one; empty without lines, or if runs fly all."""
         return () if self.made_up_turns else self.lines
 
     @property
@@ -157,7 +157,8 @@ class TrajectorySpec(Section):
         Raises
         ------
         TrajectoryError
-            If a segment cannot be flown, or a file cannot be used. It is a ValueError.
+            If a segment cannot be flown, or a file cannot be used. The class derives from
+            ValueError.
         """
         if self.file is not None:
             return float(self.track().times[-1])
@@ -180,13 +181,13 @@ class TrajectorySpec(Section):
         return [segment.manoeuvre() for segment in self.segment] * self.repeat
 
     def track_limits(self) -> TrackLimits:
-        """Return the limits that a track must respect to be valid."""
+        """Return the limits for the validation of the track, and its smoothing."""
         from ..trajectory.track import TrackLimits
 
         return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
 
     def track(self) -> Track:
-        """Return the track of the file, or the first survey line.
+        """Return the track of the file, or the track of :meth:`survey_line`.
 
         Raises
         ------

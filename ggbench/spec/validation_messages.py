@@ -113,6 +113,6 @@ def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
 
 
 def suggest(word: str, allowed: list[str]) -> str:
-    """Return the most similar allowed word in brackets, or "" if none is similar."""
+    """Return a hint with the most similar allowed word, or "" if no word is similar."""
     close = difflib.get_close_matches(word, allowed, n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

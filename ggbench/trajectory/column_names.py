@@ -90,16 +90,18 @@ def plain_names(names: Names) -> set[str]:
 def find(
     key: str, columns: Sequence[str], names: Names, where: str, needed: bool = True
 ) -> Place | None:
-    """Return the column of a key; None if it is missing and not ``needed``.
+    """Return the column of a key, or None if the file has no such column.
+
+    The suffix of the key states the target unit. The unit of the column is the unit in brackets
+    after the name. Without brackets it is the unit at the end of the name, as in ``alt_ft``.
 
     Parameters
     ----------
-    key : key of the column; its suffix states the unit. Without a unit in brackets, a unit at the
-        end of the column's name counts, as in ``alt_ft``.
+    key : key of the column.
     columns : column names of the file, in lower case.
     names : names in the file, by key; without an entry the name is the key.
     where : description of the line with the names, for messages.
-    needed : whether a missing column is an error.
+    needed : whether a missing column is an error, if ``names`` has an entry for the key.
 
     Raises
     ------

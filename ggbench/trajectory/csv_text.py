@@ -54,10 +54,10 @@ class CsvText:
     def of(cls, content: bytes, needed: str, known_names: Collection[str]) -> CsvText:
         """Return the content of a file with fields separated by commas, semicolons or tabs.
 
-        Fields may be quoted. Lines before the names are ignored if they begin with # or //. Lines
-        that begin with % are ignored if they contain no separator. Exception: if the first line
-        after these comments does not name the columns, a comment can name them (format of
-        ``numpy.savetxt``).
+        Fields may be quoted. Comments before the line of names are ignored: lines that begin with
+        #, // or %. A line that begins with % may be the line of names if it contains a separator
+        and a known name. If the first line after the comments contains no known name, a comment may
+        be the line of names (format of ``numpy.savetxt``).
 
         Parameters
         ----------

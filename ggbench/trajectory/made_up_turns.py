@@ -1,8 +1,8 @@
-"""Survey lines joined to one flight by artificial turns, in the order of time.
+"""Survey lines joined to one flight by artificial turns, in order of time.
 
 An artificial turn consists of a straight piece, a turn, a connecting leg, a turn to the same side,
-and a straight piece. The length fits the time between two lines at the speeds at the ends of these
-lines. There are no measurements in turns.
+and a straight piece. The length of this path is the time between two lines, multiplied by the mean
+of the speeds at the ends of the lines. There are no measurements in turns.
 """
 
 from __future__ import annotations

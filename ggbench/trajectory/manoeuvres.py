@@ -301,7 +301,7 @@ def plan(
     manoeuvres : manoeuvres in the order of the flight.
     dt : sampling interval [s].
     size : number of manoeuvres in the scenario file, used in messages only. Manoeuvres beyond this
-        number repeat those of the file.
+        number are repetitions.
 
     Returns
     -------

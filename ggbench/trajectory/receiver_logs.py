@@ -47,9 +47,10 @@ _NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSS
 class Fix(NamedTuple):
     """Position in a receiver log: time [s], latitude and longitude [deg], height [m].
 
-    ``geoid`` is the height of the zero level of ``height`` above the ellipsoid [m]; None if
-    ``height`` is above sea level and the log states no geoid height. ``place`` describes the line
-    of the log, for messages. ``states_geoid`` says whether ``geoid`` is from the log.
+    ``geoid`` [m] added to ``height`` gives the height above the ellipsoid. ``geoid`` is 0 for an
+    ellipsoidal ``height``. It is None if ``height`` is above sea level and the log states no geoid
+    height. ``place`` describes the line of the log, for messages. ``states_geoid`` is True if
+    ``geoid`` is from the log.
     """
 
     time: float

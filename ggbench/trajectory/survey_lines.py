@@ -1,10 +1,15 @@
 """Reader of survey lines with measured gradients or gravity, from CSV files.
 
-The first line of the file names the columns: line, kind, time_s, latitude_deg, longitude_deg,
-height_m (above the ellipsoid); tensor components in axes east, north, up, as xx or xx_eotvos; and
-the gravity disturbance, as disturbance or disturbance_mgal. Other columns are ignored. A row is a
-sample. The rows of a survey line are consecutive, at a constant interval. Measurements exclude the
-normal field. An empty cell is a missing measurement; a row of zeros in all gradients is refused.
+The first line of the file names the columns. All columns except these are ignored:
+
+- line, kind: name and kind of the survey line,
+- time_s, latitude_deg, longitude_deg, height_m: time and position, height above the ellipsoid,
+- xx or xx_eotvos, and so on: tensor components in axes east, north, up,
+- disturbance or disturbance_mgal: gravity disturbance.
+
+A row is a sample. The rows of a survey line are consecutive, at a constant interval. Measurements
+exclude the normal field. An empty cell is a missing measurement. A row in which all gradients are
+zero is refused.
 """
 
 from __future__ import annotations
@@ -69,7 +74,7 @@ class SurveyLine:
 
     @property
     def interval(self) -> float:
-        """Median time between two samples [s]; the mean would depend on clock deviations."""
+        """Median time between two samples [s]; clock deviations would affect the mean."""
         return float(np.round(np.median(np.diff(self.places["time_s"])), 6))
 
     def at_one_interval(self) -> SurveyLine:
@@ -90,7 +95,7 @@ class SurveyLine:
         return replace(self, places={**self.places, "time_s": even})
 
     def middle(self, duration: float | None) -> slice:
-        """Return the slice of the middle part of the line with a duration [s]; None: whole line.
+        """Return the slice of samples in the middle ``duration`` [s] of the line; None: all.
 
         Raises TrajectoryError if the line is shorter than the duration, or if the duration is not a
         multiple of the interval.
@@ -114,7 +119,7 @@ class SurveyLine:
     def track(self, limits: TrackLimits, duration: float | None) -> Track:
         """Return the track of the middle part of the line.
 
-        The smoothing is applied to the whole line. ``duration`` is that of :meth:`middle`.
+        The smoothing is applied to the whole line. ``duration`` is the argument of :meth:`middle`.
         """
         whole = track_of(dict(self.places), lambda n: f"line {self.row + n}", limits)
         part, times = self.middle(duration), self.places["time_s"]
@@ -239,8 +244,10 @@ def _unpacked(file: Path) -> bytes:
 def line_named(file: str, name: str) -> SurveyLine:
     """Return one survey line of a file, with its times corrected to a constant interval.
 
-    Positions and measurements are unchanged. Raises TrajectoryError if the file is invalid or does
-    not contain the line, or if a time deviates by more than 5 % of the interval, as at a gap.
+    Positions and measurements are unchanged.
+
+    Raises TrajectoryError if the file is invalid or does not contain the line. The error is also
+    raised if a time deviates by more than 5 % of the interval, for example at a gap.
     """
     lines = read_lines(file)
     if name not in lines:

@@ -8,8 +8,8 @@ increase the slope::
     d(t) = max_τ g(τ) − a (t − τ)² / 4          curvature above −a / 2
     h(t) = min_τ d(τ) + a (t − τ)² / 2          curvature between −a and a, h ≥ g
 
-The profile is close to the floor above peaks and rounded in valleys. A moving average over two
-seconds makes the acceleration continuous.
+The profile is close to the floor above peaks and rounded in valleys. A moving average with
+raised-cosine weights over ±2 s makes the acceleration continuous.
 """
 
 from __future__ import annotations
@@ -98,9 +98,10 @@ class TerrainFollowing:
         return np.stack([np.zeros(count), np.diff(speed) / dt, np.diff(climb) / dt], axis=-1)
 
     def start_height(self, start: State) -> float:
-        """Return the smallest initial height, in whole metres, for following the terrain [m].
+        """Return an initial height for following the terrain, in whole metres [m].
 
-        ``start`` is the initial state; its height is ignored.
+        The result is one to two metres above the smallest possible height. ``start`` is the initial
+        state; its height is ignored.
         """
         duration = self.length(start)
         steps = math.ceil(duration / _STEP)
@@ -191,10 +192,11 @@ def version_of(name: str) -> tuple[int, int]:
 def terrain_of(
     name: str, version: tuple[int, int], area: Area | None
 ) -> tuple[float, float, float, float, Array]:
-    """Return south and west bound, steps [deg] and heights (n_lat, n_lon) [m] of a terrain.
+    """Return bounds, steps [deg] and heights (n_lat, n_lon) [m] of a terrain.
 
-    ``area`` is the area in which voids are counted; None: everywhere. The steps are those in
-    latitude and longitude. ``version`` is that of :func:`version_of`.
+    The bounds are the southern and the western limit. The steps are in latitude and in longitude.
+    ``area`` is the area in which voids are counted; None: everywhere. ``version`` is from
+    :func:`version_of`.
 
     Raises TrajectoryError if the file contains no terrain.
     """

@@ -121,7 +121,9 @@ def part_of(track: Track, start: float, end: float) -> Track:
 
 
 def track_of(columns: dict[str, Array], place: Place, limits: TrackLimits) -> Track:
-    """Return the validated, smooth track of columns (N,); ``place`` describes a row.
+    """Return the validated and smoothed track of columns (N,).
+
+    ``place`` returns the position of a row in the file, for messages.
 
     Raises TrajectoryError if a value is invalid; the message states the line, the value and the
     allowed values.
@@ -293,23 +295,25 @@ def _radii(latitude: Array) -> Array:
 def resample(
     track: Track, dt: float, pitch: float, roll: float, banks: bool
 ) -> tuple[Array, Array, Array]:
-    """Return the first position, velocities and angles of a track at the INS rate.
+    """Return the initial position, and velocities and angles at the INS rate, of a track.
 
-    Velocities are those of cubic splines with a knot at every sample. The mechanization's midpoint
-    rule gives positions that stay near the track: with the acceleration a of a cubic, the error per
-    step is dt² (a_{n+1} - a_n) / 12, and the sum of the errors is dt² a / 12.
+    The velocities are derivatives of cubic splines with a knot at every sample. The mechanization
+    integrates them with the midpoint rule. The positions stay near the track: the error per step is
+    dt² (a_{n+1} - a_n) / 12, and the sum of the errors is dt² a / 12. Here a is the acceleration of
+    the spline.
 
     Parameters
     ----------
     track : track from :func:`read_track`.
     dt : sampling interval [s].
-    pitch, roll : angles added to those of coordinated flight if the track has no attitude [rad].
+    pitch, roll : angles added to the angles of coordinated flight if the track has no attitude
+        [rad].
     banks : whether the vehicle banks in turns and pitches with its climb angle.
 
     Returns
     -------
-    First position (3,) [rad, rad, m], velocities (N, 3) ENU [m/s], and heading, pitch and roll (N,
-    3) [rad].
+    Initial position (3,) [rad, rad, m], velocities (N, 3) ENU [m/s], and heading, pitch and roll
+    (N, 3) [rad].
 
     Raises
     ------

@@ -42,8 +42,7 @@ def parse(
 ) -> tuple[dict[str, Array], int, str]:
     """Return known columns (N,) of a CSV text, line number of the first row, and zero level.
 
-    The zero level of the heights is that in the name of their column, see
-    :func:`.coordinate_names.zero_level`.
+    The name of the height column states the zero level (:func:`.coordinate_names.zero_level`).
 
     Columns may be separated by commas, semicolons or tabs. Columns with unknown names, or not in
     ``keys``, are ignored. A name may have a unit in brackets, and times may be dates (ISO 8601). At

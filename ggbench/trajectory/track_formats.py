@@ -83,7 +83,8 @@ def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> R
 def recognised(content: bytes) -> tuple[str, str]:
     """Return the format and the text of a file; ("csv", "") if no other format is recognised.
 
-    Raises TrajectoryError if the file is an archive, or if it begins as text but is not text.
+    Raises TrajectoryError if the file is a zip archive, or if a file of a recognised format is not
+    UTF-8 text.
     """
     head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for name, looks in _FORMATS.items():

@@ -19,9 +19,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 @dataclass(frozen=True)
 class Waypoint:
-    """Turn the shorter way, and straight level leg at constant speed to a waypoint.
+    """Turn towards a waypoint, the shorter way, and straight level leg at constant speed.
 
-    The leg ends within a tenth of a second of flight from the waypoint.
+    The leg ends at most a tenth of a second of flight before or after the waypoint.
 
     Attributes
     ----------
@@ -80,9 +80,9 @@ def leg(position: Array, latitude: float, longitude: float) -> tuple[float, floa
     """Return heading [rad] and length [m] of the rhumb line to a waypoint.
 
     The line is level and begins at ``position`` (3,): latitude, longitude [rad] and height [m]. The
-    heading α obeys tan α = Δλ / ∫ (M + h) / ((N + h) cos φ) dφ, and the length is ∫ (M + h) dφ /
-    cos α (Williams 1998, Geometry of Navigation). φ is the latitude, λ the longitude, and M and N
-    are the radii of curvature.
+    heading α satisfies tan α = Δλ / ∫ (M + h) / ((N + h) cos φ) dφ. The length is ∫ (M + h) dφ /
+    cos α (Williams 1998, Geometry of Navigation). φ is the latitude, λ the longitude, h the height.
+    M and N are the radii of curvature in the meridian and in the prime vertical.
     """
     north = latitude - position[0]
     east = math.remainder(longitude - position[1], math.tau)

@@ -33,7 +33,7 @@ def scatter(table: pd.DataFrame, near: Ranking) -> Drawing:
                 values, part["error_m"], s=7, alpha=0.6, lw=0, color=colour
             )
         axis.set(xscale="log", yscale="log", xlabel=label)
-        axis.set_title(f"Spearman {near.order.value[near.at(column)]:.2f}")
+        axis.set_title(f"Spearman correlation {near.order.value[near.at(column)]:.2f}")
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.xaxis.set_minor_formatter(NullFormatter())

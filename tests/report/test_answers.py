@@ -48,7 +48,7 @@ def test_without_a_recommendation_the_answer_says_why():
 def test_the_answer_has_the_error_of_ones_own_estimator():
     """In the case of the answer; not twice where it is the answer itself."""
     words = environment().get_template("answer.j2")
-    assert "`ekf` has 5.00 m (95%: 4.50–5.50 m, 1.25 × oracle)." in words.render(
+    assert "`ekf` has 5.00 m (95%: 4.50–5.50 m, 1.25× oracle)." in words.render(
         answer=stated(mine=["ekf"])
     )
     assert stated(mine=["gaussian-sum"])["own"] == stated()["own"] == []

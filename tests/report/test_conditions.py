@@ -17,14 +17,14 @@ def test_conditions_are_those_of_the_scenario():
     assert table["Initial σ"] == "5 m, 0.1 m/s, 1′"
     assert table["Gradiometer"].startswith("0.01 E or 0.001 E, every 1 s or every 5 s")
     assert table["Flight"] == "1.00 min, 50.0 m/s, height 1000 m"
-    assert "Wrongly modelled" not in table  # of none of its cases
+    assert "Model errors" not in table  # of none of its cases
 
 
 def test_differences_of_the_model_are_listed():
     """The keys in which truth and model differ, of cases without any "none"."""
     loaded = scenario.load("below_summits")
     table = conditions(loaded.cases, cases(9)).set_index("condition")["value"]
-    assert table["Wrongly modelled"] == "none or field"
+    assert table["Model errors"] == "none or field"
 
 
 def test_equal_errors_of_truth_and_model_are_no_difference():
@@ -33,9 +33,9 @@ def test_equal_errors_of_truth_and_model_are_no_difference():
     estimated = [case for case in loaded.cases if case.side("model") == case.side("truth")]
     assert estimated and len(estimated) < len(loaded.cases)
     words = conditions(loaded.cases, cases(8)).set_index("condition")["value"]
-    assert words["Wrongly modelled"] == "gradiometer or none"
+    assert words["Model errors"] == "gradiometer or none"
     table = conditions(estimated, cases(8)).set_index("condition")["value"]
-    assert "Wrongly modelled" not in table
+    assert "Model errors" not in table
 
 
 def test_a_sensor_of_all_cases_is_listed_once_with_its_intervals():

@@ -331,6 +331,6 @@ def test_a_claim_finds_its_estimators_whatever_the_order_of_their_parameters():
 def test_the_caption_of_claims_counts_the_verdicts():
     verdicts = pd.DataFrame({"holds": ["open", "holds", "does not hold", "open"]})
     words = claims_in_words(verdicts)
-    assert words.startswith("Claims of the paper: 1 hold, 1 do not, 2 are open. Ratios")
+    assert words == "Claims tested: 1 hold, 1 do not, 2 are open. Ratio: first over second"
     assert claims_in_words(verdicts[:0]) == ""
-    assert claims_in_words(verdicts[1:2]).startswith("Claims of the paper: 1 hold. ")
+    assert claims_in_words(verdicts[1:2]).startswith("Claims tested: 1 hold. ")

@@ -45,8 +45,8 @@ class Faults:
     dropouts : pairs (start, end) of times between which all measurements are missing [s].
     duty : durations (on, off) of a duty cycle that begins with "on" at the start of the flight [s];
         off = 0: always on.
-    clock : σ of the clock error, drawn once per run [s], which rotates the assumed inertial axes
-        (Wang et al. 2013, eq. 12).
+    clock : σ of the clock error [s], drawn once per run. A clock error rotates the assumed inertial
+        axes (Wang et al. 2013, eq. 12).
     jitter : σ of the error of each measurement time [s].
     """
 
@@ -74,7 +74,10 @@ class Faults:
         return self.scale_factor > 0.0 or self.misalignment > 0.0 or any(self.mount)
 
     def mounting(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the random rotation (3,) of the mount about the mount axes in a run [rad]."""
+        """Return the rotation (3,) of the mount about the mount axes in a run [rad].
+
+        It is the sum of the constant ``mount`` and a random misalignment.
+        """
         return np.asarray(self.misalignment * rng.standard_normal(3) + np.array(self.mount))
 
     def distort(
@@ -115,14 +118,14 @@ class Faults:
         return rotate_tensors(turns, tensors)
 
     def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
-        """Return factors (K, width) on measurements from random walks of the scale factors."""
+        """Return random scale factors (K, width): one plus a random walk for each channel."""
         return np.asarray(1.0 + random_walk(times, self.scale_drift, width, rng))
 
     def growth(self, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-        """Return the factor (K,) on the RMS noise at rest.
+        """Return the factors (K,) by which motion increases the RMS noise.
 
-        ``rates`` (K,) [rad/s] and ``accelerations`` (K,) [m/s²] are the RMS motion of each
-        measurement.
+        ``rates`` (K,) [rad/s] and ``accelerations`` (K,) [m/s²] are RMS values over the period of
+        each measurement.
         """
         of_rate, of_acceleration = self.doubling
         return np.asarray(1.0 + rates / of_rate + accelerations / of_acceleration)
@@ -130,8 +133,9 @@ class Faults:
     def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return random factors (...) that convert normal noise to Student's t noise.
 
-        The factors are √((ν − 2)/χ²_ν), which keeps the variance: a normal number divided by
-        √(χ²_ν/ν) has Student's t distribution with variance ν/(ν − 2).
+        The factors are √((ν − 2)/χ²_ν), so the variance is unchanged. This follows from the
+        definition: a normal number divided by √(χ²_ν/ν) has Student's t distribution, with the
+        variance ν/(ν − 2).
         """
         return np.sqrt((self.freedom - 2.0) / rng.chisquare(self.freedom, shape))
 

@@ -137,7 +137,7 @@ def turn_of(
 ) -> tuple[float, float, float, float, float, float]:
     """Return vec6([φ×] M − M [φ×]) for t = vec6(M) and the small rotation φ = (x, y, z) [rad].
 
-    In eq. 12 of Wang et al. 2013 it is (∂L_φ/∂φ) φ. vec6 is [xx, xy, xz, yy, yz, zz].
+    Eq. 12 of Wang et al. 2013 denotes the result by (∂L_φ/∂φ) φ. vec6 is [xx, xy, xz, yy, yz, zz].
     """
     return (
         2.0 * (t[2] * y - t[1] * z),
@@ -262,7 +262,7 @@ class Gradiometer:
         return int(np.linalg.matrix_rank(self.channels @ _TRACELESS)) == 5
 
     def tensors(self, readings: np.ndarray) -> np.ndarray:
-        """Return the trace-free tensors (..., 6) [E] that fit measurements (..., m) best.
+        """Return trace-free tensors (..., 6) [E] from measurements (..., m) by least squares.
 
         Tensors are in mount axes. The channels must determine the whole tensor, see :attr:`whole`.
         """

@@ -14,8 +14,8 @@ filter, which are delay and coloured noise:
     white noise. Unmodelled noise is amplified by up to 1/ρ near the Nyquist frequency, where the
     low-pass passes no signal. Therefore ρ has a lower limit, the regularisation. If the actual
     noise after the low-pass is below this limit, the noise covariance of A y is at most the assumed
-    unit covariance. Without noise after the low-pass it is smaller than assumed in directions
-    without signal.
+    unit covariance. If there is no noise after the low-pass, this covariance is smaller than
+    assumed in directions without signal.
 
 ``delayed``
     y is a measurement of the state one group delay earlier, with the noise of the unfiltered
@@ -144,10 +144,10 @@ class Prefilter:
     matrix : (H, H) lower-triangular A of the first H outputs, applied to the output sequence of
         each component; None for the identity. H is K, or large enough to cover the start of the
         filter.
-    later : (C, C + B − 1) band of A with B lags, for any C successive later outputs; empty if there
-        are no later outputs.
-    gain, delay_samples : (K,) g_k and τ_k (in samples) of the low-pass followed by A, for slow
-        signals.
+    later : (C, C + B − 1) rows of A for any C successive outputs after the first H. Each row is
+        reduced to its B significant lags. The array is empty if there are no later outputs.
+    gain, delay_samples : (K,) gain g_k and delay τ_k [samples] of the low-pass followed by A, for
+        slow signals.
     """
 
     matrix: np.ndarray | None

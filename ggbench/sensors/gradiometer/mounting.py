@@ -2,8 +2,10 @@
 
 A mount that is rotated from its assumed axes by angles α measures Rᵀ Γ R, with R = exp[α×] and the
 tensor Γ in assumed axes. Let A be the rotation matrix from the assumed axes to ENU. The rotated
-mount is then equal to a strapdown instrument with the attitude A R. This is the attitude A with the
-attitude error A α. Other rotation errors of A are added: the attitude error of the body
+mount is then equal to a strapdown instrument with the attitude A R. Because A R = exp[(A α)×] A,
+this instrument has the assumed attitude A and the attitude error A α.
+
+The rotation errors of A itself are added to A α. They are the attitude error of the body
 (strapdown), or the rotation of the local level with the position (platform). Products of these
 errors with α are neglected: 0.01 E for 30′ and 3′ in a gradient of 3000 E. The effect of α alone is
 exact.
@@ -42,8 +44,8 @@ class Mount:
 def with_mounting_angles(mount: Mount, first: int) -> Mount:
     """Convert any mount to a strapdown mount with mounting angles as states.
 
-    The attitudes of the result are A (see the module), and B_k has columns for the three angles
-    [rad].
+    The attitudes of the result are the matrices A, see :mod:`.gradiometer.mounting`. B_k gets
+    columns for the three angles [rad].
 
     Parameters
     ----------

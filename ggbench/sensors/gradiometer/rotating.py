@@ -1,12 +1,12 @@
 """Rotating-accelerometer gravity gradiometer: signal and errors.
 
-Four accelerometers are mounted on the rim of a disk of diameter b (the baseline), opposite
-accelerometers b apart, and are sensitive along the tangent. The disk spins at the rate Ω about the
-z axis of the disk axes (x, y, z). These axes turn with the vehicle or platform at the angular rate
-ω but do not spin. The angle of accelerometer 1 is θ = Ωt; π, π/2 and 3π/2 are added for the
-accelerometers 2, 3 and 4. At the angle θ the radius is r = (cos θ, sin θ, 0) and the tangent is
-t = (−sin θ, cos θ, 0). The specific force (acceleration minus gravitation) of the proof mass at
-ρ = (b/2) r is
+Four accelerometers are mounted on the rim of a disk. The distance of opposite accelerometers is the
+diameter b of the disk (the baseline). The sensitive axes are tangential. The disk spins at the rate
+Ω about the z axis of the disk axes (x, y, z). These axes turn with the vehicle or platform at the
+angular rate ω but do not spin. Accelerometer 1 is at the angle θ = Ωt. Accelerometers 2, 3 and 4
+are at θ + π, θ + π/2 and θ + 3π/2. At the angle θ the radius is r = (cos θ, sin θ, 0) and the
+tangent is t = (−sin θ, cos θ, 0). The specific force (acceleration minus gravitation) of the proof
+mass at ρ = (b/2) r is
 
     f = f₀ − Γρ + ω̇×ρ + ω×(ω×ρ) + 2ω×(Ωz×ρ) + Ωz×(Ωz×ρ).
 
@@ -24,19 +24,20 @@ turns, imperfections cause the following channel errors:
 
 * common errors of scale factor and baseline multiply Z; the common tilt of the sensitive axes
   towards the radius, and the phase error of the demodulation, rotate Z;
-* a mismatch within a pair has no effect under a constant F, because the product is at Ω. The
-  retrograde part of F at Ω and the prograde part at 3Ω cause errors. A tilt of a pair towards the
-  radius acts in the same way. If T is an *odd number of half turns*, the 1Ω term causes an error:
-  10³ E for a mismatch of 1e-6 under 10 m/s². With a relative error ε of the rotation rate,
-  about the fraction ε of this term remains;
-* a tilt towards the spin axis has no effect under a constant f_z, because the product is constant.
-  If the pairs differ, the part of f_z at 2Ω causes an error. A difference within a pair adds errors
-  from L_xz, L_yz and the Coriolis term 2Ωω, at Ω;
-* the mean quadratic coefficient κ adds iκF²/b: it is the only imperfection through which a constant
-  force causes an error;
-* a difference *between* pairs causes an error only from jitter about the spin axis at 2Ω. A
-  difference in scale factor adds ω̇_z. A difference in tilt towards the radius adds ω_z through the
-  centripetal acceleration.
+* under a constant F, a mismatch of scale factors within a pair adds a term at Ω (the 1Ω term). Over
+  whole turns this term has no effect. The retrograde part of F at Ω and the prograde part at 3Ω
+  cause errors. A difference of the radial tilts within a pair acts in the same way. If T is an *odd
+  number of half turns*, the 1Ω term causes an error: 10³ E for a mismatch of 1e-6 under 10 m/s².
+  If the rotation rate has the relative error ε, about the fraction ε of the 1Ω term remains after
+  whole turns;
+* a tilt towards the spin axis has no effect under a constant f_z, because it adds a constant to the
+  signal. If the pairs differ, the part of f_z at 2Ω causes an error. A difference within a pair
+  adds terms at Ω from L_xz, L_yz and the Coriolis acceleration 2Ωω. They act like the 1Ω term;
+* the mean quadratic coefficient κ adds iκF²/b. A constant force causes an error through this
+  imperfection alone;
+* a difference in scale factor or radial tilt *between* pairs causes an error only from jitter about
+  the spin axis at 2Ω. A difference in scale factor adds ω̇_z. A difference in tilt towards the
+  radius adds ω_z through the centripetal acceleration.
 
 Biases and all other constants in the signal are rejected. The list of errors follows Yu and Cai
 (2019, arXiv:1905.05009). The equations were derived for this module and are tested against a
@@ -167,7 +168,8 @@ class Vibration:
     Attributes
     ----------
     specific_force_cos, specific_force_sin : (3, 3) amplitudes [m/s²] of cos nΩt and sin nΩt in disk
-        axes; row n − 1 is for n = 1, 2, 3, and t begins with the measurement.
+        axes, for n = 1, 2, 3. Row n − 1 contains the x, y and z components for n. The time t is
+        zero at the start of a measurement.
     spin_rate_cos, spin_rate_sin : amplitudes [rad/s] of cos 2Ωt and sin 2Ωt in the angular rate
         ω_z.
     """

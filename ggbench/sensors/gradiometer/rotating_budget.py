@@ -54,10 +54,12 @@ def error_budget(
     """Return the error (..., 2) [E] of the two channels from each imperfection, to first order.
 
     An error is the measured channel, corrected with the gyros, minus the channel of the
-    gravitational tensor. Motion is constant during a measurement except for ``vibration``. Products
-    of an imperfection with ``rotation_rate`` or ``demodulation_phase`` that act through the
-    reference signal (the 1Ω leak) are included in the error of this imperfection; other products of
-    imperfections are neglected. The effect of ``angular_rate_error`` is exact.
+    gravitational tensor. Motion is constant during a measurement except for ``vibration``. The
+    effect of ``angular_rate_error`` is exact.
+
+    ``rotation_rate`` and ``demodulation_phase`` change the demodulation of the other errors
+    (for example the 1Ω leak). The error of each other imperfection includes this effect. All other
+    products of imperfections are neglected.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ class SpinningDisks:
 
     Attributes
     ----------
-    instrument : one of the disks, which are equal.
+    instrument : baseline, spin rate and period, equal for all disks.
     spin_axes : spin axis of each disk: x, y or z of the mount.
     scale_factor, scale_factor_mismatch : relative scale-factor error of all four accelerometers;
         relative differences within the pairs and between the pairs.
