@@ -58,7 +58,7 @@ class Choice:
 
     @property
     def label(self) -> str:
-        """Text that identifies the estimator in results, ``ukf[points=merwe]``."""
+        """Text that identifies the estimator in results, such as ``ukf[points=merwe]``."""
         return str(self.spec)
 
     @property
@@ -230,8 +230,9 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
 def choose_all(texts: Iterable[str]) -> list[Choice]:
     """Return the estimators of several texts, without duplicates.
 
-    Among equal estimators the first text is the label. ``@NAME`` stands for all estimators of a
-    roster. Raise EstimatorError as :func:`choose`, or if a roster does not exist.
+    If several texts describe equal estimators, only the first text is used; it becomes the label.
+    ``@NAME`` stands for all estimators of a roster, a named set of estimators. Raise EstimatorError
+    as :func:`choose` does, or if a roster does not exist.
     """
     chosen: list[Choice] = []
     for choice in map(choose, listed(texts)):
@@ -241,9 +242,10 @@ def choose_all(texts: Iterable[str]) -> list[Choice]:
 
 
 def listed(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return texts with each roster ``@NAME`` replaced by the estimators in it.
+    """Return texts without duplicates; the estimators of a roster replace its text ``@NAME``.
 
-    Raise EstimatorError for an unknown roster.
+    ``-TEXT`` removes an estimator that is listed before. Raise EstimatorError if a roster does not
+    exist, or an estimator to remove is not listed before.
     """
     try:
         return expanded(texts)
@@ -252,7 +254,7 @@ def listed(texts: Iterable[str]) -> tuple[str, ...]:
 
 
 def is_own(text: str) -> bool:
-    """Return whether a text names a file, a folder or a program, no installed estimator.
+    """Return True if a text names a file, folder or program, False for an installed estimator.
 
     Raise EstimatorError if the text is not of the form ``NAME`` or ``NAME[parameter=value,...]``.
     """
@@ -360,10 +362,15 @@ def code_of(source: bytes) -> bytes:
         return source
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            first = node.body[0] if node.body else None
-            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
-                node.body = node.body[1:]
+            node.body = [part for part in node.body if not _is_text(part)]
     return ast.dump(tree).encode()
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    """Return whether a statement is only a string: a docstring, of an attribute too."""
+    if not (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)):
+        return False
+    return isinstance(statement.value.value, str)
 
 
 def content_of(module: str) -> bytes:

@@ -295,8 +295,11 @@ def test_a_roster_stands_for_its_estimators():
 
 def test_docstrings_and_comments_of_an_installed_module_do_not_enter_its_hash():
     """A page that is written anew leaves all stored runs valid; a number that changes does not."""
-    source = b'"""A filter."""\n\ndef gain(p):\n    """Return it."""\n    return 2.0 * p\n'
-    same = b'"""The filter."""\n\n\ndef gain(p):\n    return 2.0 * p  # twice\n'
+    source = (
+        b'"""A filter."""\nA = 1\n"""One."""\n'
+        b'def gain(p):\n    """Return it."""\n    return 2.0 * p\n'
+    )
+    same = b'"""The filter."""\n\nA = 1\n\ndef gain(p):\n    return 2.0 * p  # twice\n'
     other = source.replace(b"2.0", b"2.5")
     assert registry.code_of(source) == registry.code_of(same) != registry.code_of(other)
     assert registry.code_of(b"\x7fELF\x00") == b"\x7fELF\x00"
