@@ -11,6 +11,7 @@ from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight
 from ..spec.case import WindowsSpec
 from .bounds import bound_for, squared_bounds
+from .oracle import oracle_states
 from .run_errors import WINDOWS, window_mask
 
 METRICS = {
@@ -39,7 +40,7 @@ class CaseBound:
         self._squares: dict[str, np.ndarray] = {}
 
     def squares(self, name: str) -> np.ndarray:
-        """Return the bounds (K, 2) on the squared position [m²] and velocity error [m²/s²]."""
+        """Return the bounds (K, 2) on the squared errors of position [m²] and velocity [m²/s²]."""
         if name not in self._squares:
             cov = bound_for(self.bound, *parts(name))
             self._squares[name] = np.stack(squared_bounds(cov), axis=-1)
@@ -64,7 +65,9 @@ class CaseBound:
 
 
 def metrics(name: str, bound: CaseBound, oracle: np.ndarray) -> np.ndarray:
-    """Return the mean squares :data:`METRICS` (R, W, 4) of R runs in W windows.
+    """Return the mean squares (R, W, 4) of bound and oracle for R runs and W windows.
+
+    The last axis is :data:`METRICS`.
 
     Parameters
     ----------
@@ -93,7 +96,8 @@ def oracle_means(
     Parameters
     ----------
     name : name of the bound for the causality of the oracle.
-    flight, bound : flight of the runs, and bounds of this flight.
+    flight : flight of the runs.
+    bound : bounds of this flight.
     residuals : (R, K, m) measurements minus h at the truth.
     error_state : (R, K, n) true error states.
     transition : (R, K, n, n) transition matrices.
@@ -101,13 +105,16 @@ def oracle_means(
     causality, lag = parts(name)
     if lag is None:
         lag = 0 if causality == "filter" else bound.bound.whole
-    errors = error_state - bound.bound.oracle(residuals, error_state, transition, lag)
+    errors = error_state - oracle_states(bound.bound, residuals, error_state, transition, lag)
     squares = [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)]
     return _window_means(np.stack(squares, axis=2), flight.times, flight.case.windows)
 
 
 def parts(name: str) -> tuple[str, int | None]:
-    """Split the name of a bound into the causality and the lag [epochs] or None."""
+    """Return the causality and the lag [epochs] from the name of a bound.
+
+    The lag is None if the name contains no lag.
+    """
     if name.startswith("fixed-lag-"):
         return "fixed-lag", int(name.removeprefix("fixed-lag-"))
     return name, None

@@ -11,9 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.frozen import read_only
-from ..numerics.kernels import compiled
-
 
 @dataclass(frozen=True)
 class Bound:
@@ -21,7 +18,8 @@ class Bound:
 
     Attributes
     ----------
-    filtering, predicted : (K, n, n) bounds after and before the measurement of each epoch.
+    filtering : (K, n, n) bounds after the measurement of each epoch.
+    predicted : (K, n, n) bounds before the measurement of each epoch.
     gain : (K, n, m) Kalman gains in the Riccati recursion.
     jacobians : (K, m, n) H at the truth.
     smoother_gain : (K, n, n) gains of the Rauch–Tung–Striebel recursion.
@@ -53,7 +51,7 @@ class Bound:
                 smoothed[k] = self._stepped_back(np.array([k]), smoothed[[k + 1]])[0]
             return smoothed
         # Start every epoch from the filter's at the end of its window, then step back.
-        targets, last = np.arange(len(self.ticks)), self._last(lag)
+        targets, last = np.arange(len(self.ticks)), self.last_epochs(lag)
         smoothed = self.filtering[last].copy()
         for back in range(int((last - targets).max(initial=0))):
             now = last - 1 - back
@@ -67,86 +65,9 @@ class Bound:
         change = gain @ (after - self.predicted[k + 1]) @ gain.transpose(0, 2, 1)
         return np.asarray(self.filtering[k] + change)
 
-    def _last(self, lag: int) -> np.ndarray:
+    def last_epochs(self, lag: int) -> np.ndarray:
         """Return the last epoch (K,) at most ``lag`` ticks after each epoch."""
         return np.searchsorted(self.ticks, self.ticks + lag, side="right") - 1
-
-    def oracle(
-        self, residuals: np.ndarray, error_state: np.ndarray, transition: np.ndarray, lag: int
-    ) -> np.ndarray:
-        """Return the states (R, K, n) of the oracle, a filter or smoother linearised at the truth.
-
-        The oracle has the gains of the bound. It processes the same measurements as the estimators,
-        up to ``lag`` ticks after each epoch; with a lag of 0 it is a filter.
-
-        Parameters
-        ----------
-        residuals : (R, K, m) measurements minus h at the truth.
-        error_state : (R, K, n) true states.
-        transition : (R, K, n, n) transition matrices of each run.
-        lag : lag [ticks].
-        """
-        states = np.empty(error_state.shape)
-        _oracle(
-            residuals=read_only(residuals),
-            error_state=read_only(error_state),
-            transition=read_only(transition),
-            jacobians=read_only(self.jacobians),
-            gain=read_only(self.gain),
-            smoother_gain=read_only(self.smoother_gain),
-            last=self._last(lag),
-            states=states,
-        )
-        return states
-
-
-@compiled
-def _oracle(
-    residuals: np.ndarray,
-    error_state: np.ndarray,
-    transition: np.ndarray,
-    jacobians: np.ndarray,
-    gain: np.ndarray,
-    smoother_gain: np.ndarray,
-    last: np.ndarray,
-    states: np.ndarray,
-) -> None:
-    """Fill the oracle's states (R, K, n), which use the measurements up to epochs ``last`` (K,)."""
-    runs, epochs, n = states.shape
-    filtered, predicted = np.empty((epochs, n)), np.empty((epochs, n))
-    innovation, change = np.empty(residuals.shape[2]), np.empty(n)
-    for r in range(runs):
-        x = np.zeros(n)
-        for k in range(epochs):
-            predicted[k] = 0.0
-            _add_product(transition[r, k], x, predicted[k])
-            for j in range(n):
-                change[j] = error_state[r, k, j] - predicted[k, j]
-            innovation[:] = residuals[r, k]
-            _add_product(jacobians[k], change, innovation)
-            x = filtered[k]
-            x[:] = predicted[k]
-            _add_product(gain[k], innovation, x)
-        for k in range(epochs - 1, -1, -1):
-            x, first = states[r, k], last[k] - 1
-            x[:] = filtered[last[k]]
-            if last[k] > k and last[k] == last[k + 1]:  # the following epoch is smoothed already
-                x[:], first = states[r, k + 1], k
-            for i in range(first, k - 1, -1):
-                for j in range(n):
-                    change[j] = x[j] - predicted[i + 1, j]
-                x[:] = filtered[i]
-                _add_product(smoother_gain[i], change, x)
-
-
-@compiled
-def _add_product(matrix: np.ndarray, vector: np.ndarray, out: np.ndarray) -> None:
-    """Add the product of a matrix (m, n) and a vector (n,) to ``out`` (m,)."""
-    for i in range(matrix.shape[0]):
-        total = 0.0
-        for j in range(matrix.shape[1]):
-            total += matrix[i, j] * vector[j]
-        out[i] += total
 
 
 def posterior_bound(

@@ -25,6 +25,7 @@ from thinning import thinned
 from ggbench.block import ProblemBlock
 from ggbench.campaign import flights
 from ggbench.engines.whitened_measurements import residuals_along
+from ggbench.judging.oracle import oracle_states
 from ggbench.judging.references import CaseBound, metrics, oracle_means
 from ggbench.judging.run_errors import WINDOWS, evaluate_block, window_mask
 from ggbench.judging.statistics import mean_band
@@ -86,7 +87,9 @@ def test_the_oracle_of_a_linear_problem_is_the_exact_estimate(kind, ahead):
     truth = units * np.random.default_rng(2).normal(size=(2, problem.epochs, 5))
     h = np.einsum("kmn,rkn->rkm", problem.model.rows, truth)
     transition = np.tile(problem.transition, (2, 1, 1, 1))
-    found = bound.oracle(problem.measurements - h, truth, transition, min(ahead, bound.whole))
+    found = oracle_states(
+        bound, problem.measurements - h, truth, transition, min(ahead, bound.whole)
+    )
     for r in range(2):
         assert np.abs((found[r] - solved(problem, ahead)) / units).max() < 1e-9
 
