@@ -85,6 +85,28 @@ def is_right_model(case: CaseSpec) -> bool:
     return not wrong and not _unknown_gravity(case)
 
 
+def model_errors(case: CaseSpec) -> list[str]:
+    """Return the tables in which truth and model differ, such as "gradiometer", sorted.
+
+    A gravity disturbance that is neither compensated nor modelled by states adds "gravity". Gaps at
+    known times are no model errors.
+    """
+    sides = (case.truth, case.model)
+    true, assumed = (dict(_set_keys(side.model_dump(exclude_defaults=True))) for side in sides)
+    neutral = {key.partition(".")[2] for key in _OF_GRAVITY}
+    differing = {
+        key.split(".")[0]
+        for key in true.keys() | assumed.keys()
+        if true.get(key) != assumed.get(key)
+        and key not in neutral
+        and not key.endswith(".dropouts_s")
+    }
+    modelled = "disturbance" in differing
+    if _unknown_gravity(case) and not modelled:
+        differing.add("gravity")
+    return sorted(differing - {"disturbance"})
+
+
 _OF_GRAVITY = {
     "truth.field.gravity_disturbance",
     "truth.field.constant_disturbance_mgal",
@@ -95,8 +117,8 @@ _OF_GRAVITY = {
 
 def _set_apart(case: CaseSpec) -> set[str]:
     """Return the keys that are set in the tables ``truth`` and ``model`` of a case."""
-    changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
-    return {key for key in changed if key.split(".")[0] in ("truth", "model")}
+    changed = _set_keys(case.model_dump(exclude_defaults=True))
+    return {key for key, _ in changed if key.split(".")[0] in ("truth", "model")}
 
 
 def _unknown_gravity(case: CaseSpec) -> bool:
@@ -104,10 +126,10 @@ def _unknown_gravity(case: CaseSpec) -> bool:
     return case.side("truth").field.gravity_disturbance and not case.model.field.compensate
 
 
-def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted keys of nested tables whose values are not None."""
+def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted keys of nested tables whose values are not None, with these values."""
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _set_keys(value, f"{prefix}{key}.")
         elif value is not None:  # what is switched off, or set to zero, is set
-            yield f"{prefix}{key}"
+            yield f"{prefix}{key}", value

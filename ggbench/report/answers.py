@@ -23,7 +23,7 @@ MOST_OWN = 2
 
 
 def left_the_map(runs: pd.DataFrame) -> list[str]:
-    """Return the estimators that left the map in more runs than :data:`MOST_OUTSIDE` allows."""
+    """Return the estimators whose share of runs outside the map exceeds :data:`MOST_OUTSIDE`."""
     own = runs[runs["assumption"] == ""]
     shares = (own["remark"] == OUTSIDE).groupby(own["estimator"], sort=False).mean()
     return [str(label) for label in shares.index[shares > MOST_OUTSIDE]]
@@ -32,10 +32,11 @@ def left_the_map(runs: pd.DataFrame) -> list[str]:
 def named_among(
     recovered: Sequence[tuple[str, float]], own: Sequence[str]
 ) -> list[tuple[str, float]]:
-    """Select the estimators that an answer names with their largest σ/ℓ.
+    """Select the estimators for which an answer states the largest σ/ℓ.
 
-    At most :data:`MOST_OWN` of the user's own estimators are selected, then the first others, in
-    total :data:`MOST_RECOVERED`.
+    σ/ℓ is the initial position uncertainty in correlation lengths of the field. First, at most
+    :data:`MOST_OWN` of the user's own estimators are selected. Then other estimators are added in
+    the order of ``recovered``. In total at most :data:`MOST_RECOVERED` estimators are selected.
 
     Parameters
     ----------
@@ -50,10 +51,11 @@ def named_among(
 
 
 def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the estimators that failed in all runs of any case.
+    """Return the estimators that failed in all runs of at least one case.
 
-    Each row has the ``label`` of an estimator, the titles of these ``cases`` and the ``reason`` of
-    the first failure. If the estimator failed in all cases, ``cases`` is empty.
+    Each item has the ``label`` of an estimator. ``cases`` has the titles of the cases in which all
+    its runs failed, and ``reason`` is the reason of the first failure. If the estimator failed in
+    all cases, ``cases`` is empty.
     """
     own = runs[runs["assumption"] == ""]
     rows = []
@@ -70,18 +72,18 @@ def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[st
 def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
     """Return the estimator that is recommended in most cases.
 
-    Of estimators that are recommended in equally many cases, the estimator with the least mean
-    error ratio is returned. If these ratios differ by at most 1 %, the estimator is returned that
-    is most often the fastest recommended one.
+    Of estimators that are recommended in equally many cases, the function returns the estimator
+    that is most often the fastest recommended one. If none of them is ever the fastest one, it
+    returns the estimator with the least mean error ratio (:func:`.standing.standing`).
 
     Parameters
     ----------
-    metrics, cases : of a scenario, with a recommendation in at least one case.
+    metrics : table of metrics of a scenario.
+    cases : table of its cases; at least one case has a recommended estimator.
     """
     ranked = standing(metrics, cases)
     ranked = ranked[ranked["recommended_in"] == ranked["recommended_in"].iloc[0]]
-    alike = ranked["mean_ratio"] <= views.ALIKE * ranked["mean_ratio"].iloc[0]
-    cheapest = cases.loc[cases["recommended"].isin(ranked.loc[alike, "estimator"]), "recommended"]
+    cheapest = cases.loc[cases["recommended"].isin(ranked["estimator"]), "recommended"]
     return str([*cheapest.value_counts().index, ranked["estimator"].iloc[0]][0])
 
 
@@ -90,10 +92,11 @@ def answer(results: Reported) -> dict[str, Any]:
 
     ``label`` is the estimator that is recommended in most cases (:func:`leading`). If no case has a
     recommended estimator, it is the estimator that is best in the largest number of cases. ``lead``
-    is the first case where ``label`` is recommended (or best), if possible among the cases in the
-    page's table. ``row`` has the metrics of ``label`` in this case. ``reason`` states why the first
-    case without a recommended estimator has none. ``own`` has metrics of the user's own estimators
-    in the lead case: at most :data:`MOST_OWN`, finished, and other than ``label``.
+    is the first case where ``label`` is recommended (or best). Cases in the page's table have
+    precedence over other cases. ``row`` has the metrics of ``label`` in the lead case. ``reason``
+    states why the first case without a recommended estimator has none. ``own`` has the metrics of
+    the user's own estimators in the lead case, for at most :data:`MOST_OWN` of them. It omits
+    ``label`` and estimators without a finished run.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]

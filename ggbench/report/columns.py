@@ -90,14 +90,17 @@ NONE = "–"
 
 
 def column(key: str) -> Column:
-    """Return the column with a key; an unregistered key is the name of a counter."""
+    """Return the column for a key.
+
+    A key that is not registered is the name of a counter. Its column has this name as heading.
+    """
     return COLUMNS.get(key) or Column(key.replace("_", " "), form="number")
 
 
 def significant(value: float, digits: int) -> str:
     """Return a number as text with ``digits`` significant digits.
 
-    An exponent is used only for long numbers. NaN is a dash, infinity is ∞.
+    An exponent is used for magnitudes below 1e-4 or from 1e6 on. NaN is a dash, infinity is ∞.
     """
     if value == 0.0:
         return "0"
@@ -127,7 +130,10 @@ def ratio(value: float) -> str:
 
 
 def efficiency(value: float) -> str:
-    """Return a ratio to the oracle as text with two decimals; from 10 on as :func:`ratio`."""
+    """Return a ratio to the oracle as text with two decimals.
+
+    From a value of 10 on, the text is that of :func:`ratio`.
+    """
     return f"{value:.2f}" if abs(value) < 9.995 else ratio(value)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 import pandas as pd
 
 from ..figures.numbers import counted, span
+from ..judging.situations import model_errors
 from ..spec.case import CaseSpec
 from ..spec.presets import grade_of
 from .columns import significant
@@ -17,10 +18,8 @@ from .tables import code
 _MOST_VALUES = 3
 """Largest number of values of a condition that are listed; more are given as a range."""
 _NUMBER = re.compile(r"(\D*)(\d[\d.e+-]*)(\D*)")
-_NO_DIFFERENCE = "none"
-"""Difference of a model that equals the truth."""
-_ABBREVIATED = {"gnss": "GNSS", "imu": "IMU"}
-"""Keys that are abbreviations."""
+_ABBREVIATED = {"gnss": "GNSS", "imu": "IMU", "field": "map"}
+"""Names of tables in reports, if they differ from the keys."""
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
@@ -29,7 +28,8 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     cases : cases of the scenario.
-    shared : table of cases, for speed, height and duration of the flights, and required errors.
+    shared : table of cases. The speed, height and duration of the flights and the required errors
+        are taken from this table.
     """
     rows = [
         ("INS", _ins(cases)),
@@ -39,9 +39,9 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Gradiometer", _each(cases, gradiometer_conditions)),
         ("Other sensors", other_conditions(cases)),
         ("Map", _each(cases, map_conditions)),
-        ("Model errors", _each(cases, _differences)),
+        ("Model errors", _model_errors(cases)),
     ]
-    relevant = [row for row in rows if row[1] and row != ("Model errors", _NO_DIFFERENCE)]
+    relevant = [row for row in rows if row[1]]
     return pd.DataFrame(relevant, columns=["condition", "value"])
 
 
@@ -161,11 +161,16 @@ def map_conditions(case: CaseSpec) -> list[str]:
     return [code(assumed.source), quality, felt]
 
 
-def _differences(case: CaseSpec) -> list[str]:
-    true, assumed = (side.model_dump(exclude_defaults=True) for side in (case.truth, case.model))
-    changed = {key for key in true | assumed if (true.get(key) or {}) != (assumed.get(key) or {})}
-    words = " and ".join(_ABBREVIATED.get(key, key) for key in sorted(changed))
-    return [words.replace("_", " ") or _NO_DIFFERENCE]
+def _model_errors(cases: Sequence[CaseSpec]) -> str:
+    """Return the wrongly modelled tables of the cases; "" if no case has any."""
+    words = []
+    for case in cases:
+        names = [_ABBREVIATED.get(name, name) for name in model_errors(case)]
+        words.append(" and ".join(names).replace("_", " ") or "none")
+    distinct = list(dict.fromkeys(words))
+    if distinct == ["none"]:
+        return ""
+    return "; ".join(distinct) if len(distinct) <= _MOST_VALUES else "varies by case"
 
 
 def _range(values: pd.Series, unit: str) -> str:

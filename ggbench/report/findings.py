@@ -49,7 +49,10 @@ All other cases are compared with the EKF in the same case.
 
 
 class Metrics:
-    """Metrics of a scenario in the settled window, by case and estimator."""
+    """Metrics of a scenario in the settled window, by case and estimator.
+
+    The settled window lasts from ``windows.settled_from_s`` of a case to the end of the flight.
+    """
 
     def __init__(self, table: pd.DataFrame) -> None:
         self._rows = table.set_index(["case", "estimator"])
@@ -128,10 +131,10 @@ def fosterville(of: Metrics) -> str:
 
 
 def east_victoria(of: Metrics) -> str:
-    """Return the finding that a measured gravimeter along one line gains little.
+    """Return the finding that measured gravity along one line hardly reduces the INS error.
 
-    If all samples are processed as if their noise were white, the filter must be overconfident or
-    unsafe.
+    With one measurement a minute, the EKF's error must be at least 0.6 times the INS error. An EKF
+    that assumes white noise in all samples must be overconfident or unsafe.
     """
     case, name = "60s", "ekf"
     ins, aided = of.rms(case, "ins"), of.rms(case, name)
@@ -259,8 +262,8 @@ def gravity(of: Metrics) -> str:
 def one_filter(of: Metrics) -> str:
     """Return the finding that one filter suits all cases of the suite.
 
-    The filter must be consistent or conservative in at least 90% of the cases. Its RMS error must
-    be at most 1.5 times that of a filter with the right model.
+    The filter must be consistent or conservative in at least 90% of the cases. In every case its
+    RMS error must be at most 1.5 times that of a filter with the right model.
     """
     cases = of.cases(ONE_FILTER)
     right = [of.consistency(case, ONE_FILTER) in (CONSISTENT, CONSERVATIVE) for case in cases]

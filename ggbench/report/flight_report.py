@@ -51,7 +51,7 @@ def folder_of(label: str) -> str:
 
 
 def of_the_reference(flight: RecordedFlight) -> str:
-    """Return a remark if estimators also use the reference as a sensor's record, or ""."""
+    """Return a remark if estimators also use the reference as a sensor's record; else return ""."""
     sensor = flight.reference_is_of
     if not sensor:
         return ""
@@ -69,10 +69,10 @@ def write(
 ) -> Path:
     """Write the report of a recorded flight, all files together or none.
 
-    For each estimator ``LABEL/corrected.csv``, ``.gpx`` and ``.kml`` have the corrected track at
-    the epochs. ``LABEL/full_rate.csv`` has this track at the INS samples. ``LABEL/residuals.csv``
-    has the residuals. The pages are ``report.md`` with figures, and ``report.html`` as a single
-    file.
+    Each estimator has a folder for its files (:func:`folder_of`). ``corrected.csv``,
+    ``corrected.gpx`` and ``corrected.kml`` have the corrected track at the epochs.
+    ``full_rate.csv`` has this track at the INS samples. ``residuals.csv`` has the residuals. The
+    pages are ``report.md`` with figures, and ``report.html`` as a single file.
 
     Parameters
     ----------

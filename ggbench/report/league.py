@@ -16,8 +16,8 @@ from . import columns, tables
 CAPTION = "League of the estimators"
 EXPLANATION = (
     "Cells: RMS error divided by the oracle's, or by the bound where the model is wrong. In "
-    "brackets: bound of filters. Lost: share of lost runs, if above half. Lower panel: share of "
-    "cases whose error ratio to the best filter is at most the abscissa."
+    "row titles: bound of filters. Lost: share of lost runs, if above half. Lower panel: share of "
+    "cases within a ratio (abscissa) to the best filter's error."
 )
 """Words below the figure."""
 
@@ -70,7 +70,7 @@ def _of_all_runs(cell: Mapping[str, Any] | None, most: int) -> float:
 
 
 def ratio_of(cell: Mapping[str, Any] | None) -> float:
-    """Return the ratio of an RMS error to that of the oracle, else to the bound.
+    """Return the ratio of an RMS error to that of the oracle, or to the bound without an oracle.
 
     The ratio is infinite if most runs are lost.
     """

@@ -1,4 +1,4 @@
-"""Packages of the extra ``page``, and scripts that HTML pages embed."""
+"""Packages of the pip extra ``page``, and scripts that HTML pages embed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PageError(GGBenchError):
 
 
 def package(name: str) -> Any:
-    """Import a package of the extra ``page``.
+    """Import a package of the pip extra ``page``.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def package(name: str) -> Any:
 
 
 def installed() -> bool:
-    """Return whether the packages of the extra ``page`` are installed."""
+    """Return whether the packages of the pip extra ``page`` are installed."""
     return all(importlib.util.find_spec(name) for name in _PACKAGES)
 
 

@@ -19,8 +19,8 @@ from .reported import Reported
 ANSWER, EXPLANATION = "answer.png", "error_over_time.png"
 """Files of the figures."""
 _ON_GRAVITY = (
-    "Published improvements by a known gravity disturbance. Largest response: the largest error "
-    "that the disturbance causes in an otherwise perfect INS"
+    "Published improvements if the gravity disturbance is known. Largest response: the largest "
+    "error that the disturbance causes in an otherwise perfect INS"
 )
 _MOST_CLAIMS = 6
 """Largest number of claims on estimators in the table of a page; their labels are long."""
@@ -31,7 +31,8 @@ def text(results: Reported, picture: Picture, folder: Path, notes: str) -> str:
 
     Parameters
     ----------
-    results, picture : results, and the main figure of the scenario.
+    results : results of the scenario.
+    picture : main figure of the scenario.
     folder : folder of the figures.
     notes : notes of the scenario in markdown.
     """

@@ -21,8 +21,8 @@ def over_time(infos: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
 
     Parameters
     ----------
-    infos : ``Estimate.info`` of the runs; texts of :func:`.in_words` have the keys
-        ``at_<seconds>_s``.
+    infos : ``Estimate.info`` of the runs. The key ``at_<seconds>_s`` has the weights at this time,
+        as a text of :func:`.in_words`.
     """
     at: dict[int, list[dict[str, float]]] = {}
     for info in infos:

@@ -100,10 +100,11 @@ def _published(error: float, is_allowed: bool | None) -> str:
 
 
 def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
-    """Return a table that states whether the bound of a filter allows each published error.
+    """Return a table that states whether each published error is at least the bound of a filter.
 
-    The columns are case, window, published_m, bound_m and allowed. If all filters failed in a case,
-    there is no bound, and the case is omitted.
+    The columns are case, window, published_m, bound_m and allowed. ``allowed`` is true if the
+    published error is not below the bound. If all filters failed in a case, there is no bound, and
+    the case is omitted.
     """
     rows = metrics[metrics["published_m"].notna() & (metrics["causality"] == "filter")]
     rows = rows[rows["bound_m"].notna()]
@@ -115,8 +116,9 @@ def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
 def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
     """Return bound and RMS errors in windows from several start times to the end of the flight.
 
-    For each case there is a row for the bound and for each finished estimator, up to the largest
-    size of a table. The table is empty if a flight is too short or too long for :data:`STARTS_S`.
+    For each case there is a row for the bound and for each finished estimator. Rows beyond the
+    largest size of a table are omitted. The table is empty if a flight is too short or too long for
+    :data:`STARTS_S`.
     """
     cases, lines = referenced(metrics), []
     for case in cases:
@@ -140,10 +142,12 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:
-    """Return a table of published improvements by known gravity, with the computed INS response.
+    """Return a table that compares published improvements with computed INS responses.
 
-    The response is the INS error that the gravity disturbance causes. An improvement is possible if
-    it is at most 1.25 times the largest response.
+    A published improvement is the INS error that disappears if the gravity disturbance is known.
+    The response is the INS error that the gravity disturbance causes. A claim states a time
+    ``until_s``. A published improvement is possible if it is at most 1.25 times the largest
+    response up to this time.
     """
     rows = []
     for claim in results.scenario.claims:
@@ -172,10 +176,10 @@ def gravity_claims(results: Results) -> pd.DataFrame:
 def claimed(results: Any) -> pd.DataFrame:
     """Return a table of published claims on pairs of estimators, with verdicts.
 
-    A claim "equal" holds if the comparison is "equivalent"; a claim "larger" or "smaller" holds if
-    it is "worse" or "better". A claim on computing times compares medians. The claims of a scenario
-    form a separate family of tests. An undecided claim is open, with the number of runs that a
-    decision needs.
+    A claim "equal" holds if the verdict on the pair is "equivalent". A claim "larger" holds if the
+    verdict is "worse", and a claim "smaller" holds if the verdict is "better". A claim on computing
+    times compares medians. The claims of a scenario form a separate family of tests. An undecided
+    claim is "open"; its row has the number of runs that a decision needs.
     """
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
     metrics = results.metrics()

@@ -20,7 +20,7 @@ class ReportError(GGBenchError):
 
 
 def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Path]:
-    """Write the report of a results folder: ``NAME.md`` with figures and data, ``NAME.html``.
+    """Write the report of a results folder: ``NAME.md`` with figures and data, and ``NAME.html``.
 
     Either all files are written, or none.
 
@@ -33,7 +33,8 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
     Returns
     -------
     list of Path
-        The markdown page, and the HTML page if the packages of the extra ``page`` are installed.
+        The markdown page, and the HTML page if the packages of the pip extra ``page`` are
+        installed.
 
     Raises
     ------

@@ -68,7 +68,10 @@ class Reported(Results):
         return {self.shown[label]: names for label, names in super().seeking.items()}
 
     def series(self, case: str, estimator: str) -> np.ndarray:
-        """Return the time series (runs, K', 4) of an estimator, given by short name."""
+        """Return the time series (runs, K', 4) of the estimator with a short name.
+
+        The columns and the K' epochs are those of :meth:`.Results.series`.
+        """
         labels = {name: label for label, name in self.shown.items()}
         return super().series(case, labels.get(estimator, estimator))
 
@@ -124,7 +127,10 @@ class Reported(Results):
             digest.write_csv(table, folder / f"{name}.csv")
 
     def rerun(self) -> str:
-        """Return the command that repeats the campaign; the scenario's own seed is omitted."""
+        """Return the command that repeats the campaign.
+
+        The seed is omitted if it is the scenario's own seed.
+        """
         m = self.manifest
         left_out = m.get("left_out", {})
         flags = ""

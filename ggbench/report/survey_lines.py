@@ -21,8 +21,8 @@ def by_line(results: Results, runs: pd.DataFrame) -> pd.DataFrame:
 
     ``rms_m`` and ``nees`` are the RMS error [m] and the mean NEES in the settled window over the
     finished runs on the line. ``next_line`` and ``next_line_m`` are the nearest line in the map and
-    the distance to it [m]; they are empty unless a shipped map was made from survey lines. The
-    table is empty if no survey lines are flown.
+    the distance to it [m]. They have values only for a shipped map that was made from survey lines.
+    The table is empty if no survey lines are flown.
 
     Parameters
     ----------

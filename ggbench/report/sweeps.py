@@ -48,8 +48,9 @@ def is_of_the_prior(scenario: Scenario) -> bool:
 def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
     """Return at most three sections of a sweep along its first axis, one for each base case.
 
-    Further axes have their middle values. The abscissae are values of the first axis, or σ/ℓ if
-    this axis is the initial position uncertainty.
+    All other axes are fixed at their middle values. The abscissae are the values of the first axis.
+    If the sweep varies only the initial position uncertainty σ, the abscissae are σ/ℓ. ℓ is the
+    correlation length of the field.
     """
     sweep = scenario.sweep
     assert sweep is not None
@@ -91,19 +92,22 @@ def label_of(scenario: Scenario) -> str:
     """Return the label of the abscissa for the figure of a sweep."""
     assert scenario.sweep is not None
     if is_of_the_prior(scenario):
-        return "initial uncertainty / correlation length, σ/ℓ"
+        return "initial uncertainty over correlation length, σ/ℓ"
     return scenario.sweep.axes[0].title
 
 
 def reached(
     scenario: Scenario, metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Return a table of the values of the first axis that reach each target, for each part.
+    """Return a table of the values of a sweep's first axis that reach each target.
 
-    There are columns for the bound, the EKF and the user's own estimators. A 95 % interval is in
-    parentheses. A cell such as ``3.2 E`` is the largest value that reaches the target, interpolated
-    between cases. If an error is significantly smaller than the error before it on the axis, all
-    values that reach the target are listed. The table is empty without a sweep.
+    A target is an RMS position error. There is a row for each target and section (:func:`parts`).
+    There are columns for the bound, the EKF and the user's own estimators. A 95 % interval is
+    in parentheses. A cell such as ``3.2 E`` is the largest value that reaches the target,
+    interpolated between cases. If errors decrease along the axis, the cell instead lists the values
+    that reach the target. Errors decrease if one is significantly smaller than the error before it.
+    They also decrease if a value reaches the target after a value that does not. If all values or
+    none reach the target, there is no list. The table is empty without a sweep.
     """
     if scenario.sweep is None:
         return pd.DataFrame()
@@ -157,10 +161,12 @@ def _limit(value: float, unit: str) -> str:
 
 
 def recovered(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
-    """Return the largest σ/ℓ at which each causal estimator has a success rate of 95%.
+    """Return the largest σ/ℓ at which each causal estimator has a success rate of at least 95%.
 
-    All cases with equal or smaller σ/ℓ must have a success rate of 95%, on equal runs. The
-    estimator with the largest σ/ℓ comes first. Estimators without such a case have 0.
+    σ/ℓ is the initial position uncertainty in correlation lengths of the field. The success rate
+    must be at least 95% in all cases with equal or smaller σ/ℓ. In each case only estimators with
+    all runs of the case count. The estimator with the largest σ/ℓ comes first. Estimators without
+    such a case have 0.
     """
     rows = comparable(metrics)
     rows = rows[rows["causality"] == "filter"]

@@ -66,16 +66,16 @@ def text(table: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
-SUCCESS_SHOWN = "success (omitted: 100%; INS: 0%)"
+SUCCESS_SHOWN = "success if not 100%"
 """Caption on the success rates in the cells of :func:`error_cell`."""
 
 
 def error_cell(row: Mapping[str, Any]) -> str:
     """Return the cell of an estimator, ``RMS (× oracle), success †``, from a row of metrics.
 
-    The success rate is omitted at 100%. The cell of the INS has the RMS error, and the success rate
-    if any run succeeds. If most runs are lost, the cell has only the share of lost runs. If all
-    runs failed, the cell is "failed". The text "as the INS" means a success rate that is not
+    The success rate is omitted at 100%. The cell of the INS has the RMS error and the success
+    rate. If most runs are lost, the cell has only the share of lost runs. If all runs failed, the
+    cell is "failed". The text "≤ INS" means a success rate that is not
     significantly higher than that of the INS.
     """
     if row["failed"] == row["runs"]:
@@ -86,13 +86,13 @@ def error_cell(row: Mapping[str, Any]) -> str:
         )
     parts = columns.cell("rms_m", row["rms_m"])
     if row.get("causality") == "none":
-        return f"{parts}, {columns.share(row['success'])}" if row["success"] > 0.0 else parts
+        return f"{parts}, {columns.share(row['success'])}" if row["success"] < 1.0 else parts
     if pd.notna(row["efficiency"]):
         parts += f" (×{columns.efficiency(row['efficiency'])})"
     if row["success"] < 1.0 or row["as_ins"]:
         parts += f", {columns.share(row['success'])}"
     if row["as_ins"]:
-        parts += " as the INS"
+        parts += " (≤ INS)"
     return columns.marked(parts, row["consistency"])
 
 
@@ -109,5 +109,5 @@ def names(labels: Sequence[str], most: int = 3) -> str:
     first = [code(label) for label in labels[:most]]
     more = len(labels) - most
     if more > 0:
-        return ", ".join(first) + f" and {more} more estimator{'s' * (more > 1)}"
+        return ", ".join(first) + f" and {more} more"
     return " and ".join(filter(None, (", ".join(first[:-1]), *first[-1:])))

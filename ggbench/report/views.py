@@ -23,7 +23,7 @@ MOST_DRAWN = 6
 """Largest number of estimators in a figure."""
 ALIKE = 1.01
 """Largest ratio of errors for which estimators count as equal: they share a row or a rank."""
-_OF_SEVERAL = {"recommended": "cheapest recommended"}
+_OF_SEVERAL = {"recommended": "cheapest "}
 """Headings of a column that names another estimator in each case."""
 
 
@@ -37,7 +37,7 @@ def require_equal_runs(rows: pd.DataFrame) -> None:
 
 
 def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
-    """Return the rows of metrics in a window, of estimators with all runs of a case.
+    """Return the metrics in a window, only for estimators with all runs of a case.
 
     Estimators with fewer runs are omitted, because their errors belong to another sample of runs.
     """
@@ -48,7 +48,7 @@ def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
 
 
 def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
-    """Return the estimators that have fewer runs than others in every case."""
+    """Return the estimators that have fewer runs than another estimator in each of their cases."""
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     comparable_labels = comparable(rows)["estimator"]
     return [label for label in rows["estimator"].unique() if label not in set(comparable_labels)]
@@ -58,8 +58,8 @@ def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
     """Return whether any error is significantly below a bound.
 
     Errors with a ratio to the oracle and errors of batch smoothers are not tested. The bound
-    averages over the specified error statistics. Measured data, a single gravity field or few runs
-    can have smaller errors.
+    is an expectation over the specified error statistics. Therefore errors can be below it with
+    measured data, in a single gravity field, or in few runs.
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]
@@ -111,10 +111,14 @@ def answer_table(
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     plain = (cases["recommended"] != "").to_numpy()
     kind = "recommended" if plain.any() else "least bad"
+    if plain.any() and not plain.all():
+        kind = "recommended or *least bad*"
     named = {kind: causal, "smoother": cases["best_smoother"].tolist()}
     single = {key: len(set(labels)) == 1 and bool(labels[0]) for key, labels in named.items()}
     heads = {
-        key: f"{key}: {code(labels[0])}" if single[key] else _OF_SEVERAL.get(key, key)
+        key: f"{key}: {code(labels[0])}"
+        if single[key]
+        else _OF_SEVERAL.get(key.split()[0], "") + key
         for key, labels in named.items()
     }
     fixed = {"EKF": "ekf"} | {code(label): label for label in own[: MOST_ROWS - _FIXED_ROWS]}
@@ -200,8 +204,8 @@ def drawn_estimators(
     The order is: the EKF, the user's own estimators, the recommended and best estimators of the
     cases, then all others by error / bound (geometric mean). The INS is excluded. Of several
     parameter sets of one estimator with the same causality, only the first in this order is drawn;
-    the user's own estimators are all drawn. Only estimators with all runs of all shown cases are
-    drawn.
+    the user's own estimators are all drawn. For each estimator, the shown cases in which it
+    has all runs are counted. Only estimators with the largest count are drawn.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]

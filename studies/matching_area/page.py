@@ -127,11 +127,11 @@ def _index(mean: pd.DataFrame, index: str) -> dict[str, str]:
     own = mean[mean["index"] == index].set_index("outcome")
     row = {"index": index}
     for outcome, title in OUTCOMES.items():
-        row |= {title: "–", f"{title} against roughness": "–"}
+        row |= {title: "–", f"{title}: verdict": "–"}
         if outcome in own.index:
             found = own.loc[outcome]
             row[title] = _interval(found.spearman, found.spearman_lo, found.spearman_hi)
-            row[f"{title} against roughness"] = found.versus_roughness
+            row[f"{title}: verdict"] = found.versus_roughness
     fit = own.index[own["trusted"]]
     return row | {"reliable for": "both" if len(fit) == 2 else "".join(fit) or "none"}
 

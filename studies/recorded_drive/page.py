@@ -83,7 +83,7 @@ def drifts(table: pd.DataFrame) -> Drawing:
         "EKF, one outage": axes.scatter(own["length_s"], own["drift_m"], s=9, alpha=0.4, lw=0),
         "EKF, RMS": axes.plot(rows.index, rows["drift_m"], "o-", color="C0")[0],
         "predicted σ": axes.plot(rows.index, rows["sigma_m"], "k--", lw=1.0)[0],
-        "batch graph, RMS": axes.plot(rows.index, rows["smoother_m"], "s-", color="C1")[0],
+        "batch smoother, RMS": axes.plot(rows.index, rows["smoother_m"], "s-", color="C1")[0],
     }
     axes.set(xlabel="length of the outage [s]", ylabel="horizontal drift [m]", ylim=(0.0, None))
     legend_below(figure, handles)
@@ -98,10 +98,10 @@ def _shown(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "outage [s]": f"{length:g}",
-            "outages (disjoint)": f"{int(row['outages'])} ({int(row['disjoint'])})",
+            "outages (not overlapping)": f"{int(row['outages'])} ({int(row['disjoint'])})",
             "EKF [m]": significant(row["drift_m"], 2),
             "predicted σ [m]": significant(row["sigma_m"], 2),
-            "batch graph [m]": significant(row["smoother_m"], 2),
+            "batch smoother [m]": significant(row["smoother_m"], 2),
         }
         for length, row in rows.iterrows()
     )

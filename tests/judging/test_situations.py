@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 from problems import SMALL
-from small_cases import ON_BOARD, small_case
+from small_cases import CONSTANT, ON_BOARD, STATES, small_case
 
-from ggbench.judging.situations import SITUATIONS, is_right_model, situation_of
+from ggbench.judging.situations import SITUATIONS, is_right_model, model_errors, situation_of
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 
@@ -102,6 +102,7 @@ def test_gravity_that_is_felt_and_not_compensated_makes_a_situation(
     field = spec.model.field.model_copy(update={"compensate": compensate})
     spec = spec.model_copy(update={"model": spec.model.model_copy(update={"field": field})})
     assert situation_of(spec) == situation
+    assert model_errors(spec) == (["gravity"] if situation == "gravity" else [])
 
 
 @pytest.mark.parametrize(
@@ -123,3 +124,23 @@ def test_gaps_at_known_times_are_no_error_of_the_model():
     text = SMALL + "\n[truth.gradiometer]\ndropouts_s = [[5.0, 8.0]]\n"
     spec = scenario.parse(tomllib.loads(text), "s", "s").cases[0]
     assert is_right_model(spec) and situation_of(spec) == "readings"
+
+
+@pytest.mark.parametrize(
+    ("changes", "errors"),
+    [
+        ({}, []),
+        (CONSTANT, ["gravity"]),
+        (CONSTANT | STATES, []),
+        ({"truth.gradiometer.dropouts_s": [[5.0, 9.0]]}, []),
+        ({"truth.gradiometer.bias_eotvos": 3.0}, ["gradiometer"]),
+        ({f"{side}.gradiometer.bias_eotvos": 3.0 for side in ("truth", "model")}, []),
+        (
+            {"truth.gradiometer.bias_eotvos": 3.0, "truth.imu.gyro_bias_deg_per_h": 1.0},
+            ["gradiometer", "imu"],
+        ),
+    ],
+)
+def test_model_errors_are_tables_in_which_truth_and_model_differ(changes, errors):
+    """Known gaps, a modelled disturbance and equal errors of both are none."""
+    assert model_errors(small_case(changes)) == errors

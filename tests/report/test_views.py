@@ -56,7 +56,7 @@ def test_cells_have_error_ratio_success_and_symbol():
         "6.00 (×1.50), 50% ‡"
     )
     assert tables.error_cell(row | {"efficiency": float("nan")}) == "6.00"
-    assert tables.error_cell(metric("c0", "ins", "settled", 100.0)) == "100"
+    assert tables.error_cell(metric("c0", "ins", "settled", 100.0)) == "100, 0%"
 
 
 def test_a_cell_of_lost_runs_has_their_share():
@@ -68,8 +68,24 @@ def test_a_cell_of_lost_runs_has_their_share():
 
 def test_a_cell_says_where_the_ins_succeeds_as_often():
     row = metric("c0", "ekf", "settled", 6.0) | {"as_ins": True}
-    assert tables.error_cell(row) == "6.00 (×1.50), 100% as the INS"
-    assert tables.error_cell(row | {"success": 0.84}) == "6.00 (×1.50), 84% as the INS"
+    assert tables.error_cell(row) == "6.00 (×1.50), 100% (≤ INS)"
+    assert tables.error_cell(row | {"success": 0.84}) == "6.00 (×1.50), 84% (≤ INS)"
+
+
+def test_the_cell_of_the_ins_has_its_success_rate():
+    """Unless it succeeds in all runs, as any estimator's."""
+    row = metric("c0", "ins", "settled", 6.0) | {"causality": "none", "success": 0.0}
+    assert tables.error_cell(row) == "6.00, 0%"
+    assert tables.error_cell(row | {"success": 1.0}) == "6.00"
+
+
+def test_a_column_with_least_bad_estimators_says_so():
+    """They are in italics. A column of recommended estimators alone has no such word."""
+    named = cases().assign(recommended=["gaussian-sum", "ukf"])
+    assert "cheapest recommended" in views.answer_table(metrics(), pairs(), named)
+    named = named.assign(recommended=["ukf", ""])
+    shown = views.answer_table(metrics(), pairs(), named)["cheapest recommended or *least bad*"]
+    assert shown.str.startswith("*").tolist() == [False, True]
 
 
 def test_the_recommended_ekf_is_one_column():
@@ -90,7 +106,8 @@ def test_the_best_is_in_italics_where_none_is_recommended():
     assert shown["least bad: `gaussian-sum`"].tolist() == ["*4.00 (×1.00)*", "*8.00 (×1.00)*"]
     named = cases().assign(recommended=["gaussian-sum", ""])
     shown = views.answer_table(metrics(), pairs(), named)
-    assert shown["recommended: `gaussian-sum`"].tolist() == ["4.00 (×1.00)", "*8.00 (×1.00)*"]
+    column = shown["recommended or *least bad*: `gaussian-sum`"]
+    assert column.tolist() == ["4.00 (×1.00)", "*8.00 (×1.00)*"]
 
 
 def test_the_ekf_alone_is_called_the_least_bad_where_it_is_not_recommended():
@@ -143,7 +160,7 @@ def test_many_estimators_of_ones_own_have_rows():
         "recommended: `gaussian-sum`",
         "smoother: `factor-graph[mode=batch]`",
     ]
-    assert shown["case 1"].tolist()[:4] == ["8.00", "200", "10.0 (×1.25)", "12.0 (×1.50)"]
+    assert shown["case 1"].tolist()[:4] == ["8.00", "200, 0%", "10.0 (×1.25)", "12.0 (×1.50)"]
     assert tables.text(shown)
 
 
