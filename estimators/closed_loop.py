@@ -31,7 +31,7 @@ class ClosedLoop(Estimator):
 
     Parameters
     ----------
-    filter : ``ekf``, or ``ukf`` with cubature points.
+    filter : ``ekf``, or ``ukf`` (with cubature points).
     interval_s : time between corrections of the mechanization [s]; at least one epoch.
     """
 
@@ -43,7 +43,7 @@ class ClosedLoop(Estimator):
     causality = "filter"
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems without inertial measurements; else None."""
+        """Return a reason to skip the problem if it has no inertial measurements, else None."""
         if problem.replay is None:
             return (
                 "feedback needs inertial measurements, and gradients that are not late, filtered "

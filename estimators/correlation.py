@@ -3,11 +3,12 @@
 Gravimeter measurements are reduced with the INS solution. Therefore INS velocity errors (Eötvös
 effect) and latitude errors (normal gravity) appear as a slowly changing bias. Li's method matches
 differences of consecutive measurements, which have no constant bias. Earlier differences have
-larger weights, because the INS is more accurate then: J = Σ p_i [(z_{i+1} − z_i) − (h_{i+1} −
-h_i)]². Here z are the measurements and h the predictions at a position of the map. The weights p
-decrease linearly to one half of the first weight, and Σ p = 1. The method keeps the five positions
-with the smallest J. Nearest-neighbour association uses the best of the five. Probabilistic data
-association (PDAF) uses the mean x̂ = Σ β_j x_j with β_j ∝ 1/J_j.
+larger weights, because the INS is more accurate at the start of the window: J = Σ p_i [(z_{i+1} −
+z_i) − (h_{i+1} − h_i)]². Here z are the measurements and h the predictions at a position of the
+map. The weights p decrease linearly to one half of the first weight, and Σ p = 1. The method keeps
+the five positions with the smallest J. Nearest-neighbour association uses the best of the five.
+Probabilistic data association (PDAF) uses the mean x̂ = Σ β_j x_j of the five positions x_j, with
+β_j ∝ 1/J_j.
 
 Weaknesses of the method:
 
@@ -24,7 +25,7 @@ Weaknesses of the method:
 * Five neighbouring grid points in one minimum of J are a single candidate. Their mean only smooths
   the grid and contains no information on other positions.
 
-The covariance of the estimate is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ). The covariance Σ_j of
+The covariance of the estimate is Σ β_j (P_j + (x_j − x̂)(x_j − x̂)ᵀ). The covariance P_j of
 candidate j includes the uncertainty of all other states of the window.
 """
 
@@ -60,8 +61,8 @@ class Correlation(Estimator):
     ----------
     association : ``nearest``: the candidate with the smallest J. ``reciprocal``: all candidates,
         with weights 1/J (Li's PDAF). ``likelihood``: all candidates, with their posterior
-        probabilities. For ``nodes`` these are proportional to exp(−½ χ²), which neglects the
-        correlation between the terms of J.
+        probabilities. With ``candidates=nodes`` the probabilities are proportional to exp(−½ χ²),
+        which neglects the correlation between the terms of J.
     candidates : ``basins``: local minima of J, each refined to the most probable states of the
         window. ``nodes``, as in Li, Wu & Ma 2011: the grid points with the smallest J, without
         refinement.
@@ -72,10 +73,10 @@ class Correlation(Estimator):
     keep : number of candidates.
     spacing_m : grid step [m]; in Li, Wu & Ma 2011 the distance between nodes of the map.
     most : largest number of grid points; the step is increased if necessary.
-    misfit : largest χ² per measurement of an accepted fix; 1 is expected. For ``nodes`` it is the
-        χ² of the terms of J.
-    odds : smallest log odds of an accepted fix: candidate of the largest weight against the most
-        probable other position.
+    misfit : χ² per measurement that an accepted fix must not exceed; 1 is expected. With
+        ``candidates=nodes`` it is χ² per term of J.
+    odds : log odds that an accepted fix must exceed. The odds compare the candidate of the largest
+        weight with the most probable other position.
     """
 
     association: Literal["nearest", "reciprocal", "likelihood"] = "likelihood"
@@ -96,7 +97,10 @@ class Correlation(Estimator):
     exact_if_linear_gaussian = False  # between its fixes it takes no reading
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems without horizontal position or kernels; else None."""
+        """Return a reason to skip the problem, or None.
+
+        The problem must have a horizontal position, and its model must have compiled kernels.
+        """
         return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -206,8 +210,8 @@ class _Fix:
 class Sequences(Search):
     """Map search with Li's criterion J = Σ_c r_cᵀ W_c r_c, for residuals r_c of channel c.
 
-    The weights of all terms of J add up to one. A difference is that of consecutive measurements of
-    the same channel; measurements of other channels may lie in between.
+    The weights of all terms of J add up to one. Differences are taken between consecutive
+    measurements of the same channel; measurements of other channels may lie in between.
 
     Attributes
     ----------
@@ -254,7 +258,7 @@ class Sequences(Search):
         self._last = np.where(self.problem.present[k], off, self._last)
 
     def values(self) -> np.ndarray:
-        """Return the criterion J at each point, as an array (points,)."""
+        """Return the criterion J at each point of the grid, as an array (points,)."""
         return self._total
 
 
@@ -263,10 +267,11 @@ def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
 
     The gradient of J is assumed to be zero at this grid point. The optimal displacement δd from the
     trajectory of the point minimises the sum of the χ² of J and the χ² of the prior. Near the
-    trajectory δd is linear in the residuals: δd = Σ M_k r_k. This displacement is processed as a
-    measurement of the states, with errors from noise, INS and grid. The correlation of these errors
-    with the final state is computed by propagating both through the window. The covariance
-    therefore accounts for the information that J does not use.
+    trajectory δd is linear in the residuals r_k of the epochs k: δd = Σ M_k r_k, with constant
+    matrices M_k. This displacement is processed as a measurement of the states, with errors from
+    noise, INS and grid. The correlation of these errors with the final state is computed by
+    propagating both through the window. The covariance therefore accounts for the information that
+    J does not use.
     """
     problem = search.problem
     variances, gain, *_ = position_axes(problem)

@@ -39,7 +39,8 @@ class ExtendedKalmanFilter(GatedUpdate):
     def conflict(self) -> str | None:
         """Return a reason to refuse the parameters, or None.
 
-        ``noise_memory`` must not be 1, and gates and underweighting need the plain update.
+        ``noise_memory`` must not be 1. Gates and underweighting need the plain update:
+        ``iterations=1``, ``noise_memory=0`` and no loss.
         """
         if self.noise_memory == 1:
             return "noise_memory must be 0 or at least 2, not 1"

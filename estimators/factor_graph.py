@@ -33,9 +33,10 @@ class GraphParameters(RobustLoss):
 
     Parameters
     ----------
-    mode : ``isam2`` returns the newest node after each epoch (causal). ``fixed-lag`` returns each
-        node when it leaves a sliding window (measurements up to ``lag`` later). ``batch`` returns
-        all nodes, given all measurements.
+    mode : returned nodes; a node is the state at one epoch. ``isam2`` returns the newest node after
+        each epoch (causal). ``fixed-lag`` returns each node when it leaves a sliding window; its
+        estimate uses measurements up to ``lag`` later. ``batch`` returns all nodes, given all
+        measurements.
     lag : length of the sliding window [s].
     relinearize_threshold : change of h that causes relinearisation [standard deviations of the
         noise]. iSAM2 and the sliding window relinearise a node if the change of any of its states
@@ -53,7 +54,7 @@ class GraphParameters(RobustLoss):
 
     @property
     def causality(self) -> Causality:
-        """Causality of the estimates in this mode."""
+        """Causality of the estimates: ``filter`` for ``mode=isam2``, else the value of ``mode``."""
         return "filter" if self.mode == "isam2" else self.mode
 
     @property
@@ -62,7 +63,10 @@ class GraphParameters(RobustLoss):
         return self.lag if self.mode == "fixed-lag" else None
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems with measurement intervals over ``lag``; else None."""
+        """Return a reason to skip the problem, or None.
+
+        In the mode ``fixed-lag`` no measurement interval may exceed ``lag``.
+        """
         longest = float(np.diff(problem.times).max(initial=0.0))
         if self.mode == "fixed-lag" and self.lag + SAME_TIME < longest:
             return (
@@ -72,7 +76,7 @@ class GraphParameters(RobustLoss):
         return super().skip(problem)
 
     def oldest_nodes(self, times: np.ndarray) -> np.ndarray:
-        """Return the oldest node (K,) of the window at each epoch.
+        """Return the index (K,) of the oldest node of the window at each epoch.
 
         GTSAM drops nodes that are older than the lag. Rounding errors of ``times`` [s] do not
         affect the result.
@@ -102,10 +106,11 @@ class FactorGraph(GraphParameters, BlockEstimator):
 
 
 def noticeable_changes(problem: Problem) -> np.ndarray:
-    """Return the change (n,) of each state that changes h by one noise standard deviation.
+    """Return the noticeable change (n,) of each state.
 
-    The change of h is computed with H along the propagated prior mean, as an RMS over epochs of the
-    flight. The result is infinite for states on which h does not depend. If the problem names its
+    If one state changes by this amount, h changes by one standard deviation of the noise. The
+    change of h is an RMS over epochs of the flight. It is computed with H at the propagated prior
+    mean. The result is infinite for states on which h does not depend. If the problem names its
     channels, only gradient channels are used, because other sensors are almost linear in the
     states.
     """

@@ -15,10 +15,10 @@ from .ukf import SigmaPoints
 class FilterpyUnscented(SigmaPoints):
     """``filterpy.kalman.UnscentedKalmanFilter`` on any measurement model.
 
-    The square root of the covariance is a parameter of filterpy's sigma points. The Cholesky
-    factorisation fails if the negative weight of the central point in Wang et al. 2013 makes P
-    indefinite. This class then uses a root of the nearest positive definite matrix, and counts
-    these repairs.
+    In filterpy the method of the matrix square root is a parameter of the sigma points. The default
+    method is the Cholesky factorisation. It fails if the negative weight of the central point in
+    Wang et al. 2013 makes P indefinite. This class then uses a root of the nearest positive
+    definite matrix, and counts these repairs.
     """
 
     name = "filterpy-ukf"

@@ -52,7 +52,10 @@ class GaussianParticle(Estimator):
     exact_if_linear_gaussian = False  # moments of particles scatter
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems of too many states for the particles; else None."""
+        """Return a reason to skip the problem, or None.
+
+        The number of particles must exceed the number of states.
+        """
         if self.particles <= problem.dimension:
             return (
                 f"particles must be larger than the number of states, {problem.dimension}, not "

@@ -32,8 +32,9 @@ class GaussianSum(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    spacing_m : distance between neighbouring Gaussians [m], a fraction of the field's correlation
-        length. The prior is split only in directions in which its standard deviation is larger.
+    spacing_m : distance between neighbouring Gaussians [m]; a fraction of the field's correlation
+        length is suitable. The prior is split only in directions in which its standard deviation
+        exceeds this distance.
     most : largest number of Gaussians; the distance is increased if necessary.
     iterations : largest number of linearisations of h in each update of a filter (see ``ekf``).
     """

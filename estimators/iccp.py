@@ -53,14 +53,15 @@ class Iccp(Estimator):
     ----------
     window : number of measurements along the piece of track that is fitted to the contours.
     transform : ``rigid``: translation and rotation of the track. ``similarity``: also scaling. The
-        rotation [rad] and the relative change of scale are at most 0.5, and at most three standard
-        deviations of the velocity error, divided by the speed.
+        rotation [rad] and the relative change of scale are at most 0.5, and at most 3 σ / v.
+        Here σ is the standard deviation of the velocity error, and v is the speed.
     fusion : ``kalman``: consecutive windows, whose fixes update a Kalman filter. ``none``: a
         sliding window, in which each estimate uses only the last ``window`` measurements.
-    channel : name of the channel [default: ``gradient zz``, else ``gravity scalar``].
+    channel : name of the channel [default: ``gradient zz``; ``gravity scalar`` if the problem has
+        no channel ``gradient zz``].
     cell_m : step of the grid on which contours are computed [m]; increased if the prior is wide.
-    misfit : largest χ² of an accepted fix, from the residuals at convergence, divided by the number
-        of measurements minus two.
+    misfit : largest χ² of the residuals at convergence, for an accepted fix. The χ² is divided by
+        the number of measurements minus two.
     """
 
     window: Annotated[int, Field(ge=3)] = 20
@@ -76,7 +77,11 @@ class Iccp(Estimator):
     exact_if_linear_gaussian = False  # of one channel, and of points that are taken as nearest
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems without a track or the chosen channel; else None."""
+        """Return a reason to skip the problem, or None.
+
+        The problem must have an INS track, errors of horizontal position and velocity, and the
+        chosen channel.
+        """
         if problem.track is None:
             return "the problem has no INS track"
         if len(horizontal(problem, velocity=True)) < 4:

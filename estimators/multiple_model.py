@@ -49,14 +49,14 @@ class MultipleModel(BlockEstimator):
     ----------
     noise : whether to include hypotheses of 0.25 to 10.7 times the assumed noise standard deviation
         of gravity and gradient channels.
-    errors : whether to include hypotheses of constant errors of these channels, and of map errors
-        that vary along the track.
+    errors : whether to include hypotheses of constant errors of gravity and gradient channels, and
+        of map errors that vary along the track.
     gravity : whether to include hypotheses of a gravity disturbance that the INS does not
         compensate.
     outliers : whether to include hypotheses of noise with heavy tails.
-    spacing_m, most : distance between Gaussians [m] and largest number of Gaussians of a wide
-        prior, as in ``gaussian-sum``. Without ``spacing_m`` the distance follows from the map and
-        the noise.
+    spacing_m : distance between the Gaussians of a wide prior [m], as in ``gaussian-sum``. By
+        default the distance follows from the map and the noise.
+    most : largest number of Gaussians of a wide prior, as in ``gaussian-sum``.
     iterations : largest number of linearisations of h in each update (see ``ekf``).
     """
 

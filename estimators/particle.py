@@ -10,8 +10,8 @@ noise of an INS moves the position by millimetres, and constant biases have no n
 gradiometer measurement determines the position to some tens of metres. After the first measurement
 a few dozen of ten thousand particles have nearly all the weight. Resampling copies these particles,
 and the dynamics hardly separate the copies. Later the filter can only choose among these few
-samples and is overconfident. The number of particles needed grows with the number of states as for
-a fifteen-dimensional grid.
+samples and is overconfident. The number of particles needed grows exponentially with the number of
+states, like the number of points of a grid in fifteen dimensions.
 
 There are two kinds of remedy. ``tempering`` processes a precise measurement in stages, so that the
 cloud can move before it is depleted. ``kernel``, ``roughening`` and ``regularisation`` separate
@@ -53,7 +53,7 @@ class CloudFilter(Estimator):
 
     @property
     def moves(self) -> Moves:
-        """Options of the particle cloud, such as resampling, from the parameters."""
+        """Options of the particle cloud, such as resampling, collected from the parameters."""
         given = vars(self)
         return Moves(**{name: given[name] for name in Moves._fields if name in given})
 
@@ -83,12 +83,14 @@ class ParticleFilter(CloudFilter):
     particles : number N of particles. A run costs about 0.4 µs per particle and epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
     threshold : effective sample size, as a fraction of N, below which the cloud is resampled.
-    tempering : smallest effective sample size, as a fraction of N, after an update; otherwise the
-        update is split into stages. 0: no stages. Without ``kernel``, ``roughening`` and
-        ``regularisation`` only the first measurement has stages, and they are exact.
+    tempering : smallest effective sample size after an update, as a fraction of N. An update that
+        would leave fewer effective particles is split into stages. 0: no stages. If ``kernel``,
+        ``roughening`` and ``regularisation`` are all zero, only some updates have stages. These are
+        updates of new samples from a Gaussian, and their stages are exact. Samples are drawn from a
+        Gaussian at the first measurement, and at a measurement in the tail of the cloud.
     kernel : bandwidth, 0 to 1, of the kernel of Liu & West (2001) that is applied after resampling.
-    roughening : factor K of Gordon et al. (1993) on the noise that is added after resampling, in
-        proportion to the extent of the cloud.
+    roughening : factor K of Gordon et al. (1993). The noise that is added after resampling is
+        proportional to K and to the extent of the cloud.
     regularisation : bandwidth of a kernel on the position after resampling, relative to the
         optimal bandwidth of Musso, Oudjane & Le Gland (2001).
     """

@@ -47,10 +47,11 @@ class PointMass(Estimator):
 
     Parameters
     ----------
-    step : distance between points of the first grid, in the unit of the states [m]. It must resolve
-        the likelihood of the first measurement. It is decreased if the prior is narrow.
-    resolution : smallest number of cells per standard deviation of the prior, and per standard
-        deviation of the peak of the density.
+    step : distance between points of the first grid, in the units of the states: metres for
+        positions. It must resolve the likelihood of the first measurement. It is decreased if the
+        prior is narrow.
+    resolution : smallest number of cells per standard deviation of the prior. After an update it is
+        the smallest number per standard deviation of the highest peak of the density.
     """
 
     step: Positive = 20.0
@@ -62,7 +63,10 @@ class PointMass(Estimator):
     exact_if_linear_gaussian = False  # in the limit of small cells only
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems with too many states or grid points; else None."""
+        """Return a reason to skip the problem, or None.
+
+        The problem must have at most three states, and the first grid must fit in memory.
+        """
         n = problem.dimension
         if n > _MOST_STATES:
             return (

@@ -11,16 +11,17 @@ never separate. Four measures prevent depletion:
 
 - While h is linear over the posterior, to within the measurement noise, the posterior is Gaussian.
   Then a Kalman filter is used, with statistical linearisation over a hundred points.
-- If h is nonlinear over the Gaussian, particles are drawn from the Gaussian. The first measurement
-  after this must search the whole prior, so more particles are used for it (``start``). If a
+- If h is nonlinear over the Gaussian, particles are drawn from the Gaussian. The first update
+  of these particles must search the whole prior, so it uses more particles (``start``). If a
   measurement would leave too few effective particles, the update has several stages
   (``tempering``), and Metropolis–Hastings steps between the stages move the particles. The stages
   are exact (see :mod:`ggbench.engines.annealing`).
 - While particles are used, noise is added to the position, so that copies separate (``jitter``).
   The Kalman filter includes this noise.
 - As soon as h is linear over the particles and their distribution is Gaussian, a Gaussian of all
-  states replaces them (``straight``). A Gaussian also replaces the prediction if a measurement lies
-  in its tail and would leave fewer than 4 √N effective particles. Particles do not represent tails.
+  states replaces them (``straight``). A Gaussian also replaces the predicted particles if a
+  measurement would leave fewer than 4 √N effective particles. The measurement then lies in the tail
+  of the prediction, which particles do not represent.
 
 Without these measures the filter fails on flights with an initial error of 100 m. It then reports a
 standard deviation of a tenth of the Cramér–Rao bound, and its error is hundreds of metres.
@@ -56,8 +57,9 @@ class RaoBlackwellisedFilter(CloudFilter):
     particles : number N of particles. A particle costs 0.4 µs per epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
     threshold : effective sample size, as a fraction of N, below which the cloud is resampled.
-    tempering : smallest effective sample size, as a fraction of N, after an update of samples from
-        a Gaussian; otherwise the update is split into stages. 0: no stages.
+    tempering : smallest effective sample size after an update of samples from a Gaussian, as a
+        fraction of N. An update that would leave fewer effective particles is split into stages.
+        0: no stages.
     jitter : noise density of the position [m²/s] for 4000 particles; it is scaled by (4000 /
         N)^{1/2}. The Kalman filter includes this noise.
     straight : limit below which a Gaussian replaces the particles; 0: never. The limit applies to
@@ -84,5 +86,5 @@ class RaoBlackwellisedFilter(CloudFilter):
         return mixing(problem)
 
     def drawn(self, problem: Problem) -> int:
-        """Return the number of sampled states, which is that of the position states."""
+        """Return the number of sampled states, which is the number of position states."""
         return POSITION

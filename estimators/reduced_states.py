@@ -55,7 +55,8 @@ class ReducedStates(Estimator):
     filter : ``ekf``, ``ukf`` (with cubature points), ``gaussian-sum``, ``point-mass``,
         ``particle``, ``gaussian-particle``, ``unscented-particle``, or ``strong-tracking``, the
         unscented particle filter with strong tracking.
-    states : ``motion``, position and velocity east and north, or only ``position``.
+    states : ``motion``: position and velocity east and north. ``position``: only the position east
+        and north.
     noise : density of the white noise that replaces the omitted states: acceleration noise [m²/s³]
         for ``motion``, velocity noise [m²/s] for ``position``; 0 for no noise.
     particles : number of particles [default: 10,000 for ``particle``, 3000 for

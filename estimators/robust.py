@@ -24,8 +24,8 @@ class RobustLoss(Estimator):
 
     Parameters
     ----------
-    loss : ``none``, ``huber`` or ``cauchy``. A loss reduces the weight of components with a large
-        residual after the update, see :mod:`ggbench.engines.robust_weights`.
+    loss : ``none``, ``huber`` or ``cauchy``. A loss reduces the weight of components whose
+        residual is large after the update, see :mod:`ggbench.engines.robust_weights`.
     threshold : residual [standard deviations of the noise] above which the loss reduces weights
         [default: 1.345 for ``huber`` and 2.385 for ``cauchy``].
     """
@@ -35,7 +35,10 @@ class RobustLoss(Estimator):
 
     @property
     def limit(self) -> float:
-        """Threshold of the loss, or its default [standard deviations of the noise]."""
+        """Threshold of the loss [standard deviations of the noise].
+
+        It is the default of the loss if ``threshold`` is None.
+        """
         return THRESHOLDS[self.loss] if self.threshold is None else self.threshold
 
     def conflict(self) -> str | None:
@@ -54,8 +57,9 @@ class GatedUpdate(RobustLoss, BlockEstimator):
 
     Parameters
     ----------
-    gate : probability that a measurement whose noise is as assumed is accepted. A measurement is
-        rejected if its normalised innovation squared exceeds this quantile of χ². 0: no gate.
+    gate : probability that a measurement is accepted if its noise is as assumed. A measurement is
+        rejected if its normalised innovation squared exceeds the quantile of χ² at this
+        probability. 0: no gate.
     underweighting : β of S = (1 + β) H P Hᵀ + R, which is used only for the gain; 0: optimal gain.
     """
 

@@ -51,17 +51,18 @@ class Sitan(Estimator):
 
     Parameters
     ----------
-    bank : ``none``: one filter. ``auto``: a bank that fills the prior, if the position prior is
-        wider than three ``sigma_m``.
+    bank : ``none``: one filter. ``auto``: a bank of filters across the prior if the position prior
+        is wider than three ``sigma_m``, else one filter.
     sigma_m : standard deviation of the position in each filter of a bank [m]. The distance between
         filters is three times ``sigma_m``. The prior is not split in directions in which its
         standard deviation is smaller than this distance.
     most : largest number of filters; the distance is increased if necessary.
     readings : number of measurements over which normalised squared residuals are smoothed. The bank
         decides after this number at the earliest.
-    largest : limit on the smoothed square per channel of the selected filter; 1 is expected.
-    ratio : smallest ratio of the smoothed squares of all filters at other positions to that of the
-        selected filter, for a decision.
+    largest : limit on the squared residual of a selected filter. The squared residual is
+        normalised, divided by the number of channels, and smoothed; 1 is expected.
+    ratio : smallest ratio of smoothed squared residuals at which a filter is selected. The ratio is
+        the smallest value of the filters at other positions, divided by the value of this filter.
     """
 
     bank: Literal["none", "auto"] = "none"
@@ -77,7 +78,7 @@ class Sitan(Estimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Whether there is only one filter.
+        """Whether the parameters exclude a bank of filters (``bank=none``).
 
         A bank is not exact: after its decision the estimate comes from one cell of the prior.
         """
@@ -183,11 +184,12 @@ class SitanFilters(Bank):
         return rows, predicted, noise + self.problem.noise_of(k)
 
     def best(self, largest: float) -> tuple[int, float]:
-        """Return the index of the filter with the smallest residuals, and the ratio of residuals.
+        """Return the index of the best filter, and the ratio on which the decision is based.
 
-        The ratio is that of the smallest smoothed square of the other filters to that of the best
-        filter. Filters within one spacing of the best filter are excluded. The ratio is ∞ if no
-        other filters remain, and −∞ if the smoothed square of the best filter exceeds ``largest``.
+        The best filter has the smallest smoothed square of residuals. The ratio is the smallest
+        smoothed square of the other filters, divided by that of the best filter. Filters within one
+        spacing of the best filter are excluded. The ratio is ∞ if no other filters remain. It is −∞
+        if the smoothed square of the best filter is not below ``largest``.
         """
         best = int(np.argmin(self.squares))
         if not self.squares[best] < largest:

@@ -33,7 +33,7 @@ Below it the propagated covariance hardly affects the predicted measurements.
 def innovation_power(
     before: np.ndarray, innovations: np.ndarray, seen: np.ndarray, rho: float
 ) -> np.ndarray:
-    """Return the diagonals of V_k (J, m) of whitened innovations γ_k (J, m).
+    """Return the diagonals of V_k (J, m) of J filters with m whitened channels.
 
     Parameters
     ----------
@@ -49,14 +49,15 @@ def innovation_power(
 def fading_factors(
     power: np.ndarray, spread: np.ndarray, noise_spread: np.ndarray, beta: float
 ) -> np.ndarray:
-    """Return the fading factors λ_k (J,), computed without derivatives of h.
+    """Return the fading factors λ_k (J,) of J filters, computed without derivatives of h.
 
     Parameters
     ----------
     power : (J, m) diagonals of V_k for the available whitened channels.
-    spread : (J, m) diagonals of the covariance P_zz of h, without R; H (Φ P Φᵀ + Q) Hᵀ for a linear
-        h.
-    noise_spread : (J, m) diagonals of H Q Hᵀ with Hᵀ = (Φ P Φᵀ + Q)⁻¹ P_xz.
+    spread : (J, m) diagonals of the covariance P_zz of h, without R. For a linear h, P_zz is
+        H (Φ P Φᵀ + Q) Hᵀ.
+    noise_spread : (J, m) diagonals of H Q Hᵀ with Hᵀ = (Φ P Φᵀ + Q)⁻¹ P_xz. P_xz is the
+        cross-covariance of the states and h.
     beta : β ≥ 1.
     """
     n_trace = (power - noise_spread - beta).sum(axis=1)
@@ -67,7 +68,7 @@ def fading_factors(
 
 
 def faded(cov: np.ndarray, process_cov: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Return the faded covariances λ Φ P Φᵀ + Q (J, n, n).
+    """Return the faded covariances λ Φ P Φᵀ + Q (J, n, n) of J filters.
 
     ``cov`` (J, n, n) is Φ P Φᵀ + Q, ``process_cov`` (n, n) is Q, and ``factors`` (J,) are λ. An
     increment is added to ``cov``, so that λ = 1 changes no bit.

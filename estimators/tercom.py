@@ -1,8 +1,9 @@
 """Terrain contour matching (TERCOM): the best-fitting position for a window of measurements.
 
-TERCOM is the oldest method of map aiding (Golden 1980; Hollowell 1990). A window of measurements is
-compared with the map along the INS track, displaced to each point of a grid. The best displacement
-is a position fix. All channels of all sensors are compared together.
+TERCOM is the oldest method of map aiding (Golden 1980; Hollowell 1990). The INS track of a
+window of measurements is displaced to each point of a grid. The measurements are compared with the
+map along each displaced track. The best displacement is a position fix. All channels of all sensors
+are compared together.
 :mod:`ggbench.engines.window_search` defines the criteria.
 
 From the best grid points the method computes the most probable states of the whole window. The
@@ -84,7 +85,10 @@ class Tercom(RobustLoss):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems without horizontal position or kernels; else None."""
+        """Return a reason to skip the problem, or None.
+
+        The problem must have a horizontal position, and its model must have compiled kernels.
+        """
         return unmatchable(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

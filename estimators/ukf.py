@@ -1,4 +1,4 @@
-"""Unscented Kalman filter, compiled, with three sets of sigma points.
+"""Unscented Kalman filter, compiled, with a choice of three sets of sigma points.
 
 New sigma points are computed from the predicted mean and covariance before the update, so that they
 include the process noise. filterpy 2.0 does the same.
@@ -26,9 +26,10 @@ class SigmaPoints(Estimator):
 
     Parameters
     ----------
-    points : ``julier``: set of Wang et al. 2013, λ = κ. ``merwe``: scaled set (van der Merwe).
-        ``cubature``: 2n points of Arasaratnam & Haykin 2009, equal to ``julier`` with κ = 0; the
-        central point has weight zero, and no weight is negative.
+    points : ``julier``: set of Wang et al. 2013, with the spread parameter λ = κ. ``merwe``: scaled
+        set (van der Merwe).
+        ``cubature``: 2n points of Arasaratnam & Haykin 2009. They equal ``julier`` with κ = 0,
+        which gives the central point the weight zero. No weight is negative.
     kappa : κ [default: 3 − n for ``julier``, as in Wang et al. 2013; 0 for ``merwe``].
     alpha, beta : α (spread) and β (knowledge of the distribution) of the scaled set.
     """
@@ -47,14 +48,17 @@ class SigmaPoints(Estimator):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip problems in which the spread is not positive; else None."""
+        """Return a reason to skip the problem, or None.
+
+        The spread n + κ of the sigma points must be positive and finite for n states.
+        """
         n, kappa = problem.dimension, self.kappa_of(problem.dimension)
         if not 0.0 < n + kappa < np.inf:
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         return super().skip(problem)
 
     def kappa_of(self, n: int) -> float:
-        """Return κ, or the default of κ for the chosen set and n states."""
+        """Return κ if it is given, else the default of κ for the chosen set and n states."""
         if self.kappa is not None:
             return self.kappa
         return 3.0 - n if self.points == "julier" else 0.0

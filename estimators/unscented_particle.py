@@ -64,10 +64,10 @@ class UnscentedParticle(Estimator):
     particles : number of particles.
     weights : ``mixture``, ``likelihood`` or ``exact``; see :mod:`.unscented_particle`. ``exact``
         needs process noise in every direction of the state.
-    width_m : with ``mixture``, standard deviation of a particle [m] in directions in which the
-        position prior is wider; a fraction of the field's correlation length. The particles are
-        distributed such that their mixture is the prior. With other weights each particle has the
-        covariance of the prior.
+    width_m : standard deviation of a particle with ``mixture`` weights [m]. It applies in
+        directions in which the position prior is wider than ``width_m``. A fraction of the field's
+        correlation length is suitable. The particles are distributed such that their mixture is the
+        prior. With other weights each particle has the covariance of the prior.
     kappa : κ of the sigma points (Julier & Uhlmann 2004) [default: 3 − n].
     strong_tracking : whether each particle has a fading factor.
     rho, beta : forgetting factor ρ, and β, of :mod:`.strong_tracking`.
@@ -127,10 +127,11 @@ class UnscentedParticle(Estimator):
 
 
 class UnscentedCloud:
-    """J particles: states (J, n), covariances (J, n, n), log weights (J,).
+    """J stored particles: states (J, n), covariances (J, n, n), log weights (J,).
 
-    States are in units of the prior's standard deviations. Identical Gaussians are stored once,
-    with the number of copies (J,). Measurements are whitened: their noise has unit variance.
+    States are in units of the prior's standard deviations. With ``mixture`` weights identical
+    Gaussians are stored once, with the number of copies (J,). Measurements are whitened: their
+    noise has unit variance.
     """
 
     def __init__(
@@ -185,7 +186,10 @@ class UnscentedCloud:
         self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
 
     def update(self, k: int, there: np.ndarray) -> None:
-        """Update all particles with measurement k; ``there`` (m,) masks available channels."""
+        """Update all particles with measurement k.
+
+        ``there`` (m,) is a mask of the available channels.
+        """
         predicted = self.states
         roots = self.square_roots(self.covs)
         innovation, slope, spread = self.linear_regression(k, roots)
@@ -247,6 +251,8 @@ class UnscentedCloud:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the statistical linearisation of whitened h from the sigma points of N(x, L Lᵀ).
 
+        ``roots`` (J, n, n) are the roots L. P_xz is the cross-covariance of the states and h.
+
         Returns
         -------
         Innovations γ (J, m); L⁻¹ P_xz (J, n, m), equal to Lᵀ Hᵀ for a linear h; and the covariance
@@ -291,7 +297,10 @@ class UnscentedCloud:
         return factors
 
     def square_roots(self, covs: np.ndarray) -> np.ndarray:
-        """Return L (J, n, n) with L Lᵀ = P; P is repaired if it is not positive definite."""
+        """Return the roots L (J, n, n) of the covariances P = L Lᵀ in ``covs`` (J, n, n).
+
+        A covariance that is not positive definite is repaired.
+        """
         try:
             return np.linalg.cholesky(covs)
         except np.linalg.LinAlgError:

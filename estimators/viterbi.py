@@ -7,10 +7,10 @@ A path has no covariance, so the forward-backward algorithm on the same trellis 
 probability of each cell.
 
 There is no linearisation, so the prior may be wide. The state is only the position. The drift of an
-INS is a persistent velocity error; the model replaces it by a random walk with steps of the size of
-this error, so the measurements must correct every step. With all measurements (batch) the drift is
-bounded from both sides, whereas a forward pass lags behind the drift. Attitude, gradiometer biases
-and all other states are treated as noise.
+INS is a persistent velocity error. The model replaces it by a random walk of the position. The size
+of the steps follows from the velocity error, and the measurements must correct every step. With all
+measurements (batch) the drift is bounded from both sides, whereas a forward pass lags behind the
+drift. Attitude, gradiometer biases and all other states are treated as noise.
 
 The resolution is one cell. A precise gradiometer may resolve much less than a cell. Then the
 estimate is as coarse as the cells, and the variation of the field within a cell adds to the noise.
@@ -63,8 +63,8 @@ class Viterbi(Estimator):
         needs 40 bytes at every epoch at which its probability is not negligible.
     drift : factor on the standard deviation of the modelled steps of the INS error; 1 gives the
         steps that follow from the prior. The modelled steps are independent, but the true drift
-        persists. Therefore, with ``drift=1`` the forward pass lags by one standard deviation of a
-        measurement.
+        persists. Therefore, with ``drift=1`` the forward pass lags behind the truth. The lag is one
+        standard deviation of a position from a single measurement.
     """
 
     decode: Literal["path", "marginal", "forward"] = "path"

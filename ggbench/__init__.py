@@ -13,7 +13,8 @@ gradient tensor        [EE, EN, EU, NN, NU, UU] in E (1 E = 1e-9 s⁻²), (6,); 
 error                  indicated (or estimated) minus true; sensor: measured = true + bias
 attitude error φ       C̃_nb = (I − [φ×]) C_nb
 error state            δr ENU [m], δv ENU [m/s], φ [rad], gyro bias [rad/s], accelerometer bias
-                       [m/s²]: (15,); then, if unknown, gravity, mount, biases, lever arms
+                       [m/s²]: (15,); further states, each only if unknown: gravity disturbance,
+                       mounting angles, sensor biases, lever arms
 mount                  support of the gradiometer: a platform, a local level, or the body itself
 channel                a measured number: a component of the tensor in the axes of the mount or a
                        linear combination of the six (gradiometer), or a component of the output

@@ -186,7 +186,8 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
     Raises
     ------
     ValueError
-        If the blocks differ in epochs, map, or gaps of coloured measurements.
+        If the blocks differ in epochs or map. Also if measurements with coloured noise are missing
+        at different epochs.
     """
     first = blocks[0]
     if len(blocks) == 1:
@@ -346,5 +347,5 @@ class BlockEstimator(Estimator):
         return by_block(problem, lambda block: self.estimate_block(block, (rng,)).estimate(0))
 
     def skip(self, problem: Problem) -> str | None:
-        """Return the reason why compiled kernels cannot process the problem, or None."""
+        """Return the reason why kernels cannot process the problem, or None if they can."""
         return without_kernels(problem)

@@ -18,7 +18,7 @@ class GGBenchError(Exception):
 
 @contextlib.contextmanager
 def reported(error: type[GGBenchError], failure: str) -> Iterator[None]:
-    """Convert any library exception within the context to a user error.
+    """Convert any exception of a library in the ``with`` block to a user error.
 
     A :class:`GGBenchError` passes unchanged.
 

@@ -23,7 +23,7 @@ class EstimatorSpec:
     Attributes
     ----------
     name : the registered name, or the path of a Python file.
-    parameters : text of each value by the name of its parameter.
+    parameters : values as texts, by name of the parameter.
     """
 
     name: str

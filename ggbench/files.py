@@ -35,7 +35,7 @@ _temporary: set[Path] = set()
 def written_whole(
     path: Path, error: type[GGBenchError], what: str = "", size: int = 0
 ) -> Iterator[Path]:
-    """Yield a temporary path; at the end its file replaces the target atomically.
+    """Yield a temporary path; at the end the file at this path replaces the target atomically.
 
     After an error the target is unchanged. Temporary files of killed processes are removed.
 

@@ -46,7 +46,7 @@ def netcdf_file(
     *,
     again: bool = False,
 ) -> Iterator[Any]:
-    """Open a netCDF file for reading, and close it. The thread holds the lock in between.
+    """Open a netCDF file for reading, hold the lock while it is open, and close it.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class Parameter(NamedTuple):
         return _described(self.annotation)
 
     def validate(self, value: object) -> Any:
-        """Return a value or its text, converted to the type of the parameter.
+        """Return a value, which may be given as text, converted to the type of the parameter.
 
         Raises
         ------

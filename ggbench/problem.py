@@ -47,21 +47,33 @@ class AlongModel(MeasurementModel, Protocol):
     """A measurement model that can evaluate all epochs of a trajectory in one call."""
 
     def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return h (N, m) at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
+        """Return h (N, m) at N epochs, with one state for each epoch.
+
+        ``at`` (N,) contains the indices of the epochs, and x (N, n) contains the states.
+        """
 
     def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return ∂h/∂x (N, m, n) at epochs ``at`` (N,), a state for each, x (N, n)."""
+        """Return ∂h/∂x (N, m, n) at N epochs, with one state for each epoch.
+
+        ``at`` (N,) contains the indices of the epochs, and x (N, n) contains the states.
+        """
 
 
 def predict_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return h (N, m) of any model at epochs ``at`` (N,), one state for each epoch, x (N, n)."""
+    """Return h (N, m) of any model at N epochs, with one state for each epoch.
+
+    ``at`` (N,) contains the indices of the epochs, and x (N, n) contains the states.
+    """
     if isinstance(model, AlongModel):
         return model.predict_along(at, x)
     return np.stack([model.predict(int(k), state) for k, state in zip(at, x, strict=True)])
 
 
 def jacobian_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return ∂h/∂x (N, m, n) of any model at epochs ``at`` (N,), a state for each, x (N, n)."""
+    """Return ∂h/∂x (N, m, n) of any model at N epochs, with one state for each epoch.
+
+    ``at`` (N,) contains the indices of the epochs, and x (N, n) contains the states.
+    """
     if isinstance(model, AlongModel):
         return model.jacobian_along(at, x)
     return np.stack([model.jacobian(int(k), state) for k, state in zip(at, x, strict=True)])
@@ -146,11 +158,14 @@ class ClosedLoop(Protocol):
         """
 
     def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-        """Reset the INS by the estimates of the latest part, (K', n) and (K', n, n).
+        """Correct the INS by the estimates of the latest part.
+
+        ``mean`` (K', n) and ``cov`` (K', n, n) are the estimates at the K' epochs of this part.
 
         Returns
         -------
-        The estimates (K', n) as errors of the INS without feedback, as in the original problem.
+        The same estimates (K', n), converted to errors of the INS without feedback. These errors
+        are the states of the original problem.
         """
 
 
@@ -196,9 +211,12 @@ class GravityMap(Protocol):
 class Problem:
     """One estimation problem. Every array is an immutable copy of its argument.
 
-    x_0 ~ N(prior_mean, prior_cov) at the start; x_k = transition[k] x_{k−1} + w_k with w_k ~ N(0,
-    process_cov[k]) (which may be singular); measurements[k] = h(k, x_k) + v_k with v_k ~ N(0, R_k),
-    k = 0..K−1. ``transition[0]`` propagates from the start to times[0].
+    The state at the start is x_{−1} ~ N(prior_mean, prior_cov). For the epochs k = 0..K−1,
+
+        x_k = transition[k] x_{k−1} + w_k,        w_k ~ N(0, process_cov[k]),
+        measurements[k] = h(k, x_k) + v_k,        v_k ~ N(0, R_k).
+
+    ``transition[0]`` propagates from the start to times[0]. ``process_cov[k]`` may be singular.
 
     If a channel has no measurement at an epoch, ``present`` is false, and its measurement, h and H
     are zero. An update with zeros changes nothing, so most estimators can ignore ``present``.
@@ -215,8 +233,8 @@ class Problem:
     layout : names, slices and units of the n states.
     present : (K, m) mask of available measurements; by default all.
     channels : names, units and sensors of the m measurements; ``()`` if unknown.
-    track : INS solution, if the states are INS errors.
-    map : field in which h evaluates the measurements, if any.
+    track : INS solution if the states are INS errors; otherwise None.
+    map : gravity field from which h predicts measurements; None if there is none.
     replay : inertial measurements for a mechanization with feedback; None if they are not
         available.
     """
@@ -270,7 +288,10 @@ class Problem:
         return ranked_root(self.process_cov[k])[0]
 
     def log_likelihood(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ln p(z_k | x) (...) of the available measurements, for states x (..., n)."""
+        """Return the log-likelihoods ln p(z_k | x) of states x (..., n), with shape (...).
+
+        z_k contains the available measurements of epoch ``k``.
+        """
         there = self.present[k]
         residual = (self.measurements[k] - self.model.predict(k, x))[..., there]
         root = np.linalg.cholesky(self.noise_of(k)[np.ix_(there, there)])
@@ -290,9 +311,10 @@ class Fixes:
     ----------
     epoch : (F,) increasing indices of the epochs of the fixes; each is the last epoch of the
         window.
-    mean : (F, 2) or (F, 3) position error east, north[, up] [m] at that epoch, the first states.
-    cov : (F, 2, 2) or (F, 3, 3) covariance of ``mean`` [m²], including the uncertainty of all other
-        states.
+    mean : (F, 2) or (F, 3) estimated position errors [m] at these epochs: east, north and, with
+        three columns, up. They are the first two or three states.
+    cov : (F, 2, 2) or (F, 3, 3) covariance of ``mean`` [m²]. It includes the effect of the
+        uncertainty of all other states.
     accepted : (F,) whether the estimator accepts the fix.
     statistic : (F,) statistic of the acceptance test; larger values are more certain. The default
         statistic is the log odds between the best and the second-best position. −∞: the fix is
@@ -395,7 +417,7 @@ class Estimator(ABC):
         """Estimate the state at every epoch; ``rng`` is the only source of random numbers."""
 
     def conflict(self) -> str | None:
-        """Return the reason why the parameters contradict each other, or None."""
+        """Return the reason why the parameters contradict each other, or None if they do not."""
         return None
 
     def skip(self, problem: Problem) -> str | None:

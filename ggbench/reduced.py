@@ -38,7 +38,8 @@ class Reduction:
 
         The other states have the mean and covariance of the propagated prior, uncorrelated with the
         chosen states. The result has no innovations, because the innovations of the original
-        problem are different. Position fixes refer to the first chosen states.
+        problem are different. The propagated prior mean of the first two or
+        three chosen states is added to the means of position fixes.
         """
         chosen = list(self.states)
         mean, cov = self.mean.copy(), None
@@ -94,9 +95,11 @@ class _Embedded:
 def reduced(problem: Problem, states: Sequence[int], noise: np.ndarray) -> Reduction:
     """Reduce a problem to some of its states; all other states are assumed known.
 
-    x_k = m_k + E δ_k, with the propagated prior mean m_k and the chosen states δ_k. The transition
-    matrix of δ is its block of Φ_k; the process noise covariance is its block of Q_k plus
-    ``noise``.
+    The original state is x_k = m_k + E δ_k. The vector m_k is the propagated prior mean, and δ_k
+    contains the r chosen states. The matrix E (n, r) assigns each chosen state to its index in x_k.
+    Φ_k and Q_k are the transition matrix and process noise covariance of the original problem. The
+    transition matrix of δ is the block of Φ_k with the rows and columns ``states``. The process
+    noise covariance of δ is the same block of Q_k plus ``noise``.
 
     Parameters
     ----------
@@ -165,8 +168,9 @@ def _unaided(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
     """Return the state indices of the horizontal position errors, optionally also of velocity.
 
-    Position errors are the first two states of the first block in metres. With ``velocity`` the
-    first two states of the first block in m/s follow. The result is ``()`` if a block is missing.
+    Position errors are the first two states of the first block in metres. If ``velocity`` is
+    True, the first two states of the first block in m/s follow. The result is ``()`` if a block is
+    missing.
     """
     states: list[int] = []
     for unit in ("m", "m/s") if velocity else ("m",):
@@ -181,9 +185,10 @@ def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
 def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
     """Return the covariance (K, r, r) that omitted states add to the chosen states at each step.
 
-    The covariance is Φ P Φᵀ. Φ is the block of Φ_k from the omitted to the chosen states. P is the
-    propagated prior covariance of the omitted states. An example is the position change by velocity
-    errors. As process noise the covariance is white, but the errors of the omitted states persist.
+    The covariance is Φ P Φᵀ. Φ is the block of the transition matrix that maps the omitted to the
+    chosen states. P is the propagated prior covariance of the omitted states. An example is the
+    position change by velocity errors. Process noise with this covariance is white. In contrast,
+    the errors of the omitted states are correlated in time.
     """
     chosen = list(states)
     others = [i for i in range(problem.dimension) if i not in chosen]

@@ -41,9 +41,10 @@ class MeasurementCallback:
 
     Parameters
     ----------
-    unit : scale of the states divided by their prior standard deviations, and scale of the
-        measurements divided by their least noise standard deviations. None: no scaling.
-    problem : current problem. None: the problem of the context :meth:`of`.
+    unit : factor that defines the scales. It multiplies the prior standard deviations of the states
+        and the least noise standard deviations of the measurements. If it is None, nothing is
+        scaled.
+    problem : current problem. If it is None, the context :meth:`of` sets the current problem.
     """
 
     def __init__(self, unit: float | None = 1.0, problem: Problem | None = None) -> None:

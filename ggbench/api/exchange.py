@@ -233,8 +233,8 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
     Returns
     -------
     A sentence for each file with a probable misreading. The numbers are also read with opposite
-    sign, as north-east-down, and in kilometres. A misreading is probable if the RMS position error
-    then falls below a fifth.
+    sign, as north-east-down with either sign, and in kilometres. A misreading is probable if one of
+    these readings reduces the RMS position error to less than a fifth.
     """
     sentences = []
     for one in estimate_files.stored_runs(Path(estimates)):

@@ -32,7 +32,7 @@ def bound(case: CaseSpec | Scenario | str | Path) -> pd.DataFrame:
 
     Parameters
     ----------
-    case : a case; or a scenario, its name or its path, for the first case.
+    case : a case; or a scenario (object, name or path), whose first case is then used.
 
     Returns
     -------
@@ -143,7 +143,8 @@ def scorecard(
 
     Returns
     -------
-    A score with ``card``, and with ``failures``, a table of runs that failed or diverged.
+    A score with two attributes. ``card`` is the score card, and None if the campaign was
+    interrupted. ``failures`` is a table of the runs that failed or diverged.
 
     Raises
     ------
@@ -172,8 +173,9 @@ def check(estimator: str | Estimator, time_limit: float = examination.LIMIT_S) -
 
     Returns
     -------
-    A table with a row for each check: ``check``, ``verdict`` (passed, failed, refused), ``demand``,
-    ``text``.
+    A table with a row for each check. Column ``check`` is the name of the check. ``verdict`` is
+    passed, failed or refused. ``demand`` is the property that must hold. ``text`` is a sentence on
+    the verdict.
 
     Raises
     ------

@@ -108,8 +108,9 @@ def simulate(
 
     Parameters
     ----------
-    case : a case, from ``scenario.case(name)`` or ``case.changed(key, value)``; or a scenario, its
-        name or its path, for the first case. The flight is cached, so that further runs are quick.
+    case : a case, from ``scenario.case(name)`` or ``case.changed(key, value)``; or a scenario
+        (object, name or path), whose first case is then used. The flight is cached, so that further
+        runs are quick.
     seed : seed of the random numbers; by default the scenario's, as in :func:`run`.
     run : index of the run, from 0. A campaign with the same seed has the same problem in this run.
 
@@ -196,7 +197,8 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
     -------
     Problem and reference, like the problem and truth of :func:`simulate`. Times [s] count from the
     first INS sample. Error states that the reference does not contain, such as biases, are NaN.
-    :func:`judge` needs positions and velocities.
+    If the reference lacks positions or velocities, the results of :func:`judge` that need them are
+    NaN.
 
     A warning reports interpolated samples of the INS and measurements that are read as missing.
 
@@ -228,9 +230,9 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.Da
     Returns
     -------
     A table with a row for each epoch: ``time_s``, ``latitude_deg``, ``longitude_deg``,
-    ``height_m``, ENU velocities [m/s], ``heading_deg``, ``pitch_deg``, ``roll_deg``, and standard
-    deviations of position [m], velocity [m/s] and attitude [rad] in ENU, which are NaN without a
-    covariance.
+    ``height_m``, ENU velocities [m/s], ``heading_deg``, ``pitch_deg`` and ``roll_deg``. Further
+    columns are standard deviations of position [m], velocity [m/s] and attitude [rad] in ENU. If
+    the estimate has no covariance, they are NaN.
 
     Raises
     ------

@@ -47,10 +47,13 @@ class Results(folder.Results):
         )
 
     def summary(self) -> pd.DataFrame:
-        """Return a short table of settled metrics, with a row for each case and estimator.
+        """Return a short table of metrics, with a row for each case and estimator.
 
-        The column ``case`` has the titles of the cases, which state their changes, for example the
-        values of a sweep.
+        The metrics refer to the settled window, which lasts from ``windows.settled_from_s`` to the
+        end of the flight.
+
+        The column ``title`` contains the titles of the cases. A title states the changes of its
+        case, for example the values of a sweep.
         """
         metrics = self.metrics()
         table = metrics.loc[metrics["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)

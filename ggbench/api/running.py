@@ -55,7 +55,8 @@ def run(
         scenario is left out with a warning.
     runs, seed : number of runs per case, and the seed; by default the scenario's.
     cases : names of the cases to run; by default all.
-    assumptions : whether to run the scenario's assumptions too.
+    assumptions : whether to also run the scenario's assumptions. An assumption is a change of the
+        scenario that applies to every case with published numbers.
     output : folder for the results. Stored runs are not repeated, and the same call resumes an
         interrupted campaign. By default a temporary folder, which is removed with the results
         object.
@@ -66,8 +67,8 @@ def run(
     fresh : whether to discard the stored results of the folder.
     retry_failed : whether to repeat failed runs, for example after a full disk.
     progress : whether to show compilation, map building and progress on standard error; by default
-        in a terminal and in a notebook. A function in place of a truth value is called with
-        two numbers: results stored so far by this call, and all results to store.
+        in a terminal and in a notebook. In place of True or False, a function may be given. It is
+        called with two numbers: results stored so far by this call, and all results to store.
 
     Raises
     ------

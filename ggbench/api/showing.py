@@ -38,7 +38,11 @@ class Shown:
 
 
 def shown_progress(choice: bool | Callable[[int, int], object] | None, title: str) -> Shown:
-    """Return the display; by default terminals and notebooks show a progress table.
+    """Return the display that ``choice`` selects.
+
+    If ``choice`` is True, a progress table is shown. If it is None, the table is shown only in
+    terminals and notebooks. If it is False, nothing is shown. If it is a function, this function is
+    called instead.
 
     A notebook needs ipywidgets to update the table; without them it prints lines at intervals.
     """

@@ -42,7 +42,9 @@ class CampaignError(GGBenchError):
 
 
 def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:
-    """Yield (study, case, problem of run 0) for all cases; the study is "" or an assumption.
+    """Yield (study, case, problem of run 0) for all cases of a scenario and its assumptions.
+
+    The study is the name of an assumption, or "" for the cases of the scenario itself.
 
     Raise CampaignError if a map cannot be made, a flight leaves the map, or an instrument's filter
     cannot be computed.
@@ -55,7 +57,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Raise user errors within the context as a CampaignError that names the case."""
+    """Raise CampaignError with the name of the case for each user error within the context."""
     try:
         yield
     except GGBenchError as error:
@@ -71,7 +73,7 @@ class Campaign:
     ----------
     scenario : scenario with all of its cases.
     argument : name or path of the scenario, as the user wrote it.
-    labels : texts of the chosen estimators, ``ukf[points=merwe]``.
+    labels : texts of the chosen estimators, for example ``ukf[points=merwe]``.
     runs, seed : number of runs per case, and the seed of all random numbers.
     assumptions : whether to run the scenario's assumptions too.
     folder : results folder.
@@ -79,7 +81,7 @@ class Campaign:
     limit : time limit of one run of one estimator [s].
     fresh : whether to discard the results of an earlier campaign in the folder.
     retry_failed : whether to repeat failed runs; the new result replaces the failure.
-    plan : planned runs, computed from the other fields.
+    plan : attribute, not a parameter: planned runs, computed from the parameters.
     """
 
     scenario: Scenario
@@ -155,7 +157,11 @@ class Campaign:
         ]
 
     def tasks(self, store: Store) -> Tasks:
-        """Return the tasks of all runs without a stored result."""
+        """Return the tasks of all runs without a final result.
+
+        A failure is not final with ``retry_failed``, or if the run failed at a time limit below
+        ``limit``.
+        """
         return self._tasks(store.finished(self.limit, self.retry_failed))
 
     def missing(self, store: Store) -> int:
@@ -324,8 +330,9 @@ def planned(
     fresh: bool = False,
     retry_failed: bool = False,
 ) -> Campaign:
-    """Return a campaign; the scenario supplies arguments that are missing.
+    """Return a campaign that stores its results in ``folder``.
 
+    If ``estimators``, ``runs``, ``seed`` or ``time_limit`` are omitted, the scenario supplies them.
     Raise EstimatorError or ScenarioError if an estimator or a case does not exist.
     """
     settings = scenario.campaign

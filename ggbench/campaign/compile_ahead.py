@@ -31,7 +31,7 @@ def compiling_ahead(
 
     Parameters
     ----------
-    first : whether the cache is empty; otherwise no process is started.
+    first : whether the cache of compiled code is empty; if it is not, no process is started.
     jobs : largest number of processes, limited to four; None: the number of processors. With 0 or
         1 no process is started.
     """

@@ -33,7 +33,10 @@ LEAST_RUNS = 8
 
 
 def flight_of(case: CaseSpec) -> Flight:
-    """Return the flight of a case, cached; if runs draw their flights, the flight of run 0."""
+    """Return the flight of a case, cached.
+
+    If the runs have different flights, this is the flight of run 0.
+    """
     of_run = case.of_run(0)
     return _flight(of_run, input_versions(of_run))
 
@@ -57,7 +60,10 @@ _bounds: dict[tuple[CaseSpec, Versions], CaseBound] = {}
 
 
 def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
-    """Return the bounds of cases whose runs share one flight; the latest bounds are cached."""
+    """Return the bound of each case; all runs of a case must share one flight.
+
+    The latest bounds are cached.
+    """
     keys = [(case, input_versions(case)) for case in cases]
     unknown = [key for key in dict.fromkeys(keys) if key not in _bounds]
     if unknown:
@@ -74,7 +80,7 @@ _flown: set[CaseSpec] = set()
 
 
 def fly_unseen(case: CaseSpec) -> None:
-    """Create and cache the flight of a case, excluded from garbage collection.
+    """Create and cache the flight of a case, and exclude it from garbage collection.
 
     An estimator can then not find the objects of the flight through the garbage collector. The
     function is intended for workers: all other objects that exist at the time of the call, mainly
@@ -96,7 +102,11 @@ def forget_flights() -> None:
 
 
 def runs_at_once(case: CaseSpec) -> int:
-    """Return the number of runs per block for a case, limited by the memory of Φ, Q and P."""
+    """Return the number of runs per block for a case.
+
+    It is :data:`BLOCK_RUNS`, or less if the matrices Φ, Q and P of a block would exceed
+    :data:`BLOCK_BYTES`. It is at least :data:`LEAST_RUNS`.
+    """
     size = BLOCK_RUNS
     with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
         flight = flight_of(case)
@@ -135,7 +145,10 @@ class SimulatedRuns:
         self._oracle_means: dict[str, np.ndarray] = {}
 
     def flights(self, part: slice) -> Iterator[tuple[slice, Flight, CaseBound]]:
-        """Yield each part of the runs that shares a flight, with this flight and its bound."""
+        """Yield (slice, flight, bound) for each group of runs in ``part`` with the same flight.
+
+        If the runs have different tracks, survey lines or map errors, each run is a group.
+        """
         pieces = [slice(r, r + 1) for r in range(part.start, part.stop)]
         for some in pieces if self.case.drawn else [part]:
             case = self.case.of_run(self.runs[some.start])

@@ -31,8 +31,8 @@ class Plan:
     Attributes
     ----------
     scenario : scenario with the selected cases; its assumptions are removed unless they are run.
-    estimators : content (:attr:`.Choice.content`) of each estimator by label, for the cases.
-    studied : content of each estimator by label, for the assumptions.
+    estimators : estimators of the scenario's cases: content (:attr:`.Choice.content`) by label.
+    studied : estimators of the assumptions: content by label.
     runs, seed : number of runs per case, and the seed.
     left_out : reason why an estimator cannot process a case, by label and case.
     """
@@ -66,7 +66,10 @@ class Plan:
         )
 
     def joined(self, old: Mapping[str, Any], whole: Scenario, finished: Set[str]) -> Plan:
-        """Return this plan extended by the usable stored runs of the results folder.
+        """Return this plan extended by the stored runs of the results folder.
+
+        If the folder has another seed, or other versions of package, results or libraries, its
+        runs cannot be used. The plan is then returned unchanged.
 
         Parameters
         ----------

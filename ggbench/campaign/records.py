@@ -55,7 +55,8 @@ class TimedEstimates:
     info : counters and remarks of each run.
     evaluations : number of map evaluations of each run.
     seconds : computing time per run [s]; for a block, the mean over its runs.
-    fixes : fixes of a matcher, for a single run, from :func:`.judging.fix_metrics.checked`.
+    fixes : position fixes of a matcher that processes a single run, validated by
+        :func:`.judging.fix_metrics.checked`; None if there are none.
     """
 
     mean: np.ndarray
@@ -121,8 +122,8 @@ def evaluate_runs(
     error_state : (R, K, n) true error states.
     estimated : estimates of the runs.
     bound : bound of the flight.
-    oracle : function that returns the oracle's mean squared errors (R, W, 2) for the name of a
-        bound.
+    oracle : function that returns the mean squared errors (R, W, 2) of the oracle, given the name
+        of a bound. The axes are runs, W windows, and position [m²] and velocity [m²/s²].
     problem_of : function that returns the problem of a run, given its row 0 to R − 1.
     """
     case, times, filters = flight.case, flight.times, estimated.causality == "filter"

@@ -2,7 +2,8 @@
 
 The key of a run is a hash of all inputs of the result. These are the contents of case and map, the
 estimator's parameters and source, the seed, and the versions of results and libraries. Names, paths
-and order do not change the key. Key and run index together identify a run.
+and the order of cases and estimators do not change the key. Key and run index together identify a
+run.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ def environment() -> dict[str, Any]:
 
 
 def problem_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of the simulated problems of a case, which is independent of versions.
+    """Return the key of the simulated problems of a case.
+
+    The key does not depend on the versions of package, results and libraries.
 
     Raise MapError if the case's map file cannot be read.
     """
@@ -75,7 +78,10 @@ def _placeless(gradiometer: Any) -> Any:
 
 
 def case_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of the arrays that all runs of a case share, independent of estimators."""
+    """Return the key of the arrays that all runs of a case share.
+
+    The key does not depend on estimators.
+    """
     return _hash([environment(), problem_key(case, seed)])
 
 
@@ -95,7 +101,8 @@ def _hash(content: Any) -> str:
 def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
     """Return role, name and SHA-256 of each input file of cases, without duplicates.
 
-    Names have no folders, because only the content counts. Raise MapError, TrajectoryError or
+    The role states the use of the file, for example ``track``. Names have no folders, because only
+    the content counts. Raise MapError, TrajectoryError or
     ColouredNoiseError if a file cannot be read.
     """
     files: dict[tuple[str, str, str], None] = {}

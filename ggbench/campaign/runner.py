@@ -54,7 +54,8 @@ class Task:
     Attributes
     ----------
     case : case of the runs.
-    assumption : name of the assumption to which the case belongs, or "".
+    assumption : name of the assumption to which the case belongs; "" for a case of the scenario
+        itself.
     runs, seed : indices of the runs, and the seed of the campaign.
     estimators : (label, key) of each estimator to run.
     """
@@ -237,7 +238,12 @@ def failure(
     trace: str = "",
     retry_above: float | None = None,
 ) -> Result:
-    """Return the result of a failed run, with the reason of the failure."""
+    """Return the result of a failed run, with the reason of the failure.
+
+    ``trace`` is a traceback, or "" if there is none. If ``retry_above`` [s] is given, a campaign
+    with a time limit above this value repeats the run. If it is None, the run is repeated only on
+    request.
+    """
     record = new_record(chosen(label), run, task.seed) | {"reason": reason}
     if trace:
         record["traceback"] = trace

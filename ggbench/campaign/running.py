@@ -23,10 +23,11 @@ class CampaignProgress:
     ----------
     campaign, store : the campaign and its open results folder.
     remarks : remarks for the user on unusual values, estimators left out and unused results.
-    total, done : number of results missing at the start, and number stored since.
-    new : results stored since the step before.
+    total : number of results that were missing at the start.
+    done : number of results that have been stored since the start.
+    new : results that have been stored since the previous step.
     workers : number of cluster workers; None if the campaign runs on this machine.
-    waiting : reason for waiting, as a sentence, or "".
+    waiting : sentence with the reason for waiting; "" if the campaign is not waiting.
     """
 
     campaign: Campaign

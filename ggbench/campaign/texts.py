@@ -27,7 +27,7 @@ def exception_text(error: BaseException) -> str:
 
 
 def refusal(estimator: Estimator, problem: Problem) -> str:
-    """Return the reason why an estimator cannot process a problem as a short line, or "".
+    """Return in one short line why an estimator cannot process a problem, or "" if it can.
 
     The reason is the result of ``skip``, an exception in ``skip``, or the fact that ``skip``
     replaces functions of other modules.

@@ -61,11 +61,12 @@ def advise(
 ) -> None:
     """Recommend an estimator and an instrument for a SCENARIO.
 
-    SCENARIO is a name or a path. The command flies a few runs of the estimators that the suite
-    recommends. It prints the best estimator with its error and time, the error sources that limit
-    the accuracy, and the gradiometer noise that reaches the target.
+    SCENARIO is a name or a path. The command runs the INS and the estimators that the
+    standard suite recommends. It prints the best estimator with its position error and computing
+    time, and the error sources that limit the accuracy. With --target it also prints the
+    gradiometer noise that reaches this position error.
 
-    Exit code 1 if no gradiometer reaches the target.
+    Exit code 1 if a --target is given and no gradiometer reaches it.
     """
     require_suffix(page, ".html")
     start = Moment.now()

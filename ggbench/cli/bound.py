@@ -31,9 +31,9 @@ def bound(
 ) -> None:
     """Print the Cramér–Rao bound along the track of a SCENARIO.
 
-    SCENARIO is the name of a shipped scenario or a path. Its track may be a CSV file ([trajectory]
-    file). The bound is linearised at the truth and ignores false fixes, for which see
-    'ggbench map score'.
+    SCENARIO is the name of a shipped scenario or a path. Its track may be a CSV file, which
+    the key 'file' of [trajectory] names. The bound is linearised at the truth. It ignores false
+    fixes, for which see 'ggbench map score'.
     """
     from ..judging.planned import planned
     from ..simulation.error_free_flight import prepare

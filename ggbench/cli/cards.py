@@ -1,4 +1,4 @@
-"""``ggbench cards``: page of the score cards that new runs reproduce."""
+"""``ggbench cards``: page of the score cards that are reproduced by new runs."""
 
 from __future__ import annotations
 

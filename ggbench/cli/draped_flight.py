@@ -46,8 +46,9 @@ def draped_flight(
 ) -> str:
     """Return a ``[trajectory]`` table: a straight terrain-following flight in a draped map.
 
-    The flight crosses the middle of the map. The heading is the first of eight on which the flight
-    stays inside the map with a margin of three standard deviations of a barometer.
+    The flight crosses the middle of the map. Eight headings are tried in a fixed order, until the
+    flight stays between the lowest and the highest layer. The required margin to these layers is
+    three standard deviations of a barometer's error.
 
     Parameters
     ----------
@@ -91,8 +92,8 @@ def needed_layers(
     """Return the lowest and the highest layer [m] that flights over a draped map need.
 
     The flights follow the terrain on eight straight headings through the middle of the map, each at
-    the usual and at a slow speed. They stay inside the layers with a margin of three standard
-    deviations of a barometer.
+    the usual and at a slow speed. They stay between the two layers. The margin is three standard
+    deviations of a barometer's error.
 
     Parameters
     ----------
@@ -181,7 +182,7 @@ def _flights(
 
 
 def geoid_height_of(attributes: Mapping[str, str]) -> float | None:
-    """Return the geoid height [m] that a map states for its terrain, or None."""
+    """Return the geoid height [m] that a map states for its terrain; None if it states none."""
     try:
         height = float(json.loads(attributes.get("parameters", "{}"))["geoid_height_m"])
     except (ValueError, KeyError, TypeError):

@@ -1,7 +1,8 @@
 """Handler of interrupts during the import of the commands.
 
-The import takes a few tenths of a second. This module is imported first. Programs that import the
-command, such as tests, keep their own handlers.
+The import of the commands takes a few tenths of a second. Therefore this module is imported first.
+Its handler ends the process with a short message. Programs that import the command, such as tests,
+keep their own handlers.
 """
 
 from __future__ import annotations

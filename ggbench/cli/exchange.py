@@ -101,8 +101,8 @@ def judge(
 ) -> None:
     """Judge ESTIMATES of exported problems.
 
-    ESTIMATES is a file or a folder of files, for problems of 'ggbench export'. The command writes a
-    results folder for 'ggbench report'.
+    ESTIMATES is a file or a folder of files with estimates of problems from 'ggbench export'. The
+    command writes a results folder for 'ggbench report'.
 
     Exit code 1 if an estimate is refused.
     """

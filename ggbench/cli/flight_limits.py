@@ -75,9 +75,10 @@ class Examined:
 
     Attributes
     ----------
-    study : name of the assumption to which the case belongs, or "".
-    case, flown : case, and extremes of the flight.
-    margin : smaller one of the margins inside the true and the assumed map; None without a map.
+    study : name of the assumption to which the case belongs; "" for a case of the scenario itself.
+    case : the case.
+    flown : extremes of the flight of the case.
+    margin : smaller one of two margins, in the true and in the assumed map; None without a map.
     readings : number of measurements of each sensor, by name.
     ins : error of the INS without aiding.
     narrow : margins inside the assumed map that are too narrow for the INS error.
@@ -100,8 +101,8 @@ class Examined:
     def correlation_m(self) -> float:
         """Correlation length of the field along the track [m], computed on demand.
 
-        The length is NaN without a gradiometer or a map, if the flight leaves a map, or if the true
-        map is not built yet.
+        The length is NaN if the case has no gradiometer or no map. It is also NaN if the flight
+        leaves a map, or if the true map is not built yet.
         """
         return _correlation(self.case) if self.inside else math.nan
 
@@ -114,8 +115,8 @@ class Examined:
 def examined(scenario: Scenario) -> Iterator[Examined]:
     """Examine every case of a scenario and of its assumptions.
 
-    Raise CampaignError as :func:`.campaign.check`: if a map cannot be built, a flight leaves a map,
-    or a sensor cannot be computed.
+    Raise CampaignError, as :func:`.campaign.check` does, if a map cannot be built, a flight leaves
+    a map, or the model of a sensor cannot be computed.
     """
     for study, case in scenario.every_case():
         with case_named(scenario, study, case):
@@ -213,7 +214,7 @@ def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ..
 
 
 def ins_error_of(case: CaseSpec) -> InsError:
-    """Return the error of a case's true INS without aiding."""
+    """Return the error of the unaided INS of a case, with the true IMU errors."""
     alone = inertial_alone(suite_of_case(case, "truth"))
     return _ins_error_once(
         alone, case.trajectory, case.imu.period_s, file_versions(case.trajectory)

@@ -40,7 +40,10 @@ _NAMED = 3
 
 
 def print_flights(examinations: Sequence[Examined]) -> None:
-    """Print a line for each different flight and its measurements."""
+    """Print a line for each different flight, INS error, set of measurements and prior.
+
+    Cases of assumptions are omitted.
+    """
     cases = [each for each in examinations if not each.study]
     flights: dict[str, list[str]] = {}
     readings: dict[str, list[str]] = {}
@@ -121,7 +124,11 @@ def warn(examinations: Iterable[Examined]) -> None:
 
 
 def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
-    """Yield a remark for each large initial height uncertainty that follows from ``position_m``."""
+    """Yield a remark for each large initial standard deviation of the height.
+
+    Only cases without ``height_m`` are considered. In these cases ``position_m`` also applies to
+    the height.
+    """
     cases: dict[float, list[str]] = {}
     for each in examinations:
         initial = each.case.initial_error

@@ -33,8 +33,9 @@ def imu(log: Path, column: tuple[str, ...], preset: str | None) -> None:
     """Fit the Allan deviation of LOG and print an [imu] table.
 
     LOG is a record of an hour or more at rest, as CSV or netCDF. Its columns are time_s,
-    angular_rate_x_radps, ..., specific_force_x_mps2, ..., or the increments of [imu_record]. The
-    model is white noise plus a Gauss–Markov bias, fitted to the mean of the three axes.
+    angular_rate_{x,y,z}_radps and specific_force_{x,y,z}_mps2. Increments delta_angle_{x,y,z}_rad
+    and delta_velocity_{x,y,z}_mps may replace the rates and forces. The model is white noise plus
+    a Gauss–Markov bias, fitted to the mean of the three axes.
     """
     from ..recorded.allan import imu_noise
     from ..spec.sensors import ImuSpec

@@ -1,4 +1,7 @@
-"""Interrupts: the first summarises finished runs, the second ends the process at once."""
+"""Interrupts: the first ends the command, the second ends the process at once.
+
+After the first interrupt, ``ggbench run`` still summarises the finished runs.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ def requests_to_end(exit_code: int) -> Iterator[None]:
     """Convert the first of Ctrl-C, SIGTERM and SIGHUP to a KeyboardInterrupt.
 
     A second signal kills all worker processes and ends the process with ``exit_code``. Stored
-    results stay complete. A signal that was ignored before stays ignored (``nohup``).
+    results stay complete. A signal that is already ignored stays ignored (``nohup``).
     """
     if threading.current_thread() is not threading.main_thread():
         yield

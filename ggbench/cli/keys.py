@@ -61,7 +61,7 @@ class KeyNameError(GGBenchError):
 
 
 class Key(NamedTuple):
-    """Description of a key; unit and limits of a number may be ""."""
+    """Description of a key; ``unit``, ``allowed`` and ``usual`` are "" if the key has none."""
 
     name: str
     meaning: str
@@ -137,7 +137,11 @@ def tables() -> dict[str, KeyTable]:
 
 
 def named(name: str) -> str:
-    """Return a dotted name without brackets and indices, and with ``<name>`` for sensors."""
+    """Return a dotted name in the form of :func:`tables`, without brackets and indices.
+
+    The table of a named sensor becomes ``sensor.<name>``. If the name of a sensor is that of its
+    kind, the table becomes this name, such as ``gnss`` for ``sensor.gnss``.
+    """
     from ..spec.named_sensors import short_key
 
     plain = short_key(re.sub(r"\[\d+\]", "", name).strip("[] "))
@@ -145,7 +149,11 @@ def named(name: str) -> str:
 
 
 def find(name: str) -> list[tuple[KeyTable, Key]]:
-    """Return the key with a dotted name, or all keys with a plain name, each with its table."""
+    """Return the keys with a name, each with its table.
+
+    The name may be dotted, ``TABLE.KEY``. If it has no table, the keys of all tables are searched.
+    For a named sensor, the tables of all kinds of sensors are searched.
+    """
     from ..spec.aiding import KINDS
 
     table, _, key = named(name).rpartition(".")
@@ -217,7 +225,7 @@ def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit in the suffix of a key's name, or ""."""
+    """Return the unit in the suffix of a key's name; "" if the suffix is no unit."""
     ends = [end for end in _UNITS if name.endswith(f"_{end}")]
     return _UNITS[max(ends, key=len)] if ends else ""
 
@@ -267,8 +275,9 @@ def keys(name: str | None, schema: bool) -> None:
     """Explain the keys of a scenario file.
 
     Without an argument, the command lists all tables. For a table, such as imu, it lists the keys
-    with unit, type, default and limits. For a key, such as imu.period_s or period_s, it explains
-    the key in every table. Editors use the JSON schema.
+    with unit, type, default and limits. For a key of a table, such as imu.period_s, it explains
+    this key. For a key without a table, such as period_s, it explains the key in every table that
+    has it. Editors use the JSON schema.
     """
     if schema:
         from ..spec.json_schema import schema_text
@@ -292,7 +301,11 @@ def keys(name: str | None, schema: bool) -> None:
 
 
 def presets_of(table: str) -> list[tuple[str, str]]:
-    """Return the presets of a table: (key and value, numbers with their source)."""
+    """Return a pair of texts for each preset of a table.
+
+    The first text is the line of a file that selects the preset, such as ``grade = "tactical"``.
+    The second text contains the numbers of the preset and their source.
+    """
     from ..spec.presets import PRESETS
 
     key, presets = PRESETS.get(table, ("", {}))

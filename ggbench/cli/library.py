@@ -29,8 +29,9 @@ class Outcome:
 
     Attributes
     ----------
-    results, failed, diverged : numbers of records in the results folder.
-    error : reason for missing results, or "".
+    results, failed, diverged : numbers of results, of failed runs and of diverged runs in the
+        results folder.
+    error : message of the error that ended the campaign; "" if there was none.
     without_success : estimators without a finished run.
     """
 
@@ -119,7 +120,7 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path) -> None:
 def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
     """Write the report of a results FOLDER: one page, a figure, and CSV tables.
 
-    With the extra 'page', the command also writes an HTML page with all tables.
+    If ggbench[page] is installed, the command also writes an HTML page with all tables.
     """
     if folder is None and not whole_library:
         raise click.UsageError("name a results FOLDER, or --all")

@@ -391,7 +391,8 @@ def show(folder: Path, number: int | None, case: str | None) -> None:
 def compare(before: Path, after: Path, threshold: float, window: str, require_all: bool) -> None:
     """Compare the errors of two results folders, run by run.
 
-    Exit code 1 if an error increased significantly by more than the threshold.
+    Exit code 1 if an error increased significantly by more than the threshold. With --require-all
+    also if AFTER lacks an estimator or case of BEFORE.
     """
     from ..judging.comparison import compare as compare_runs
     from ..results.folder import Results

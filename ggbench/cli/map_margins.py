@@ -33,7 +33,8 @@ class Bounds:
     lower, upper : (3,) latitude, longitude [rad] and height [m]; in a draped map the height above
         the base surface.
     step : (3,) distance between neighbouring nodes [rad, rad, m].
-    field : field with the base surface; a map that is not built yet counts as level.
+    field : gravity field of the map, with its base surface. If the map is not built yet, this is
+        the normal field, and the map counts as level.
     """
 
     lower: np.ndarray
@@ -97,10 +98,11 @@ class Shortfall:
 def distances(
     trajectory: Trajectory, bounds: Bounds, samples: np.ndarray | slice = slice(None)
 ) -> dict[str, np.ndarray]:
-    """Return the distances (K,) [m] of a flight from the limits of a map, at samples.
+    """Return the distances [m] of a flight from the limits of a map, by name of the limit.
 
-    Keys are ``south``, ``north``, ``west``, ``east``, ``below`` (lowest layer) and ``above``
-    (highest layer). Distances are negative outside the map.
+    Each array (K,) contains the distances at the K chosen ``samples``. Keys are ``south``,
+    ``north``, ``west``, ``east``, ``below`` (lowest layer) and ``above`` (highest layer). Distances
+    are negative outside the map.
     """
     lower, upper, positions = bounds.lower, bounds.upper, trajectory.positions[samples]
     turn = turns(0.5 * (lower[1] + upper[1]), trajectory.positions[0, 1], math.tau)
@@ -129,10 +131,11 @@ def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
 def shortfalls(
     case: CaseSpec, trajectory: Trajectory, bounds: Bounds, error: InsError
 ) -> tuple[Shortfall, ...]:
-    """Return the margins that are too narrow: at most one side and one height limit.
+    """Return the shortfalls of the margins inside a map: at most one horizontal and one vertical.
 
-    The side and the height limit with the largest shortfalls are returned. With GNSS positions no
-    margin counts as too narrow. With a barometer no height margin counts as too narrow.
+    They are the largest shortfall at the four sides, and the largest one at the lowest and highest
+    layer. With GNSS positions no margin counts as too narrow. With a barometer no height margin
+    counts as too narrow.
     """
     aided: set[str] = set()
     for sensor in case.side("truth").sensor.values():
@@ -165,9 +168,10 @@ def shortfalls(
 
 
 def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterator[str]:
-    """Yield a sentence for each limit of a map that is too near, on the largest shortfall.
+    """Yield a sentence for each of the six limits of a map at which a case has a shortfall.
 
-    ``margins`` has the name of each case and the shortfalls of this case.
+    The sentence describes the largest shortfall at this limit. ``margins`` has the name of each
+    case and the shortfalls of this case.
     """
     of_side: dict[str, list[tuple[str, Shortfall]]] = {}
     for name, short_of in margins:

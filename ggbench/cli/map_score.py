@@ -91,10 +91,11 @@ def score(
 ) -> None:
     """Score the cells of a MAP for matching.
 
-    MAP is a *.nc file, or the name of a shipped region or terrain. Each cell gets statistics of
-    the field with a principal-component index. The index only ranks the cells of this map. The
-    command also computes the RMS position error in metres that a track through the cell allows. An
-    upper bound limits the share of tracks that match a wrong place. No flight is simulated.
+    MAP is a *.nc file, or the name of a shipped region or terrain. For each cell the
+    command computes statistics of the field, and from them a principal-component index. The index
+    only ranks the cells of this map. The command also computes the RMS position error in metres
+    that a track through the cell allows. It also computes an upper bound of the share of tracks
+    that match a wrong place. No flight is simulated.
     """
     from ..gravity.field import Field
     from ..matchability.information import Instrument

@@ -112,9 +112,10 @@ def scenario(
 ) -> None:
     """Write NAME.toml, a commented scenario.
 
-    The default is a flight over a shipped map. With --map the flight crosses the middle of the map,
-    at a third of its height. With --terrain it follows the ground within the map. With --waypoints
-    the turns limit the speed, unless --speed states it.
+    The default is a flight over a shipped map. With --map the flight crosses the middle of the map.
+    The flight height is then a third of the way from the lowest to the highest layer of the map.
+    With --terrain the flight follows the ground within the map. With --waypoints the turns limit
+    the speed. A --speed above the limit is refused.
     """
     if waypoints is not None and (own_map is None or track is not None or terrain is not None):
         raise click.UsageError("--waypoints requires --map and excludes --track and --terrain")

@@ -66,10 +66,11 @@ def plan(
 ) -> None:
     """Rank tracks for the flight of a SCENARIO by their Cramér–Rao bound.
 
-    The command moves a flight of segments or along a track to other starts and headings. It ranks
-    them by the bound of the RMS position error. The bound ignores false fixes.
+    The flight consists of segments or follows a track. The command moves it to other starts and
+    headings. It ranks all tracks by the bound of the RMS position error. The bound ignores false
+    fixes.
 
-    Exit code 1 if no track allows the target.
+    Exit code 1 if a --target is given and no track allows it.
     """
     tell_first_use("trajectory/truth.py", "in seconds")
     from ..judging.planned import around

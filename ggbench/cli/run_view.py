@@ -38,7 +38,11 @@ _LONGEST_TEXT, _LONGEST_VALUE = 200, 60
 
 
 class RunView(NamedTuple):
-    """Result of one estimator in a run; ``series`` (K', 4) has the errors over time."""
+    """Result of one estimator in a run.
+
+    ``series`` (K', 4) contains the position error [m], velocity error [m/s], NEES and NIS at the K'
+    stored epochs; it is None if no time series is stored.
+    """
 
     label: str
     record: Mapping[str, Any]
@@ -76,8 +80,8 @@ def _where(row: pd.Series) -> str:
 def choose_run(results: Results, case: str | None, run: int | None = None) -> tuple[str, int, str]:
     """Return case and index of the most conspicuous run, and the reason for the choice.
 
-    The choice may be limited to a case or to a run index. Raise ResultsError if the folder has no
-    such run.
+    If ``case`` or ``run`` is given, only runs with this case or this index are considered. Raise
+    ResultsError if the folder has no such run.
     """
     from ..results.folder import ResultsError  # not at the top: to repeat a run needs no tables
 
@@ -131,7 +135,7 @@ def show_run(results: Results, case_name: str, run: int) -> None:
 def repeat_run(
     scenario: Scenario, case_names: Sequence[str], labels: Sequence[str], seed: int, run: int
 ) -> bool:
-    """Repeat one run in this process and print it; return whether no estimator failed.
+    """Repeat one run in this process and print it; return True if no estimator failed.
 
     The result is not stored. ``case_names`` are names of cases, or ``STUDY/CASE`` for a case of an
     assumption.

@@ -118,7 +118,12 @@ def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
 
 
 def planned(options: dict[str, Any], request: Any, command: str) -> Any:
-    """Return the plan of a map made from survey lines; write the noise model if requested."""
+    """Return the plan of a map made from survey lines.
+
+    ``options`` are the options of :func:`options`. If they name a file for the noise model, this
+    file is written. ``request`` describes the grid of the map, and ``command`` is recorded in the
+    history of the map.
+    """
     from ..gravity.gradient_map import MapError
     from ..maps.survey_fit import FitOptions
     from ..maps.survey_plan import SurveyInputs, doubts, fit_survey, plan_survey

@@ -41,9 +41,10 @@ _HEADINGS = (
 def print_metrics(
     metrics: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
 ) -> None:
-    """Print the metrics of every case in the settled window.
+    """Print the metrics of up to twelve cases in the settled window.
 
-    Causal estimators are sorted by RMS error; smoothers follow.
+    This window lasts from ``windows.settled_from_s`` to the end of the flight. Causal estimators
+    are sorted by RMS error; smoothers follow.
     """
     cases = scenario.cases[:_MOST_CASES]
     warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
@@ -104,7 +105,7 @@ def _digits(value: float) -> str:
 
 
 def print_comparison(compared: Comparison, console: Console) -> None:
-    """Print significant changes of errors, and items of only one of the two folders."""
+    """Print the compared errors with verdicts, and cases and estimators in only one folder."""
     numbers = ("", "before", "after", "ratio", "95 % interval", "runs", "p", "verdict")
     table = ResponsiveTable(
         "", [("case", "name"), ("estimator", "name"), *((n, "number") for n in numbers)]

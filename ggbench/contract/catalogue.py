@@ -38,8 +38,8 @@ class Check:
     name : name of the check.
     demand : property that must hold.
     why : reason for the requirement.
-    questions : function of an estimator that yields a description of each test problem, and a
-        function that runs the test.
+    questions : function that takes an estimator. For each test problem it yields a description and
+        a function that runs the test.
     """
 
     name: str

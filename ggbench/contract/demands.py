@@ -181,9 +181,10 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     requirements depend on the causality:
 
     - ``filter`` and ``fixed-lag``: an estimate that must not use shifted measurements may change by
-      less than 1e-12 prior σ. With ``exactly`` its covariance must be equal bit for bit. The first
-      estimate that may use shifted measurements must change. For an estimator with fixes, the
-      fixes up to the middle epoch must be equal, and any later estimate or fix must change.
+      less than 1e-12 prior σ. With ``exactly`` its covariance must be equal bit for bit. If the
+      estimator returns no fixes (:class:`.Fixes`), the first estimate that may use shifted
+      measurements must change. If it returns fixes, those up to the middle epoch must be equal,
+      and at least one estimate or later fix must change.
     - ``batch``: all estimates up to the middle epoch must change.
     - ``none``: no estimate may change.
     """

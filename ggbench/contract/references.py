@@ -116,8 +116,8 @@ def graded(problem: Problem) -> Problem:
 def gappy(problem: Problem) -> Problem:
     """Return a problem with some measurements removed.
 
-    Every third measurement of the last channel is missing, and the fifth to tenth measurements of
-    all channels. The correlation of the noise between channels is removed.
+    Every third measurement of the last channel is missing. The fifth to tenth measurements of all
+    channels are also missing. The correlation of the noise between channels is removed.
     """
     present = np.ones(problem.measurements.shape, dtype=bool)
     present[::3, -1] = False

@@ -38,7 +38,10 @@ def tell_first_use(module: str, scope: str) -> bool:
 
 
 def first_use(module: str, scope: str) -> list[str]:
-    """Return a list with a message if code must be compiled, see :func:`tell_first_use`."""
+    """Return a list with a message if code must be compiled; else return an empty list.
+
+    The parameters are those of :func:`tell_first_use`.
+    """
     if code_folder(PACKAGE / module).exists():
         return []
     return [
@@ -98,7 +101,7 @@ class Compiled:
         self._count = 0
 
     def text(self) -> str:
-        """Return the number of compiled functions as text; "" if none is new in the last 30 s."""
+        """Return the number of compiled functions as text; "" after 30 s without a new one."""
         now = time.monotonic()
         if now - self._looked > _LOOK_EVERY_S:
             before = self._count

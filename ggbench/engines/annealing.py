@@ -48,7 +48,11 @@ class Whitening(NamedTuple):
 
 
 def whitening(noise: np.ndarray, spread: np.ndarray) -> Whitening:
-    """Return whitened coordinates for ``noise`` R (m, m) and ``spread`` C P_l Cᵀ (m, m)."""
+    """Return the whitened coordinates of a measurement, see :class:`Whitening`.
+
+    ``noise`` (m, m) is the noise covariance R. ``spread`` (m, m) is C P_l Cᵀ, the covariance of h
+    caused by the linear states.
+    """
     inverse = np.linalg.inv(np.linalg.cholesky(noise))
     linear, axes = np.linalg.eigh(inverse @ spread @ inverse.T)
     log_noise = float(np.linalg.slogdet(2.0 * np.pi * noise)[1])
@@ -60,7 +64,7 @@ class Annealed(NamedTuple):
 
     Attributes
     ----------
-    normals : (N, r) samples, in coordinates in which the prior is standard normal.
+    normals : (N, r) samples of dimension r, in coordinates in which the prior is standard normal.
     whitened : (N, m) whitened residuals y of the samples, see :class:`Whitening`.
     evidence : ln p(z) of the measurement z.
     size : effective sample size that an update without stages would leave.
@@ -111,7 +115,7 @@ def annealed(
 
     Parameters
     ----------
-    normals : (M, r) samples of the standard normal prior.
+    normals : (M, r) samples of the standard normal prior of dimension r.
     read : function that returns the whitened residuals y (·, m) of samples (·, r).
     space : whitened coordinates that define y.
     count : number N of samples to return.

@@ -73,9 +73,9 @@ def split_prior(
     """Return the prior as a grid of Gaussians: log weights (J,), means (J, n), covs (J, n, n).
 
     The grid lies along the principal axes of the position prior. The position states are all states
-    in metres. Along the split axes each Gaussian has a smaller standard deviation than the prior.
-    The regression of the other states on the position is that of the prior. Means and covariances
-    are in units of the prior's standard deviations.
+    in metres. A split axis has several grid points. Along it each Gaussian has a smaller standard
+    deviation than the prior. The regression of the other states on the position is that of the
+    prior. Means and covariances are in units of the prior's standard deviations.
 
     Parameters
     ----------

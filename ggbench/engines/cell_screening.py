@@ -1,8 +1,9 @@
 """First epoch of Gaussian sums that differ only in the noise level.
 
-Gaussian sums that differ only in the noise share the predictions and linearisations of the first
-epoch. Most Gaussians have negligible weight after the first measurement: they are dropped and need
-no update. A Gaussian sum with a robust loss is screened separately.
+Gaussian sums that differ only in the noise level have the same predictions and linearisations at
+the first epoch, which are computed once. Most Gaussians have negligible weight after the first
+measurement: they are dropped and need no update. A Gaussian sum with a robust loss is screened
+separately.
 """
 
 from __future__ import annotations
@@ -45,9 +46,8 @@ def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> 
     ----------
     block : block of one run.
     prior : Gaussians of the prior, from :func:`.prior_cells`.
-    precisions : (S, equations) factors by which each noise level multiplies the whitened
-        measurement equations: the assumed noise standard deviation of the block over that of the
-        level.
+    precisions : (S, equations) factors on the whitened measurement equations for each noise level.
+        A factor is the noise standard deviation assumed in the block, divided by that of the level.
     """
     weights = np.empty((len(precisions), len(prior.weights)))
     _screen(batch_of(block), prior, precisions, weights)

@@ -2,10 +2,11 @@
 
 Row i of the cloud is (p_i, l_i): the d sampled states, and the mean of the other states. Three
 operations draw samples of p: sampling of the prior, prediction, and the kernel after resampling.
-Each of them draws from a Gaussian of all states with covariance J. Then l is conditioned on the
-sample: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl. Here e is standard normal, and G has
-full column rank with G Gᵀ = J_pp. In the prediction J = Φ_l P_l Φ_lᵀ + Q has a non-zero cross-block
-J_lp, because process noise moves p and l together.
+Each of them draws from a Gaussian of all states with covariance J. J_pp, J_lp, J_pl and J_ll are
+the blocks of J that belong to p and l. Then l is conditioned on the sample: p = G e,
+l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl. Here e is standard normal, ⁺ denotes the
+pseudo-inverse, and G has full column rank with G Gᵀ = J_pp. In the prediction
+J = Φ_l P_l Φ_lᵀ + Q has a non-zero cross-block J_lp, because process noise moves p and l together.
 """
 
 from __future__ import annotations
@@ -79,9 +80,10 @@ class _Reading(NamedTuple):
 class Cloud:
     """N weighted particles (N, n), log weights (N,), and one P_l (n − d, n − d) for all particles.
 
-    P_l is the covariance of the states that are not sampled. ``evidence`` is ln p(z) of all
-    measurements so far, and ``total`` is the logarithm of the sum of the weights. While h is linear
-    over the posterior, the cloud is replaced by ``gaussian``: mean (n,) and covariance (n, n).
+    The first d of the n states are sampled. P_l is the covariance of the other states. ``evidence``
+    is ln p(z) of all measurements so far, and ``total`` is the logarithm of the sum of the weights.
+    While h is linear over the posterior, the cloud is replaced by ``gaussian``: mean (n,) and
+    covariance (n, n).
     """
 
     weights: np.ndarray
@@ -120,7 +122,10 @@ class Cloud:
         self.x += self.rng.standard_normal((len(self.x), len(steps))) @ steps
 
     def update(self, k: int) -> float:
-        """Update the cloud with the measurement of epoch k; return the NIS (NaN for particles)."""
+        """Update the cloud with the measurement of epoch k, and return the NIS.
+
+        The NIS is NaN if the update uses particles.
+        """
         reading = self._reading(k)
         exact = self.moves.tempering > 0.0 and not self.moves.blurs
         residuals = np.empty((0, len(reading.noise)))
@@ -144,9 +149,9 @@ class Cloud:
         return math.nan
 
     def moments(self) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Return mean (n,) and covariance (n, n) of the states.
+        """Return mean (n,) and covariance (n, n) of the states, and a repair flag.
 
-        The third result is whether the covariance was repaired by :func:`.resampling.repaired`.
+        The flag is true if :func:`.resampling.repaired` has changed the covariance.
         """
         mean, cov = self.gaussian or self._moments()
         return mean, *repaired(cov, self.problem.prior_cov)

@@ -21,7 +21,9 @@ class Contour(NamedTuple):
 
 
 class Feet(NamedTuple):
-    """Contour points (N, 2) [m] nearest to the N points of a track.
+    """Points (N, 2) [m] on tangents of contours, nearest to the N points of a track.
+
+    :func:`feet` computes the points.
 
     ``found`` (N,) is the mask of the track points whose contour has any point.
     """
@@ -60,10 +62,11 @@ def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) ->
 
 
 def feet(contours: Sequence[Contour], track: np.ndarray, cell: float) -> Feet:
-    """Return the point of contour i nearest to point i of the track (N, 2) [m].
+    """Return for each track point an approximation of the nearest point of its own contour.
 
-    This point is the foot of the perpendicular from the track point to the contour's tangent at the
-    nearest contour point. Its distance from that contour point is limited to ``cell`` [m].
+    Contour i belongs to point i of ``track`` (N, 2) [m]. The tangent of the contour is taken at the
+    contour point nearest to the track point. The result is the foot of the perpendicular from the
+    track point to this tangent. Its distance from the contour point is limited to ``cell`` [m].
     """
     ends = np.cumsum([0, *(len(each.points) for each in contours)])
     points = np.concatenate([each.points for each in contours])
@@ -121,6 +124,9 @@ def fitted_transform(
 
 
 def track_metres(track: InsSolution, last: int) -> np.ndarray:
-    """Return the INS positions (K, 2), east and north of the INS position at epoch ``last`` [m]."""
+    """Return the east and north coordinates (K, 2) [m] of the INS positions.
+
+    The origin is the INS position at epoch ``last``.
+    """
     here = np.broadcast_to(track.positions[last], track.positions.shape)
     return np.asarray(position_error(track.positions, here)[:, :2])

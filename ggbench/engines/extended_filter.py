@@ -57,8 +57,8 @@ class AdaptiveNoise:
 def apply_noise_estimate(noise: AdaptiveNoise, reading: LinearisedMeasurement) -> None:
     """Whiten a measurement (1, m, lanes) with the estimated noise.
 
-    The factors stay in ``reading.precision``, so :func:`.linearise` applies them until they are
-    reset.
+    The measurement equations are multiplied by factors, which stay in ``reading.precision``.
+    Therefore :func:`.linearise` also applies these factors, until they are reset.
     """
     for c in range(reading.precision.shape[1]):
         for r in range(reading.precision.shape[2]):
@@ -78,7 +78,9 @@ def update_noise_estimate(
     ----------
     search : the update; its measurement is linearised at the updated state and whitened by the
         assumed noise.
-    group, count, k : runs (lanes,), number of different runs among them, epoch.
+    group : (lanes,) runs; unused lanes repeat a run.
+    count : number of different runs in the group.
+    k : epoch.
     p : (n, n, lanes) covariance P⁺ after the update.
     """
     present, reading = search.batch.present, search.reading
@@ -110,8 +112,10 @@ class UpdateOptions(NamedTuple):
         :mod:`.robust_weights`.
     noise_memory : number of measurements over which the noise is estimated; 0 keeps the assumed
         noise.
-    gate, underweighting : acceptance probability of the gate; β. See :mod:`.innovation_gating`.
-        0 switches the gate or the underweighting off. Both apply to plain updates only.
+    gate : acceptance probability of the gate, see :mod:`.innovation_gating`; 0 for no gate.
+        The gate applies to plain updates only.
+    underweighting : factor β of the underweighting, see :mod:`.innovation_gating`; 0 for none.
+        The underweighting applies to plain updates only.
     """
 
     iterations: int = 1
@@ -132,7 +136,9 @@ def scatter_evidence(
     ----------
     squared : (1, 1, lanes) twice the minimum cost of the update.
     lower : (m, m, lanes) Cholesky factor of H P Hᵀ + I with inverted diagonal.
-    first, count, k : first run and number of runs of the group, epoch.
+    first : run of the first lane.
+    count : number of runs in the group.
+    k : epoch.
     evidence : (R, K) output.
     """
     for r in range(count):

@@ -264,8 +264,10 @@ def unscented(
     weights : spread and weights of the sigma points; the weights of a mean add up to 1.
     loss, threshold : robust loss on each whitened component of a measurement, see
         :mod:`.robust_weights`.
-    gate, underweighting : acceptance probability of the gate; β. See :mod:`.innovation_gating`.
-        0 switches the gate or the underweighting off. Both must be 0 with a loss.
+    gate : acceptance probability of the gate, see :mod:`.innovation_gating`; 0 for no gate. It
+        must be 0 with a loss.
+    underweighting : factor β of the underweighting, see :mod:`.innovation_gating`; 0 for none. It
+        must be 0 with a loss.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))

@@ -54,7 +54,8 @@ class PropagatedEstimate:
     def put(self, k: int, mean: np.ndarray, cov: np.ndarray) -> None:
         """Set the estimate at epoch ``k``; later epochs are propagated from it.
 
-        With ``mean`` (K', n) and ``cov`` (K', n, n) set the estimates of K' epochs from ``k`` on.
+        If ``mean`` is (K', n) and ``cov`` is (K', n, n), K' estimates are set: those of epoch ``k``
+        and of the following epochs.
         """
         self.at(k)
         stop = k + (1 if mean.ndim == 1 else len(mean))

@@ -115,8 +115,8 @@ def advance(
     ----------
     now : the Gaussians; on return the remaining Gaussians are the first entries.
     mean, cov, evidence : (K, n), (K, n, n), (K,) output; ``evidence`` is empty if it is not needed.
-    counts, sizes : (1,) number of evaluations of h, and number of Gaussians summed over the epochs;
-        both are increased.
+    counts : (1,) number of evaluations of h, increased.
+    sizes : (1,) sum over the epochs of the number of Gaussians, increased.
 
     Returns
     -------

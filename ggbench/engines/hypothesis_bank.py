@@ -1,8 +1,9 @@
 """Compiled bank of filters of several hypotheses about model errors.
 
-Eight filters (pairs of a hypothesis and a run) are processed in parallel, one per lane. The filters
-of a family have the same states: those of the block, and added states of the hypothesis. The added
-states are independent processes, so their part of Φ is block-diagonal with small blocks.
+Eight pairs of a filter and a run are processed in parallel, one per lane. A hypothesis has one
+filter, or two filters: one for its evidence and one for its estimates. The filters of a family have
+the same states: those of the block, and added states of the hypothesis. The added states are
+independent processes, so their part of Φ is block-diagonal with small blocks.
 Propagation and update omit the zeros of Φ and H. A test compares each filter with the plain filter
 of :mod:`.extended_filter` on a problem with dense matrices.
 """
@@ -44,20 +45,23 @@ class Families:
 
     Attributes
     ----------
-    starts : (G + 1,) index of the first filter of each family, and the number of filters.
+    starts : (G + 1,) index of the first filter of each family; the last entry is the number of
+        filters.
     orders : (G,) number of states of each error process; 0 without error processes.
     coupled : (G,) number of added states that act on the states of the block: 0, 3 or 4.
     constants : (G,) number of constant errors.
     losses, thresholds : (G,) robust losses, see :mod:`.robust_weights`.
     first_linear : (G,) ``first_linear`` of :class:`.ModelArrays` for each family.
     columns : ``columns`` of :class:`.ModelArrays` for each family, concatenated.
-    column_starts : (G + 1,) start of each family in ``columns``, and the length of ``columns``.
+    column_starts : (G + 1,) start of each family in ``columns``; the last entry is the length of
+        ``columns``.
     linears : matrices C_k (R, K, m, N) of the linear part of h for each family, concatenated.
     linear_starts : (G,) start of each family in ``linears``.
     roots : (G,) index into ``inverses`` of :class:`Bank`.
     gradients : (G,) number of measurement equations of the gradiometer.
     used, used_counts : (G, equations, .), (G, equations) indices of the states on which each
-        equation of a plain update depends, and the number of these states.
+        measurement equation depends, and the number of these states. Only updates with one
+        linearisation and no loss need them.
     """
 
     starts: np.ndarray
@@ -79,7 +83,7 @@ class Families:
 
 @record
 class Bank:
-    """F filters of J hypotheses on R runs, ordered by family.
+    """F filters of J hypotheses, ordered by family; each filter processes R runs.
 
     Attributes
     ----------
@@ -100,12 +104,13 @@ class Bank:
         factor of the unknown gravity.
     drives : (., R, K, 5) process noise covariance (2, 2) of an error process of unit variance,
         flattened, and process noise variance of the unknown gravity.
-    variances : (F, c) stationary variances of the error processes.
+    variances : (F, c) stationary variances of the error processes of c channels.
     priors : (F, .) prior variances of the added states.
     coupling : (R, K, n, 4) submatrix of Φ: effect of the coupled added states on the block's
         states.
     inverses : (., 1 or K, m, m) inverse Cholesky factors of noise covariances.
-    square : zeros, one for each element of the largest P; ``prior_cov`` of each family's batch.
+    square : array of zeros with as many elements as the largest P. Its first elements are
+        ``prior_cov`` in the batch of each family.
     """
 
     batch: Batch
@@ -129,13 +134,15 @@ class Bank:
 
 @record
 class Members:
-    """M filters of a stage, with the states of all filters at the beginning or end of the stage.
+    """M pairs of a filter and a run in a stage, and the states of all filters.
+
+    The states are those at the beginning or at the end of the stage.
 
     Attributes
     ----------
-    filters, runs : (M,) index of the filter; index of its run.
-    slots : (M,) index into the S pairs of :class:`Stage`.
-    states : (F, R, .) mean and covariance of each filter.
+    filters, runs : (M,) index of the filter of each pair; index of the run of each pair.
+    slots : (M,) index into the S pairs (hypothesis, run) of :class:`Stage`.
+    states : (F, R, .) mean and covariance of each filter for each run.
     """
 
     filters: np.ndarray

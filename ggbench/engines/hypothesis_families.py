@@ -128,7 +128,7 @@ def bank_of(
 
 
 def mixed_noise(block: ProblemBlock) -> bool:
-    """Return whether map-matched and other channels have correlated noise."""
+    """Return whether noise of map-matched channels is correlated with noise of other channels."""
     of_map = of_the_map(block)
     return bool(block.noise_cov[..., of_map, :][..., ~of_map].any())
 
@@ -136,8 +136,9 @@ def mixed_noise(block: ProblemBlock) -> bool:
 def precisions_of(block: ProblemBlock, noises: Sequence[float]) -> np.ndarray:
     """Return the factors (S, equations) on whitened measurement equations for S noise factors.
 
-    The equations are those of plain updates. A noise factor multiplies the noise of map-matched
-    channels, so the factor on their equations is its inverse. :func:`mixed_noise` must be false.
+    The equations are those of updates with one linearisation and no loss. A noise factor multiplies
+    the noise of map-matched channels. The equations of these channels are multiplied by the inverse
+    of the noise factor. :func:`mixed_noise` must be false for the block.
     """
     model, of_map = block.model, of_the_map(block)
     g, moving = len(model.channels), moving_errors(model.instrument)

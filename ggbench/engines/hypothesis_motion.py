@@ -23,10 +23,12 @@ class Motion(NamedTuple):
 
     Attributes
     ----------
-    ways : (R, K) distance flown since the previous epoch or the start [m]; zero without a track.
+    ways : (R, K) distance flown since the previous epoch [m]. At the first epoch it is the distance
+        since the start. It is zero without a track.
     known : (R, K, 3) change of the acceleration error −δg since the start of the flight, ENU
         [m/s²]. δg is the gravity that the INS does not compensate. The change is integrated from
-        measured gradients. The value is the mean since the previous epoch; zero if not available.
+        measured gradients. The entry of epoch k is the mean of the changes at the epochs k − 1 and
+        k. All entries are zero without a track or without gradients of the whole tensor.
     walked : (R, K) variance that gradient noise adds to the integral at each epoch [m²/s⁴].
     """
 

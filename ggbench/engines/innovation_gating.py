@@ -40,7 +40,7 @@ def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> Gat
 
     Parameters
     ----------
-    gate : probability that a measurement whose noise is as assumed is accepted; 0 for no gate.
+    gate : probability of accepting a measurement that has the assumed noise; 0 for no gate.
     underweighting : β; 0 for no underweighting.
     """
     limits = gate_limits(gate, block.present)
@@ -48,14 +48,15 @@ def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> Gat
 
 
 def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
-    """Return the largest accepted value of yᵀ S⁻¹ y, with the leading axes of ``present``.
+    """Return the largest accepted value of yᵀ S⁻¹ y for each measurement.
 
     The limit is the quantile of χ² with one degree of freedom per available channel. It is ∞ if no
-    channel is available or there is no gate.
+    channel is available or there is no gate. The result has the shape of ``present`` without the
+    last axis.
 
     Parameters
     ----------
-    gate : probability that a measurement whose noise is as assumed is accepted; 0 for no gate.
+    gate : probability of accepting a measurement that has the assumed noise; 0 for no gate.
     present : (..., m) mask of available channels.
     """
     channels = np.count_nonzero(present, axis=-1)
@@ -101,8 +102,11 @@ def reject(
     ----------
     squared : (1, 1, lanes) yᵀ S⁻¹ y.
     limits : (R, K) from :func:`gate_limits`.
-    first, count, k : first run and number of runs of the group, epoch.
-    half_gain : (m, n, lanes) L⁻¹ times the cross-covariance; zero where a measurement is rejected.
+    first : run of the first lane.
+    count : number of runs in the group.
+    k : epoch.
+    half_gain : (m, n, lanes) L⁻¹ times the cross-covariance, with the Cholesky factor L of S. It is
+        set to zero for rejected measurements.
     rejected : (R,) number of rejected measurements, increased.
     """
     for r in range(count):

@@ -29,7 +29,8 @@ class Rules:
     Attributes
     ----------
     iterations : largest number of linearisations; 1 is a linear update.
-    halvings : largest number of trial steps: the full step, and steps halved successively.
+    halvings : largest number of trial steps. The first is the full step; each further one is half
+        of the previous one.
     loss, threshold : robust loss, see :mod:`.robust_weights`. With a loss, measurements have
         ``whole`` set, see :class:`.LinearisedMeasurement`.
     settled : whether the weights of a loss are iterated to convergence at each linearisation,
@@ -63,7 +64,8 @@ class Search:
     cost : (lanes,) J(x).
     seeking, trying : (lanes,) whether a run has not converged; whether a step of the run is being
         halved.
-    weights : (1, equations, lanes) weights of the equations by the loss; ones without a loss.
+    weights : (1, equations, lanes) weights that the loss gives to the equations; ones without a
+        loss.
     weight : (equations,) scratch.
     counts : (lanes, 2) number of linearisations, and of evaluations of h, so far.
     """
@@ -92,7 +94,7 @@ class Search:
 
 @compiled
 def search_of(batch: Batch, rules: Rules, reading: LinearisedMeasurement) -> Search:
-    """Return unfilled arrays (1, n, lanes), ... for iterated updates with a measurement."""
+    """Return unfilled arrays for iterated updates, in the shapes of :class:`Search`."""
     n, equations = batch.prior_cov.shape[0], reading.rows.shape[0]
     weights = lanes(1, equations)
     weights[:] = 1.0
@@ -130,7 +132,9 @@ def minimise(
     Parameters
     ----------
     out : the search; ``out.reading`` must be linearised at x, and is overwritten.
-    group, count, k : runs (lanes,), number of different runs among them, epoch.
+    group : (lanes,) runs; unused lanes repeat a run.
+    count : number of different runs in the group.
+    k : epoch.
     x, p : (1, n, lanes), (n, n, lanes) predicted mean and covariance; x is overwritten.
     """
     rules, m = out.rules, out.rows.shape[0]

@@ -34,7 +34,7 @@ class Lattice:
         self.masses /= self.masses.sum()
 
     def places(self, index: np.ndarray) -> np.ndarray:
-        """Return the states (N, d) of points by their indices (N, d)."""
+        """Return the states (N, d) at the lattice points i that ``index`` (N, d) contains."""
         return np.asarray(self.base + index @ self.axes.T)
 
     def move(self, transition: np.ndarray) -> None:

@@ -72,8 +72,9 @@ class MapSearches:
     cost : (J,) cost of the trajectory: negative log posterior without constants.
     iterations : (J,) number of steps.
     evaluations : (J,) number of evaluations of h.
-    converged : (J,) whether the linear problem predicts, or the last step achieves, a decrease of
-        the cost below the limit of convergence. False if no trial step decreases the cost.
+    converged : (J,) whether the predicted or the actual decrease of the cost in the last step is
+        below the limit of convergence. The linear problem predicts the decrease. The value is False
+        if no trial step decreases the cost.
     """
 
     runs: np.ndarray

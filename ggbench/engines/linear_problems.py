@@ -45,7 +45,7 @@ class Linearisation:
 
     Attributes
     ----------
-    moving : (K,) number of states that Φ changes; these states are the first ones.
+    moving : (K,) number of states that Φ changes. They precede all other states.
     phi, q : (K, n, n, lanes) rows of Φ and Q of these states.
     rows, target : (K, m, n, lanes), (K, 1, m, lanes) H and y of the linearised measurement
         equations H x = y + noise of unit variance.
@@ -91,7 +91,8 @@ class CostTerms:
     Attributes
     ----------
     unexplained : sum of squares of the part of the measurements that does not depend on the states.
-    explained : sum of squares of the other residuals; with a loss, twice the sum of losses.
+    explained : sum of squares of the residuals of the part that depends on the states; with a loss,
+        twice the sum of the losses of these residuals.
     weighted : sum of squares of these residuals with the weights of the loss; equal to
         ``explained`` without a loss.
     promised : value of ``weighted`` predicted by the linear problem.

@@ -13,7 +13,11 @@ POSITION = 3
 
 
 def mixing(problem: Problem) -> str | None:
-    """Return the reason why h is nonlinear in the states after the position; None if linear."""
+    """Return a reason if h must not be treated as linear in all states except the position.
+
+    The position states are the first three states. The result is None if h is linear in all other
+    states.
+    """
     if not isinstance(problem.model, CompiledModel):
         return (
             "linear states are known only for the model of ggbench, not for "

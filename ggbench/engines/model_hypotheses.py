@@ -44,8 +44,8 @@ class Hypothesis:
     gravity_mgal, gravity_km : standard deviation of each component of the unknown gravity, and
         distance at which the correlation is 1/e.
     integrated : whether the change of the unknown gravity is integrated from measured gradients.
-    estimate : hypothesis of the filter for the estimates, if it differs from the filter for the
-        evidence; see :func:`map_error`.
+    estimate : hypothesis of a second filter for the estimates, see :func:`map_error`. None: one
+        filter gives both evidence and estimates.
     """
 
     kind: str

@@ -1,4 +1,8 @@
-"""Weights of models as a text: ``noise 3.1 times as assumed 62 %, outliers 30 %``."""
+"""Weights of models as a text.
+
+The text contains the description of each model, followed by its weight. An example is ``noise 3.1
+times as assumed 62 %, outliers 30 %``: the first model has the weight 62 %, the second 30 %.
+"""
 
 from __future__ import annotations
 

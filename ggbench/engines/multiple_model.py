@@ -107,8 +107,9 @@ def multiple_model(
     """Run the multiple-model filter with the hypotheses that apply to the block.
 
     Hypotheses that do not apply are omitted. With a wide prior, the hypotheses without added states
-    first run as Gaussian sums. All hypotheses start when the largest standard deviation of the
-    position is below 0.6 spacings of the Gaussians. This is tested about 24 times in a flight.
+    first run as Gaussian sums. The filters of all hypotheses start when the largest standard
+    deviation of the position is below 0.6 spacings of the Gaussians. This is tested about 24 times
+    in a flight. If the prior is not wide, these filters start at the first epoch.
     """
     chosen = applicable(hypotheses, block)
     priors = np.log([hypothesis.prior for hypothesis in chosen])
@@ -148,10 +149,11 @@ def multiple_model(
 def cell_spacing(block: ProblemBlock) -> float:
     """Return a spacing [m] of Gaussians at which linearisation errors of the map are small.
 
-    The result is the larger of two spacings. Over the first, the derivative of the gradients
-    changes by 30 % of its RMS. For the second, the second-order term of a gradient at one standard
-    deviation of a Gaussian is a tenth of the noise. The result is infinite without a map of finite
-    extent, and for a map whose gradients have no second derivative.
+    The result is the larger of two spacings. Over a distance of the first spacing, the derivative
+    of the gradients changes by 30 % of its RMS. At the second spacing, the second-order term of a
+    gradient at one standard deviation of a Gaussian is a tenth of the noise. The result is infinite
+    if the block has no map or a map of infinite extent. It is also infinite if the second
+    derivative of the map's gradients is zero.
     """
     gravity_map = block.map
     if gravity_map is None or not np.isfinite([*gravity_map.lower, *gravity_map.upper]).all():

@@ -54,7 +54,10 @@ def shown_epochs(epochs: int) -> np.ndarray:
 
 
 def window_end(present: np.ndarray, count: int) -> int:
-    """Return the epoch after the first ``count`` epochs with measurements; 0 without measurements.
+    """Return the epoch that follows the first ``count`` epochs with measurements.
+
+    If fewer epochs have measurements, the result follows the last of them. It is 0 without
+    measurements.
 
     Parameters
     ----------

@@ -161,8 +161,9 @@ def _weighted_deviations(
 def repaired(cov: np.ndarray, prior_cov: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return a positive definite covariance (n, n), and whether it was changed.
 
-    The covariance of few particles or of identical particles is singular. Eigenvalues of ``cov`` in
-    units of the prior's standard deviations that are below :data:`FLOOR` are set to :data:`FLOOR`.
+    The covariance of few particles or of identical particles is singular. For the
+    repair it is expressed in units of the prior's standard deviations. Its eigenvalues below
+    :data:`FLOOR` are then set to :data:`FLOOR`, or to a larger value if rounding errors require it.
     """
     scale = np.sqrt(np.diag(prior_cov))
     values, vectors = np.linalg.eigh(cov / np.outer(scale, scale))

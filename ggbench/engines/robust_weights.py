@@ -176,7 +176,10 @@ def reweigh_unwhitened(
 
 
 def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return ρ(r) (...) of residuals (...) in standard deviations; ½ r² without a loss."""
+    """Return the loss ρ(r) of each residual r; ½ r² without a loss.
+
+    ``residuals`` (...) are in standard deviations of the noise. The result has the same shape.
+    """
     half = 0.5 * residuals**2
     if loss == "none" or threshold == np.inf:
         return half
@@ -187,7 +190,10 @@ def losses(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
 
 
 def weights(residuals: np.ndarray, loss: str, threshold: float) -> np.ndarray:
-    """Return the weights ρ'(r) / r (...) of residuals (...) in standard deviations of the noise."""
+    """Return the weight ρ'(r) / r of each residual r.
+
+    ``residuals`` (...) are in standard deviations of the noise. The result has the same shape.
+    """
     if loss == "none" or threshold == np.inf:
         return np.ones_like(residuals)
     if loss == "huber":

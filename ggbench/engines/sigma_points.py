@@ -22,13 +22,14 @@ class SigmaPoints:
 
     Attributes
     ----------
-    shift : (moving, n, lanes) instrument errors B_k d_q [m; rad] of the deviations d_q.
+    shift : (moving, n, lanes) instrument errors B_k d_q [m; rad] of the deviations d_q. ``moving``
+        is the number of instrument errors.
     odd, even : (m, n, lanes) half the difference, and half the sum, of h(x + d_q) − h(x) and h(x −
         d_q) − h(x) [units of the channels].
     far : (lanes, n) indices q of the pairs at which h is evaluated instead of linearised.
     counts : (lanes,) number of these pairs.
-    errors, found : (6, 2n, lanes), (g, 2n, lanes) instrument errors B_k x of the evaluated points,
-        and the gradients h at these points.
+    errors : (6, 2n, lanes) instrument errors B_k x of the evaluated points.
+    found : (g, 2n, lanes) h of the g gradient channels at these points.
     chosen, points : scratch.
     """
 
@@ -84,7 +85,9 @@ def read_sigma_points(
     Parameters
     ----------
     model : arrays of h.
-    group, count, k : runs (lanes,), number of different runs among them, epoch.
+    group : (lanes,) runs; unused lanes repeat a run.
+    count : number of different runs in the group.
+    k : epoch.
     x : (1, n, lanes) mean states.
     lower : (n, n, lanes) Cholesky factor L of P.
     spread : factor on the columns of L.

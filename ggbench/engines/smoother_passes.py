@@ -123,7 +123,10 @@ def _back_in_time(phi: np.ndarray, moving: int, back: np.ndarray, scratch: np.nd
 
 @compiled
 def restore_filter_state(smoother: Smoother, k: int) -> None:
-    """Restore the filter's x (1, n) and P (n, n) after the update of epoch ``k``; −1: the prior."""
+    """Restore the filter's x (1, n) and P (n, n) after the update of epoch ``k``.
+
+    Epoch −1 is the prior.
+    """
     batch, path, work = smoother.problems.batch, smoother.path, smoother.work
     if k < 0:
         lanes.broadcast(batch.prior_mean, work.x)

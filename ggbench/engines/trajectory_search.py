@@ -79,10 +79,11 @@ class TrajectorySearch:
         )
 
     def search(self, searches: MapSearches, most: int, enough: float = CONVERGED) -> None:
-        """Run Gauss–Newton searches, with steps halved until the cost decreases, to the minima.
+        """Minimise the costs of trajectories by Gauss–Newton searches.
 
-        At most ``most`` steps are made. A search ends when the actual or predicted decrease of the
-        cost in a step is smaller than ``enough``.
+        Each step is halved until the cost decreases. A search makes at most ``most`` steps. It ends
+        earlier if the actual or predicted decrease of the cost in a step is smaller than
+        ``enough``.
         """
         search(self._arrays, most, enough, searches)
         np.add.at(self.evaluations, searches.runs, searches.evaluations)

@@ -56,11 +56,17 @@ class Layer(NamedTuple):
         return np.stack(np.unravel_index(self.cells[which], self.shape), axis=-1) + self.low
 
     def places(self, which: np.ndarray) -> np.ndarray:
-        """Return the states (N, d) at the centres of cells, given as for :meth:`indices`."""
+        """Return the states (N, d) at the centres of N cells.
+
+        ``which`` (N,) contains the positions of these cells in the array ``cells``.
+        """
         return np.asarray(self.base + self.indices(which) @ self.axes.T)
 
     def boxed(self, values: np.ndarray, empty: float) -> np.ndarray:
-        """Return the values (A,) of the cells as an array of the box; other cells are ``empty``."""
+        """Return an array of the whole box, with the values (A,) of the stored cells.
+
+        All other cells of the box have the value ``empty``.
+        """
         box = np.full(self.shape, empty)
         box.reshape(-1)[self.cells] = values
         return box
@@ -83,7 +89,7 @@ class Trellis:
 
     Parameters
     ----------
-    problem : problem with d states, for small d.
+    problem : problem with d states; d must be small.
     steps : (d,) sides of a cell.
     most : largest number of cells at an epoch; cells with small probability are dropped.
     extra_noise : (K, m, m) covariance added to R for measurement errors from states that are not in
@@ -186,7 +192,10 @@ class Trellis:
         return np.asarray(-0.5 * (white**2).sum(axis=0))
 
     def best_path(self) -> list[int]:
-        """Return the index of the cell in each layer on the most probable path (Viterbi 1967)."""
+        """Return the most probable path (Viterbi 1967) as one cell of each layer.
+
+        A cell is given by its position in the array ``cells`` of the layer.
+        """
         with np.errstate(divide="ignore"):
             scores = np.log(self.layers[0].forward)
             before: list[np.ndarray] = []
@@ -246,10 +255,10 @@ def step_probabilities(variance: float) -> np.ndarray:
 def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
     """Return the sides (d,) of cells such that at most ``most`` cells cover a prior.
 
-    ``side`` is the requested side; it is increased if more than ``most`` cells are needed. Along an
-    axis on which the prior's standard deviation is smaller than ``side``, this standard deviation
-    is the side, which gives eleven cells. With eleven cells along every axis, ``most`` may be
-    exceeded. ``cov`` (d, d) is the covariance of the prior.
+    ``side`` is the requested side; it is increased if more than ``most`` cells are needed. If the
+    prior's standard deviation along an axis is smaller than ``side``, the side along this axis is
+    the standard deviation. Such an axis has eleven cells. With eleven cells along every axis,
+    ``most`` may be exceeded. ``cov`` (d, d) is the covariance of the prior.
     """
     sigma = np.sqrt(np.diag(cov))
     sides = np.minimum(side, sigma)

@@ -76,17 +76,18 @@ class LinearisedMeasurement:
     Attributes
     ----------
     expansion : h(x) and its derivative H, in units of the channels.
-    there : (1, 1, lanes) 1 if any channel is available, else 0.
+    there : (1, 1, lanes) the value one for a run with any available channel, else zero.
     z : (1, m, lanes) measurements.
     rows, innovation : (equations, n, lanes), (1, equations, lanes) whitened H and innovation of the
         equations H δx = innovation + noise of unit variance. There are at least three equations;
         unused equations are zero.
-    precision : (1, equations, lanes) factors on the equations if ``whole``: assumed noise standard
-        deviation over that of an estimated noise; ones by default.
+    precision : (1, equations, lanes) factors on the equations if ``whole``; ones by default. A
+        factor is the assumed noise standard deviation, divided by an estimated one.
     squared : (1, 1, lanes) sum of squares of the part of the measurement that does not depend on
         the states.
-    white, residual : (g, moving, lanes), (1, m, lanes) whitened derivative A of the gradients with
-        respect to the instrument errors, and whitened z − h(x).
+    white : (g, moving, lanes) whitened derivative A of g gradients with respect to the instrument
+        errors. ``moving`` is the number of instrument errors.
+    residual : (1, m, lanes) whitened z − h(x).
     whole : whether each channel has its own equation; otherwise equivalent equations are merged.
     """
 
@@ -131,8 +132,9 @@ def readings_of(batch: Batch, whole: bool = False) -> LinearisedMeasurement:
 def gradient_equations(channels: int, moving: int, first_linear: int, whole: bool) -> int:
     """Return the number of measurement equations of the gradiometer.
 
-    Without states in the linear part of h, g channels depend on ``moving`` instrument errors only,
-    and are merged into at most ``moving`` equations.
+    If the linear part of h does not affect the g gradient channels, they depend only on the
+    instrument errors. They are then merged into at most ``moving`` equations, unless ``whole`` is
+    true.
 
     Parameters
     ----------
@@ -272,7 +274,10 @@ def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
 
 @compiled
 def scale_equations(out: LinearisedMeasurement) -> None:
-    """Multiply H (m, n) and the innovation (1, m) by ``precision`` (1, m); needs ``whole``."""
+    """Multiply H (m, n) and the innovation (1, m) by ``precision`` (1, m).
+
+    ``out.whole`` must be true, see :class:`LinearisedMeasurement`.
+    """
     for c in range(out.rows.shape[0]):
         factor = load(out.precision, 0, c)
         store(out.innovation, 0, c, factor * load(out.innovation, 0, c))

@@ -236,7 +236,7 @@ class Search:
         """Return the multipliers λ (n,) of the best positions, see :meth:`multipliers`.
 
         The neighbourhoods of up to ``count`` minima are searched again in finer steps. The
-        positions are the lowest points of each neighbourhood.
+        positions are the points with the smallest criterion in each neighbourhood.
         """
         hollows = self.points[self.best(count)]
         if not len(hollows):
@@ -266,8 +266,8 @@ class Search:
     def multipliers(self, point: np.ndarray) -> np.ndarray:
         """Return the multipliers λ (n,) of a displacement (d,) along the axes [m].
 
-        The state with this displacement is prior_mean + P_0 λ, if all three are in units of the
-        prior's standard deviations.
+        The state with this displacement is prior_mean + P_0 λ. The state, prior_mean and P_0 are in
+        units of the prior's standard deviations.
         """
         start = np.zeros(self.problem.dimension)
         axes = self._axes
@@ -316,7 +316,7 @@ class WindowSearch(TrajectorySearch):
     """Gauss–Newton searches within a window of one run."""
 
     def places(self, starts: Sequence[np.ndarray]) -> list[Place | None]:
-        """Return the position found from each start, or None if the trajectory has no finite cost.
+        """Return one position for each start; None for a start without a finite cost.
 
         Parameters
         ----------

@@ -53,7 +53,7 @@ def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
 
 
 def read(path: Path) -> dict[str, np.ndarray | str]:
-    """Return the arrays (...) of floats and the texts of a file, by name.
+    """Return the arrays of floats, of any shape (...), and the texts of a file, by name.
 
     Arrays of MATLAB files have at least two axes and lose trailing axes of length one, see
     :func:`shaped`.
@@ -90,9 +90,9 @@ def _require_small(path: Path, size: int) -> None:
 
 
 def shaped(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Reshape an array (...) to a shape that differs only in axes of length one.
+    """Reshape an array of any shape (...) to a shape that differs only in axes of length one.
 
-    Return None if the shapes differ otherwise.
+    Return None if the shapes differ in other axes too.
     """
     if [n for n in array.shape if n != 1] != [n for n in shape if n != 1]:
         return None

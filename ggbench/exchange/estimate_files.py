@@ -44,15 +44,18 @@ KNOWN = {
 class StoredRuns:
     """The content of a file of estimates.
 
+    In shapes, R is the number of runs, K of epochs, and n of states.
+
     Attributes
     ----------
     mean : (R, K, n) all states, or (R, K, 6) only position and velocity.
     cov : (R, K, n, n) or (R, K, 6, 6) covariances.
     times : (K,) epochs [s].
-    problem : identity of the problem file: scenario, case, seed, runs, fingerprints.
+    problem : identity of the problem file: scenario, case, seed, key, runs, states, times, epochs,
+        fingerprints.
     causality, lag : as in :class:`.problem.Estimate`.
     estimator : name of the estimator.
-    seconds : (R,) computing time of each run [s], or None.
+    seconds : (R,) computing time of each run [s]; None if the file does not contain it.
     """
 
     mean: np.ndarray
@@ -65,7 +68,7 @@ class StoredRuns:
     seconds: np.ndarray | None
 
     def run_of(self, problem: Problem) -> int | None:
-        """Return the row of the run that has the measurements of a problem, or None."""
+        """Return the row of the run that has the measurements of a problem; None if no run has."""
         if problem.epochs != len(self.times):
             return None
         (fingerprint,) = fingerprints(problem.measurements[np.newaxis])
@@ -295,14 +298,17 @@ class StoredEstimates(Estimator):
         return False
 
     def conflict(self) -> str | None:
-        """Refuse a noise scale other than 1, because the estimates are already computed."""
+        """Return the reason why a noise scale other than 1 is refused; None if it is 1.
+
+        The estimates are already computed, so a noise scale has no effect.
+        """
         return None if self.noise_scale == 1.0 else "noise_scale changes no stored estimates"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Return the stored estimate of the run that has the measurements of a problem.
 
-        States that the file lacks have the propagated prior. In this case the estimate has no
-        innovations (``nis`` is NaN).
+        If the file lacks states, their mean and covariance are those of the propagated prior. In
+        this case the estimate has no innovations (``nis`` is NaN).
 
         Raises
         ------

@@ -40,8 +40,9 @@ class Variable:
     """A variable of the file (array or text): axes, unit and meaning.
 
     Axes are numbers or symbols: R runs, K epochs, n states, m channels, g gradiometer channels.
-    Further symbols are T measurements combined by whitening, b columns of the matrix B, and C check
-    states. The file contains h and H at the check states.
+    Further symbols: T is the number of measurements that whitening combines, and b the number of
+    columns of the matrix B (``displacement``). C is the number of check states, at which the file
+    contains h and H.
     """
 
     name: str
@@ -64,7 +65,7 @@ def identity(facts: Mapping[str, object], block: ProblemBlock) -> str:
 
     Parameters
     ----------
-    facts : scenario, case, seed and runs of the problem, as JSON values.
+    facts : scenario, case, seed, key, runs, states and times of the problem, as JSON values.
     block : problems of the runs; :func:`fingerprints` identifies each run.
     """
     return json.dumps({**facts, "fingerprints": fingerprints(block.measurements)})

@@ -45,7 +45,7 @@ class ExternalProgram(BlockEstimator):
 
     @property
     def causality(self) -> Causality:
-        """Causality of the estimates: the parameter ``causes``."""
+        """Causality of the estimates, which the user states as parameter ``causes``."""
         return self.causes
 
     @property
@@ -61,8 +61,8 @@ class ExternalProgram(BlockEstimator):
         Raises
         ------
         ExchangeError
-            If the program cannot be started, its exit code is not 0, or it writes no estimates of
-            this problem.
+            If the program cannot be started, or its exit code is not 0. If it writes no estimates
+            of this problem, or if their causality differs from ``causes``.
         """
         facts = {
             "scenario": "-",

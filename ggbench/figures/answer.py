@@ -28,7 +28,14 @@ MOST_BEYOND = 10.0
 
 
 class Curve(NamedTuple):
-    """RMS errors [m], ends of confidence intervals [m] and success rates of an estimator, (n,)."""
+    """RMS errors, confidence intervals and success rates of an estimator in n cases.
+
+    Attributes
+    ----------
+    rms : (n,) RMS errors [m].
+    low, high : (n,) lower and upper ends of the confidence intervals of ``rms`` [m].
+    success : (n,) success rates.
+    """
 
     rms: np.ndarray
     low: np.ndarray
@@ -42,10 +49,12 @@ class Panel(NamedTuple):
     Attributes
     ----------
     title : title of the panel.
-    places : (n,) abscissae.
+    places : (n,) abscissae of n cases.
     curves : curve of each estimator, by label.
-    bound, smoothing_bound, ins : (n,) bounds of filters and of smoothers, and INS errors [m]; NaN
-        if missing. Only panels with a smoother have a bound of smoothers.
+    bound : (n,) bounds of filters [m]; NaN if missing.
+    smoothing_bound : (n,) bounds of smoothers [m]; NaN if missing. Only panels with a smoother have
+        these bounds.
+    ins : (n,) RMS errors of the INS [m]; NaN if missing.
     """
 
     title: str
@@ -57,7 +66,7 @@ class Panel(NamedTuple):
 
     @property
     def references(self) -> list[tuple[str, np.ndarray, str, str]]:
-        """Name, values (n,), colour and line of each available reference (bounds and INS)."""
+        """Name, values (n,), colour and line style of each available reference (bounds and INS)."""
         all_of_them = [
             ("bound of filters", self.bound, BOUND, "-"),
             ("bound of smoothers", self.smoothing_bound, BOUND, ":"),
@@ -78,8 +87,10 @@ def panel(
     Parameters
     ----------
     rows : metrics of one window, a row for each case and estimator.
-    names, labels : names of n cases, and labels of the estimators.
-    title, places : title and abscissae (n,) of the panel; the abscissae are 0 to n − 1 by default.
+    names : names of the n cases.
+    labels : labels of the estimators.
+    title : title of the panel.
+    places : (n,) abscissae of the cases, by default 0 to n − 1.
     """
     table = rows.set_index(["estimator", "case"])
 
@@ -172,7 +183,8 @@ def over_axis(
     Parameters
     ----------
     panels : panels of the figure, from left to right.
-    label, log : label of the abscissa, and whether the axis is logarithmic.
+    label : label of the abscissa.
+    log : whether the axis of the abscissa is logarithmic.
     families : family of each estimator by label, which sets the colour.
     """
     rows = max(map(_columns, panels))

@@ -11,7 +11,10 @@ from .style import Drawing, styled, subplots
 
 @styled()
 def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
-    """Draw the disturbing vertical gradient (lat, lon) at flight height, and the track (K, 3)."""
+    """Draw the map of the disturbing vertical gradient at flight height, and the track.
+
+    The gradient has the shape (n_lat, n_lon), and the track has the shape (K, 3).
+    """
     figure, axis = subplots(figsize=(7.0, 4.4))
     longitude, latitude = np.degrees(arrays["map_longitude"]), np.degrees(arrays["map_latitude"])
     values = arrays["map_vertical"]

@@ -23,9 +23,10 @@ _DECIMALS = re.compile(r"(\.\d\d)\d+")
 def picture(figure: Drawing, hidden: Set[str] = frozenset()) -> dict[str, Any]:
     """Return a figure as SVG, with the data that ``figure.js`` needs.
 
-    The SVG groups have ids, numbered from zero. For the third series, ``series-2-0`` are the
-    points, ``range-2-1`` is an interval, and ``legend-2-0`` is the name in the legend. ``panel-0``
-    are the first axes.
+    The SVG groups have ids with two numbers from zero: the index of the series, and the index of
+    the artist within the series. For the third series, ``series-2-0`` are the points, and
+    ``range-2-1`` is an interval, the second artist. ``legend-2-0`` is the name of this series in
+    the legend, and ``legend-2-1`` is its symbol there. ``panel-0`` are the first axes.
 
     Parameters
     ----------

@@ -51,8 +51,9 @@ def line_styles(families: Mapping[str, str]) -> dict[str, LineStyle]:
 
     Parameters
     ----------
-    families : family (:data:`ggbench.problem.Family`) of each estimator by label, in order. An
-        unknown family, from a later version, counts as ``own``.
+    families : family (:data:`ggbench.problem.Family`) of each estimator by label. The
+        estimators of a family get their styles in the order of ``families``. An unknown family,
+        from a later version, counts as ``own``.
     """
     styles: dict[str, LineStyle] = {}
     members: Counter[str] = Counter()
@@ -85,9 +86,9 @@ def is_own(label: str, families: Mapping[str, str]) -> bool:
 def stacked(labels: Iterable[str], families: Mapping[str, str]) -> list[Layer]:
     """Return the lines of a figure in drawing order.
 
-    The INS comes first. Each line is thinner than the line before, so that equal curves stay
-    visible. Users' own estimators come last, on top of all others. Their lines are the thickest,
-    and translucent.
+    The INS comes first, then the other shipped estimators. Each of their lines is thinner than the
+    line before, so that equal curves stay visible. Users' own estimators come last, on top of all
+    others. The lines of users' own estimators are the thickest, and translucent.
     """
     order = sorted(labels, key=lambda label: _LAYERS.get(families[label], 1))
     shipped = [label for label in order if not is_own(label, families)]

@@ -34,5 +34,8 @@ def span(first: str, last: str, *, separator: str = " to ") -> str:
 
 
 def limited(value: float, text: str) -> str:
-    """Return ``text``, or ``>1e7`` if the error [m] or ratio exceeds :data:`LARGEST`."""
+    """Return ``text``, or ``>1e7`` if ``value`` is finite and exceeds :data:`LARGEST`.
+
+    ``value`` is an error [m] or a ratio, and ``text`` is its text form.
+    """
     return f">1e{math.log10(LARGEST):.0f}" if LARGEST < value < math.inf else text

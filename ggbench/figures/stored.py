@@ -27,9 +27,10 @@ _BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag
 def error_over_time(
     results: Results, labels_of: Mapping[str, Sequence[str]], most: int | None = None
 ) -> Drawing:
-    """Draw RMS errors over all runs, and bounds, against time, with a column for each case.
+    """Draw RMS errors and bounds against time, with a column for each case.
 
-    ``labels_of`` has the estimators of each case. ``most`` is the largest number of epochs.
+    The RMS is taken over the stored runs. ``labels_of`` has the estimators of each case.
+    ``most`` is the largest number of epochs.
     """
     flights = [flight(results, case, labels, most) for case, labels in labels_of.items()]
     return errors.error_over_time(flights, results.families)
@@ -59,13 +60,16 @@ def flight(results: Results, case: str, labels: Iterable[str], most: int | None)
 
 
 def drawn_bounds(arrays: Iterable[str]) -> dict[str, str]:
-    """Return the names of the bounds in a figure over time, by key of the case's arrays."""
+    """Return the names of the bounds to draw over time, by key of their arrays.
+
+    ``arrays`` are the keys of all arrays of a case.
+    """
     keys = [key for key in arrays if key.startswith("bound-") and key != "bound-unfiltered"]
     return {key: f"bound, {_BOUNDS[key.rstrip('-0123456789')]}" for key in keys}
 
 
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:
-    """Draw ENU errors of run 0 with the reported ±3σ, and those of the INS.
+    """Draw ENU errors of an estimator in run 0 with the reported ±3σ, and the errors of the INS.
 
     Raise ResultsError if this run failed or does not exist, or the quantity is neither ``position``
     nor ``velocity``.
@@ -129,7 +133,7 @@ def swept(results: Results, key: str | None = None) -> Drawing:
     Raises
     ------
     ResultsError
-        If this key does not vary.
+        If ``key`` does not vary, or no number varies.
     """
     metrics = results.metrics()
     rows = metrics[metrics["window"] == "settled"]

@@ -58,9 +58,9 @@ class Whitening(NamedTuple):
     ----------
     weights : (G, p + 1, m, m) matrices that multiply each measurement and up to p available earlier
         measurements; zero for missing measurements.
-    lags : (G, p + 1) differences between the index of each measurement and the indices of these
-        p + 1 measurements. Missing measurements also have an index. The lag is −1 if there is no
-        such measurement.
+    lags : (G, p + 1) differences of index between each measurement and the measurements that its
+        ``weights`` multiply. Missing measurements have an index, too. A lag of −1 marks an entry
+        without a measurement; the weights of this entry are zero.
     """
 
     weights: np.ndarray
@@ -243,7 +243,7 @@ class VectorAutoregression:
     def write(self, path: Path) -> None:
         """Write the model to a JSON file.
 
-        Raises ColouredNoiseError if it cannot be written.
+        Raises ColouredNoiseError if the file cannot be written.
         """
         content = {
             "format": FORMAT,

@@ -74,13 +74,20 @@ def contradiction_of_axis(key: str, name: str, values: NDArray[np.float64]) -> s
 
 
 def old_datum(text: str) -> str:
-    """Return the old datum, 50 m or more from WGS 84, that a text names; "" if none."""
+    """Return the name of an old datum in a text; "" if the text contains none.
+
+    Coordinates in an old datum differ by 50 m or more from those in WGS 84.
+    """
     match = _OLD_DATUM.search(text.casefold())
     return match[1].upper() if match else ""
 
 
 def zero_level(name: str) -> str:
-    """Return the zero level that the name of a height states, in words; "" if it states none."""
+    """Return the zero level that the name of a height states; "" if it states none.
+
+    The zero level is a phrase for messages: ``sea level`` or ``the ground``. The result is also ""
+    for heights above the ellipsoid.
+    """
     plain = name.casefold()
     if "ellips" in plain:
         return ""

@@ -31,7 +31,7 @@ def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
 
     ``longitude`` and ``latitude`` [deg] are the position of the comparison, in ``crs``.
 
-    Raises TerrainError if rasterio is not installed.
+    Raises TerrainError if rasterio is not installed; the message names the file ``path``.
     """
     warp = imported("rasterio.warp", path)
     (east,), (north,) = warp.transform(crs, "EPSG:4326", [longitude], [latitude])[:2]
@@ -41,10 +41,10 @@ def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
 
 
 def vertical(crs: Any) -> tuple[str, bool]:
-    """Return the zero level of heights in a coordinate reference system, and their direction.
+    """Return the zero level of heights, and whether heights are positive down.
 
-    The zero level is a text for remarks, "" if the system states none. The direction is True if
-    heights are positive down.
+    ``crs`` is the coordinate reference system of the heights, or None. The zero level is a text for
+    remarks; it is "" if ``crs`` states none.
     """
     if crs is None:
         return "", False

@@ -63,10 +63,13 @@ class MapDegradation:
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     """Return a map with errors: smoothed and scaled first, then with noise.
 
-    Raises MapError if the map is narrower than ``resolution_m``; if the correlation length is
-    shorter than the node spacing; if it is so long that the random field needs too many nodes. In a
-    draped map the correlation length must be at least twice the depth of the lowest point of the
-    base surface below its mean.
+    Raises MapError if the map is narrower than ``resolution_m``. With correlated noise, MapError is
+    also raised in three cases:
+
+    - the correlation length is shorter than the node spacing;
+    - the correlation length is so long that the random field needs too many nodes;
+    - the map is draped, and the correlation length is below twice the depth of the base surface.
+      This depth is that of the lowest point below the mean height of the surface.
     """
     _check(right, degradation)
     tensor = np.asarray(right.tensor, dtype=float)

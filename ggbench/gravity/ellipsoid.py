@@ -241,7 +241,7 @@ def _geocentric_gravity(r: float, s: float, c: float) -> tuple[float, float, flo
 def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float, float, float]:
     """Return γ, ∂γ/∂L and ∂γ/∂h as :func:`normal_gravity` does, given sin L and cos L.
 
-    The derivatives of γ = |g| are g·dg/γ, where dg, the derivative of the gravity vector, follows
+    The derivatives of γ = |g| are g·dg/γ. The derivative dg of the gravity vector g follows
     from the gradient tensor.
     """
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)

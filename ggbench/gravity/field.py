@@ -68,9 +68,10 @@ def gradient_of(
 
     Parameters
     ----------
-    sine, cosine, height : sine and cosine of the latitude; height [m].
-    values, along : the disturbing tensor [E], and its derivatives with respect to latitude,
-        longitude [E/rad] and height [E/m].
+    sine, cosine : sine and cosine of the latitude.
+    height : height above the ellipsoid [m].
+    values : disturbing tensor [E].
+    along : derivatives of ``values`` with respect to latitude, longitude [E/rad] and height [E/m].
     """
     ee, nn, nu, uu = normal_gradient_of(sine, cosine, height)
     slopes = normal_gradient_slopes_of(sine, cosine, height)
@@ -299,7 +300,7 @@ class Field:
         return self.base_coefficients.size > 0
 
     def base(self, positions: np.ndarray) -> np.ndarray:
-        """Return the height (...) of the base surface at positions (..., 3) [m]; 0 for level maps.
+        """Return the height (...) [m] of the base surface at positions (..., 3); 0 for level maps.
 
         Positions are latitude, longitude [rad], height [m]. Outside the map the height at the
         border is used.
@@ -329,10 +330,12 @@ class Field:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Convert map coordinates to latitude, longitude [rad] and ellipsoidal height [m].
 
+        The shapes of the arguments broadcast to (...), which is the shape of each result.
+
         Parameters
         ----------
-        latitude, longitude : [rad], of shapes that broadcast to (...), the shape of each result.
-        third : height above the map's base surface [m].
+        latitude, longitude : latitudes and longitudes [rad].
+        third : height [m] above the base surface, or above the ellipsoid if the map has no base.
         """
         axes = np.broadcast_arrays(*(np.asarray(a, float) for a in (latitude, longitude, third)))
         positions = np.stack(axes, axis=-1)

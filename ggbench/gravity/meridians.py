@@ -76,7 +76,11 @@ class Area(NamedTuple):
         return self._replace(west=west, east=east)
 
     def widened(self, latitude: float, longitude: float) -> Area:
-        """Return the area enlarged to north and south, and to east and west, by margins [deg]."""
+        """Return the area with its limits moved outwards by margins [deg].
+
+        ``latitude`` is the margin to the north and to the south. ``longitude`` is the margin to the
+        east and to the west.
+        """
         added = (-latitude, latitude, -longitude, longitude)
         return Area(*(s if s is None else s + a for s, a in zip(self, added, strict=True)))
 

@@ -6,8 +6,9 @@ water at sea. Their attraction at the height z is, in the wavenumber domain,
     F[g_U] = −2πG exp(−k (z − z₀)) Σₙ kⁿ⁻¹/n! F[Σ ρ (s − z₀)ⁿ],
 
 where s is the surface of the land or of the sea floor and ρ its density contrast (Parker 1973, eq.
-4). The inner sum is over both surfaces. The height z₀ is midway between their lowest and their
-highest point. All other components follow by multiplication with the wavenumbers. The series
+4). F is the horizontal Fourier transform, k the wavenumber [rad/m] and G the gravitational
+constant. The inner sum is over both surfaces. The height z₀ is midway between their lowest and
+their highest point. All other components follow by multiplication with the wavenumbers. The series
 converges only above the highest ground.
 
 Beyond its edges the terrain is continued by its mirror image, which fades into the mean height of
@@ -20,8 +21,8 @@ The Earth is assumed to be flat, in a conformal map projection. This assumption 
 rotation of the axes with the position. For an attraction (E, N, U) and the Earth's radius R the
 neglected terms are U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU. For 1e-3 m/s² (100
 mGal) they are 0.16 E (U/R) and 0.31 E (2U/R). An example is a mountain range that is 2.4 km high
-and 150 km wide, with a field of 40 E and 100 mGal RMS. Apart from the terms above, its error is
-0.06 E and 0.5 mGal RMS.
+and 150 km wide, with a field of 40 E and 100 mGal RMS. Apart from the terms above, the error of
+the computed field is 0.06 E and 0.5 mGal RMS.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class TerrainOptions:
     Attributes
     ----------
     density : density of the ground [kg/m³].
-    water_density : density of water [kg/m³], which fills all ground below the zero level.
+    water_density : density of water [kg/m³]. Water covers all ground below the zero level.
     order : minimum order of the series, 6 to 80. Higher orders, up to 80, are added until the
         remainder is below 1e-4 E RMS at the lowest height.
 
@@ -115,9 +116,10 @@ def terrain_layers(
 
     Raises
     ------
-    TerrainError : at the first height, if a position is outside the terrain or not finite; if a
-        height is below the highest ground, or so close above it that the series or the Fourier grid
-        becomes too large; if the terrain is too wide for a plane.
+    TerrainError : when the first height is requested, if a position is outside the terrain; if a
+        position or the geoid height is not finite; if a height is below the highest ground, or so
+        close above it that the series or the Fourier grid becomes too large; if the terrain is too
+        wide for a plane.
     """
     lat, lon, heights = (
         _axis(values, name)
@@ -149,7 +151,7 @@ def terrain_layers(
 
 
 def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
-    """Return the smallest clearance above the highest ground for a limited Fourier grid [m].
+    """Return the smallest clearance [m] above the highest ground for a limited Fourier grid.
 
     ``nodes`` is the largest number of nodes of the Fourier grid. The nodes must be at most a
     quarter of the clearance apart, and not farther apart than the nodes of the terrain.
@@ -163,7 +165,7 @@ def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
 
 
 def converging_clearance(terrain: Terrain) -> float:
-    """Return the clearance above the highest ground at which the series needs order 80 [m].
+    """Return the clearance [m] above the highest ground at which the series needs order 80.
 
     The value is approximate.
     """

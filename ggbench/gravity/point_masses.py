@@ -50,15 +50,15 @@ def fields(points: np.ndarray, places: np.ndarray, masses: np.ndarray, out: np.n
 
 @compiled
 def responses(points: np.ndarray, places: np.ndarray, weights: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (c, n, m) with c weighted sums of the nine field components of each unit mass.
+    """Fill ``out`` (c, n, m) with c weighted sums of field components, for m masses at n points.
 
-    The unit of mass is 1e9 kg. Sums are over components, not over masses.
+    Each sum is over the nine field components of one mass of 1e9 kg at one point.
 
     Parameters
     ----------
     points, places : as in :func:`fields`.
     weights : (c, 9) weights of the nine field components in each sum.
-    out : (c, n, m) contribution of mass m to sum c at point n; field units as in :func:`fields`.
+    out : (c, n, m) sums; along the axes: sum, point, mass. Field units are as in :func:`fields`.
     """
     for p in range(points.shape[1]):
         for s in range(places.shape[1]):

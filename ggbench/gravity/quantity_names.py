@@ -56,7 +56,10 @@ _REASONS = {
 
 
 def named_quantities(text: str) -> set[str]:
-    """Return the gravity-field quantities that a text names, in the words of messages."""
+    """Return the gravity-field quantities that occur in a text.
+
+    The quantities are phrases for messages, such as ``a geoid``.
+    """
     plain = text.casefold()
     return {quantity for quantity, pattern in _PATTERNS.items() if pattern.search(plain)}
 

@@ -160,7 +160,8 @@ def axis_of(name: str, coordinate: Any, generic: str, file: str) -> str | None:
     """Return ``latitude`` or ``longitude`` for a coordinate of a netCDF file; None if neither.
 
     The units, the standard name and the name of the coordinate determine the result. If none of
-    them does, the result is ``generic``: ``latitude`` for y, ``longitude`` for x, None for "".
+    them does, the result is ``generic``, or None if ``generic`` is "". Callers pass ``latitude``
+    for a coordinate named y, and ``longitude`` for x.
 
     Raises TerrainError if units, standard name and name contradict each other; if the coordinate is
     not in degrees north or east; if a latitude is described as colatitude or geocentric.

@@ -110,8 +110,9 @@ class Residual:
 
         Parameters
         ----------
-        tensor : (n_lat, n_lon, n_h, 6) [E], increased.
-        gravity_disturbance : (n_lat, n_lon, n_h, 3) [m/s²], increased.
+        tensor : (n_lat, n_lon, n_h, 6) tensor of the map [E], changed in place.
+        gravity_disturbance : (n_lat, n_lon, n_h, 3) disturbance of the map [m/s²], changed in
+            place.
         latitude, longitude, height : (n_lat,), (n_lon,) [rad], (n_h,) [m].
         """
         band = math.radians(_BAND_DEG)

@@ -364,10 +364,10 @@ def spline_tensors(
     base: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill the tensors (6, N) at the first ``count`` of N positions (3, N), without derivatives.
+    """Fill ``out`` (6, N) with tensors at the first ``count`` of N positions, without derivatives.
 
-    A NaN position gives NaN. Outside the grid the value at the border is used, as in
-    :func:`vector_at`.
+    ``positions`` are (3, N) [rad, rad, m]. A NaN position gives NaN. Outside the grid the value at
+    the border is used, as in :func:`vector_at`.
     """
     flat, work = coefficients.reshape(-1), np.empty(_SUMS + 24)
     for p in range(count):

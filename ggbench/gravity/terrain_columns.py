@@ -1,11 +1,12 @@
 """Compiled field of a terrain's columns, at points between and above summits.
 
 Each cell of a terrain is a column between a base level and the height of the cell. Columns near a
-point are prisms, by the kernels of choclo. Columns farther away are vertical line masses with a
-dipole at each end; blocks of 2 x 2, 4 x 4, ... cells are also represented by such line masses. The
-dipoles represent second moments of a block: the mean square of its width and length, and the
-variance and slope of its heights. The difference of width and length is neglected. choclo has no
-kernel for a line mass, and its prism kernel takes twenty times as long.
+point are prisms, computed by the kernels of the package choclo. Columns farther away are vertical
+line masses with a dipole at each end. Blocks of 2 x 2, 4 x 4, ... cells are also represented by
+such line masses. The dipoles represent second moments of a block: the mean square of its width and
+length, and the variance and slope of its heights. The difference of width and length is neglected.
+choclo has no kernel for a line mass. Its kernel for a prism takes twenty times as long as the
+computation of a line mass in this module.
 
 Let (e, n, z) be the offset of a point of the line mass, ρ² = e² + n², r² = ρ² + z² and s = z / r.
 The integrals over the line are ∫dz/r³ = [s] / ρ² and ∫dz/r⁵ = [s − s³/3] / ρ⁴, with the brackets
@@ -36,8 +37,8 @@ class Columns:
     ----------
     blocks : (M, 4) moments of the blocks of all levels. Blocks of level l have 2^l x 2^l cells;
         level 0 are the cells. Heights h are above the base; e and n are the east and north
-        coordinates from the centre of the block, as fractions of its width and length. The columns
-        are the means of h, h e and h n [m], and the variance of h [m²].
+        coordinates from the centre of the block, as fractions of its width and length. Each row
+        contains the means of h, h e and h n [m], and the variance of h [m²].
     first : (L,) index of the first block of each level.
     shape : (L, 2) number of blocks of each level along latitude and longitude.
     south_west, steps : (2,) first cell, and distances between cells, in latitude and longitude
@@ -140,11 +141,11 @@ def _add_dipole(
 
 @compiled
 def add_prism(bounds: np.ndarray, factor: float, out: np.ndarray, p: int) -> None:
-    """Add ``factor`` times the field of a prism at one point to ``out`` (N, 9), row p.
+    """Add ``factor`` times the field of a prism at one point to row p of ``out`` (N, 9).
 
-    ``bounds`` (west, east, south, north, bottom, top) are offsets from the point [m]. The vertical
-    gradient follows from Laplace's equation, and the attraction from the gradient by Euler's
-    theorem on homogeneous functions.
+    ``bounds`` (west, east, south, north, bottom, top) are offsets from the point [m]. The gradient
+    is the sum of choclo's kernels over the corners. The attraction follows from the gradient by
+    Euler's theorem on homogeneous functions.
     """
     for i in range(2):
         e = bounds[i]

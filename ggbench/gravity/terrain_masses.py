@@ -2,9 +2,10 @@
 
 Parker's series (:mod:`.parker`) converges only above the highest summit. Sums over the columns of
 :mod:`.terrain_columns` are valid at every point above the ground. The masses are those of Parker's
-series. Each cell of the terrain has the height of its node. Beyond the edges the terrain is
-continued by its mirror image. The mirror image fades into the mean height of the edge over a tenth
-of the terrain's longer side. Without continuation there are no masses beyond the edges.
+series. Each cell of the terrain has the height of its node. By default the terrain is
+continued beyond its edges by its mirror image. The mirror image fades into the mean height of the
+edge over a tenth of the terrain's longer side. Without this continuation there are no
+masses beyond the edges.
 
 Around each point the Earth is flat. The docstring of :mod:`.parker` states the error of this
 approximation.
@@ -133,9 +134,10 @@ class TerrainMasses:
     def ratio_for(self, points: Array, tolerance: float) -> tuple[float, float]:
         """Return the smallest ``ratio`` for :meth:`field` with errors within a tolerance [E].
 
-        The second result is the error [E]: the largest difference of any tensor component, at a
-        sample of the points (N, 3), from a sum with prisms up to 24 block widths away. If no ratio
-        of :data:`RATIOS` has errors within the tolerance, the largest ratio is returned.
+        The second result is the largest error of any tensor component at a sample of the points
+        (N, 3) [E]. Errors are differences from a sum with the ratio 24, which contains more prisms.
+        If no ratio of :data:`RATIOS` has errors within the tolerance, the largest ratio is
+        returned.
         """
         some = points[np.linspace(0, len(points) - 1, min(_SAMPLES, len(points))).astype(int)]
         exact, _ = self.field(some, _REFERENCE)

@@ -141,9 +141,10 @@ def has_zero_level(text: str) -> bool:
 
 
 def factor_to_key(unit: str, key: str) -> float | None:
-    """Return the factor from a unit to the unit of a key, or None for another quantity.
+    """Return the factor from a unit to the unit of a key; None if their quantities differ.
 
-    The suffix of a key states its unit. Example: the factor is 1000.0 from ``km`` to ``height_m``.
+    The unit of a key follows from its suffix. Example: the factor is 1000.0 from ``km`` to
+    ``height_m``. For an unknown unit the result is None.
     """
     quantity, factor = base_of(key)
     named = unit_named(unit)
@@ -151,12 +152,12 @@ def factor_to_key(unit: str, key: str) -> float | None:
 
 
 def base_of(key: str) -> Unit:
-    """Return the unit that the suffix of a key states."""
+    """Return the unit of a key from its suffix, for example metres for ``height_m``."""
     return next(base for end, base in _BASE.items() if key.endswith(end))
 
 
 def examples_for(key: str) -> str:
-    """Return examples of units that a column for a key may have, for a message."""
+    """Return a text for messages: examples of the units that are allowed for a key."""
     return ", ".join(names.split("|")[0] for names in _UNITS[base_of(key).quantity].values())
 
 

@@ -30,7 +30,7 @@ class Units:
     ----------
     what : name of the quantity in messages.
     quantity : name of the quantity in :mod:`.unit_names`.
-    allowed : names of the units in messages.
+    allowed : text for messages that lists the allowed units.
     assumed : unit that is assumed if a file names none.
     lowest, highest : smallest and largest value of the quantity on the Earth [SI units].
     says_assumed : whether a remark states that the unit was assumed.
@@ -99,7 +99,7 @@ GRAVITY = Units(
 
 
 def unit_of(attributes: Mapping[str, Any]) -> str:
-    """Return the unit that attributes of a variable state, as ``units`` or ``unit``; or ""."""
+    """Return the attribute ``units`` or ``unit`` of a variable; "" if there is neither."""
     stated = (str(v) for k, v in attributes.items() if k.lower() in ("units", "unit"))
     return next(stated, "").strip()
 

@@ -66,7 +66,8 @@ def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
     """Return whether :func:`propagate_short_series` is accurate enough for all intervals.
 
     The result is False if biases vary, if the gravity disturbance is a state, or if an altimeter
-    damps the INS. Only the first and the last interval are examined.
+    damps the INS. Otherwise the rotation and the feedback of errors in an interval must be below a
+    limit. Only the first and the last interval are examined.
 
     Parameters
     ----------
@@ -176,9 +177,11 @@ def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
 
 @compiled
 def scaled_entries(f: np.ndarray, n: int, time: float, out: np.ndarray) -> None:
-    """Fill ``out`` (1, SCALED, LANES) with the entries ``f[n]`` of F, multiplied by a time [s].
+    """Fill ``out`` (1, SCALED, LANES) with the entries of F in interval ``n``, scaled by a time.
 
-    The entry ``DRIVEN`` is not multiplied. The last element of ``out`` is the time.
+    ``f`` (N, ENTRIES, LANES) contains the entries of F in each interval. The entry
+    ``DRIVEN`` is copied; it scales the noise of the gravity disturbance. All other entries are
+    multiplied by ``time`` [s]. The last element of ``out`` is the time.
     """
     for i in range(ENTRIES):
         store(out, 0, i, time * load(f, n, i))
@@ -270,8 +273,8 @@ def propagate(
     columns : (C, 15 or 18, LANES) columns y, changed in place.
     terms : scratch from :func:`series_terms`.
     factors : (MOST_FACTORS, C, LANES) output. The rows up to the returned number form a matrix W,
-        and the noise of the interval adds WᵀW to Q. Each row is a Legendre coefficient of y, b_0,
-        b_1 or b_2, times a noise root:
+        and the noise of the interval adds WᵀW to Q. Each row is a noise root times a Legendre
+        coefficient b_0, b_1 or b_2 of a component of y:
 
         - b_0 and b_1 of the velocity; with an altimeter also b_2,
         - b_0 to b_2 of the attitude,
@@ -322,8 +325,8 @@ def propagate(
 def forward(f: np.ndarray, columns: np.ndarray, terms: np.ndarray) -> None:
     """Propagate C columns (C, 15, LANES) over an interval, y ← exp(Fᵀ dt) y, without noise.
 
-    ``f`` from :func:`scaled_entries` with a negative time propagates forwards in time. ``terms`` is
-    scratch from :func:`series_terms`.
+    ``f`` is F dt from :func:`scaled_entries`. If dt is positive, y is propagated backwards in time.
+    If dt is negative, y is propagated forwards. ``terms`` is scratch from :func:`series_terms`.
     """
     for i in range(columns.shape[0]):
         _series(f, columns, i, terms)
@@ -375,8 +378,9 @@ def propagate_short_series(
     """Propagate as :func:`propagate` does, with a series of lower order.
 
     This requires that :func:`is_slow` is true. The series has fourth order in the attitude, and
-    third order in position and velocity. Biases are constant, so their columns change by the
-    averages of the velocity and attitude columns: y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
+    third order in position and velocity. Biases are constant, so the bias components of y change
+    by the averages of its attitude and velocity components: y_ε' = −C_bn y_φ for the gyros, and
+    y_∇' = C_bn y_v for the accelerometers.
 
     Parameters
     ----------

@@ -92,11 +92,12 @@ def delayed_rows_lanes(
 
 @copied
 def multiply_by_inverse(rows: np.ndarray, phi: np.ndarray) -> None:
-    """Replace rows Y (6, 15) by Y Φ⁻¹ for Φ (15, .), whose first 15 columns are overwritten.
+    """Replace the rows Y (6, 15, LANES) by Y Φ⁻¹.
 
-    The navigation part of Φ is factorised into triangular matrices. Pivoting is not needed, because
-    this part is nearly unit upper triangular. A bias depends only on itself. The effect of a
-    gravity disturbance state within the delay is neglected.
+    The first 15 columns of ``phi`` (15, n, LANES) contain Φ, and are overwritten. The navigation
+    part of Φ is factorised into triangular matrices. Pivoting is not needed, because this part is
+    nearly unit upper triangular. A bias depends only on itself. The effect of a gravity disturbance
+    state within the delay is neglected.
     """
     nav = NAVIGATION_STATES
     for k in range(nav):

@@ -78,7 +78,7 @@ def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
 def added_by(
     imu: Imu, altimeter: tuple[tuple[float, float], float] | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the constant entries of F (ENTRIES,) due to the sensors, and G q Gᵀ (15, 15).
+    """Return two arrays: constant entries (ENTRIES,) added to F by sensors, and G q Gᵀ (15, 15).
 
     G q Gᵀ contains the white noise of the IMU. Gauss–Markov biases obey b' = −b/T + w. An altimeter
     with noise e damps the vertical channel: it adds −k₁ (δh − e) to δh' and −k₂ (δh − e) to δv_U'.

@@ -131,7 +131,7 @@ def extrapolate(
     moved: np.ndarray,
     disturbance: np.ndarray,
 ) -> None:
-    """Fill δĝ (1, 3, LANES) [m/s²] at half a step after sample ``n``.
+    """Fill ``disturbance`` (1, 3, LANES) with δĝ [m/s²] half an INS interval after sample ``n``.
 
     ``dt`` is the INS interval [s]; ``moved`` (3, 3, LANES) is the state of :func:`integrate`.
     """

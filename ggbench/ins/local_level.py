@@ -24,7 +24,7 @@ def place_of(latitude: float, height: float) -> Place:
 def frame_rates_of(
     place: Place, v_e: float, v_n: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the Earth rate ω_ie (N, U) and the transport rate ω_en (E, N, U) [rad/s].
+    """Return the Earth rate ω_ie (north, up) and transport rate ω_en (east, north, up) [rad/s].
 
     The east component of ω_ie is zero. ``v_e`` and ``v_n`` are velocities [m/s].
     """

@@ -18,7 +18,8 @@ class Noise:
     Attributes
     ----------
     roots : (15,) square roots of the diagonal, without the altimeter's noise.
-    altimeter : (2,) factors of the altimeter's noise in δh and in δv_U, which are correlated.
+    altimeter : (2,) factors by which the noise of the altimeter drives δh and δv_U. Both have the
+        same source, so they are correlated.
     damped : whether an altimeter damps the vertical channel.
     wandering : whether biases vary.
     disturbance : (3,) noise of the gravity disturbance, ENU; empty if the disturbance is no state.
@@ -34,7 +35,7 @@ class Noise:
     disturbance: np.ndarray
 
     def over(self, interval: float) -> Noise:
-        """Return the noise with roots scaled to an interval [s]."""
+        """Return the noise accumulated over ``interval`` [s]: all arrays times √interval."""
         root = math.sqrt(interval)
         return replace(
             self,
@@ -45,9 +46,10 @@ class Noise:
 
 
 def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:
-    """Return the square roots of G q Gᵀ (15, 15), which is diagonal except for the altimeter.
+    """Return the process noise as square roots of G q Gᵀ.
 
-    ``decaying`` states whether biases decay in F; ``disturbance`` is :attr:`Noise.disturbance`.
+    ``noise`` (15, 15) is G q Gᵀ. Only the altimeter causes elements off its diagonal. ``decaying``
+    is true if biases decay in F. ``disturbance`` is :attr:`Noise.disturbance`.
     """
     altimeter, diagonal = np.zeros(2), np.diag(noise).copy()
     if noise[2, 2] > 0.0:

@@ -308,7 +308,7 @@ def three(rows: np.ndarray, n: int, i: int) -> Vector:
 
 @inlined
 def keep(rows: np.ndarray, n: int, i: int, numbers: Vector) -> None:
-    """Set columns i, i + 1, i + 2 of row ``n`` of an array (rows, columns, LANES)."""
+    """Put ``numbers`` into columns i to i + 2 of row ``n`` of an array (rows, columns, LANES)."""
     store(rows, n, i, numbers[0])
     store(rows, n, i + 1, numbers[1])
     store(rows, n, i + 2, numbers[2])

@@ -41,7 +41,10 @@ ENTRIES = 62
 
 @inlined
 def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, z: float) -> float:
-    """Return the dot product of entries j, j + stride, j + 2 stride of ``f[n]`` and (x, y, z)."""
+    """Return the dot product of three entries of F and (x, y, z).
+
+    The entries have the indices j, j + stride and j + 2 stride in row ``n`` of ``f``.
+    """
     return load(f, n, j) * x + load(f, n, j + stride) * y + load(f, n, j + 2 * stride) * z
 
 
@@ -138,8 +141,9 @@ def entries_between(
     constant : (ENTRIES,) constants added to F: damping by an altimeter and decay of biases.
         The entry ``DISTANCE`` is −1/D [1/m], with the correlation length D of the gravity
         disturbance; F gets −1/D times the speed. Other entries are zero.
-    gravity : gravity disturbance that the mechanization adds; call :func:`.receive_all` first.
-    out : (., ENTRIES, LANES) output; the first ``last - first`` elements are filled.
+    gravity : gravity disturbance that the mechanization adds. If it is integrated from gradients,
+        call :func:`.receive_all` first.
+    out : (M, ENTRIES, LANES) output; the first ``last - first`` of the M elements are filled.
     """
     rate = 1.0 / dt
     for n in range(first, last):

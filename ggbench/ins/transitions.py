@@ -41,11 +41,11 @@ def metres_at(track: np.ndarray, n: int, out: np.ndarray) -> None:
 
 @compiled
 def unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (len(which), n, LANES) with the rows ``which`` of the identity matrix.
+    """Fill ``out`` (len(which), n, LANES) with selected rows of the identity matrix.
 
-    The identity matrix refers to position errors ENU in metres. The rows in ``out`` refer to errors
-    of latitude and longitude in radians, and are converted with ``metres`` (1, 2, LANES) from
-    :func:`metres_at`.
+    ``which`` contains the indices of the rows. The identity matrix refers to position errors ENU in
+    metres. The rows in ``out`` refer to errors of latitude and longitude in radians, and are
+    converted with ``metres`` (1, 2, LANES) from :func:`metres_at`.
     """
     out[:] = 0.0
     for i, j in enumerate(which):
@@ -129,7 +129,8 @@ def compose(
 def entries_of(epochs: np.ndarray) -> np.ndarray:
     """Return an array (N, ENTRIES, LANES) for the entries of F between successive epochs.
 
-    N is the largest number of IMU intervals between two of the ``epochs`` (K,).
+    ``epochs`` (K,) are indices of IMU samples. N is the largest number of IMU intervals before the
+    first epoch, or between two successive epochs.
     """
     longest = epochs[0]
     for k in range(1, epochs.shape[0]):

@@ -60,8 +60,8 @@ def root_ratio_intervals(
 
     Parameters
     ----------
-    groups : (first, second, cluster) of each group, all of shape (runs,): two mean squares of each
-        run, and the index of the cluster.
+    groups : three arrays (runs,) for each group, ``first``, ``second`` and ``cluster``. ``first``
+        and ``second`` are mean squares of each run. ``cluster`` is the index of its cluster.
     fewest : least number of runs for an interval.
 
     Returns
@@ -146,8 +146,8 @@ def ratio_interval(
     Returns
     -------
     Ratio of the RMS errors, lower and upper end of the interval. All are NaN without runs, or if
-    ``before_ms`` is zero. The ends are also NaN if either has fewer than :data:`FEWEST_OF_INTERVAL`
-    runs.
+    ``before_ms`` is zero. The ends are also NaN if one of the arrays has fewer than
+    :data:`FEWEST_OF_INTERVAL` runs.
     """
     fewest = min(len(before_ms), len(after_ms))
     if fewest == 0 or not np.any(before_ms):

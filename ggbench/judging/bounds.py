@@ -24,7 +24,10 @@ def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarra
 
 
 def squared_bounds(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bounds (K,) on the squared 3-D position error [m²] and velocity error [m²/s²]."""
+    """Return two bounds (K,), on the squared 3-D errors of position [m²] and velocity [m²/s²].
+
+    ``cov`` (K, n, n) is the Cramér–Rao bound on the covariance of the states.
+    """
     return (
         np.trace(cov[:, :3, :3], axis1=1, axis2=2),
         np.trace(cov[:, 3:6, 3:6], axis1=1, axis2=2),

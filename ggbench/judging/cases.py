@@ -76,8 +76,9 @@ def cases(
     Parameters
     ----------
     specs : cases of the scenario.
-    arrays : arrays (K,) or (K, m) over epochs that all runs of a case share, by case, then by name.
-        If each run draws its own flight, the arrays are those of run 0.
+    arrays : arrays (K,) or (K, m) by case, then by name. The first axis is the epoch; for arrays of
+        the gradiometer it is the gradient measurement. All runs of a case share its arrays. If
+        each run draws its own flight, the arrays are those of run 0.
     metrics : table of metrics of the campaign.
     verdicts : verdicts by kind of estimators ("causal" or "smoother"), then by case.
     """
@@ -149,7 +150,10 @@ def _judged(verdicts: Mapping[str, Mapping[str, Verdict]], case: str) -> dict[st
 
 
 def field_correlation_m(arrays: Mapping[str, np.ndarray]) -> float:
-    """Return the correlation length [m] of the field along a case's track (K, 3), or NaN."""
+    """Return the correlation length [m] of the field along a case's track (K, 3).
+
+    The result is NaN without a gradiometer, or if :func:`.field_scale.correlation_m` is NaN.
+    """
     if "vertical" not in arrays:
         return math.nan
     read = np.searchsorted(arrays["times"], arrays["gradient_times"] - 1e-6)

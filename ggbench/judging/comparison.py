@@ -55,15 +55,18 @@ class Comparison:
     ----------
     rows : table with the columns :data:`ROW_COLUMNS`, and three rows for each common assumption,
         case and estimator. For the quantities "position" [m] and "velocity" [m/s], ``before`` and
-        ``after`` are RMS errors, and ``ratio`` is after / before, with 95 % interval ``lo``, ``hi``
-        (:func:`ratio_interval`). For the quantity "failed or diverged", ``before`` and ``after``
-        are the numbers of such runs, and there is no ratio. ``runs_before`` and ``runs`` are the
-        numbers of all runs before and after. ``paired`` states whether the two campaigns have the
-        same simulated problems. ``p`` and ``p_better``
-        are adjusted p-values of the hypotheses "not worse" and "not better". ``verdict`` is
-        "worse", "better", "same" (equal data, bit for bit) or "undecided".
-    only_before, only_after : items of only one campaign, "case a" or "estimator ekf in case a".
-    tests : number of rows that can differ, for which the p-values are adjusted.
+        ``after`` are RMS errors. ``ratio`` is after / before, and ``lo`` and ``hi`` are the ends of
+        its 95 % interval (:func:`ratio_interval`). ``runs_before`` and ``runs`` are both the number
+        of runs whose errors are compared. For the quantity "failed or diverged", ``before`` and
+        ``after`` are the numbers of such runs, and there is no ratio. ``runs_before`` and ``runs``
+        are then the numbers of all runs before and after. ``paired`` states whether the two
+        campaigns have the same simulated problems. ``p`` and ``p_better`` are adjusted p-values of
+        the hypotheses "not worse" and "not better". ``verdict`` is "worse", "better", "same" (equal
+        data, bit for bit) or "undecided".
+    only_before, only_after : texts that name the items in only one of the campaigns, for example
+        "case a" or "estimator ekf in case a".
+    tests : number of rows in the family of tests, over which the p-values are adjusted. Rows with
+        equal data, and rows without any failed or diverged run, are not tested.
     """
 
     rows: pd.DataFrame
@@ -89,18 +92,19 @@ def compare(
     runs, a third of the comparisons with ten rows had a false alarm. The row of failed and diverged
     runs covers all runs.
 
-    An estimator with changed parameters has one label only in ``before`` and another only in
-    ``after``. The two labels are compared in rows with the label "old → new".
+    If the parameters of an estimator change, its label changes, too. The old label is only in
+    ``before``, and the new label only in ``after``. The two labels are compared in rows with
+    the label "old → new".
 
     Errors are worse if the RMS error grew by more than ``threshold`` (:func:`excess_p_value`).
-    Failures are worse if there are more of them (one-sided exact tests: McNemar's for pairs,
-    Fisher's for independent samples), for any threshold. Each verdict needs a p-value below 0.05
-    after Holm's procedure over all rows that differ. The false-alarm rate of
-    :attr:`Comparison.worse` is thus 5 % for the whole comparison, and so is that of "better".
-    The measured rate is at most 6 % with ten rows, 5 to 300 runs, and χ² or log-normal errors,
-    paired or not. If only the shape of the distribution changes, the t-tests need more runs. An
-    example is independent samples of χ² with 1 and with 3 degrees of freedom, with equal means.
-    Then the false-alarm rate is 18 % with 30 runs and 9 % with 300.
+    Failures are worse if their number grew; ``threshold`` does not apply. The tests of failures are
+    one-sided and exact: McNemar's for pairs, Fisher's for independent samples. Each verdict needs a
+    p-value below 0.05 after Holm's procedure over all rows that differ. The false-alarm rate of
+    :attr:`Comparison.worse` is thus 5 % for the whole comparison. The false-alarm rate of the
+    verdict "better" is 5 %, too. The measured rate is at most 6 % with ten rows, 5 to 300 runs, and
+    χ² or log-normal errors, paired or not. If only the shape of the distribution changes, the
+    t-tests need more runs. An example is independent samples of χ² with 1 and with 3 degrees of
+    freedom, with equal means. Then the false-alarm rate is 18 % with 30 runs and 9 % with 300.
 
     Parameters
     ----------

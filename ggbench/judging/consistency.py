@@ -62,13 +62,13 @@ def consistency(
       less than 20 % of the runs exceed the 80 % quantile of χ²;
     - "consistent" otherwise; "" without covariances.
 
-    The significance level is 2.5 %, for "above 6" 1 %. Shares are tested by the exact binomial
-    test, means by Student's t-test over clusters.
+    The significance level is 1 % for "significantly above 6", and 2.5 % for all other tests. Shares
+    are tested by the exact binomial test, means by Student's t-test over clusters.
 
     Parameters
     ----------
     nees : (R,) mean NEES of each finished run in a window.
-    coverage : (R,) share of the epochs of each run with the truth inside the 95 % region.
+    coverage : (R,) share of the epochs of each run at which the truth is inside the 95 % region.
     cluster : (R,) index of the track or map error that runs share.
     false_share_p : p-value of the hypothesis "at most 5 % of the runs end in a false fix".
     """

@@ -50,9 +50,9 @@ def judge(
     Returns
     -------
     Convergence times (R,) [s] and mask of false fixes (R,). The convergence time is the first epoch
-    from which the error stays within ``required_m`` to the end of the flight, or NaN. A run ends in
-    a false fix if the error at the last epoch exceeds ``required_m``, but the reported radius
-    (:func:`claimed_radius`) does not.
+    from which the error stays within ``required_m`` to the end of the flight. It is NaN if there is
+    no such epoch. A run ends in a false fix if the error at the last epoch exceeds ``required_m``,
+    but the reported radius (:func:`claimed_radius`) does not.
     """
     within = position_error <= required_m
     lasting = np.logical_and.accumulate(within[:, ::-1], axis=1).sum(axis=1)

@@ -56,7 +56,7 @@ def on_the_prior(position_m: float, correlation_m: float) -> str:
 
 
 def correlation_length(g: np.ndarray, step_m: float) -> float:
-    """Return the lag [m] along rows at which the autocorrelation first falls to 1/e.
+    """Return the lag [m] along the rows of ``g`` at which the autocorrelation first falls to 1/e.
 
     No mean is subtracted. The autocorrelation at a lag is the mean over all products at this lag
     (unbiased), interpolated linearly between lags. The result is the length of a row if the

@@ -82,7 +82,7 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 
 
 def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
-    """Return the :data:`ROWS` of the fixes of a run, for storage.
+    """Return a row with the columns :data:`ROWS` for each fix of a run, for storage.
 
     A row has the time [s], the horizontal error [m], the NEES of the two horizontal errors, the
     statistic, and whether the fix was accepted. The NEES is infinite if the covariance is too small
@@ -118,8 +118,8 @@ def metrics(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
     - the median time [s] of the first right fix over the runs with a right fix, with a 95 %
       interval;
     - the radii [m] that contain 50 and 95 % of the errors of accepted fixes;
-    - the mean NEES of the accepted fixes, 2 if consistent, with a 95 % band. In the band each run
-      with an accepted fix is one sample.
+    - the mean NEES of the accepted fixes, and its 95 % band for a consistent estimator. The
+      expected NEES is 2. For the band each run with an accepted fix is one sample.
 
     Parameters
     ----------

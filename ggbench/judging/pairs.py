@@ -65,12 +65,12 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
     -------
     A table with the columns :data:`PAIRS`. ``runs`` is the number of runs that both estimators
     finished. ``error_ratio`` is the geometric mean of first / second error in the settled window,
-    with 95 % interval ``lo``, ``hi``. ``first_only`` and ``second_only`` are the numbers of runs in
-    which only one of the two ends within the required error. p-values are adjusted by Holm's
-    procedure over all tests of a case. The verdict on the first estimator is the first that
-    applies:
+    with 95 % interval ``lo``, ``hi``. ``first_only`` is the number of runs in which only ``first``
+    ends within the required error, and ``second_only`` is the same for ``second``. p-values are
+    adjusted by Holm's procedure over all tests of a case. The verdict compares the estimator
+    ``first`` with ``second``. It is the earliest entry of this list that applies:
 
-    - "better" or "worse", if it succeeds significantly more or less often (5 %);
+    - "better" or "worse", if ``first`` succeeds significantly more or less often (5 %);
     - "equivalent", if two one-sided tests at 5 % place the ratio within 5 % of 1, with at least
       :data:`FEWEST` clusters;
     - "better" or "worse", if the ratio is significantly below or above 1 (5 %);
@@ -98,10 +98,10 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
 def family(runs: pd.DataFrame, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
     """Compare requested pairs of estimators, as one family of tests.
 
-    The comparison is that of :func:`pairs`, but p-values are adjusted over the requested pairs
-    only, for example the claims of a paper. The result has the columns :data:`FAMILY`. For an
-    undecided pair ``needed_runs`` is the number of runs that would give a verdict
-    (:func:`.statistics.runs_to_decide`).
+    The requested pairs are, for example, the claims of a paper. The comparison is that of
+    :func:`pairs`, but the p-values are adjusted over the requested pairs only. The result has the
+    columns :data:`FAMILY`. For an undecided pair ``needed_runs`` is the number of runs that would
+    give a verdict (:func:`.statistics.runs_to_decide`).
 
     Parameters
     ----------
@@ -200,9 +200,10 @@ def judged(pairs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def pair_of(table: pd.DataFrame, case: str, first: str, second: str) -> dict[str, Any] | None:
-    """Return the row of a table of pairs that compares ``first`` with ``second``, or None.
+    """Return the row of a table of pairs that compares ``first`` with ``second``.
 
-    If the table has the pair in opposite order, the row is inverted.
+    The result is None if the table does not have the pair. If the table has the pair in opposite
+    order, the row is inverted.
     """
     chosen = table[table["case"] == case]
     for one, other in ((first, second), (second, first)):

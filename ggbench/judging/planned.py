@@ -27,10 +27,16 @@ AXES = ("east", "north", "up")
 def planned(flight: Flight) -> pd.DataFrame:
     """Return a table of the Cramér–Rao bound along a track, with a row for each epoch.
 
-    The columns are ``time_s``; true ``latitude_deg``, ``longitude_deg``, ``height_m``; bounds on
-    the standard deviations of the errors of a filter, ``east_m``, ``north_m``, ``up_m``,
-    ``position_m`` (3-D), ``east_mps``, ``north_mps``, ``up_mps``, ``velocity_mps`` (3-D); and 3-D
-    bounds for a smoother, ``position_smoothed_m``, ``velocity_smoothed_mps``.
+    The table has these columns:
+
+    - ``time_s``;
+    - the true ``latitude_deg``, ``longitude_deg`` and ``height_m``;
+    - bounds on the standard deviations of a filter's position errors: ``east_m``, ``north_m``,
+      ``up_m`` and ``position_m`` (3-D);
+    - bounds on the standard deviations of a filter's velocity errors: ``east_mps``, ``north_mps``,
+      ``up_mps`` and ``velocity_mps`` (3-D);
+    - the 3-D bounds for a smoother: ``position_smoothed_m`` and ``velocity_smoothed_mps``.
+
     :func:`ggbench.simulation.flight_bounds.bounds` lists the errors that the bound omits.
     """
     import pandas as pd  # not at the top: it loads slowly
@@ -69,7 +75,7 @@ def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
 
 
 def around(case: CaseSpec, headings: int, starts: int, step_km: float) -> pd.DataFrame:
-    """Return :func:`tracks` for evenly spaced headings and a square grid of starts.
+    """Return the table of :func:`tracks` for evenly spaced headings and a square grid of starts.
 
     Parameters
     ----------
@@ -86,7 +92,7 @@ def around(case: CaseSpec, headings: int, starts: int, step_km: float) -> pd.Dat
 def tracks(
     case: CaseSpec, places_km: Iterable[tuple[float, float]], turns_deg: Iterable[float]
 ) -> pd.DataFrame:
-    """Return a table of the bounds of a flight with other starts and headings, smallest first.
+    """Return a table of the bounds of a flight with other starts and headings.
 
     Parameters
     ----------
@@ -97,8 +103,9 @@ def tracks(
     Returns
     -------
     A table with the columns ``east_km``, ``north_km``, ``heading_deg`` at the start, ``bound_m``
-    (:func:`bound_of`), ``present`` and ``reason``. ``present`` is true for the original flight,
-    which always has a row. Tracks that cannot be flown come last, with the ``reason``.
+    (:func:`bound_of`), ``present`` and ``reason``. The smallest bound comes first. ``present`` is
+    true for the original flight, which always has a row. Tracks that cannot be flown come last,
+    with the ``reason``.
 
     Raises
     ------

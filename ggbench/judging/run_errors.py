@@ -86,7 +86,7 @@ def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
     Raises
     ------
     ValueError
-        If the array has another shape, elements other than real numbers, a mask or units.
+        If the array has another shape, a mask or units, or has elements that are not real numbers.
     """
     require_plain(name, array)
     values = np.asarray(array)
@@ -130,9 +130,9 @@ def evaluate_block(
 
     Returns
     -------
-    The evaluation, and the fault of each run or "". A fault is a number that is not finite, or a
-    covariance of position and velocity that is not positive definite. The evaluation of such a run
-    is invalid.
+    The evaluation, and a text for each run. The text describes the fault of the run; it is "" if
+    the run has no fault. A fault is a number that is not finite, or a covariance of position and
+    velocity that is not positive definite. The evaluation of such a run is invalid.
     """
     runs, epochs, _ = mean.shape
     errors = np.full((2, runs, epochs), np.nan)

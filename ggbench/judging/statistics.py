@@ -126,14 +126,14 @@ def exact_p(one: int, other: int) -> float:
 
 
 def share_interval(hits: np.ndarray, cluster: np.ndarray) -> tuple[float, float, float]:
-    """Return a share of runs with a 95 % interval (Wilson 1927).
+    """Return the share of runs that are hits, with a 95 % interval (Wilson 1927).
 
     If the shares of the clusters scatter more than those of independent runs, the interval is
     computed with the effective number of independent runs.
 
     Parameters
     ----------
-    hits : (runs,) mask of the counted runs.
+    hits : (runs,) mask of the runs that count as hits.
     cluster : (runs,) index of the track or map error that runs share.
     """
     if len(hits) == 0:
@@ -175,7 +175,8 @@ def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
 def share_below(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
     """Return the p-value of the hypothesis that at least a given share of runs are hits.
 
-    The test and the arguments, (runs,) arrays and a share, are those of :func:`share_above`.
+    The test and the arguments ``hits`` (runs,), ``cluster`` (runs,) and ``share`` are those of
+    :func:`share_above`.
     """
     return share_above(1.0 - hits.astype(float), cluster, 1.0 - share)
 
@@ -220,7 +221,8 @@ def mean_band(samples: int, dimension: float) -> tuple[float, float]:
 
     Parameters
     ----------
-    samples : number of runs for the NEES, or of epochs with a measurement in all runs for the NIS.
+    samples : number of samples. For the NEES it is the number of runs. For the NIS it is the number
+        of epochs with a measurement, added over all runs.
     dimension : number of states, or mean number of channels of a measurement.
     """
     if samples == 0:

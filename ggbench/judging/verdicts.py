@@ -46,8 +46,9 @@ class Verdict(NamedTuple):
     best : label of the estimator with the least RMS error among the consistent or conservative
         estimators. If there are none, it is the best of all estimators. It is "" if none was
         compared. If none is recommended, reports call this estimator the *least bad*.
-    recommended : labels of the recommended estimators, the fastest first. Times up to twice the
-        least time count as equal; these estimators are in the order of the campaign.
+    recommended : labels of the recommended estimators, the fastest first. Computing times up to
+        twice the least time count as equal. Estimators with equal times are in the order of the
+        campaign.
     consistent : number of consistent or conservative estimators.
     gain : verdict of the comparison with the INS. The best estimator of each half of the runs is
         compared with the INS in the other half. The verdict is "undecided" if the two halves
@@ -76,7 +77,10 @@ def require_equal_runs(runs: pd.DataFrame) -> None:
 
 
 def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of estimators that have all runs of a case and failed in at most 5 %."""
+    """Return the runs of estimators that have all runs and at most 5 % failed runs.
+
+    Both conditions apply to each case separately.
+    """
     own = [runs["case"], runs["estimator"]]
     flown = runs["run"].groupby(own).transform("count")
     failed = (runs["status"] != "ok").groupby(own).transform("mean")

@@ -45,9 +45,10 @@ def base_surface(
     """Return heights (n_lat, n_lon) of the base surface above the ellipsoid [m] at the nodes.
 
     The height is a running maximum of the terrain, followed by a running mean of the same width.
-    The window extends half the distance between nodes to each side, and at least one cell. Nodes
-    are raised where the spline through the nodes would lie below a cell. ``geoid_height_m`` is the
-    height of the terrain's zero level above the ellipsoid.
+    The window extends to each side by half the distance between nodes, and by at least one cell of
+    the terrain. Nodes are raised where the spline through the nodes would otherwise lie below a
+    cell of the terrain. ``geoid_height_m`` is the height of the terrain's zero level above the
+    ellipsoid.
     """
     steps = terrain.latitude_step_deg, terrain.longitude_step_deg
     nodes = latitude_deg, longitude_deg
@@ -123,7 +124,8 @@ class DrapedTerrain:
     Attributes
     ----------
     masses : masses of the terrain.
-    ratio : accuracy of the sums, see :meth:`.TerrainMasses.field`.
+    ratio : smallest ratio of distance to block size at which a line mass replaces a block of
+        terrain cells. It sets the accuracy, see :meth:`.TerrainMasses.field`.
     smooth : smoothed terrain whose field is subtracted; None: no subtraction.
     """
 
@@ -135,7 +137,9 @@ class DrapedTerrain:
     def of(
         cls, part: TerrainPart, nodes: Nodes, tolerance: float, continued: bool = True
     ) -> tuple[DrapedTerrain, float]:
-        """Return a terrain part for draped nodes, and the error of approximating columns [E].
+        """Return the terrain part of a draped map, and its approximation error [E].
+
+        The error is due to line masses in place of the terrain's columns.
 
         Parameters
         ----------
@@ -185,7 +189,10 @@ class SmoothTerrain:
 
     @classmethod
     def of(cls, part: TerrainPart, nodes: Nodes) -> SmoothTerrain | None:
-        """Return the smoothed terrain to subtract for ``part``; None without subtraction."""
+        """Return the terrain smoothed to ``part.above_degree``; None if this degree is None.
+
+        The field of the smoothed terrain is subtracted from the field of ``part``.
+        """
         from .ground import Ground
 
         if part.above_degree is None:
@@ -201,9 +208,10 @@ class SmoothTerrain:
 
 
 def points_of(nodes: Nodes, height: float) -> NDArray[np.float64]:
-    """Return latitude, longitude [rad], ellipsoidal height [m] of the nodes (N, 3) of a layer.
+    """Return an array (N, 3) of the latitude, longitude [rad] and height [m] of N nodes.
 
-    ``height`` is the height of the layer above the base surface [m].
+    The nodes are those of one layer, and their heights are above the ellipsoid. ``height`` is the
+    height of the layer above the base surface [m].
     """
     assert nodes.base_m is not None
     lat, lon = np.meshgrid(

@@ -92,7 +92,10 @@ class Plane:
     def place(
         self, latitude_deg: NDArray[np.floating], longitude_deg: NDArray[np.floating]
     ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Return east and north coordinates [m] of positions; all arrays have the shape (...)."""
+        """Return east coordinates (...) [m] of longitudes, and north ones (...) [m] of latitudes.
+
+        East coordinates have the shape of the longitudes, north coordinates that of the latitudes.
+        """
         north, east = self.metres_per_degree
         return (
             (longitude_deg - self.longitude_deg) * east,
@@ -120,7 +123,7 @@ class EquivalentSources:
     masses: Array
 
     def along(self, lines: SurveyLines, samples: NDArray[np.int64]) -> Array:
-        """Return the field of the masses (n, c) at n samples, as the c components of ``lines``."""
+        """Return the field (n, c) of the masses at n samples, in the c components of ``lines``."""
         return self._fields(self.plane.metres(lines)[:, samples]) @ weights_of(lines).T
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
@@ -138,7 +141,10 @@ class EquivalentSources:
 
 
 def weights_of(lines: SurveyLines) -> Array:
-    """Return weights (c, 9) that map six gradients [E] and gravity [m/s²] to c components."""
+    """Return weights (c, 9) that convert gradients [E] and gravity [m/s²] to c components.
+
+    The nine inputs are six gradients and three components of gravity.
+    """
     weights = np.zeros((len(lines.components), 9))
     if lines.quantity == "disturbance":
         weights[0, 8] = -_MGAL
@@ -166,7 +172,8 @@ class Equations:
     def of(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Return the summed normal equations of the lines with indices ``chosen``.
 
-        The results are the matrix (J, J), only its upper triangle, and the right side (J,).
+        The results are a matrix (J, J) and the right side (J,), where J is the number of masses.
+        Only the upper triangle of the matrix is set.
         """
         count = self.places.shape[1]
         matrix, right = np.zeros((count, count), order="F"), np.zeros(count)
@@ -207,7 +214,10 @@ class Equations:
 
 
 def residuals(sources: EquivalentSources, lines: SurveyLines, index: int) -> Array:
-    """Return measurement minus map (n, components) of line ``index``, less the line's mean."""
+    """Return the residuals (n, components) of line ``index``: measurement minus map.
+
+    The mean residual of each component is subtracted. n is the number of samples of the line.
+    """
     samples = lines.samples(index)
     differences: Array = lines.values[samples] - sources.along(lines, samples)
     return differences - differences.mean(axis=0)

@@ -1,4 +1,7 @@
-"""Geoid heights from the shipped part of EGM2008, to convert heights above sea level."""
+"""Geoid heights from the shipped part of EGM2008.
+
+They convert heights above sea level to heights above the ellipsoid.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +28,11 @@ _STEP_DEG, _MARGIN_DEG, _FEWEST_NODES = 0.5, 0.05, 4
 
 
 def geoid_heights(latitude: Array, longitude: Array) -> Array:
-    """Return heights of the geoid above the ellipsoid (N,) [m] along a track (N,) [deg].
+    """Return heights (N,) [m] of the geoid above the ellipsoid along a track.
 
-    The method is Bruns' formula with EGM2008 to degree 120. Without higher degrees the error is up
-    to 1 m over flat land, and a few metres in mountains.
+    ``latitude`` (N,) and ``longitude`` (N,) are in degrees. The method is Bruns' formula with
+    EGM2008 to degree 120. Higher degrees are omitted, so the error is up to 1 m over flat land, and
+    a few metres in mountains.
     """
     rows = np.arange(len(latitude))
     nodes = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_NODES)).round())
@@ -39,10 +43,11 @@ def geoid_heights(latitude: Array, longitude: Array) -> Array:
 
 
 def geoid_over(latitude: Array, longitude: Array) -> Array:
-    """Return heights of the geoid above the ellipsoid (N,) [m] at positions (N,) [deg].
+    """Return heights (N,) [m] of the geoid above the ellipsoid at positions.
 
-    The heights are computed as in :func:`geoid_heights` at the nodes of a grid that covers the
-    positions, and interpolated.
+    ``latitude`` (N,) and ``longitude`` (N,) are in degrees. The heights at the nodes of a grid that
+    covers the positions are computed as in :func:`geoid_heights`. The results are interpolated
+    between these nodes.
     """
     axes = [_axis(places) for places in (latitude, longitude)]
     heights = _grid_of_heights(*axes)

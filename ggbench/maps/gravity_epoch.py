@@ -4,6 +4,8 @@ The value of a coefficient G (C or S) at the time t, with the value G(t0) of ``g
 
 G(t) = G(t0) + trnd (t − t0) + Σ acos cos(2π (t − t0)/p) + asin sin(2π (t − t0)/p)
 
+Here trnd, acos and asin are not functions, but the values of the lines with these keywords.
+
 The time t, the reference epoch t0 and the period p are in years (Ince et al., Earth System Science
 Data 11 (2019) 647). In the format icgem2.0 each line has an interval of validity t0 to t1. Only
 lines whose interval contains the epoch are used. In the older format each ``gfct`` line has the

@@ -92,7 +92,7 @@ class Ground:
         )
 
     def beyond(self, nodes: Nodes, density: float) -> list[str]:
-        """Return a remark on the effect of unknown ground beyond the terrain, if it is large.
+        """Return a list with a remark on the effect of unknown ground beyond the terrain.
 
         The list is empty if the effect is small. The estimate uses a half-plane of thickness t and
         density ρ beyond the distance D: its gradient is 2 G ρ t / D, with the gravitational
@@ -131,7 +131,10 @@ class Ground:
         ]
 
     def remark(self, nodes: Nodes) -> str:
-        """Return a remark on the area over which terrain-following flights are inside the map."""
+        """Return a remark on the share of the area where terrain-following flights are in the map.
+
+        A flight is in the map where it is not below the lowest layer.
+        """
         lowest = float(nodes.height_m[0])
         lat, lon = nodes.latitude_deg, nodes.longitude_deg
         around = self.terrain.crop(lat[0], lat[-1], lon[0], lon[-1]).height_m

@@ -119,8 +119,9 @@ class Nodes:
         ----------
         tensor : (n_lat, n_lon, n_h, 6) disturbing gradient [E].
         gravity_disturbance : (n_lat, n_lon, n_h, 3) [m/s²].
-        provenance, errors : source of the map in words; standard errors and error distances, if
-            known.
+        provenance : source of the map, in words.
+        errors : standard errors of the components, and correlation distances of the errors [m];
+            None: unknown.
         """
         axes = self.latitude_deg, self.longitude_deg, self.height_m
         latitude_step, longitude_step, height_step = map(step_of, axes)

@@ -63,7 +63,7 @@ class SourceExtent:
     bounds : limits south, north, west, east [deg].
     good : the same limits without the edges, where the field is less accurate.
     floor_m : lowest valid height [m].
-    lowest_m : default of the lowest height [m].
+    lowest_m : default height of the lowest layer [m].
     sources_m : height of the masses [m]; the distance from the masses limits the node spacing.
     ground : description of the highest ground of a terrain; "" for other sources.
     """

@@ -73,8 +73,8 @@ class HarmonicPart:
     Attributes
     ----------
     coefficients : coefficients of the disturbing potential.
-    nodes_per_half_wave : largest number of nodes at which the series is summed, per half wavelength
-        of the highest degree. In a denser map a spline of degree 5 interpolates between these
+    nodes_per_half_wave : largest number of nodes, per half wavelength of the highest degree, at
+        which the series is summed. In a denser map a spline of degree 5 interpolates between these
         nodes. Infinite: no interpolation.
     """
 
@@ -121,7 +121,7 @@ class ResidualPart:
 
 @dataclasses.dataclass(frozen=True)
 class TerrainPart:
-    """Map part: the field of a terrain, or only its wavelengths shorter than those of a degree.
+    """Map part: the field of a terrain, or only its part above a spherical-harmonic degree.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ def terrain_about(terrain: Terrain, nodes: Nodes) -> Terrain:
 
 
 def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
-    """Return the terrain without wavelengths shorter than those of a degree.
+    """Return the terrain, low-pass filtered to a spherical-harmonic degree.
 
     The filter is a Butterworth filter of order 8: it multiplies the amplitude of a wave of degree n
     by 1 / (1 + (n/degree)^16). Beyond its edges the terrain is continued by its mirror image.

@@ -62,8 +62,8 @@ class Inputs:
     epoch : epoch of time-variable coefficients.
     terrain_from_degree : degree up to which the other files contain the field; the terrain adds
         shorter wavelengths.
-    density, water_density, order : densities [kg/m³] and order of the series of the terrain; see
-        :mod:`ggbench.gravity.parker`.
+    density, water_density, order : density of the ground and density of water [kg/m³], and order
+        of Parker's series; see :mod:`ggbench.gravity.parker`.
     geoid_height_m : height of the terrain's zero level above the ellipsoid [m]; None: EGM2008 for a
         draped map, 0 for a map of level layers.
     voids : additional values that mark voids in terrains and grids.
@@ -122,11 +122,13 @@ def plan(
 
     Parameters
     ----------
-    inputs, request : files and options; requested nodes.
+    inputs : files and options.
+    request : requested nodes.
     command : the user's command, for the ``history`` attribute of the file.
     layers_for : function that chooses the lowest and the highest layer of a draped map [m above the
         base surface]. Its arguments are nodes with a base surface, and the height of the terrain's
-        zero level [m above the ellipsoid]. The layers of the inputs are then a first guess.
+        zero level [m above the ellipsoid]. If this function is given, ``inputs.drape`` is only a
+        first guess.
 
     Raises MapError or TerrainError if a file is invalid, files contradict each other, or bounds are
     outside the inputs.

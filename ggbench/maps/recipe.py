@@ -53,7 +53,8 @@ class MapRecipe:
     Attributes
     ----------
     source : a key of :data:`ggbench.maps.shipped.SOURCES`.
-    south_deg, north_deg, west_deg, east_deg : bounds [deg]; longitudes may differ by whole turns.
+    south_deg, north_deg, west_deg, east_deg : bounds [deg]. Longitudes may differ from those of the
+        source by whole turns.
     min_height_m, max_height_m : bounds [m above the ellipsoid].
     spacing_arcmin : distance between nodes in latitude and in longitude. Its upper limit depends on
         the height of the third layer. For a geoid the limit is a quarter of the height above the
@@ -62,16 +63,17 @@ class MapRecipe:
         above the highest ground is then 0.01 E RMS. For point masses the limit is 0.35 of the
         height above the highest mass.
     height_spacing_m : distance between layers. Its upper limit depends on the height of the lowest
-        layer. For a geoid the limit is a quarter of the height above half the depth of the masses.
+        layer. For a geoid the limit is a quarter of the height above the level at half the depth of
+        the masses.
         For a terrain the limit is the height above the highest ground. For point masses it is 0.35
         of the height above the highest mass.
     land_correction : whether to convert the geoid to the height anomaly with the topography.
     relief_smoothing_deg : standard deviation of a Gaussian that smooths topography or terrain
         before use; 0 (no smoothing) to 1. The benchmark uses 0.
     density_kg_m3 : density of the ground of a terrain.
-    drape : whether heights count from the base surface of a terrain (:mod:`.drape`). The limits of
-        ``spacing_arcmin`` and ``height_spacing_m`` are then the heights of the third and the lowest
-        layer above the base surface.
+    drape : whether heights count from the base surface of a terrain (:mod:`.drape`). The limit of
+        ``spacing_arcmin`` is then the height of the third layer above the base surface. The limit
+        of ``height_spacing_m`` is the height of the lowest layer above the base surface.
     """
 
     source: str
@@ -94,7 +96,8 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
 
     The cache is a folder of netCDF files. The name of a file is a hash of recipe, data and code, so
     an outdated file is never used. A damaged file is replaced. If the folder is not writable, maps
-    are built each time. :data:`ggbench.numerics.cache.CACHE_VARIABLE` sets the folder.
+    are built each time. The environment variable with the name
+    :data:`ggbench.numerics.cache.CACHE_VARIABLE` sets the folder.
 
     Raises MapError in the cases of :func:`build`.
     """
@@ -323,7 +326,7 @@ def _node_counts(recipe: MapRecipe) -> tuple[int, int, int]:
 
 
 def content_key(recipe: MapRecipe) -> str:
-    """Return the hash of all inputs of a map: recipe, declaration of the source, data, code."""
+    """Return the hash of all inputs of a map: recipe, source declaration, data files, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
     digest.update(rooms_hash(*MAP_ROOMS).encode())

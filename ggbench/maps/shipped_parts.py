@@ -1,7 +1,8 @@
 """Map parts from shipped data.
 
 Each kind of part is a class in :data:`KINDS`. Its attributes are the keys of a part in
-``shipped.toml``. Its method ``part`` returns a :class:`.parts.Part`, as is used for users' data.
+``shipped.toml``. Its method ``part`` returns a :class:`.parts.Part`. Maps of users' data consist of
+such parts, too.
 """
 
 from __future__ import annotations
@@ -215,9 +216,9 @@ class ShippedGeoid:
     def spacing(self) -> SpacingRule:
         """Return the rule: at most a quarter of the height above the masses.
 
-        Spline errors are then 1e-3 E. The vertical spacing uses the height above half the depth of
-        the masses. The reason is that the error is largest in the lowest layer, where the spline
-        ends.
+        Spline errors are then at most 1e-3 E. The limit of the vertical spacing uses the height
+        above the level at half the depth of the masses. The reason is that the error is largest in
+        the lowest layer, where the spline ends.
         """
         words = "a quarter of that height"
         if self.source_depth_m > 0.0:
@@ -301,7 +302,7 @@ class ShippedTerrain:
         return TerrainPart(terrain, density, dtype="float64")
 
     def extent(self) -> SourceExtent:
-        """Return the area of the terrain, with heights from ``clearance_m`` above the summit up."""
+        """Return the area of the terrain; the lowest height is ``clearance_m`` above the summit."""
         terrain = self.terrain()
         sides = (terrain.latitudes_deg, terrain.longitudes_deg)
         bounds = np.array([limit for side in sides for limit in (side[0], side[-1])])
@@ -381,7 +382,7 @@ class ShippedMasses:
         )
 
     def errors(self) -> Errors:
-        """Return standard errors (9,) of the map, and correlation distances (9,) [m]."""
+        """Return standard errors (9,) and correlation distances (9,) [m] of the nine components."""
         stored = _masses(self.file)
         return stored["standard_error"], stored["error_distance"]
 

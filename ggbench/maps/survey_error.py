@@ -53,8 +53,9 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     """Return the standard errors of the nine components of a map, and correlation distances.
 
     The errors (9,) are those of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; the
-    distances are (9,) [m]. Values of gravity are NaN if gradients were measured, and vice versa.
-    All are NaN if the residuals of held-back lines are not larger than those of fitted lines.
+    distances are (9,) [m]. If gradients were measured, the results for gravity are NaN. If gravity
+    was measured, the results for the tensor are NaN. All are NaN if the residuals of held-back
+    lines are not larger than those of fitted lines.
     """
     measured = weights_of(fit.lines)
     basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured

@@ -42,10 +42,10 @@ class FitOptions:
 
     Attributes
     ----------
-    depth_m, damping : depth of the masses below the flights [m], and relative damping; None: chosen
-        by cross-validation.
+    depth_m : depth of the masses below the flights [m]; None: chosen by cross-validation.
     spacing_m : distance between the masses [m]; None: 0.6 of the depth, or more if this gives too
         many masses.
+    damping : relative damping; None: chosen by cross-validation.
     """
 
     depth_m: float | None = None
@@ -60,9 +60,11 @@ class SurveyFit:
     Attributes
     ----------
     lines : lines of the survey.
-    settings, sources : settings, and point masses, of the fit to all lines.
-    held_back : residuals of each line except ties, by index of the line: measurement minus map,
-        less its mean over the line. The map is a fit without this line.
+    settings : settings of the fit to all lines.
+    sources : point masses of the fit to all lines.
+    held_back : residuals (N, components) of each line except ties, by index of the line. Residuals
+        are measurements minus a map. The map is a fit without this line. The mean residual of each
+        component over the line is subtracted.
     scores : RMS residual of held-back lines, for each tested setting.
     """
 
@@ -79,9 +81,10 @@ class SurveyFit:
 
     @cached_property
     def rms(self) -> tuple[Array, Array]:
-        """RMS (components,) of the residuals and of the measurements of held-back lines.
+        """RMS of the residuals, and RMS of the measurements, of held-back lines.
 
-        The mean of the measurements over each line is subtracted first.
+        Both have the shape (components,). The mean of the measurements over each line is
+        subtracted first.
         """
         readings = [self.lines.values[self.lines.samples(index)] for index in self.held_back]
         differences = np.concatenate(list(self.held_back.values()))

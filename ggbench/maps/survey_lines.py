@@ -76,7 +76,7 @@ class SurveyLines:
     time_s : (N,) time of each sample.
     latitude_deg, longitude_deg, height_m : (N,) position of each sample; heights are above the
         ellipsoid.
-    components : names of measured components, keys of :data:`COMPONENTS`, or only
+    components : names of the measured components. They are keys of :data:`COMPONENTS`, or only
         :data:`DISTURBANCE`.
     values : (N, len(components)) measured gradients [E] in east-north-up axes, or gravity
         disturbances [mGal].
@@ -160,7 +160,7 @@ class SurveyLines:
 
 
 def in_our_axes(component: str, axes: str) -> tuple[str, int]:
-    """Return the east-north-up name, and the sign, of a component given in the axes of a file.
+    """Convert a component from a file's axes to east-north-up; return its new name and its sign.
 
     ``axes`` is a key of :data:`AXES`. Example: ``xz`` in the axes north, east, down is ``yz`` with
     the opposite sign, and ``xx-yy`` is ``xx-yy`` with the opposite sign.
@@ -171,8 +171,8 @@ def in_our_axes(component: str, axes: str) -> tuple[str, int]:
 def turned(component: str, turn: Turn) -> tuple[str, int]:
     """Return the name and the sign of a component in rotated or reflected axes.
 
-    ``turn`` maps each axis of the file to the parallel axis of the new system and the sign of the
-    direction.
+    For each axis of the file, ``turn`` contains the parallel axis of the new system and a sign. The
+    sign is −1 if the two axes have opposite directions, else 1.
     """
     if "-" in component:
         first, second = (f"{turn[pair[0]][0]}" * 2 for pair in component.split("-"))

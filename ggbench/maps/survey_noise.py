@@ -26,7 +26,10 @@ _GAP = 1.5  # intervals: a longer one ends a series
 
 
 def innovations(model: VectorAutoregression, series: Array) -> Array:
-    """Return the innovations e_k (n − p, m) of a series (n, m), from sample p on."""
+    """Return the innovations e_k (n − p, m) of a series (n, m), from sample p on.
+
+    p is the order of the model, n the number of samples, and m the number of components.
+    """
     lagged = _lagged(series, model.order)
     white: Array = series[model.order :] - lagged @ np.concatenate(
         [a.T for a in model.coefficients]
@@ -38,6 +41,8 @@ def autoregression(
     series: Sequence[Array], order: int, components: Sequence[str], interval: float = 1.0
 ) -> VectorAutoregression:
     """Return the least-squares autoregression of a given order for several series (n, m).
+
+    n is the number of samples of a series, and m the number of components.
 
     Raises ColouredNoiseError if the autoregression is not stationary or there are too few samples.
     """

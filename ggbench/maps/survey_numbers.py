@@ -41,14 +41,17 @@ _LEAST = 1e-3
 
 
 class Column(NamedTuple):
-    """Column of a table that is used: name, and unit ("" if not stated)."""
+    """Used column of a table: its name, and its unit ("" if not stated)."""
 
     name: str
     unit: str
 
 
 class Numbers(NamedTuple):
-    """Numbers of a column in the unit of a key (NaN where missing), and remarks."""
+    """Numbers of a column, and remarks.
+
+    Missing values are NaN. The unit is that of the key, see :func:`read_numbers`.
+    """
 
     values: Array
     remarks: tuple[str, ...]
@@ -56,6 +59,8 @@ class Numbers(NamedTuple):
 
 def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[float]) -> Numbers:
     """Return the numbers of a column, converted to the unit of ``key``.
+
+    The key is the standard name of the quantity, such as ``height_m``, ``xx`` or ``disturbance``.
 
     Raises MapError if a cell is not a number (the message states the line of the file), or if the
     unit of the column is unknown or of another quantity.
@@ -100,7 +105,7 @@ def _require_numbers(
 
 
 def written_numbers(table: SurveyTable, columns: Sequence[str]) -> Array:
-    """Return the numbers (N, c) in c columns of text, unconverted; NaN for other text."""
+    """Return the numbers (N, c) in c columns of text, in the file's units; NaN for other text."""
     texts = ([cell.strip() for cell in table.columns[name]] for name in columns)
     return np.column_stack([_written(cells) for cells in texts])
 
@@ -168,7 +173,8 @@ def require_limits(
 ) -> None:
     """Raise MapError if a value is outside the limits of its key.
 
-    ``rows`` (N,) are the indices of the samples in the table, for the message.
+    ``values`` contains the numbers (N,) by key, such as ``height_m`` or ``xx``. ``rows`` (N,)
+    are the indices of the samples in the table, for the message.
     """
     for key, column in values.items():
         low, high = _LIMITS[key]

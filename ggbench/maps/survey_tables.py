@@ -324,5 +324,8 @@ def missing_line(table: SurveyTable, column: str) -> None:
 
 
 def unreadable(path: Path, ending: str, error: BaseException) -> MapError:
-    """Return a MapError that states why a file cannot be read."""
+    """Return a MapError that states why a file cannot be read.
+
+    ``ending`` is the suffix of the file without the dot, such as ``csv``.
+    """
     return MapError(f"{path} is not a {ending} file: {text_of(error)}.")

@@ -87,7 +87,7 @@ def next_line(positions: Array, lines: SurveyLines) -> tuple[str, float]:
 
 
 def distances_from(line: Array, points: Array) -> Array:
-    """Return the distances (N,) of points (N, 2) from a polygonal line through (M, 2)."""
+    """Return the distances (N,) of points (N, 2) from a polygonal line with vertices (M, 2)."""
     starts, steps = line[:-1], np.diff(line, axis=0)
     lengths = np.maximum(np.sum(steps**2, axis=1), np.finfo(float).tiny)
     off = points[:, np.newaxis] - (starts if len(starts) else line)

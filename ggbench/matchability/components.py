@@ -32,15 +32,18 @@ GRADES = ("lowest third", "middle third", "highest third")
 
 @dataclass(frozen=True)
 class Components:
-    """Principal components of the statistics of N cells.
+    """Principal components of p statistics of N cells.
 
     Attributes
     ----------
-    explained : (p,) fraction of the variance of each component, decreasing.
+    explained : (p,) fraction of the total variance in each component, in decreasing order.
     vectors : (p, p) components in columns; the rows are in the order of :data:`ORIENTATION`.
-    kept : number of components in the index.
-    index : (N,) index of each cell, Σ_k (λ_k / Σ λ) v_kᵀ x over the kept components, with variances
-        λ_k, vectors v_k and standardised statistics x; NaN for an omitted cell.
+    kept : number of leading components that contribute to the suitability index.
+    index : (N,) suitability index of each cell, Σ_k (λ_k / Σ λ) v_kᵀ x. The variance of
+        component k is λ_k, and its column of ``vectors`` is v_k. The vector x contains the inputs
+        of :func:`principal_components` for the cell. The sum over k contains only the first
+        ``kept`` components; Σ λ is the sum of all p variances. The index is NaN if
+        :func:`principal_components` omits the cell.
     """
 
     explained: Array
@@ -79,7 +82,10 @@ def principal_components(statistics: Mapping[str, Array]) -> Components | None:
 
 
 def grades(index: Array) -> list[str]:
-    """Return the grade of each cell, by thirds of the index (N,); NaN gives the lowest grade."""
+    """Return the grade of each cell, by thirds of the suitability index (N,).
+
+    A cell with the index NaN has the lowest grade.
+    """
     finite = index[~np.isnan(index)]
     if finite.size == 0:
         return [GRADES[0]] * index.size

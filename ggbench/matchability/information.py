@@ -59,10 +59,11 @@ class Instrument:
         return "mGal" if self.kind == "gravity" else "E"
 
     def readings(self, field: Field, positions: Array) -> Array:
-        """Return h (N, c), in units of the noise, at positions (N, 3) [rad, rad, m].
+        """Return the noise-free measurements h (N, c) at positions (N, 3) [rad, rad, m].
 
-        c is the number of channels. The measurement of a gravimeter is normal gravity minus the
-        upward component of the gravity disturbance.
+        They are in units of the noise standard deviation. c is the number of channels. The
+        measurement of a gravimeter is normal gravity minus the upward component of the gravity
+        disturbance.
 
         Raises
         ------
@@ -78,7 +79,10 @@ class Instrument:
         return tensors[:, 5:] if self.kind == "uu" else tensors
 
     def jacobians(self, field: Field, positions: Array) -> Array:
-        """Return H (N, c, 2) [1/m] at positions (N, 3) [rad, rad, m].
+        """Return the derivatives H (N, c, 2) [1/m] of h at positions (N, 3) [rad, rad, m].
+
+        They are derivatives with respect to displacements to the east and to the north. The
+        measurements h of c channels are those of :meth:`readings`.
 
         Raises
         ------
@@ -107,7 +111,11 @@ def moved(positions: Array, offset: Array) -> Array:
 
 
 def information(jacobians: Array) -> Array:
-    """Return the Fisher information J = Σ HᵀH (2, 2) [1/m²] of measurements with H (N, c, 2)."""
+    """Return the Fisher information J = Σ HᵀH (2, 2) [1/m²] on the horizontal position.
+
+    The sum is over N positions. ``jacobians`` contains H (N, c, 2) of c channels, see
+    :meth:`Instrument.jacobians`.
+    """
     rows = jacobians.reshape(-1, 2)
     return np.asarray(rows.T @ rows)
 
@@ -122,16 +130,20 @@ def accuracy(info: Array) -> float:
 
 
 def isotropy(info: Array) -> float:
-    """Return the ratio λ_min / λ_max of the eigenvalues of J (2, 2).
+    """Return the ratio λ_min / λ_max of the eigenvalues of the Fisher information J (2, 2).
 
-    It is 1 for isotropic information, 0 if one direction is unobservable, and NaN for J = 0.
+    The ratio is 1 for isotropic information, 0 if one direction is unobservable, and NaN for J = 0.
     """
     low, high = np.linalg.eigvalsh(info)
     return float(low / high) if high > 0.0 else np.nan
 
 
 def offsets(reach_m: float, step_m: float) -> Array:
-    """Return a square grid (s, s, 2) of offsets to the east and north [m], centred at zero."""
+    """Return a square grid (s, s, 2) of offsets to the east and north [m], centred at zero.
+
+    Neighbours are ``step_m`` apart. The largest offset along an axis is ``reach_m``, rounded up to
+    a multiple of ``step_m``.
+    """
     side = np.arange(-np.ceil(reach_m / step_m), np.ceil(reach_m / step_m) + 1) * step_m
     return np.stack(np.meshgrid(side, side), axis=-1)
 
@@ -139,7 +151,8 @@ def offsets(reach_m: float, step_m: float) -> Array:
 def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -> Array:
     """Return the ambiguity A(d) = ½ Σ ‖h(p) − h(p + d)‖² (s, s) of a track (N, 3).
 
-    The sum is over the positions p of the track; ``grid`` (s, s, 2) contains the offsets d.
+    The sum is over the positions p of the track. h(p) contains the noise-free measurements at p, in
+    units of the noise. ``grid`` (s, s, 2) contains the offsets d [m].
 
     A(d) is the expected difference of the log likelihoods of the true track and the track displaced
     by d. It is NaN where |d| exceeds the largest offset along an axis (the corners of the grid) and
@@ -158,11 +171,14 @@ def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -
 
 
 def least(ambiguities: Array, grid: Array, right_m: float, reach_m: float) -> float:
-    """Return A_min, the smallest A(d) over r₀ < |d| ≤ reach; NaN without such an offset.
+    """Return A_min, the smallest ambiguity A(d) of the offsets d with r₀ < |d| ≤ ``reach_m``.
+
+    The result is NaN if A is NaN at all these offsets, or if there are none.
 
     Parameters
     ----------
-    ambiguities, grid : A (s, s) and offsets (s, s, 2), see :func:`ambiguity`.
+    ambiguities : (s, s) ambiguity A at each offset, see :func:`ambiguity`.
+    grid : (s, s, 2) offsets d [m].
     right_m : r₀, largest error of a correct fix [m].
     reach_m : largest offset [m].
     """
@@ -175,15 +191,17 @@ def false_fix_bound(
 ) -> float:
     """Return the union bound Σ Q(√(A(d)/2)) on the probability of a false fix, at most 1.
 
-    Q is the tail probability of the standard normal distribution. The measurements of the true and
-    the displaced track differ by √(2A) standard deviations. The wrong track is more likely if the
-    noise exceeds half this distance. The sum is over the local minima of A with r₀ < |d| ≤
-    ``reach_m``.
+    A(d) is the ambiguity of the offset d, see :func:`ambiguity`. Q is the tail probability of the
+    standard normal distribution. The measurements of the true and the displaced track differ by
+    √(2A) standard deviations. The wrong track is more likely if the noise exceeds half this
+    distance. The sum is over the local minima of A with r₀ < |d| ≤ ``reach_m``.
 
     Parameters
     ----------
-    ambiguities, grid, right_m, reach_m : A (s, s), offsets (s, s, 2) and limits, as in
-        :func:`least`.
+    ambiguities : (s, s) ambiguity A at each offset.
+    grid : (s, s, 2) offsets d [m].
+    right_m : r₀, largest error of a correct fix [m].
+    reach_m : largest offset [m].
     sigma_m : standard deviation σ of the position prior, per axis; it adds |d|²/2σ² to A. ∞: no
         prior.
     """
@@ -198,8 +216,9 @@ def false_fix_bound(
 def spill(info: Array, right_m: float, sigma_m: float = np.inf) -> float:
     """Return the probability that a fix near the correct minimum has an error above r₀.
 
-    The result is P(|e| > r₀) for an error e ~ N(0, (J + I/σ²)⁻¹). J is the Fisher information
-    ``info`` (2, 2), and σ is the standard deviation ``sigma_m`` of the prior, per axis [m].
+    The result is P(|e| > r₀) for an error e ~ N(0, (J + I/σ²)⁻¹). r₀ is ``right_m``, the largest
+    error of a correct fix [m]. J is the Fisher information ``info`` (2, 2), and σ is the standard
+    deviation ``sigma_m`` of the prior, per axis [m].
     :func:`false_fix_bound` does not include these fixes, which are frequent if J is small.
     """
     inverse = info + np.eye(2) / sigma_m**2

@@ -172,16 +172,18 @@ def score(
     ``fractal_dimension``
         fractal dimension of the same quantity on 64 × 64 nodes;
     ``information_m``, ``isotropy``
-        √tr J⁻¹ and λ_min/λ_max of J, where J is the information of the measurements in a square
+        √tr J⁻¹ and λ_min/λ_max of J. J is the Fisher information of the measurements in a square
         kilometre, averaged over the cell;
     ``track_m``, ``best_track_m``, ``best_heading_deg``
         √tr J⁻¹ of the measurements along a track: root mean square over all headings, smallest
         value, and heading of the smallest value;
     ``ambiguity``, ``ambiguity_heading_deg``
-        smallest A_min over all headings, and the heading of this track;
+        smallest ambiguity A_min (:func:`~.information.least`) over all headings, and the heading
+        with this ambiguity;
     ``false_fix``
-        union bound of the probability of a false fix plus the probability of
-        :func:`~.information.spill`, averaged over the headings;
+        sum of two probabilities, averaged over the headings, at most 1. One is the union bound of
+        a false fix (:func:`~.information.false_fix_bound`). The other is the result of
+        :func:`~.information.spill`;
     ``index``, ``grade``
         index and grade from principal components; NaN and empty with too few cells.
 
@@ -227,7 +229,7 @@ def cells_between(
     """Return the results of :func:`cells_of` for a map that is given by two of its nodes.
 
     ``lower`` and ``upper`` (3,) are the first and the last node of the map [rad, rad, m]. ``above``
-    is the reference of heights in messages.
+    is appended to heights in messages, for example " above the base surface".
 
     Raises MapError if the height or the cells are not within the map.
     """

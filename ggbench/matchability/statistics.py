@@ -83,8 +83,9 @@ def deviation(g: Array) -> float:
 
 
 def slope(g: Array, east_m: float, north_m: float) -> Array:
-    """Return the slope S = √(g_x² + g_y²) (m − 2, n − 2) from 3 × 3 nodes (Horn 1981).
+    """Return the slope S (m − 2, n − 2) of g (m, n) from 3 × 3 nodes (Horn 1981).
 
+    S = √(g_x² + g_y²), where g_x and g_y are the derivatives of g to the east and to the north.
     ``east_m`` and ``north_m`` are the distances between nodes [m]; S has the unit of g per metre.
     """
     over_rows = g[:-2] + 2.0 * g[1:-1] + g[2:]

@@ -7,8 +7,9 @@ The cache has two properties that numba's own cache lacks:
   simultaneous writes, numba's index of a function could lose an entry, or return code for other
   argument types.
 
-Results are bitwise equal in every process, although each compiled function contains a copy of the
-functions that it calls: without ``fastmath`` the compiler may not change the rounding of a copy.
+Each compiled function contains a copy of the functions that it calls. Results are nevertheless
+bitwise equal in every process. Without ``fastmath`` the compiler must not change the rounding of a
+copy.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ class Kernel:
 
     Code of functions without a file (notebooks, ``exec``) is not stored on disk.
 
-    Code for Python has an entry that unpacks arguments. It is compiled at the first call from
-    Python, because entries of all functions would be a sixth of the compiled code.
+    The code for Python has an additional entry, which unpacks the arguments. This code is compiled
+    only at the first call from Python. The entries of all functions would be a sixth of the
+    compiled code.
     """
 
     def __init__(self, function: Any, jit: Any) -> None:
@@ -64,7 +66,7 @@ class Kernel:
 
     @property
     def targetoptions(self) -> Any:
-        """Options of the compilation, under the name that numba expects."""
+        """Options of the compilation; numba reads them from this attribute."""
         return self._part.targetoptions
 
     @property
@@ -115,7 +117,10 @@ def _without_collections() -> Iterator[None]:
 
 
 class Locator:
-    """Locator that gives numba the cache folder of a function, named by a hash of the source."""
+    """Locator that gives numba the cache folder of a function.
+
+    The name of the folder contains a hash of the source.
+    """
 
     SUFFIX = "entry"
 

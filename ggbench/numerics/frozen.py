@@ -10,7 +10,7 @@ import numpy as np
 
 
 def frozen(array: np.ndarray) -> np.ndarray:
-    """Return an immutable copy of an array (...).
+    """Return an immutable copy of an array of any shape (...).
 
     The copy is stored in a ``bytes`` object, so it cannot be made writeable.
     """
@@ -19,7 +19,7 @@ def frozen(array: np.ndarray) -> np.ndarray:
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Return a read-only, contiguous array (...) of equal values; copy only if necessary."""
+    """Return an array (...) as a read-only, contiguous array; copy it only if necessary."""
     contiguous = _contiguous(array)
     if contiguous.flags.writeable:
         contiguous = contiguous.view()
@@ -34,14 +34,15 @@ def _contiguous(array: np.ndarray) -> np.ndarray:
 
 
 def freeze_arrays(instance: Any, freeze: Callable[[np.ndarray], np.ndarray] = frozen) -> None:
-    """Replace the arrays (...) in the fields of a frozen dataclass by immutable copies.
+    """Replace each array in the fields of a frozen dataclass by the result of ``freeze``.
 
     Call it in ``__post_init__``.
 
     Parameters
     ----------
     instance : instance of the dataclass.
-    freeze : function that returns the array (...) to store.
+    freeze : function that is called with an array of any shape (...). It returns the array to
+        store, by default an immutable copy.
     """
     for item in fields(instance):
         value = getattr(instance, item.name)

@@ -2,7 +2,7 @@
 
 Kernels are cached on disk (:mod:`.compiling`) and release the GIL. Division by zero gives infinity
 or NaN, as in NumPy, because a branch that raises an exception would prevent vector instructions.
-The compiler may not fuse products and sums on its own. Therefore the results of a kernel are
+The compiler must not fuse products and sums on its own. Therefore the results of a kernel are
 bitwise equal wherever it is inlined; see :mod:`.vectors`. Arrays are copied in loops, because numba
 needs three seconds to compile an assignment of one array to another.
 """

@@ -180,7 +180,10 @@ def product(left: np.ndarray, right: np.ndarray, count: int, out: np.ndarray) ->
 
 @compiled
 def project(rows: np.ndarray, p: np.ndarray, m: int, hp: np.ndarray, s: np.ndarray) -> None:
-    """Fill H P (m, n) and the lower half of S = H P Hᵀ + I (m, m), given ``rows`` H and P."""
+    """Fill ``hp`` (m, n) with H P, and the lower half of ``s`` (m, m) with S = H P Hᵀ + I.
+
+    ``rows`` is H (m, n), and ``p`` is P (n, n).
+    """
     n = p.shape[0]
     one = splat(1.0)
     products_of_rows(rows, m, p, hp)
@@ -194,11 +197,11 @@ def project(rows: np.ndarray, p: np.ndarray, m: int, hp: np.ndarray, s: np.ndarr
 
 @compiled
 def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
-    """Fill ``lower`` (m, m) with the Cholesky factor L of a symmetric matrix, L Lᵀ = A.
+    """Fill ``lower`` (m, m) with the Cholesky factor L of a symmetric matrix A = L Lᵀ.
 
-    Only the lower half of ``matrix`` A (m, m) is used. The diagonal of ``lower`` contains 1 / L_ii.
-    If the matrix of a lane is not positive definite, these values are NaN or infinite from some row
-    on. ``matrix`` and ``lower`` may be the same array.
+    ``matrix`` is A (m, m); only its lower half is used. The diagonal of ``lower`` contains
+    1 / L_ii. If the matrix of a lane is not positive definite, these values are NaN or infinite
+    from some row on. ``matrix`` and ``lower`` may be the same array.
     """
     one = splat(1.0)
     for i in range(m):
@@ -216,10 +219,11 @@ def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
 
 @compiled
 def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) -> None:
-    """Fill the Cholesky factor L (n, n) of a symmetric matrix, L Lᵀ = A, and 1 / L_ii (1, n).
+    """Fill ``lower`` (n, n) with the Cholesky factor L of a symmetric matrix A = L Lᵀ.
 
-    Only the lower triangle of ``lower`` is filled. If the matrix of a lane is not positive
-    definite, ``inverse`` has an element in this lane that is not a positive number.
+    ``matrix`` is A (n, n). Only the lower triangle of ``lower`` is filled. ``inverse`` (1, n) is
+    filled with 1 / L_ii. If the matrix of a lane is not positive definite, ``inverse`` has an
+    element in this lane that is not a positive number.
     """
     one = splat(1.0)
     for i in range(matrix.shape[0]):
@@ -302,7 +306,10 @@ def solve_upper(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -
 
 @compiled
 def whiten(lower: np.ndarray, m: int, residual: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (1, m) with L⁻¹ y, for the residual y and L from :func:`factorise`."""
+    """Fill ``out`` (1, m) with L⁻¹ y.
+
+    ``residual`` is y (1, m), and ``lower`` is L (m, m) from :func:`factorise`.
+    """
     for i in range(m):
         total = load(residual, 0, i)
         for k in range(i):
@@ -312,7 +319,7 @@ def whiten(lower: np.ndarray, m: int, residual: np.ndarray, out: np.ndarray) -> 
 
 @compiled
 def add_squares(values: np.ndarray, m: int, out: np.ndarray) -> None:
-    """Add the sum of squares of the first m elements of ``values`` (1, .) to ``out`` (1, 1)."""
+    """Add the squares of the first m elements of ``values`` (1, m or more) to ``out`` (1, 1)."""
     total = load(out, 0, 0)
     for i in range(m):
         value = load(values, 0, i)
@@ -372,8 +379,9 @@ def joseph(
     """Replace P (n, n) by Joseph's form (I − K H) P (I − K H)ᵀ + K Kᵀ.
 
     With M = P − K (H P), symmetric except for rounding, the result is M − (M Hᵀ − K) Kᵀ. This needs
-    two products of rank m instead of two products of full rank. ``gain`` (m, n) is Kᵀ, ``hp`` (m,
-    n) is H P; ``scratch`` (n, n) and ``change`` (m, n) are overwritten.
+    two products of rank m instead of two products of full rank. ``gain`` (m, n) is Kᵀ, ``hp``
+    (m, n) is H P, and ``rows`` (m, n) is H. ``scratch`` (n, n) and ``change`` (m, n) are
+    overwritten.
     """
     add_products(gain, hp, -1.0, p, scratch)
     products_of_rows(rows, m, scratch, change)
@@ -387,9 +395,10 @@ def joseph(
 def add_products(
     left: np.ndarray, right: np.ndarray, sign: float, p: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill ``out`` (n, n) with P + s Aᵀ B, a symmetric matrix, for A and B (m, n), s = ``sign``.
+    """Fill ``out`` (n, n) with the symmetric matrix P + s Aᵀ B.
 
-    ``out`` and ``p`` must be different arrays.
+    ``left`` is A (m, n), ``right`` is B (m, n), ``sign`` is s, and ``p`` is P (n, n). ``out`` and
+    ``p`` must be different arrays.
     """
     n, factor = p.shape[0], splat(sign)
     for i_0 in range(0, n, 3):

@@ -1,8 +1,8 @@
-"""Memory layout of the matrices of eight runs (lanes), and transfer from and to blocks.
+"""Memory layout of the matrices of eight runs (lanes), and copies from and to blocks.
 
 Compiled code processes LANES = 8 runs in parallel, one run per lane. A matrix of eight runs is a
 contiguous array (rows, columns, LANES), in which the last axis is the run. A vector of n numbers is
-an array (1, n, LANES).
+an array (1, n, LANES). In a block of R runs and K epochs, (R, K, ...), the first axis is the run.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def series(count: int, rows: int, columns: int) -> np.ndarray:
 
 @compiled
 def group_starts(runs: int) -> np.ndarray:
-    """Return the first run of each group of up to LANES runs, (groups,)."""
+    """Return the index (groups,) of the first run of each group of up to LANES runs."""
     first = np.empty((runs + LANES - 1) // LANES, dtype=np.int64)
     for i in range(first.shape[0]):
         first[i] = i * LANES
@@ -202,7 +202,8 @@ def gather(
 def gather_rows(values: np.ndarray, group: np.ndarray, k: int, count: int, out: np.ndarray) -> None:
     """Fill the first ``count`` rows of ``out`` with values (R, K, rows, columns) at epoch ``k``.
 
-    ``out`` has the shape (., columns, LANES).
+    ``group`` (LANES,) contains the run of each lane, see :func:`group_members`. ``out`` has the
+    shape (count or more, columns, LANES).
     """
     used, size = count * values.shape[3], values.shape[2] * values.shape[3]
     epochs = values.shape[1]
@@ -237,7 +238,10 @@ def gather_rows(values: np.ndarray, group: np.ndarray, k: int, count: int, out: 
 
 @compiled
 def gather_row(values: np.ndarray, group: np.ndarray, k: int, out: np.ndarray) -> None:
-    """Fill ``out`` (1, m, LANES) with values (R, K, m) at epoch ``k``."""
+    """Fill ``out`` (1, m, LANES) with values (R, K, m) at epoch ``k``.
+
+    ``group`` (LANES,) contains the run of each lane, see :func:`group_members`.
+    """
     for r in range(LANES):
         row = values[group[r], k]
         for j in range(row.shape[0]):
@@ -263,9 +267,10 @@ def scatter(
     mean: np.ndarray,
     cov: np.ndarray,
 ) -> None:
-    """Write x (1, n) and P (n, n) of ``count`` runs to epoch k of mean (R, K, n) and cov.
+    """Write x (1, n, LANES) and P (n, n, LANES) of ``count`` runs to epoch ``k`` of a block.
 
-    ``first`` is the run of lane 0; ``cov`` has the shape (R, K, n, n).
+    ``mean`` (R, K, n) receives x, and ``cov`` (R, K, n, n) receives P. ``first`` is the run of
+    lane 0.
     """
     n, epochs = p.shape[0], mean.shape[1]
     for r in range(count):

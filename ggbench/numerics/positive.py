@@ -9,10 +9,10 @@ _NO_NOISE = 1e-13
 
 
 def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a root G (n, r) of a covariance (n, n) of rank r, G Gᵀ = cov, and (G⁺)ᵀ (n, r).
+    """Return a root G (n, r) of a covariance (n, n), and the matrix (G⁺)ᵀ (n, r).
 
-    G⁺ is the pseudo-inverse of G. The rank is that of the correlation matrix, so it does not depend
-    on the units of the states.
+    The covariance has the rank r and is equal to G Gᵀ. G⁺ is a left inverse of G: G⁺ G = I. The
+    rank is that of the correlation matrix, so it does not depend on the units of the states.
     """
     sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
     unit = np.where(sigma > 0.0, sigma, 1.0)
@@ -23,7 +23,7 @@ def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def nearest_root(matrix: np.ndarray) -> np.ndarray:
-    """Return an upper triangular U (n, n) with UᵀU = P (n, n) after repair.
+    """Repair a covariance P (n, n), and return an upper triangular U (n, n) with UᵀU = P.
 
     P is made symmetric and scaled to a correlation matrix. Small or negative eigenvalues of this
     matrix are raised to a limit: n times the machine precision times the largest eigenvalue.
@@ -48,8 +48,8 @@ class MatrixSquareRoot:
     """Upper-triangular square root of a covariance that may have lost positive definiteness.
 
     An unscented filter with a negative weight of the central point may lose positive definiteness.
-    P is made symmetric and factorised by Cholesky's method. If this fails, the root is that of
-    :func:`nearest_root`, and the repair is counted.
+    The covariance is made symmetric and factorised by Cholesky's method. If this fails, the root is
+    that of :func:`nearest_root`, and the repair is counted.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class MatrixSquareRoot:
         return nearest_root(matrix)
 
     def repaired(self, matrix: np.ndarray) -> np.ndarray:
-        """Return a symmetric, positive definite covariance (n, n): P, or P after repair."""
+        """Return a symmetric covariance (n, n), repaired if it was not positive definite."""
         before = self.repairs
         root = self(matrix)
         return 0.5 * (matrix + matrix.T) if self.repairs == before else root.T @ root

@@ -1,7 +1,8 @@
 """Records: sets of many arrays that kernels pass by a single address.
 
-Compiled functions pass a named tuple as all numbers that describe its arrays, seven or more numbers
-per array. For a model with thirty arrays, copying these numbers would be most of the compiled code.
+Compiled code passes a named tuple of arrays to a function as separate numbers. Each array needs
+seven or more numbers, such as address, shape and strides. For a model with thirty arrays, copying
+these numbers would be most of the compiled code.
 A record is stored in memory and passed by its address, as in :mod:`numba.experimental.structref`.
 In Python a record is a frozen dataclass.
 """
@@ -28,7 +29,7 @@ _MEMORY = types.MemInfoPointer(types.voidptr)
 
 @dataclass_transform(frozen_default=True, eq_default=False)
 def record(cls: _Class) -> _Class:
-    """Make a class with annotated fields a record, which kernels accept, create and pass on.
+    """Turn a class with annotated fields into a record, which kernels accept, create and pass on.
 
     Fields cannot be set. Arrays in fields are shared and can be filled. A record returned by a
     kernel is usable only in kernels.
@@ -77,7 +78,7 @@ class RecordType(types.StructRef):
         self.name = f"{made.__module__}.{made.__qualname__}.{digest}"
 
     def preprocess_fields(self, fields: Any) -> Any:
-        """Return the names and types of the fields; types of constants become general types."""
+        """Return the names and types of the fields, with general types instead of literal types."""
         return [(name, types.unliteral(kind)) for name, kind in fields]
 
 

@@ -6,10 +6,10 @@ and negated lane by lane, and ``math.sqrt`` and ``math.floor`` accept vectors. T
 formula can be compiled for a number or for the numbers of eight runs. Vectors exist only in
 compiled code and cannot be returned to Python.
 
-A product and a sum of vectors in one expression are fused, that is rounded once. This is decided
-from the source of each function, before the compiler inlines. Therefore the bits of a result depend
-on the source alone. On processors without a fused instruction the C library computes the same bits,
-but slowly.
+A product and a sum of vectors in one expression are fused, that is rounded once. The source of each
+function determines the fused operations, before the compiler inlines. Therefore the bits of a
+result depend on the source alone. On processors without a fused instruction the C library computes
+the same bits, but slowly.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def _is_contiguous(array: Any) -> bool:
 
 @intrinsic
 def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
-    """Return the vector ``array[i, j]`` of a contiguous array (., ., LANES).
+    """Return the vector ``array[i, j]`` of a contiguous array (rows, columns, LANES).
 
     Indices must not be negative.
     """
@@ -177,7 +177,9 @@ def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
-    """Set ``array[i, j]`` of a contiguous array (., ., LANES) to a vector or a number.
+    """Set ``array[i, j]`` to a vector or a number.
+
+    The array is contiguous and has the shape (rows, columns, LANES).
 
     Indices must not be negative.
     """
@@ -198,7 +200,7 @@ def splat(typing: Any, number: Any) -> Any:
 
 @intrinsic
 def like(typing: Any, kind: Any, number: Any) -> Any:
-    """Return ``number``, or a vector with it in all lanes if ``kind`` is a vector."""
+    """Return ``number``; if ``kind`` is a vector, return a vector with ``number`` in all lanes."""
     if not (isinstance(kind, _Vector) or kind == types.float64):
         return None
 

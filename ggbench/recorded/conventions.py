@@ -41,8 +41,9 @@ class Convention(NamedTuple):
     turn : axes of the record.
     factor : conversion factor from the unit of the record to E.
     lacks : part that the record excludes, "the normal field" or "its mean"; "" for none.
-    after, before : RMS residuals against the map with this convention, and of the unchanged record
-        [E].
+    after : RMS difference [E] between the record, read in this convention, and the map. The mean
+        difference of each channel is subtracted before the RMS is taken.
+    before : RMS difference [E] between the unchanged record and the map. No mean is subtracted.
     """
 
     turn: Turn
@@ -95,7 +96,10 @@ def gradient_convention(flight: RecordedFlight) -> Convention | None:
 
 
 def in_words(convention: Convention, instrument: str) -> str:
-    """Return a convention in words, as part of a sentence; ``instrument`` is the mount."""
+    """Return a convention in words, as part of a sentence.
+
+    ``instrument`` is the mount of the gradiometer, for example ``strapdown``.
+    """
     parts = []
     if convention.turn is not CONVENTIONS[0] and instrument in _DIRECTIONS:
         parts.append(f"in axes {axes_in_words(convention.turn, _DIRECTIONS[instrument])}")

@@ -133,9 +133,9 @@ class Residuals:
     predicted : (K, m) predicted measurements: from earlier epochs for a filter, else from the
         estimate at the same epoch.
     whitened : (K, m) measurements minus predictions; NaN without a measurement. For a filter they
-        are innovations, multiplied by the inverse Cholesky factor of the innovation covariance:
-        independent and of variance 1 if the filter is consistent. For other estimators they are
-        residuals divided by the noise.
+        are innovations, multiplied by the inverse Cholesky factor of the innovation covariance. If
+        the filter is consistent, they are independent and of variance 1. For other estimators they
+        are residuals, multiplied by the inverse Cholesky factor of the noise covariance.
     nis : (K,) normalised innovation squared of a filter, from :attr:`.Estimate.nis` if the filter
         provides it; NaN for other estimators.
     innovations : whether ``whitened`` are innovations.
@@ -180,10 +180,11 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
 def residual_columns(
     problem: Problem, differences: Residuals, start: float = 0.0
 ) -> dict[str, np.ndarray]:
-    """Return measurement, prediction and residual of each channel as columns (K,).
+    """Return measurement, prediction and whitened residual of each channel as columns (K,).
 
-    Names of columns contain sensor, channel and unit. ``..._present`` is 1 if there is a
-    measurement, else 0.
+    Names of columns contain sensor and channel. Names of measurements and predictions also contain
+    the unit. ``..._present`` is 1 if there is a measurement, else 0. Further columns are ``time_s``
+    and ``nis``.
     """
     columns = {"time_s": start + problem.times}
     for j, channel in enumerate(problem.channels):
@@ -207,7 +208,9 @@ class AgainstReference:
     Attributes
     ----------
     times : (C,) times of these epochs [s].
-    components, sigmas : (C, 6) errors of position [m] and velocity [m/s], and reported σ.
+    components : (C, 6) errors of position [m] and velocity [m/s].
+    sigmas : (C, 6) reported standard deviations of these errors; NaN if the estimate has no
+        covariances.
     nees : (C,) normalised estimation error squared of position and velocity, or of position only if
         the reference has no velocities; NaN without covariances.
     states : number of states of the NEES, 6 or 3.

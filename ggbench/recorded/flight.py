@@ -74,8 +74,9 @@ class RecordedFlight:
     path : path of the flight file.
     spec : content of the flight file.
     problem : input of estimators; times [s] count from the first INS sample.
-    reference : INS errors against the reference track, or None; NaN for states that the reference
-        does not contain, such as biases. Estimators never receive it.
+    reference : INS errors against the reference track; None if there is no reference track. States
+        that the reference does not contain, such as biases, are NaN. Estimators never receive the
+        reference.
     start : time of the first INS sample on the INS clock [s].
     sample_times : (N + 1,) times of all INS samples since the first [s].
     indicated : INS solution at the samples.

@@ -56,8 +56,9 @@ _SPINS = 10.0
 class Inertial(NamedTuple):
     """INS record of a flight, as input of compiled kernels.
 
-    In shapes, TRACK = 15 is the number of elements of position, velocity and C_nb. LANES is the
-    number of runs that a kernel processes together; only the first run is used.
+    In shapes, N is the number of intervals between samples. TRACK = 15 is the number of elements of
+    position, velocity and C_nb. LANES is the number of runs that a kernel processes together; only
+    the first run is used.
 
     Attributes
     ----------
@@ -79,7 +80,8 @@ class Inertial(NamedTuple):
     def navigated(self, gravity: KnownGravity) -> np.ndarray:
         """Return the INS solution (N + 1, TRACK, LANES) at the samples.
 
-        ``gravity`` is the gravity that the mechanization adds to normal gravity.
+        The symbols of the shape are explained in :class:`Inertial`. ``gravity`` is the gravity that
+        the mechanization adds to normal gravity.
 
         Raises FlightError if numbers of the mechanization overflow.
         """
@@ -245,7 +247,9 @@ def _require_few(base: TimeBase, columns: Columns) -> None:
 
 
 def force_hint(force: float, period: float, increments: bool) -> str:
-    """Return a hint on the unit of a specific force that does not agree with gravity, or "".
+    """Return a hint on the unit of a specific force that does not agree with gravity.
+
+    The hint is empty if the force agrees with gravity in none of the tested units.
 
     Parameters
     ----------

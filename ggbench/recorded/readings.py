@@ -49,14 +49,14 @@ _FEET_FROM, _NEARLY = 100.0, 0.02
 
 
 class Series(NamedTuple):
-    """Recorded measurements of one sensor.
+    """Recorded measurements of one sensor: G measurements in w columns of a file.
 
     Attributes
     ----------
-    samples : (G,) indices of the INS samples of the measurements.
+    samples : (G,) index of the INS sample of each measurement.
     values : (G, w) measured values by column; NaN if missing.
     columns : columns of the file.
-    rows : (G,) indices of the rows in the file.
+    rows : (G,) index of each measurement's row in the file.
     zeros : (G,) whether all channels of a gradiometer are exactly 0, and thus missing.
     """
 
@@ -153,6 +153,8 @@ def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np
 def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndarray, np.ndarray]:
     """Return gradiometer measurements (1, G, g) [E], and a mask (1, G) of missing measurements.
 
+    G is the number of measurements, and g the number of channels. The first axis is the single run.
+
     Raises FlightError if a measurement is incomplete, or if an instrument with a low-pass filter
     has a missing measurement.
     """
@@ -186,8 +188,9 @@ def others(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the measurements (1, K, e) of all sensors except the gradiometer, and a mask.
 
-    The mask (1, K, e) marks available measurements. ``at`` contains the epoch indices of each
-    sensor. ``ins`` is the INS solution at the epochs, with arrays (1, K, ...).
+    The mask (1, K, e) marks available measurements. K is the number of epochs, and e the number of
+    channels of these sensors. ``at`` contains the epoch indices of each sensor. ``ins`` is the INS
+    solution at the epochs, with arrays (1, K, ...).
     """
     width = sum(len(sensor.channels) for sensor in model.aiding)
     read = np.full((*ins.positions.shape[:2], width), np.nan)
@@ -209,13 +212,14 @@ def others(
 def require_near(
     columns: Columns, rows: np.ndarray, away: np.ndarray, allowed: float, what: str
 ) -> None:
-    """Raise FlightError if a receiver's first position is far from that of the INS.
+    """Raise FlightError if a record's first position is far from that of the INS.
 
-    The error is also raised if the height of the receiver or of the INS is likely to be in feet.
+    The error is also raised if the height of the record or of the INS is likely to be in feet. The
+    record is that of a receiver or of a reference track.
 
-    ``away`` (G, 3) [m] has the differences between receiver and INS positions in the rows ``rows``
-    (G,); NaN if missing. ``allowed`` is the largest distance that the prior allows [m]. ``what`` is
-    the name of the record in the message.
+    ``rows`` (G,) are indices of rows of the record. For each of these rows, ``away`` (G, 3)
+    contains the difference of recorded and INS position [m]; NaN if missing. ``allowed`` is the
+    largest distance that the prior allows [m]. ``what`` is the name of the record in the message.
     """
     there = np.flatnonzero(np.isfinite(away[:, :2]).all(axis=1))
     if not len(there):

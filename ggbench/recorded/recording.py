@@ -143,7 +143,10 @@ def _write_readings(
 
 
 def toml(tables: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return the lines of TOML text for nested tables: values first, then subtables."""
+    """Return the lines of TOML text for nested tables: values first, then subtables.
+
+    ``prefix`` precedes the names of subtables; it ends with a dot, or is empty.
+    """
     lines, nested = [], []
     for key, value in tables.items():
         if isinstance(value, Mapping):

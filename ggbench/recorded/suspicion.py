@@ -43,8 +43,8 @@ _FEWEST = 20
 class ClockFit(NamedTuple):
     """Clock offset of a receiver that fits the INS best.
 
-    ``offset`` [s] must be added to the receiver's times. ``before`` and ``after`` are the RMS
-    residuals without and with the offset, in ``unit``.
+    ``offset`` [s] must be added to the receiver's times. ``before`` is the RMS residual
+    without the offset, and ``after`` the RMS residual with it. Both are in ``unit``.
     """
 
     offset: int
@@ -188,8 +188,8 @@ def isolated_outliers(problem: Problem) -> int:
 
     An outlier differs from the measurements before and after it. Measurements are compared with the
     INS, whose error changes slowly. For each channel the deviation from a running median is divided
-    by a standard deviation. This is the larger of the assumed noise and the standard deviation from
-    the median absolute deviation.
+    by a standard deviation. The divisor is the larger of two standard deviations. One is the
+    assumed noise, the other is estimated from the median absolute deviation.
     """
     there = problem.present
     every = np.arange(problem.epochs)

@@ -29,8 +29,8 @@ class TimeBase:
     """Times of the INS samples on the INS clock: ``start`` + n ``dt`` [s], n = 0..``count``.
 
     ``tolerance`` is the largest time difference between a measurement and its INS sample [s].
-    ``lost`` is the number of missing rows that are interpolated, and ``longest_gap`` the longest
-    interval between the rows around them [s].
+    ``lost`` is the number of missing rows, which are interpolated. ``longest_gap`` is the longest
+    interval between two successive rows with missing rows between them [s].
     """
 
     start: float
@@ -101,6 +101,8 @@ class TimeBase:
 def clocked(columns: Columns, offset: float) -> np.ndarray:
     """Return the times (N,) of a file's rows on the INS clock [s].
 
+    ``offset`` [s] is added to the times in the file.
+
     Raises FlightError if the times do not increase, or are too large to be in seconds.
     """
     times = columns["time_s"]
@@ -133,8 +135,9 @@ def require_period(
 ) -> float:
     """Return the median interval of times (N,) [s].
 
-    Raise FlightError if it differs from the stated period. ``rows`` and ``table`` are words for the
-    message: the rows of the file, and the table that states the period.
+    Raise FlightError if the median differs from the stated ``period`` [s] by more than a fifth of
+    the period. ``rows`` and ``table`` are words for the message: the rows of the file, and the
+    table that states the period.
     """
     usual = float(np.median(np.diff(times)))
     if abs(usual - period) > _PERIOD_SLIP * period:
@@ -162,14 +165,18 @@ def time_base(
     columns : columns of the file.
     times : (N,) times of the rows [s].
     dt : interval of the samples [s].
-    max_gap : longest interval between two rows [s].
-    tolerance : largest time difference between a measurement and its sample [s].
-    before : number of samples before the first row.
+    max_gap : longest allowed interval between two rows [s]. None: 1.5 times the larger of ``dt``
+        and the median interval.
+    tolerance : largest allowed time difference between a measurement and its sample [s], limited to
+        0.5 ``dt``. None: 0.1 ``dt``.
+    before : number of samples before the first row; 1 for increments, whose rows are at the ends of
+        their intervals.
 
     Raises
     ------
     FlightError
-        If there are gaps, the interval of the rows is not ``dt``, or there are too few rows.
+        If an interval is longer than ``max_gap``; if the median interval differs from ``dt`` by
+        more than a fifth; if there are fewer than three rows.
     """
     if len(times) < 3:
         raise columns.error(f"has {len(times)} rows; a record of an INS needs at least 3")
@@ -198,14 +205,14 @@ def time_base(
 
 
 def missing_rows(steps: np.ndarray, most: int = 1) -> np.ndarray:
-    """Return the number of missing rows (N,) in each interval of a record.
+    """Return the number (N,) of missing rows in each of the N intervals of a record.
 
     If times jitter, long and short intervals alternate, and no row is missing.
 
     Parameters
     ----------
     steps : (N,) intervals [s].
-    most : largest number of apparently missing rows in an interval that may be due to jitter.
+    most : largest number of rows that seem to be missing in an interval only because of jitter.
     """
     usual = float(np.median(steps))
     missing = np.where(steps > USUAL_GAP * usual, np.rint(steps / usual) - 1.0, 0.0)

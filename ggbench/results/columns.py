@@ -31,8 +31,9 @@ class Column:
     ----------
     name, kind : name of the column, and type of the values.
     check : SQL condition on the values, written after the column's name.
-    finished : whether only finished runs have a value; failed runs have NULL.
-    defined : whether a value is required; a missing float is NaN in records and NULL in SQL.
+    finished : whether only finished runs have a value. If so, failed runs have NULL.
+    defined : whether a value is required. If not, a missing float is NaN in records and NULL in
+        SQL.
     tabled : whether the table of runs has the column.
     """
 

@@ -27,7 +27,7 @@ def csv_text(table: pd.DataFrame, **options: Any) -> str:
 
 
 def restored(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table read from CSV with the apostrophes of :func:`csv_text` removed."""
+    """Return a table from a CSV file without the apostrophes that :func:`csv_text` wrote."""
     texts = table.select_dtypes(exclude=["number", "bool"])
     return table.assign(**{key: texts[key].map(_plain) for key in texts})
 

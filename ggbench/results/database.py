@@ -45,9 +45,10 @@ class Result(NamedTuple):
     ----------
     key : hash of all inputs of the result except the run index (:mod:`.campaign.result_keys`).
     record : record of the run, with a value for each of :data:`.columns.NAMES`.
-    series : (K', 4) float32: position and velocity error [m, m/s], NEES and NIS at K' of the
-        epochs; or None.
-    detail : (K, 18) float32: errors and their σ, only for run 0 (:meth:`Database.detail`); or None.
+    series : (K', 4) float32: position and velocity error [m, m/s], NEES and NIS at K' of the K
+        epochs. None for a failed run, and from run 1000 on.
+    detail : (K, 18) float32: errors and their σ (:meth:`Database.detail`). None for a failed run,
+        and for all runs except run 0.
     fixes : fixes of a matcher, see :func:`.judging.fix_metrics.judge`.
     retry_above : time limit [s] of a run that died or was too slow; a campaign with a larger limit
         repeats the run. None if the result is final.
@@ -152,10 +153,10 @@ class Database:
         self._write({"records": records, "fixes": fixes, "curves": curves})
 
     def finished(self, limit: float = np.inf, retry_failed: bool = False) -> dict[str, np.ndarray]:
-        """Return, by key, the indices (N,) of the runs that need not be run again.
+        """Return, by key, the indices (N,) of the runs with a final result.
 
-        A result is not final if the run failed at a lower time limit than ``limit`` [s]. With
-        ``retry_failed`` no failure is final.
+        A campaign does not repeat these runs. A result is not final if the run failed at a lower
+        time limit than ``limit`` [s]. With ``retry_failed`` no failure is final.
         """
         to_repeat: dict[str, list[int]] = {}
         query = "SELECT key, run FROM records WHERE retry_above < ?"
@@ -184,7 +185,7 @@ class Database:
             yield record | {"info": self._info(record["info"])}
 
     def infos(self, key: str, runs: int) -> list[dict[str, Any]]:
-        """Return the ``info`` of the finished runs 0 to ``runs`` − 1 with a key.
+        """Return ``Estimate.info`` of the finished runs 0 to ``runs`` − 1 with a key.
 
         Raise StoreError if an ``info`` is damaged.
         """
@@ -206,8 +207,9 @@ class Database:
         return self._table("records", TABLED, keys, runs, "key, run")
 
     def fixes(self, keys: Set[str], runs: int) -> dict[str, pd.DataFrame]:
-        """Return a table of the fixes of each matcher in the runs 0 to ``runs`` − 1, by key.
+        """Return, by key, tables of the position fixes in the runs 0 to ``runs`` − 1.
 
+        Only keys of matchers have a table.
         The columns are ``run`` and :data:`.judging.fix_metrics.ROWS`, sorted by run and fix.
         """
         query = "SELECT DISTINCT key FROM records WHERE fixes IS NOT NULL AND run < ?"
@@ -237,10 +239,11 @@ class Database:
             raise StoreError(f"{self.path} cannot be read: {text_of(error)}") from None
 
     def series(self, key: str, runs: int) -> np.ndarray:
-        """Return time series (runs, K', 4): position and velocity error [m, m/s], NEES, NIS.
+        """Return time series (S, K', 4): position and velocity error [m, m/s], NEES, NIS.
 
-        Only finished runs among the first 1000 have a time series (:data:`.store.SERIES_RUNS`). The
-        array ``kept`` of the case has the indices of the K' epochs.
+        S is the number of the runs 0 to ``runs`` − 1 that have a time series. Only finished runs
+        among the first 1000 have one (:data:`.store.SERIES_RUNS`). The array ``kept`` of the case
+        has the indices of the K' epochs.
 
         Raise StoreError if a series is damaged.
         """
@@ -253,7 +256,10 @@ class Database:
         return np.array(curves)
 
     def series_of(self, key: str, run: int) -> np.ndarray | None:
-        """Return the time series (K', 4) of one run, or None if none is stored."""
+        """Return the time series (K', 4) of one run, or None if none is stored.
+
+        :meth:`series` describes the columns and the K' epochs.
+        """
         return self._blob("series", key, run, 4)
 
     def detail(self, key: str, run: int) -> np.ndarray | None:

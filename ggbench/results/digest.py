@@ -3,7 +3,7 @@
 ``manifest.json``  scenario, estimators and versions.
 ``metrics.csv``    metrics of the settled window.
 ``cases.csv``      the cases.
-``pairs.csv``      comparisons with the INS, the EKF and the best estimators of a case.
+``pairs.csv``      comparisons with the INS, the EKF, and best or recommended estimators.
 """
 
 from __future__ import annotations
@@ -104,7 +104,10 @@ def write(results: Results, folder: Path) -> None:
 
 
 def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the pairs with the INS, the EKF, or a best or recommended estimator of the case."""
+    """Return the pairs of which at least one estimator is decisive in the case.
+
+    Decisive estimators are the INS, the EKF, and the best and recommended estimators of the case.
+    """
     named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
     is_decisive = [
         bool({first, second} & {*_ALWAYS, *names})

@@ -129,7 +129,7 @@ class Results:
         return int(self.manifest["runs"])
 
     def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
-        """Yield the records with one assumption, or without any (``""``).
+        """Yield the records of the runs with the named ``assumption``; "" stands for none.
 
         Each record includes its case and estimator. The order is case, estimator, run.
         """
@@ -145,17 +145,22 @@ class Results:
         return self.store.records(cell.key, runs)
 
     def series(self, case: str, estimator: str) -> np.ndarray:
-        """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
+        """Return the time series (S, K', 4) of the finished runs of an estimator.
 
-        Only finished runs among the first 1000 have a time series (:data:`.store.SERIES_RUNS`). The
-        result may be empty. The array ``kept`` of the case has the indices of the K' epochs.
+        The columns are position error [m], velocity error [m/s], NEES and NIS. S is the number of
+        finished runs among the first 1000; no other run has a time series
+        (:data:`.store.SERIES_RUNS`). The result may be empty. The array ``kept`` of the case has
+        the indices of the K' epochs.
         """
         key = self._keys.get(("", case, estimator))
         curves = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
         return curves if not len(curves) else self._of_length(curves, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
-        """Return the time series (K', 4) of one run, or None if none is stored."""
+        """Return the time series (K', 4) of one run, or None if none is stored.
+
+        :meth:`series` describes the columns and the K' epochs.
+        """
         key = self._keys.get(("", case, estimator))
         curve = None if key is None else self.store.series_of(key, run)
         return None if curve is None else self._of_length(curve, case, "kept")
@@ -178,7 +183,7 @@ class Results:
         return curves
 
     def counters(self) -> pd.DataFrame:
-        """Return the medians over the finished runs of the counters in ``Estimate.info``.
+        """Return the counters in ``Estimate.info`` as medians over the finished runs.
 
         There is a row for each case and estimator with counters, and a column for each counter. A
         counter that an estimator does not have is NaN.
@@ -238,7 +243,7 @@ class Results:
         return self._arrays[case]
 
     def runs(self) -> pd.DataFrame:
-        """Return a table with a row for each run and estimator, of the cases and of assumptions.
+        """Return a table with a row for each run of each estimator, with and without assumptions.
 
         The columns are :data:`RUN_COLUMNS`; missing numbers are NaN.
         """
@@ -312,7 +317,10 @@ class Results:
         return pairs.pairs(self._cases_runs)
 
     def pairs_of(self, requested: Sequence[tuple[str, str, str]]) -> pd.DataFrame:
-        """Return comparisons of requested pairs, as one family of tests (:func:`.pairs.family`)."""
+        """Return comparisons of requested pairs, as one family of tests (:func:`.pairs.family`).
+
+        Each item of ``requested`` consists of a case and the labels of two estimators.
+        """
         return pairs.family(self._cases_runs, requested)
 
     def cases(self) -> pd.DataFrame:
@@ -344,7 +352,8 @@ class Results:
     def studies(self) -> pd.DataFrame:
         """Return metrics with a column ``assumption``; empty if no runs have an assumption.
 
-        With ``assumption`` "" the metrics are those of the same runs without an assumption.
+        For comparison, rows with "" in this column are metrics of runs without an assumption. These
+        runs have the same run indices and the same estimator as the runs with an assumption.
         """
         table = self._runs
         studied = table[table["assumption"] != ""]

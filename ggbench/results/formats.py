@@ -67,7 +67,7 @@ _MANIFEST = TypeAdapter(_Manifest)
 
 
 def flaw_of_manifest(content: Any) -> str | None:
-    """Return the first fault of a manifest in a few words, or None."""
+    """Return the first fault of a manifest in a few words; None if it has no fault."""
     try:
         _MANIFEST.validate_python(content)
     except ValidationError as error:
@@ -105,7 +105,7 @@ _OF_GRADIENTS = ("gradient_times", "vertical", "noisy", "filtered", "filtered_tr
 
 
 def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
-    """Return the first fault of the shared arrays (K,) or (K, m) of a case, or None."""
+    """Return the first fault of a case's shared arrays (K,) or (K, m); None if there is none."""
     bounds = {name: 2 for name in arrays if name.startswith("bound-")}
     columns = {
         "times": 0,

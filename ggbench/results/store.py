@@ -63,8 +63,8 @@ _MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 def kept_epochs(epochs: int) -> np.ndarray:
     """Return the indices (K',) of the epochs with stored time series.
 
-    Up to :data:`MOST_KEPT` epochs are all stored. Otherwise :data:`MOST_KEPT` evenly spread epochs
-    are stored.
+    If there are at most :data:`MOST_KEPT` epochs, all are stored. Otherwise :data:`MOST_KEPT`
+    evenly spread epochs are stored.
     """
     numbers = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
     return np.round(numbers).astype(int)

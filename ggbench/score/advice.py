@@ -86,7 +86,7 @@ def advise(
     """Run the estimators on a case, and compute the effect of each error source on the bound.
 
     ``target_m`` is the required RMS position error [m]. Raise GGBenchError if the case cannot be
-    flown, or runs have no result.
+    flown, or no run gives a result.
     """
     bound = bound_of(case)
     limits = [
@@ -116,7 +116,7 @@ def _noise_key(case: CaseSpec) -> str:
 def with_value(
     case: CaseSpec, key: str, value: Callable[[float], float], sides: Sequence[str] = SIDES
 ) -> CaseSpec:
-    """Return a case with a new value of a key in its tables.
+    """Return a case in which the value of a key is changed in each of the given tables.
 
     Parameters
     ----------

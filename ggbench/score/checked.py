@@ -26,7 +26,7 @@ class CheckedCard:
     Attributes
     ----------
     path : path of the card file.
-    card : card of the new runs; None if there are none, or they differ.
+    card : card of the new runs; None if the runs cannot be repeated, or their card differs.
     reasons : reasons why the card is not reproduced, each as a sentence.
     """
 
@@ -63,9 +63,9 @@ def check(
 ) -> CheckedCard:
     """Repeat the runs of a card and compare all values.
 
-    Only installed and allowed estimators are run, never a file that only the card names. The hash
-    of an estimator file must equal the hash in the card before it is run. Raise KeyboardInterrupt
-    if interrupted.
+    Only installed and allowed estimators are run, never a file that only the card names. An
+    estimator file is run only if its hash equals the hash in the card. Raise KeyboardInterrupt if
+    interrupted.
 
     Parameters
     ----------

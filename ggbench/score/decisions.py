@@ -47,7 +47,8 @@ def verdicts(advice: Advice) -> list[str]:
     """Return the conclusions from the runs, each as a sentence.
 
     The sentences recommend estimators for use in flight and after landing. They list estimators
-    that failed or left the map. They compare the width of the prior with the field.
+    that failed in all runs or left the map. One sentence compares the width of the prior with the
+    correlation length of the field, if this length is defined.
     """
     rows = advices.table(advice)
     errors = dict(zip(rows["estimator"], rows["rms_m"], strict=True))
@@ -101,9 +102,10 @@ def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
 
 
 def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
-    """Return sentences on the required gradiometer noise, and whether the target is reachable.
+    """Return sentences on the required gradiometer noise, and a flag for a reachable target.
 
-    ``target_m`` is the required RMS position error [m].
+    The target is ``target_m``, the required RMS position error [m]. The flag is true if the bound
+    reaches the target, with some gradiometer noise or with the present sensors.
     """
     sentences = []
     if advice.bound_m <= target_m:

@@ -65,10 +65,11 @@ class StoredRuns:
 
     Attributes
     ----------
-    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``, ``cells`` and
-        ``recommended``. ``cells`` has name, parameters, causality, name of the bound and median
-        time per run [s], ``seconds``, for every case and estimator. ``recommended`` has the
-        estimators to compare with, by case and kind (causal or smoother).
+    header : ``scenario_hash``, ``results_version``, ``ggbench`` (version of the package), ``seed``,
+        ``runs`` (number of runs of each case), ``cells`` and ``recommended``. ``cells`` has an item
+        for every case and estimator: name, parameters, causality, name of the bound, and
+        ``seconds``, the median time per run [s].
+        ``recommended`` has the estimators to compare with, by case and kind (causal or smoother).
     runs : table of runs as in a results folder, NaN for missing values.
     """
 

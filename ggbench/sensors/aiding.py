@@ -59,7 +59,7 @@ class Motion(NamedTuple):
 
     @classmethod
     def of(cls, track: _Track) -> Motion:
-        """Return the motion of an indicated or true track."""
+        """Return the motion of an INS track or of a true track."""
         return cls(track.positions, track.velocities, track.attitudes)
 
     @classmethod
@@ -130,8 +130,8 @@ class AidingSensor(ABC):
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return the measurements as linear functions of the INS errors.
 
-        The result is the offset (..., K, e) and the first nine columns of C_k (..., K, e, 9), see
-        :class:`.ModelArrays`. The contribution of the map's gravity is excluded.
+        The result is the offset (..., K, e) and an array (..., K, e, 9), the first nine columns of
+        C_k. :class:`.ModelArrays` defines both. The contribution of the map's gravity is excluded.
         """
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
@@ -172,9 +172,10 @@ class AidingSensor(ABC):
         return np.zeros((*motion.positions.shape[:-1], len(self.channels), 3))
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return the decay factor (K,) e^(−Δt/T) of a bias from the previous epoch to each epoch.
+        """Return the decay factor (K,) of a bias from the previous epoch to each epoch.
 
-        The first factor is that from time zero to the first epoch.
+        The factor is e^(−Δt/T), with the interval Δt and the correlation time T. The first interval
+        is that from time zero to the first epoch.
         """
         return remaining(times, self.bias_time)
 
@@ -187,8 +188,9 @@ class AidingSensor(ABC):
 class VelocityLog(AidingSensor):
     """Velocity log: components of the velocity in body axes (right, forward, up) or in ENU.
 
-    In body axes the velocity depends on the attitude error φ: C_bn v ≈ Ĉ_bn (v̂ − δv + v̂ × φ). The
-    neglected terms φ × δv and φ² v / 2 are 1 mm/s for φ = 3′ and δv = 1 m/s.
+    In body axes the velocity depends on the attitude error φ: C_bn v ≈ Ĉ_bn (v̂ − δv + v̂ × φ). A
+    hat marks INS values, and δv is the velocity error. The terms φ × δv and φ² v / 2 are neglected.
+    For φ = 3′ the first is 1 mm/s at δv = 1 m/s, and the second is 0.04 mm/s at v = 100 m/s.
     """
 
     components: tuple[str, ...] = ("x", "y")
@@ -214,9 +216,10 @@ class VelocityLog(AidingSensor):
         return np.broadcast_to(found, ins.velocities.shape)[..., self._axes]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return offset (..., K, e) [m/s] and C_k (..., K, e, 9) of the measured velocity.
+        """Return offset (..., K, e) [m/s] and Jacobian C_k (..., K, e, 9) of the velocity.
 
-        The measurement is Ĉ_bn (v̂ − δv + v̂ × φ) in body axes, or v̂ − δv in ENU.
+        C_k is the derivative with respect to the INS errors. The measurement is
+        Ĉ_bn (v̂ − δv + v̂ × φ) in body axes, or v̂ − δv in ENU.
         """
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         offset = ins.velocities
@@ -232,7 +235,10 @@ class VelocityLog(AidingSensor):
 
 @dataclass(frozen=True)
 class Barometer(AidingSensor):
-    """Barometric altimeter or known sea level: the height ĥ − δh [m]."""
+    """Barometric altimeter or known sea level, as a measurement of the height.
+
+    The height is ĥ − δh [m], with the INS height ĥ and its error δh.
+    """
 
     kind = "barometer"
 
@@ -246,7 +252,7 @@ class Barometer(AidingSensor):
         return np.broadcast_to(truth.positions, ins.positions.shape)[..., 2:]
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return the offset ĥ (..., K, 1) [m] and C_k (..., K, 1, 9) of the height ĥ − δh."""
+        """Return the offset ĥ (..., K, 1) [m] and the Jacobian C_k (..., K, 1, 9) of ĥ − δh."""
         rows = np.zeros((*ins.positions.shape[:-1], 1, MOVED))
         rows[..., 0, 2] = -1.0
         return ins.positions[..., 2:], rows
@@ -284,7 +290,10 @@ class Gravimeter(AidingSensor):
 
     @property
     def weights(self) -> np.ndarray:
-        """Jacobian W (e, 3) [mGal / (m/s²)]: east, north, and the negative of the up component."""
+        """Jacobian W (e, 3) of the channels with respect to the disturbance ENU.
+
+        The unit is mGal / (m/s²). The channel ``scalar`` is the negative of the up component.
+        """
         return np.asarray((MGAL * _SIGNS[:, np.newaxis] * np.eye(3))[self._axes])
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
@@ -383,9 +392,10 @@ def cross_matrix(vectors: np.ndarray) -> np.ndarray:
 
 
 def metres_of(positions: np.ndarray) -> np.ndarray:
-    """Return metres per unit of longitude, latitude, height (..., 3): [m/rad, m/rad, 1].
+    """Return the metres (..., 3) to the east, north and up per unit of a position.
 
-    ``positions`` (..., 3) are latitude, longitude [rad] and height [m].
+    The columns are metres per radian of longitude, metres per radian of latitude, and 1. The
+    columns of ``positions`` (..., 3) are latitude, longitude [rad] and height [m].
     """
     flat = np.ascontiguousarray(positions).reshape(-1, 3)
     metres = np.hstack([metres_along(flat), np.ones((len(flat), 1))])

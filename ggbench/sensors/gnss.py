@@ -71,7 +71,7 @@ class Gnss(AidingSensor):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Channels: position ENU relative to the INS [m] and velocity ENU [m/s], if provided."""
+        """Channels: ENU position relative to the INS [m], ENU velocity [m/s]; each if provided."""
         kinds = [("position", "m")] * self.position + [("velocity", "m/s")] * self.velocity
         return tuple(
             Channel(f"{what} {axis}", unit, self.name) for what, unit in kinds for axis in "ENU"
@@ -92,7 +92,10 @@ class Gnss(AidingSensor):
         return np.concatenate(parts, axis=-2)
 
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return true antenna position minus INS position [m], and true velocity (..., K, e)."""
+        """Return the measurements (..., K, e) without sensor errors.
+
+        They are the true antenna position minus the INS position [m], and the true velocity [m/s].
+        """
         parts = []
         if self.position:
             antenna = truth.attitudes @ np.array(self.lever)
@@ -102,9 +105,10 @@ class Gnss(AidingSensor):
         return np.concatenate(parts, axis=-1)
 
     def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return offset (..., K, e) and C_k (..., K, e, 9) of the measurements.
+        """Return offset (..., K, e) and Jacobian C_k (..., K, e, 9) of the measurements.
 
-        The position is −δr + Ĉ_nb l + φ × Ĉ_nb l, and the velocity is v̂ − δv.
+        C_k is the derivative with respect to the INS errors. The position is
+        −δr + Ĉ_nb l + φ × Ĉ_nb l, and the velocity is v̂ − δv.
         """
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))

@@ -64,7 +64,9 @@ def add_gravity(
     predicted: np.ndarray,
     slope: np.ndarray,
 ) -> None:
-    """Add W_k δg(p̂_k − x) of each run to h, and the derivative of this term to H.
+    """Add the gravity term W_k δg(p̂_k − x) of each run to h, and its derivative to H.
+
+    :class:`.ModelArrays` defines the symbols.
 
     Parameters
     ----------
@@ -73,8 +75,8 @@ def add_gravity(
     count : number of different runs in the group.
     k : epoch.
     x : (1, n, lanes) states, one run per lane.
-    predicted : (1, m, lanes) h, increased.
-    slope : (m, n, lanes) H, increased; (0, n, lanes) if not needed.
+    predicted : (1, m, lanes) h, to which the term is added.
+    slope : (m, n, lanes) H, to which the derivative is added; (0, n, lanes) if H is not needed.
     """
     if model.gravity.coefficients.size == 0:
         return
@@ -106,15 +108,17 @@ def bend_gravity_pairs(
     odd: np.ndarray,
     even: np.ndarray,
 ) -> None:
-    """Add the nonlinear part of W_k δg at the sigma points x ± d_q, d_q = spread · L_q.
+    """Add the nonlinear part of W_k δg to differences and means of h at pairs of sigma points.
+
+    The sigma points are x ± d_q, with d_q = spread · L_q. :class:`.ModelArrays` defines W_k and δg.
 
     Parameters
     ----------
     model, group, count, k, x : as in :func:`add_gravity`.
     lower : (n, n, lanes) Cholesky factor L of P; L_q is column q.
     spread : factor on the columns of L.
-    odd, even : (m, n, lanes) half the difference, and half the sum, of h(x + d_q) − h(x) and h(x −
-        d_q) − h(x); both are increased.
+    odd : (m, n, lanes) [h(x + d_q) − h(x − d_q)] / 2 in column q, changed.
+    even : (m, n, lanes) [h(x + d_q) + h(x − d_q)] / 2 − h(x) in column q, changed.
     """
     if model.gravity.coefficients.size == 0:
         return

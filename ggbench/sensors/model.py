@@ -34,8 +34,8 @@ class DelayedInsSolution(NamedTuple):
     delays : (K,) τ_k, time from each measurement to its epoch [s].
     positions, attitudes : (..., K, 3), (..., K, 3, 3) INS solution at the measurement times, as in
         :class:`.aiding.Motion`.
-    rows : (..., K, 6, 15) B_k, which maps x(t_k) to the position error [m] and attitude error [rad]
-        at the measurement time.
+    rows : (..., K, 6, 15) B_k, which maps the INS errors at the epoch to the errors of position [m]
+        and attitude [rad] at the measurement time.
     """
 
     delays: np.ndarray
@@ -128,7 +128,8 @@ def model_arrays(
     ----------
     field, gradiometer : assumed field and gradiometer; the gradiometer may be None.
     times : (K,) measurement epochs [s].
-    ins : INS solution at the epochs; the leading axes (...) of arrays are () or (R,).
+    ins : INS solution at the epochs. The leading axes (...) of all arrays are () for one track, and
+        (R,) for a block.
     taken : INS solution at the measurement times of the gradiometer.
     treatment : prefilter of the G outputs of the gradiometer.
     missing : (..., G) mask of missing gradiometer measurements.
@@ -245,7 +246,7 @@ def _combined(
 class SensorModel:
     """Measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
 
-    :class:`.ModelArrays` states the equation.
+    :class:`.ModelArrays` states the equation and defines its symbols.
 
     For a gradiometer with a low-pass filter the offset is ẑ_k − gain_k S T(p̂_k). Here ẑ_k is the
     measurement predicted along the INS track, after low-pass and prefilter; p̂_k is the INS
@@ -254,8 +255,8 @@ class SensorModel:
 
     Whitening of coloured noise combines a few successive measurements. Each is evaluated at its INS
     position minus the position error at epoch k. This neglects the change of the position error
-    during the lag, velocity error times lag. The lag is at most 15 s in the shipped flights. In
-    ``vinton2008`` this approximation raises the error bounds by 0.7 to 1.1 %.
+    during the lag. The change is the velocity error times the lag, which is at most 15 s in the
+    shipped flights. In ``vinton2008`` this approximation raises the error bounds by 0.7 to 1.1 %.
 
     Outside the map the field at the border is used. For a missing measurement h and H are zero.
 

@@ -42,8 +42,9 @@ class ModelArrays:
     instrument : index of :data:`.instrument.INSTRUMENTS`; strapdown if mounting angles are states,
         see :mod:`.gradiometer.mounting`.
     channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
-    combined : (1 or K, T, g, 6) S_ki, equal for all epochs or one for each epoch.
-    lags : (1 or K, T) lags of the T combined measurements [epochs]; −1 for an unused term.
+    combined : (1 or K, T, g, 6) S_ki, one for all epochs or one for each epoch. In shapes, T is the
+        number of terms of the sum.
+    lags : (1 or K, T) lag_i of each term [epochs]; −1 for an unused term.
     origin, step, coefficients, base : map of T, see :class:`.field.Field`.
     times : (K,) t_k − τ_k, measurement times of the gradiometer [s].
     references : (K, 3) INS positions at these times [rad, rad, m].
@@ -97,8 +98,8 @@ class ModelArrays:
 
         Parameters
         ----------
-        change : function of an array (...) of this model and the same array of each of ``others``;
-            returns the new array.
+        change : function that returns the new array (...), given the array of this model and the
+            corresponding array of each of ``others``.
         others : models with arrays to combine with those of this model.
         """
         models = (self, *others)
@@ -128,7 +129,7 @@ OF_A_RUN = (
 def linear_reach(linear: np.ndarray, weights: np.ndarray) -> tuple[int, np.ndarray]:
     """Return the attributes ``first_linear`` and ``columns`` (s,) of :class:`ModelArrays`.
 
-    They follow from ``linear``, C_k (..., m, n), and ``weights``, W_k (..., m, 3).
+    ``linear`` (..., m, n) is C_k, and ``weights`` (..., m, 3) is W_k.
     """
     m, n = linear.shape[-2:]
     used = np.asarray(linear.reshape(-1, m, n).any(axis=0))
@@ -151,7 +152,8 @@ class EpochContext:
     ----------
     references : (T, 3, lanes) INS positions at the times of the T combined measurements
         [rad, rad, m].
-    attitudes : (1, 9, lanes) INS attitude C_nb, row by row.
+    attitudes : (1, 9, lanes) attitude C_nb of the INS or of the mount, row by row; filled only for
+        ``STRAPDOWN``.
     offset : (1, m, lanes) constant term of h [unit of the channel].
     gain : (1, 1, lanes) gain of the gradiometer.
     """
@@ -187,14 +189,14 @@ def epoch_context(model: ModelArrays) -> EpochContext:
 
 @compiled
 def point_scratch(count: int) -> PointScratch:
-    """Return scratch for ``count`` vectors of eight points; at least one vector."""
+    """Return scratch for ``count`` ≥ 1 vectors of eight points."""
     new = lanes.lanes
     return PointScratch(new(3, count), new(24, count), np.empty(TENSOR_WORK))
 
 
 @compiled
 def load_epoch(model: ModelArrays, group: np.ndarray, k: int, out: EpochContext) -> None:
-    """Fill ``out`` with the parameters of h of a group of runs (lanes,) at epoch ``k``."""
+    """Fill ``out`` with the parameters of h at epoch ``k`` for the runs ``group`` (lanes,)."""
     lags = model.lags[min(k, model.lags.shape[0] - 1)]
     for i in range(lags.shape[0]):
         if lags[i] >= 0:

@@ -123,7 +123,7 @@ def read(
     errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad].
         Attitude errors are used only for a strapdown instrument.
     vectors : number of vectors of points to evaluate, at most S.
-    count : number of points to evaluate, in memory order.
+    count : number of points to evaluate; these are the first ones in memory order.
     points : scratch for S vectors.
     out : (g, S, lanes) output.
     """
@@ -199,9 +199,11 @@ def linearise_reading(
 ) -> None:
     """Fill the gradiometer's terms of h [E], as :func:`read`, and their derivative.
 
-    There is one point for each run. For a platform the derivative is D6(C_in) { ∂Γ/∂r +
-    [∂L_φ/∂φ][∂φ_in/∂r] }: change of the field plus rotation of the local level (Wang et al. 2013,
-    eqs. 11 and 12). An attitude error above π is replaced by the equivalent smaller rotation.
+    There is one point for each run. For a platform the derivative with respect to the position is
+    D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] } (Wang et al. 2013, eqs. 11 and 12). The first term is
+    the change of the field, the second term is due to the rotation of the local level. D6(C_in)
+    rotates both from ENU to inertial axes. An attitude error above π is replaced by the equivalent
+    smaller rotation.
 
     Parameters
     ----------
@@ -286,7 +288,11 @@ def _along(found: np.ndarray, first: int) -> Tensor:
 
 @compiled
 def moving_errors(instrument: int) -> int:
-    """Return the number of elements of B_k x (6,) on which gradient measurements depend."""
+    """Return the number of instrument errors B_k x on which gradient measurements depend.
+
+    For a strapdown instrument these are the six errors of position and attitude. For other
+    instruments they are the first three, the errors of position.
+    """
     return 6 if instrument == STRAPDOWN else 3
 
 
@@ -519,9 +525,9 @@ def linearise(
 def linearised(
     model: ModelArrays, at: np.ndarray, states: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return h (N, m) and H (N, m, n) at states (N, n), one for each epoch ``at`` (N,).
+    """Return h (N, m) and H (N, m, n) at epochs ``at`` (N,), with one state for each epoch.
 
-    ``model`` is a block of one run.
+    ``model`` is a block of one run, and ``states`` are (N, n).
     """
     count, m = states.shape[0], model.offset.shape[2]
     predicted, out = np.empty((count, m)), np.empty((count, m, states.shape[1]))

@@ -33,9 +33,10 @@ def gauss_markov(
 
 
 def remaining(times: np.ndarray, correlation_time: float) -> np.ndarray:
-    """Return the decay factors (K,) e^(−Δt/T) of a Gauss–Markov process since the previous time.
+    """Return the decay factor (K,) of a Gauss–Markov process from the previous time to each time.
 
-    The first factor is that from time zero to the first time.
+    The factor is e^(−Δt/T), with the interval Δt and the correlation time T. The first interval is
+    that from time zero to the first time.
     """
     return np.asarray(np.exp(-np.diff(times, prepend=0.0) / correlation_time))
 

@@ -29,9 +29,9 @@ class Seen(NamedTuple):
     ----------
     motion : INS solution at the measurements of the sensor.
     turning : (..., G, 3) angular rate about the body axes [rad/s].
-    gain : (..., G) gain of the measurements; one except for a gradiometer.
-    predicted : function that returns the measurements (..., G, c) predicted at the INS solution,
-        without the gain.
+    gain : (..., G) gain of the measurements; 1 for all sensors but the gradiometer.
+    predicted : function that returns the measurements (..., G, c) of the c channels, predicted
+        from the INS solution. They are not multiplied by the gain.
     """
 
     motion: Motion
@@ -45,7 +45,7 @@ Sensor = AidingSensor | Gradiometer
 
 @dataclass(frozen=True)
 class SensorStates:
-    """Block of s states for errors of a sensor, constant by default.
+    """Block of s states for errors of a sensor; the states are constant by default.
 
     Attributes
     ----------
@@ -80,7 +80,10 @@ class SensorStates:
         return readings
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the columns of C_k (..., G, c, s) for the channels of a sensor; None for zeros."""
+        """Return the columns (..., G, c, s) of C_k for the c channels of a sensor.
+
+        If all columns are zero, the result is None.
+        """
         return None
 
     def turn(self, mount: Mount, states: slice) -> Mount:
@@ -99,7 +102,10 @@ class GravityDisturbance(SensorStates):
     """
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the Jacobian W (e, 3) of a gravimeter, see :attr:`.AidingSensor.weights`."""
+        """Return the Jacobian W (e, 3) of an aiding sensor, or None for a gradiometer.
+
+        See :attr:`.AidingSensor.weights`.
+        """
         return sensor.weights if isinstance(sensor, AidingSensor) else None
 
 
@@ -134,9 +140,9 @@ class GradiometerBias(SensorStates):
         return readings + values
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the gain of the filter times the identity (..., G, c, s).
+        """Return the product (..., G, c, s) of the gain of the filter and the identity matrix.
 
-        Biases pass the low-pass filter as measurements do.
+        Biases pass the low-pass filter as measurements do. For an aiding sensor the result is None.
         """
         if not isinstance(sensor, Gradiometer):
             return None
@@ -145,23 +151,27 @@ class GradiometerBias(SensorStates):
 
 @dataclass(frozen=True)
 class AidingBias(SensorStates):
-    """Biases of the first channels of an aiding sensor, as Gauss–Markov processes."""
+    """Gauss–Markov biases of an aiding sensor; bias i belongs to channel i."""
 
     sensor: AidingSensor
 
     def decay(self, times: np.ndarray) -> np.ndarray:
-        """Return the transition factor e^(−Δt/T) (K,) of each interval."""
+        """Return the transition factor (K,) of each interval, see :meth:`.AidingSensor.decay`."""
         return self.sensor.decay(times)
 
     def driven(self, times: np.ndarray) -> np.ndarray:
-        """Return the process-noise variance (K,) of each interval, σ² (1 − e^(−2Δt/T)).
+        """Return the process-noise variance (K,) of each interval.
 
-        With it the variance of the bias remains σ².
+        It is σ² (1 − e^(−2Δt/T)) for an interval Δt, with the standard deviation σ and the
+        correlation time T of the bias. The variance of the bias then remains σ².
         """
         return np.asarray(self.sensor.bias**2 * (1.0 - self.decay(times) ** 2))
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the matrix (e, s) with 1 for the channel of each bias; None for other sensors."""
+        """Return the matrix (e, s) that adds bias i to channel i, with ones on its diagonal.
+
+        If ``sensor`` is not the sensor with these biases, the result is None.
+        """
         if sensor is not self.sensor:
             return None
         return np.eye(len(self.sensor.channels), len(self.sigma))
@@ -174,9 +184,10 @@ class LeverArmError(SensorStates):
     sensor: AidingSensor
 
     def columns(self, sensor: Sensor, seen: Seen) -> np.ndarray | None:
-        """Return the Jacobian (..., G, e, 3) with respect to the lever arm.
+        """Return the Jacobian (..., G, e, 3) of the channels with respect to the lever arm.
 
-        See :meth:`.AidingSensor.by_arm`.
+        See :meth:`.AidingSensor.by_arm`. If ``sensor`` is not the sensor with this lever arm, the
+        result is None.
         """
         return self.sensor.by_arm(seen.motion, seen.turning) if sensor is self.sensor else None
 
@@ -206,7 +217,7 @@ def states_of(
     ----------
     gradiometer, aiding : the assumed sensors.
     disturbance : standard deviation of each component of the unknown gravity disturbance [m/s²];
-        empty if it is no state.
+        empty if the disturbance is no state.
     first : index of the first of these states.
     """
     placed = []
@@ -253,12 +264,12 @@ def add_columns(
     sensor: Sensor,
     seen: Seen,
 ) -> None:
-    """Fill the columns of C_k (..., K, m, n) for the channels of a sensor.
+    """Fill the columns of the sensor states in C_k, for the channels of one sensor.
 
     Parameters
     ----------
     linear : (..., K, m, n) C_k, changed.
-    at : (G,) epochs of the measurements of the sensor.
+    at : (G,) indices of the epochs of the sensor's measurements.
     channels : channels of the sensor among all m channels.
     states : state blocks of all sensors.
     sensor, seen : arguments of :meth:`SensorStates.columns`.

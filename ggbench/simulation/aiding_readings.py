@@ -22,8 +22,9 @@ def aiding_readings(
 
     Returns
     -------
-    Measurements (R, K, e); mask (R, K, e) of the available measurements; true states (R, K, n),
-    with the biases and lever-arm errors that are states, and zeros for all other states.
+    Measurements (R, K, e) in the e channels of these sensors; mask (R, K, e) of the available
+    measurements; true states (R, K, n). Biases and lever-arm errors have their true values if they
+    are states of the problem. All other states are zero.
     """
     true, times, truth = flight.true, flight.times, flight.motion_at_epochs
     runs, epochs = ins.positions.shape[:2]
@@ -80,7 +81,10 @@ def _false(
 def persistent_errors(
     sensor: AidingSensor, times: np.ndarray, of_run: RandomStreams
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the channel biases (K, e) and the lever-arm error (3,) [m] of a sensor in a run."""
+    """Return the errors of a sensor that persist during a run.
+
+    These are the biases (K, e) of its e channels and the lever-arm error (3,) [m].
+    """
     drawn, arm = np.zeros((len(times), len(sensor.channels))), np.zeros(3)
     if sensor.biased:
         drawn[:, : sensor.biased] = sensor.biases(times, of_run[f"{sensor.name}/biases"])

@@ -46,8 +46,8 @@ class Flight:
     epochs : (K,) indices of the INS samples at the measurement epochs of all sensors.
     noise_free : (G, 6) true gradient tensors [E] in the axes of the mount at the G times of the
         gradiometer.
-    measured : (G, g) measured gradients [E] at these times, NaN if missing; None if measurements
-        are simulated.
+    measured : (G, g) measured gradients [E] of the g channels at these times, NaN if missing; None
+        if measurements are simulated.
     measured_errors : errors (G,) of measured gravity [mGal] by name of the gravimeter, NaN if
         missing.
     """
@@ -119,7 +119,7 @@ class Flight:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Angular rate (K, 3) about the body axes [rad/s], mean of the steps around an epoch."""
+        """Mean angular rate (K, 3) about the body axes in the two IMU steps at an epoch [rad/s]."""
         return rates(self.delta_angles, self.epochs, self.trajectory.dt)
 
     @cached_property
@@ -132,9 +132,9 @@ class Flight:
     ) -> KnownGravity:
         """Return the gravity that the mechanizations of R runs add to normal gravity.
 
-        ``gradients`` are the measurements to integrate (R, G, g) [E], and a mask (R, G) of missing
-        measurements; by default those of a single run without errors. ``field`` is the field whose
-        disturbance the INS compensates.
+        ``gradients`` are the measurements (R, G, g) [E] to integrate, and the mask (R, G) of
+        missing measurements. The default is a single run without errors. ``field`` is the field
+        whose disturbance the INS compensates.
         """
         samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)
         return added_gravity(
@@ -162,7 +162,10 @@ class Flight:
 
     @cached_property
     def unknown_to_a_map(self) -> np.ndarray:
-        """True gravity disturbance (K, 3), ENU [m/s²], minus the map's if the INS adds it."""
+        """True gravity disturbance (K, 3), ENU [m/s²], minus the part that a map compensates.
+
+        The part is zero unless the INS adds the gravity disturbance of its map.
+        """
         places = self.motion_at_epochs.positions.T
         disturbance = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:

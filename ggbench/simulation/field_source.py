@@ -92,7 +92,7 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
 
 
 def beside(field: Field, longitude: float) -> Field:
-    """Shift the longitudes of a map by full turns to those of a flight.
+    """Return a field whose map is shifted by full turns of longitude to a flight.
 
     ``longitude`` is a longitude of the flight [rad]. For example, 275.7° and −84.3° are equal, and
     maps across the date line may end at 181° or begin at −181°.
@@ -174,7 +174,10 @@ def _degradation(spec: MapErrorSpec) -> MapDegradation:
 
 
 def map_recipe(spec: FieldSpec) -> MapRecipe:
-    """Return the recipe for building the map of a ``[field]`` table with a shipped source."""
+    """Return the recipe for building the map of a ``[field]`` table.
+
+    The ``source`` of the table must be a key of :data:`ggbench.maps.shipped.SOURCES`.
+    """
     return MapRecipe(
         source=spec.source,
         south_deg=spec.south_deg,

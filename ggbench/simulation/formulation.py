@@ -70,8 +70,9 @@ class MeasurementTimes:
     def delays(self, model: SensorSuite) -> np.ndarray:
         """Return the delays (K,) [s] of gradiometer measurements behind their epochs.
 
-        A delay is the remaining delay of a low-pass filter, or a latency. It is limited so that no
-        measurement is earlier than the start.
+        A delay is the sum of two parts: the latency, and the delay of the low-pass filter's outputs
+        after :meth:`.SensorSuite.treatment`. It is limited so that no measurement is earlier than
+        the start.
         """
         delays, at = np.zeros(len(self.times)), self.gradients
         if (sensor := model.gradiometer) is not None:
@@ -122,7 +123,10 @@ class MechanizedRuns(NamedTuple):
         return Motion.of_states(self.states)
 
     def delayed(self, delays: np.ndarray) -> DelayedInsSolution:
-        """Return the INS solution at measurement times, ``delays`` (K,) [s] before the epochs."""
+        """Return the INS solution at the measurement times of the gradiometer.
+
+        These times precede the epochs by ``delays`` (K,) [s].
+        """
         return DelayedInsSolution(delays, self.delayed_positions, self.delayed_attitudes, self.rows)
 
 
@@ -131,9 +135,10 @@ class SensorReadings(NamedTuple):
 
     Attributes
     ----------
-    gradients : (R, G, g) gradiometer measurements, behind its low-pass filter if any [E].
+    gradients : (R, G, g) gradiometer measurements [E] at G epochs in g channels, filtered if there
+        is a low-pass filter.
     missing : (R, G) mask of missing gradiometer measurements.
-    others : (R, K, e) measurements of the aiding sensors, in the order of their channels.
+    others : (R, K, e) measurements of the aiding sensors, in the order of their e channels.
     present : (R, K, e) mask of available values in ``others``. Unavailable values may be any finite
         number.
     """
@@ -145,9 +150,10 @@ class SensorReadings(NamedTuple):
 
 
 def rates(angles: np.ndarray, samples: np.ndarray, dt: float) -> np.ndarray:
-    """Return angular rates (K, ...) [rad/s] at INS samples (K,), means of the adjacent steps.
+    """Return the angular rates (K, ...) [rad/s] at INS samples, as means of the adjacent steps.
 
-    ``angles`` (N, ...) are gyro increments [rad] at an interval of ``dt`` [s].
+    ``angles`` (N, ...) are gyro increments [rad] at an interval of ``dt`` [s]. ``samples`` (K,) are
+    the indices of the INS samples.
     """
     around = np.clip([samples - 1, samples], 0, len(angles) - 1)
     return np.asarray(angles[around].mean(axis=0) / dt)
@@ -218,11 +224,11 @@ def added_gravity(
     Parameters
     ----------
     model : assumed sensors.
-    field : field whose disturbance the INS compensates, if it does.
+    field : field with the map of the disturbance, used only if the INS compensates by a map.
     samples : (G,) indices of the INS samples of gradiometer measurements.
     count : number of INS samples.
-    gradients, missing : (R, G, g), (R, G) measurements and mask as in :class:`SensorReadings`, if
-        gradients are integrated.
+    gradients, missing : (R, G, g), (R, G) measurements and mask as in :class:`SensorReadings`, used
+        only if gradients are integrated.
     """
     if not model.integrates:
         return of_map(field.disturbance_map) if model.compensates else NORMAL_GRAVITY
@@ -300,7 +306,7 @@ def arrays_along(
 ) -> ModelArrays:
     """Return the arrays of the measurement function h of a sensor suite.
 
-    ``missing`` (G,) is the mask of missing gradiometer measurements. For the result see
+    ``missing`` (..., G) is the mask of missing gradiometer measurements. For the result see
     :func:`.sensors.model.model_arrays`.
     """
     treatment = model.treatment(len(when.gradients))

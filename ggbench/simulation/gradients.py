@@ -19,9 +19,11 @@ class Gradients(NamedTuple):
 
     Attributes
     ----------
-    output : (R, G, g) measurements behind the low-pass filter if any [E].
+    output : (R, G, g) measurements [E] at G epochs in g channels, filtered if there is a low-pass
+        filter.
     missing : (R, G) mask of missing measurements.
-    states : (R, K, s) true values of the instrument's states at all epochs, by name of the states.
+    states : true values of the instrument's states, as an array for each kind of states, by name of
+        the kind. The array (R, K, s) has the s states of the kind at all epochs.
     """
 
     output: np.ndarray
@@ -44,7 +46,10 @@ class Gradients(NamedTuple):
 
 
 def gradients(flight: Flight, streams: Sequence[RandomStreams]) -> Gradients:
-    """Simulate the gradiometer measurements of R runs; empty without a gradiometer."""
+    """Simulate the gradiometer measurements of R runs.
+
+    If there is no gradiometer, the result has no measurements and no states.
+    """
     runs, width, instrument = len(streams), flight.model.gradients, flight.true.gradiometer
     if instrument is not None and flight.measured is not None:
         # What was measured is the same in all runs; biases are those that the truth adds.

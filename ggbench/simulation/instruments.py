@@ -41,9 +41,9 @@ class GravityState(NamedTuple):
     ----------
     sizes : standard deviations ENU [m/s²].
     distance : correlation distance D [m].
-    walk : root PSD of the random walk that remains if gradients are integrated, per unit of speed
-        [s⁻¹˙⁵]: measurement noise [s⁻²] times the square root of the measurement interval. None
-        without integration.
+    walk : root PSD per unit of speed [s⁻¹˙⁵] of the random walk that remains after integration of
+        gradients. It is the measurement noise [s⁻²] times the square root of the measurement
+        interval. None if gradients are not integrated.
     """
 
     sizes: tuple[float, float, float]

@@ -184,7 +184,7 @@ class Loop:
 
         Parameters
         ----------
-        mean, cov : (K', n), (K', n, n) estimates at the epochs of the part.
+        mean, cov : (K', n), (K', n, n) estimates at the K' epochs of the part.
 
         Returns
         -------

@@ -78,7 +78,9 @@ def simulate_block(flight: Flight, seed: int, runs: Sequence[int]) -> tuple[Prob
 def simulate_flights(
     flights: Sequence[Flight], seed: int, runs: Sequence[int]
 ) -> tuple[ProblemBlock, Truth]:
-    """Simulate several runs as :func:`simulate_block`, each with its own flight of one case.
+    """Simulate several runs as :func:`simulate_block` does, but with one flight for each run.
+
+    All flights belong to one case.
 
     Raises
     ------

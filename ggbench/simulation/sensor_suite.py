@@ -67,8 +67,8 @@ class SensorSuite:
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, or None.
     disturbance : states of the unknown gravity disturbance, or None.
     compensates : whether the mechanization adds the gravity disturbance of its map.
-    map_error : standard error of the map in each gradiometer channel [E], whose square is
-        added to the variance of the noise; ``()``: nothing is added.
+    map_error : standard error of the map in each gradiometer channel [E]. Its square is added to
+        the variance of the noise. If the tuple is empty, nothing is added.
     """
 
     imu: Imu
@@ -159,8 +159,8 @@ class SensorSuite:
     def noise_cov(self) -> np.ndarray:
         """Covariance (m, m) of the measurement noise in the problem.
 
-        With a low-pass filter it is the noise after :meth:`treatment`, which includes the noise
-        behind the filter. With coloured noise it is the noise after :meth:`whitening`.
+        With a low-pass filter it is the covariance after :meth:`treatment`, and includes the noise
+        behind the filter. With coloured noise it is the covariance after :meth:`whitening`.
         """
         variances: list[float] = []
         gradiometer = self.gradiometer
@@ -256,8 +256,8 @@ class SensorSuite:
 
         Parameters
         ----------
-        motions, delta_velocities : motion at N + 1 IMU samples and velocity increments (N, 3)
-            [m/s], for each of R tracks.
+        motions : motion at the N + 1 IMU samples, for each of R tracks.
+        delta_velocities : velocity increments (N, 3) [m/s], for each of R tracks.
         epochs, delays, dt, gravity : as in :meth:`along`.
         """
         track = in_lanes(np.stack([motion.states for motion in motions]))
@@ -306,6 +306,7 @@ class SensorSuite:
     ) -> None:
         """Fill Φ and Q (R, K, n, n) for a group of R runs, which occupy the first R lanes.
 
+        A lane is an index of the last axis of ``track`` and ``increments``, of length LANES.
         ``rows`` is filled with matrices that propagate an error from an epoch back to the time of
         the delayed measurement.
 

@@ -51,7 +51,7 @@ def suite_of(
     side : tables of sensors and prior.
     altimeter : altimeter that damps the mechanization, or None.
     truth : further errors of the true sensors; None for assumed sensors.
-    disturbance : gravity disturbance unknown to the INS, if it is a state.
+    disturbance : table of the gravity disturbance unknown to the INS; None if it is no state.
     compensates : whether the mechanization adds the gravity disturbance of its map.
 
     Raises

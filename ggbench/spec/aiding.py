@@ -22,7 +22,7 @@ _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
 
 
 class Interruptions(Section):
-    """Base of the tables of true sensors: keys of missing measurements and of outliers."""
+    """Base of ``[truth.<sensor>]`` tables, with keys for missing measurements and outliers."""
 
     outlier_share: q.Share = 0.0
     """Probability that a measurement of a channel is an outlier; needs the size of outliers."""
@@ -119,7 +119,7 @@ class GnssChange(Section):
 
 
 class TrueGnss(GnssChange, Interruptions):
-    """``[truth.gnss]``: the true receiver; outages are ``dropouts_s``."""
+    """``[truth.gnss]``: the true receiver; the key ``dropouts_s`` lists its outages."""
 
     outlier_m: q.Outlier = 0.0
     """Standard deviation of position outliers, per axis."""

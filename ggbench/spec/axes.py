@@ -78,7 +78,11 @@ class AxisSpec(Section):
         return np.log10(values) if self.scale == "log" else values
 
     def changed_keys(self) -> set[str]:
-        """Return the dotted keys that the axis changes; keys of sensors are in the short form."""
+        """Return the dotted keys that the axis changes.
+
+        If a sensor is named like its kind, its keys have the short form ``gnss.period_s``, without
+        ``sensor.``.
+        """
         return {short_key(key) for i in range(len(self.values)) for key in _dotted(self.change(i))}
 
 

@@ -81,7 +81,10 @@ class ReferenceSpec(Section):
 
 
 def require_sensors(tables: Any, mapless: bool) -> None:
-    """Raise ValueError if there is no sensor, or if a gravimeter is used without a map."""
+    """Raise ValueError if there is no sensor, or if there is a gravimeter but no map.
+
+    ``tables`` has the tables of the sensors as attributes. If ``mapless`` is True, there is no map.
+    """
     if not sensors_of(tables):
         raise ValueError(
             f"no sensor is on board: give at least one of gradiometer, {', '.join(KINDS)}, sensor"
@@ -246,9 +249,10 @@ class CaseSpec(WithSensors):
     __str__ = __repr__
 
     def changed(self, key: str, value: Any) -> CaseSpec:
-        """Return the case with a new value of a key, validated like a file.
+        """Return a copy of the case in which one key has a new value.
 
-        ``case.changed("gradiometer.noise_eotvos", 1.0)``; a table may be given as a mapping.
+        An example is ``case.changed("gradiometer.noise_eotvos", 1.0)``. The new value of a table
+        may be a mapping. The copy must satisfy the rules of scenario files.
 
         Parameters
         ----------
@@ -291,7 +295,8 @@ class CaseSpec(WithSensors):
         Raises
         ------
         ScenarioError
-            If ``update`` names no table; for dotted keys use :meth:`changed`.
+            If a key of ``update`` is not a top-level key of a case. For dotted keys use
+            :meth:`changed`.
         """
         for key in update or {}:
             if key not in type(self).model_fields:
@@ -363,7 +368,11 @@ class CaseSpec(WithSensors):
         return max(self.draw.tracks, self.draw.maps, len(self.trajectory.drawn_lines)) > 1
 
     def cluster(self, run: int) -> int:
-        """Return the cluster of a run: the index of its track, survey line or map error."""
+        """Return the index of the track, survey line or map error of a run.
+
+        Runs with equal indices form a cluster. If the case draws nothing of this kind, the result
+        is the index of the run.
+        """
         shared = max(self.draw.maps, self.draw.tracks, len(self.trajectory.drawn_lines))
         if self.draw.maps > 1:
             shared = self.draw.maps

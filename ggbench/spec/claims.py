@@ -54,7 +54,7 @@ class ComparisonSpec(Section):
     """``[[comparison]]``: a published claim about two estimators, without a number.
 
     If the source does not state a parameter, the claim is tested at several values of this
-    parameter. Each value replaces ``{}`` in the labels.
+    parameter. Each value replaces ``{}`` in the labels of the estimators.
     """
 
     title: Title

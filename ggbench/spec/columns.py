@@ -26,7 +26,7 @@ def _checked(value: Any) -> Any:
 
 
 def called(columns: Any) -> Any:
-    """Return the value of the key as an argument of :func:`.column_names.names_of`.
+    """Return the value of ``columns`` in the form that :func:`.column_names.names_of` accepts.
 
     A table of names becomes a dict. The name of a preset and None are unchanged.
     """

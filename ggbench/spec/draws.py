@@ -60,7 +60,7 @@ def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float
 
     Parameters
     ----------
-    spec : flight by segments or along a track.
+    spec : table of a flight that consists of segments or follows a track.
     east_km, north_km : displacement of the start [km].
     turn_deg : clockwise rotation [deg].
     """

@@ -1,7 +1,7 @@
 """Flight file of a recorded flight: assumed model, and paths of the records.
 
 The tables have the keys of scenario tables, and the paths of the records. The file contains no
-truth. Estimators never receive the reference.
+truth. Estimators never receive the reference track, which the table ``[reference]`` describes.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class InsRecord(InertialRecording):
 class StartSpec(Section):
     """``[imu_record.start]``: initial state for the mechanization of recorded IMU data.
 
-    Radians and C_nb reproduce a stored state exactly. Degrees and attitude angles cause rounding
-    errors.
+    The keys in radians and the key ``c_nb`` reproduce a stored state exactly. The keys in degrees
+    cause rounding errors.
     """
 
     latitude_deg: q.Latitude | None = None
@@ -151,7 +151,8 @@ class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
 class RecordedAltimeter(AltimeterSpec):
     """``[altimeter]``: heights that damp the vertical channel of the INS.
 
-    A file of heights is required with ``[imu_record]`` and excluded with ``[ins]``.
+    With ``[imu_record]`` this table requires a file of heights. With ``[ins]`` such a file is not
+    allowed.
     """
 
     file: FileName | None = None

@@ -276,7 +276,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         return self
 
     def require_possible(self, spec: GradiometerSpec) -> None:
-        """Raise ValueError if an instrument as in ``spec`` cannot have these errors."""
+        """Raise ValueError if the instrument that ``spec`` describes cannot have these errors."""
         if spec.readings == "measured" and self.model_dump(exclude_defaults=True).keys() - {_ADDED}:
             raise ValueError(
                 "truth.gradiometer: measured readings already contain their errors: remove its "

@@ -67,9 +67,10 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
 
 def changed(spec: S, change: Section) -> S:
-    """Return a table with the changed keys of another table merged into it.
+    """Return the table ``spec`` with the changed keys of the table ``change``.
 
-    Keys of ``change`` with default values are ignored, and keys that ``spec`` does not have.
+    Two kinds of keys of ``change`` are ignored: keys with default values, and keys that ``spec``
+    does not have.
 
     Raises
     ------

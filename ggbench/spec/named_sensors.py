@@ -219,7 +219,9 @@ def _with_kinds(side: str, changes: Mapping[str, Any], sensors: Mapping[str, Any
 
 
 def sensors_of(tables: Any) -> dict[str, Any]:
-    """Return the tables of all sensors except the IMU by name; the gradiometer comes first.
+    """Return the tables of the gradiometer and of all aiding sensors, by name of the sensor.
+
+    The gradiometer comes first. The IMU and the altimeter are not included.
 
     Parameters
     ----------
@@ -237,7 +239,10 @@ def table_of(sensor: str) -> str:
 
 
 def short_key(key: str) -> str:
-    """Return a dotted key in the short form, without ``sensor.``, if the sensor has one."""
+    """Return a dotted key in the short form if its sensor is named like its kind.
+
+    The short form omits ``sensor.``. All other keys are unchanged.
+    """
     return re.sub(rf"^(truth\.|model\.)?sensor\.({'|'.join(KINDS)})(?=\.|$)", r"\1\2", key)
 
 

@@ -21,7 +21,7 @@ def rosters() -> Mapping[str, tuple[str, ...]]:
 def expanded(texts: Iterable[str]) -> tuple[str, ...]:
     """Return a list of estimators with rosters ``@NAME`` expanded, without duplicates.
 
-    ``-TEXT`` removes an estimator that is listed before.
+    ``-TEXT`` removes the estimator TEXT, which must be listed before this entry.
 
     Raises
     ------

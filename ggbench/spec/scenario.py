@@ -1,9 +1,9 @@
 """Reader of scenario files (TOML), with validation and the provenance of values.
 
 A scenario file describes one flight, its instruments and the prior. *Cases* are changes to compare,
-optionally with published numbers. *Assumptions* are changes whose influence on the results a report
-shows. A *sweep* is a grid of changes of every case. A value is written plainly, or with its source
-as ``{ value = 33.5, provenance = "paper: Table 1" }``.
+optionally with published numbers. *Assumptions* are changes, too. A report shows their influence on
+the results. A *sweep* is a grid of changes of every case. A value is written plainly, or with its
+source as ``{ value = 33.5, provenance = "paper: Table 1" }``.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ class Scenario:
     provenance : source of each value, by dotted key.
     content_hash : SHA-256 of the parsed content of the file, without ``[campaign]``.
     source : text of the file.
-    notes : markdown that a report appends, from the file that the key ``notes`` names; may be
-        empty.
+    notes : markdown text that a report appends. The key ``notes`` of the scenario file names the
+        file with this text. Without this key the text is empty.
     sweep : grid of the cases, if any.
     claims : published claims other than errors of position and velocity.
     comparisons : published claims about two estimators, without a number.
@@ -101,7 +101,7 @@ class Scenario:
         return {case.name: case for case in self.cases}
 
     def case(self, name: str) -> CaseSpec:
-        """Return the case with a name; cases of assumptions are not searched.
+        """Return the case that has the name ``name``; cases of assumptions are not searched.
 
         Raises
         ------
@@ -192,10 +192,10 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def from_text(source: str, name: str, notes: str) -> Scenario:
-    """Return the scenario of a text, for example of the copy in a results folder.
+    """Return the scenario of a text, such as the copy of a scenario file in a results folder.
 
-    The key ``notes`` of the text is ignored; the argument ``notes`` is markdown, see
-    :class:`Scenario`.
+    The key ``notes`` of the text is ignored. The argument ``notes`` is the markdown text that a
+    report appends.
     """
     origin = f"scenario.toml of {name}"
     document = read_toml(source, origin)
@@ -204,7 +204,7 @@ def from_text(source: str, name: str, notes: str) -> Scenario:
 
 
 def as_written(scenario: Scenario) -> Scenario:
-    """Return the scenario with all cases of its file, also after a selection of cases.
+    """Return the scenario with all cases of its file, including cases that are not selected.
 
     Raises
     ------
@@ -226,7 +226,9 @@ def as_written(scenario: Scenario) -> Scenario:
 
 
 def checked(case: CaseSpec) -> CaseSpec:
-    """Validate a case, which may have been changed in Python, like a file.
+    """Validate a case by the rules of scenario files, and return it.
+
+    The case may have been changed in Python.
 
     Raises
     ------

@@ -126,7 +126,7 @@ class InitialErrorChange(Section):
 
 
 class MapErrorSpec(Section):
-    """``[field.error]``: errors of a map; a table of truth or model replaces single keys."""
+    """``[field.error]``: errors of a map; truth and model can replace single keys."""
 
     resolution_km: q.Wavelength | None = None
     """Standard deviation of a horizontal Gaussian that smooths the map."""
@@ -230,7 +230,7 @@ class DisturbanceSpec(Section):
         """Raise ValueError if ``integrate_gradients`` is set but not possible.
 
         The gradiometer must be on a local-level mount. It must have no filter, delay, coloured
-        noise, biases or mounting angles. ``distance_km`` and ``compensate`` are excluded.
+        noise, biases or mounting angles. ``distance_km`` must be None and ``compensate`` false.
         This method does not check that the channels determine the whole tensor.
         """
         why = self._why_not(gradiometer, compensate) if self.integrate_gradients else ""

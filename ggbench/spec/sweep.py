@@ -33,7 +33,8 @@ class Sweep:
     ----------
     axes : axes in the order of the file; figures show the first axis horizontally, the second
         vertically.
-    targets_m : position errors [m] for which a report states the required value of the first axis.
+    targets_m : target position errors [m]. A report states the value of the first axis at which the
+        position error reaches a target.
     bases : titles of the varied cases by name; ``{"": ""}`` if the file has no cases.
     points : position in the grid of every case of the scenario, by name.
     """
@@ -77,7 +78,7 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
 
 
 def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
-    """Return the value of an axis up to which an error does not exceed a target.
+    """Return the axis value up to which an error stays within a target.
 
     Between two grid points the logarithm of the error is linear in the coordinate of the axis (a
     power law on a logarithmic axis).
@@ -90,8 +91,9 @@ def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
 
     Returns
     -------
-    The value; −∞ if the first error exceeds the target, ∞ if no error does, NaN if the first error
-    is NaN.
+    The value. It is NaN if the first error is NaN, and −∞ if the first error exceeds the target. It
+    is ∞ if no error is NaN and none exceeds the target. If all errors before the first NaN are
+    within the target, it is the value of the axis at the last of them.
     """
     if math.isnan(errors[0]):
         return math.nan

@@ -46,9 +46,9 @@ class Section(BaseModel):
 
 
 def distinct(item: str) -> AfterValidator:
-    """Return a check that a list of ``item`` objects has no duplicates.
+    """Return a validator that raises ValueError if a list has duplicates.
 
-    The check raises ValueError.
+    ``item`` describes an element of the list in the message, for example "a component".
     """
 
     def check(values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -62,8 +62,8 @@ def distinct(item: str) -> AfterValidator:
 def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]], type[S]]:
     """Return a class decorator that adds the keys of another table as optional keys.
 
-    Types, limits and descriptions are those of the other table. The default of each key is None,
-    except for ``kind``, which cannot be changed.
+    Types, limits and descriptions are those of the other table. The default of each key is None.
+    Only ``kind`` keeps its own default, because it cannot be changed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Reader of TOML files, with a limit of nesting and the provenance of values.
+"""Reader of TOML files, with a limit on nesting depth and with the provenance of values.
 
 A value is written plainly, or with its source as ``{ value = 33.5, provenance = "paper: Table 1"
 }``.
@@ -52,9 +52,11 @@ def _require_shallow(document: dict[str, Any], origin: str) -> None:
 
 
 def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
-    """Replace every ``{ value, provenance }`` by the value; collect the provenance by dotted key.
+    """Return the content of a file with each ``{ value, provenance }`` replaced by its value.
 
-    Raise ScenarioError if a value with provenance has another form.
+    ``node`` is the content at the dotted key ``path``. This function adds each provenance to the
+    dict ``provenance``, by dotted key. ``origin`` names the file in messages. Raise ScenarioError
+    if a table with the key ``value`` has another form.
     """
     if isinstance(node, list):
         return [

@@ -147,7 +147,7 @@ class TrajectorySpec(Section):
 
     @property
     def drawn_lines(self) -> tuple[str, ...]:
-        """Survey lines of which each run flies one; empty without lines, or if runs fly all."""
+        """Survey lines, if each run flies only one of them; otherwise empty."""
         return () if self.made_up_turns else self.lines
 
     @property
@@ -181,13 +181,13 @@ class TrajectorySpec(Section):
         return [segment.manoeuvre() for segment in self.segment] * self.repeat
 
     def track_limits(self) -> TrackLimits:
-        """Return the limits for the validation of the track, and its smoothing."""
+        """Return the limits for the validation of the track, and the smoothing period [s]."""
         from ..trajectory.track import TrackLimits
 
         return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
 
     def track(self) -> Track:
-        """Return the track of the file, or the track of :meth:`survey_line`.
+        """Return the track of the file; if ``lines`` are given, the track of :meth:`survey_line`.
 
         Raises
         ------
@@ -221,7 +221,7 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"track {self.file}: {error}") from None
 
     def survey_line(self) -> SurveyLine:
-        """Return the survey line to fly: the first line, or all lines joined to one.
+        """Return the first survey line; if ``made_up_turns`` is set, all lines joined to one.
 
         Raises
         ------

@@ -29,13 +29,16 @@ def unusual_values(scenario: Scenario) -> list[str]:
 
 
 def limits_of(field: FieldInfo) -> Within | None:
-    """Return the limits of a numeric key of a table, or None."""
+    """Return the limits of a key of a table, or None if the key has no limits."""
     kinds = [*field.metadata, *_parts(field.annotation)]
     return next((kind for kind in kinds if isinstance(kind, Within)), None)
 
 
 def unusual_in(table: BaseModel, prefix: str = "") -> Iterator[tuple[str, float, str]]:
-    """Yield the dotted key of each unusual value, the value, and the usual range."""
+    """Yield (dotted key, value, usual range in words) for each unusual value of a table.
+
+    ``prefix`` is put before each dotted key.
+    """
     for name, field in type(table).model_fields.items():
         value, key = getattr(table, name), prefix + name
         if isinstance(value, BaseModel):

@@ -13,7 +13,9 @@ from .scenario import Scenario, from_text
 def of_cases(
     cases: Sequence[CaseSpec], title: str = "Cases made in Python", name: str = "python"
 ) -> Scenario:
-    """Return a scenario of some cases, equal to the scenario read from its own text.
+    """Return a scenario that consists of some cases.
+
+    The result equals the scenario that is read from the text of :func:`text_of`.
 
     Parameters
     ----------

@@ -49,7 +49,8 @@ PRESETS: Mapping[str, Names] = {
 class Place(NamedTuple):
     """Column of a file: index, name, and factor from the file's unit to the unit of the key.
 
-    ``stated`` is True if the user or the column name states the unit.
+    The key is the standard name of the column, for example ``height_m``. ``stated`` is True if the
+    user or the column name states the unit.
     """
 
     at: int
@@ -59,7 +60,7 @@ class Place(NamedTuple):
 
 
 def names_of(columns: str | Mapping[str, str] | None) -> Names:
-    """Return the column names of a preset or of a mapping; empty for None.
+    """Return the column names by key, from a preset or a mapping; the result is empty for None.
 
     Raises TrajectoryError if the preset does not exist.
     """
@@ -75,7 +76,7 @@ def names_of(columns: str | Mapping[str, str] | None) -> Names:
 
 
 def plain_names(names: Names) -> set[str]:
-    """Return the column names in lower case and without brackets.
+    """Return the column names in lower case, both with and without the text in brackets.
 
     They serve to recognise the line of a file that contains the names.
     """
@@ -99,14 +100,15 @@ def find(
     ----------
     key : key of the column.
     columns : column names of the file, in lower case.
-    names : names in the file, by key; without an entry the name is the key.
+    names : column names by key. If a key has no entry, its column name is the key itself.
     where : description of the line with the names, for messages.
-    needed : whether a missing column is an error, if ``names`` has an entry for the key.
+    needed : whether a missing column is an error. If ``names`` has no entry for the key, a missing
+        column is never an error.
 
     Raises
     ------
     TrajectoryError
-        If a named column is missing, or has a unit of another quantity.
+        If a needed column is missing, or if a column has a unit of another quantity.
     """
     for name in names.get(key, (key,)):
         if (match := _matching(name.casefold(), columns)) is None:

@@ -111,11 +111,13 @@ class CsvText:
     def numbers(
         self, columns: Mapping[str, int], may_be_empty: frozenset[str] = frozenset()
     ) -> dict[str, Array]:
-        """Return columns (N,) as numbers, by name; ``columns`` maps names to indices.
+        """Return columns (N,) as numbers, by name.
 
-        In the columns ``may_be_empty`` a field may be empty or "nan".
+        ``columns`` maps names to column indices. ``may_be_empty`` contains the names of columns in
+        which a field may be empty or "nan". The result has NaN for such a field.
 
-        Raises TrajectoryError if a field is not a finite number; the message states the line.
+        Raises TrajectoryError if any other field is not a finite number; the message states the
+        line.
         """
         try:
             with warnings.catch_warnings():
@@ -236,9 +238,9 @@ def rollover(before: float, after: float) -> str:
 
 
 def status_of(file: str, what: str) -> os.stat_result:
-    """Return the status of a file; ``what`` describes the file in a message.
+    """Return the ``os.stat`` result of a file; ``what`` describes the file in a message.
 
-    Raises TrajectoryError if the file does not exist.
+    Raises TrajectoryError if the file cannot be accessed, for example if it does not exist.
     """
     try:
         return Path(file).stat()

@@ -31,10 +31,13 @@ _CONVENTIONS = {
 
 
 def require_heading(heading: Array, velocity: Array) -> None:
-    """Raise TrajectoryError if headings contradict the course over most of a flight.
+    """Raise TrajectoryError if headings contradict the course over ground.
+
+    The criterion is the median angle between heading and course, at most :data:`LARGEST`. Rows with
+    speeds up to :data:`FAST` are omitted.
 
     ``heading`` (N,) [deg] is in the convention of the file; ``velocity`` (N, 3) is ENU [m/s]. The
-    message names the convention that would agree.
+    message names a convention that would agree, if there is one.
     """
     fast = np.hypot(velocity[:, 0], velocity[:, 1]) > FAST
     if np.count_nonzero(fast) < _FEWEST:

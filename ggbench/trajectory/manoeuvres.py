@@ -121,7 +121,8 @@ class Turn:
 
     Attributes
     ----------
-    by, to : angle (clockwise positive) or final heading [rad]; one of the two is None.
+    by : angle of the turn, clockwise positive [rad]; None if ``to`` is given.
+    to : final heading [rad]; None if ``by`` is given.
     direction : direction of a turn ``to`` a heading: 1 right, -1 left, 0 the shorter way.
     bank, rate, radius : bank angle [rad], turn rate [rad/s] or radius [m]; two of the three are
         None. In a small turn without time to roll in and out the turn rate is lower.
@@ -197,11 +198,14 @@ class SpeedChange:
 class Climb:
     """Climb or descent from level flight to level flight at another height.
 
+    A climb that is too small to reach the climb angle or vertical speed is flatter.
+
     Attributes
     ----------
-    by, to : difference of height, or final height [m]; one of the two is None.
-    angle, vertical_speed : climb angle [rad] or vertical speed [m/s], positive; the other is None.
-        A small climb without time to reach this value is flatter.
+    by : difference of height, positive upwards [m]; None if ``to`` is given.
+    to : final height [m]; None if ``by`` is given.
+    angle : climb angle, positive also for a descent [rad]; None if ``vertical_speed`` is given.
+    vertical_speed : vertical speed, positive also for a descent [m/s]; None if ``angle`` is given.
     vertical_acceleration : largest vertical acceleration in the pull-up and the push-over [m/s²].
     """
 

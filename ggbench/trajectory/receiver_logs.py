@@ -47,10 +47,10 @@ _NOVATEL = {"INSPVAA": 0, "INSPVAXA": 0, "INSPVASA": 0, "BESTPOSA": 1, "BESTGNSS
 class Fix(NamedTuple):
     """Position in a receiver log: time [s], latitude and longitude [deg], height [m].
 
-    ``geoid`` [m] added to ``height`` gives the height above the ellipsoid. ``geoid`` is 0 for an
-    ellipsoidal ``height``. It is None if ``height`` is above sea level and the log states no geoid
-    height. ``place`` describes the line of the log, for messages. ``states_geoid`` is True if
-    ``geoid`` is from the log.
+    The sum ``height`` + ``geoid`` [m] is the height above the ellipsoid. ``geoid`` is 0 if
+    ``height`` is ellipsoidal. It is None if ``height`` is above sea level and the log states no
+    geoid height. ``place`` describes the line of the log, for messages. ``states_geoid`` is True
+    for formats whose geoid heights are compared with EGM2008 (NMEA 0183 and GPX).
     """
 
     time: float

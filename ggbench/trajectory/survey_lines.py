@@ -59,7 +59,7 @@ class SurveyLine:
     Attributes
     ----------
     name, kind : name and kind of the line, as in the file.
-    row : line number of the first sample in the file.
+    row : number of the text line with the first sample, counted from 1 in the file.
     places : columns (N,) of times and positions, by name: time_s, latitude_deg, longitude_deg,
         height_m.
     readings : measurements (N,), by component: gradients of the disturbing field, ENU [E], and
@@ -95,7 +95,10 @@ class SurveyLine:
         return replace(self, places={**self.places, "time_s": even})
 
     def middle(self, duration: float | None) -> slice:
-        """Return the slice of samples in the middle ``duration`` [s] of the line; None: all.
+        """Return the slice of the samples in the middle part of the line.
+
+        ``duration`` [s] is the length of the middle part. If it is None, the slice contains all
+        samples.
 
         Raises TrajectoryError if the line is shorter than the duration, or if the duration is not a
         multiple of the interval.
@@ -128,10 +131,12 @@ class SurveyLine:
     def measured(
         self, components: Sequence[str], duration: float | None, period: float, sensor: str
     ) -> Array:
-        """Return the measurements (G, m) of the middle part of the line, one per ``period`` [s].
+        """Return the measurements of the middle part of the line, one per ``period`` [s].
 
-        The first measurement is one period after the start; missing measurements are NaN.
-        ``sensor`` is the name of the sensor's table in the scenario file, for messages.
+        The array (G, m) has G measurement times and m components. ``duration`` is the argument of
+        :meth:`middle`. The first measurement is one period after the start of the middle part.
+        Missing measurements are NaN. ``sensor`` is the name of the sensor's table in the scenario
+        file, for messages.
 
         Raises TrajectoryError if a component is missing in the file, or if the samples are not at
         multiples of the period.

@@ -130,7 +130,8 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
 
     ``name`` is the path of an elevation model or the name of a shipped elevation model.
 
-    Raises TrajectoryError if the file cannot be read, or if positions are outside the model.
+    Raises TrajectoryError if the file cannot be read, or if a position is outside the model or in a
+    void.
     """
     version = version_of(name)
     try:
@@ -168,7 +169,7 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
 
 
 def terrain_path(name: str) -> Path:
-    """Return the path of a shipped elevation model, or ``name`` as a path."""
+    """Return the path of the shipped model ``name`` if there is one, else ``name`` as a path."""
     if not Path(name).is_absolute() and ".." not in Path(name).parts:
         shipped = importlib.resources.files("ggbench.scenarios") / "data" / name
         if isinstance(shipped, Path) and shipped.is_file():
@@ -192,13 +193,13 @@ def version_of(name: str) -> tuple[int, int]:
 def terrain_of(
     name: str, version: tuple[int, int], area: Area | None
 ) -> tuple[float, float, float, float, Array]:
-    """Return bounds, steps [deg] and heights (n_lat, n_lon) [m] of a terrain.
+    """Return bounds [deg], steps [deg] and heights (n_lat, n_lon) [m] of a terrain.
 
     The bounds are the southern and the western limit. The steps are in latitude and in longitude.
-    ``area`` is the area in which voids are counted; None: everywhere. ``version`` is from
+    ``area`` is the area in which heights are needed; None: everywhere. ``version`` is from
     :func:`version_of`.
 
-    Raises TrajectoryError if the file contains no terrain.
+    Raises TrajectoryError if the file contains no terrain, or too many voids in the area.
     """
     from ..gravity.terrain_files import read_terrain
 

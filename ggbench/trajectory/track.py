@@ -295,19 +295,19 @@ def _radii(latitude: Array) -> Array:
 def resample(
     track: Track, dt: float, pitch: float, roll: float, banks: bool
 ) -> tuple[Array, Array, Array]:
-    """Return the initial position, and velocities and angles at the INS rate, of a track.
+    """Return the initial position of a track, and its velocities and angles at the INS rate.
 
     The velocities are derivatives of cubic splines with a knot at every sample. The mechanization
-    integrates them with the midpoint rule. The positions stay near the track: the error per step is
-    dt² (a_{n+1} - a_n) / 12, and the sum of the errors is dt² a / 12. Here a is the acceleration of
-    the spline.
+    integrates them with the midpoint rule. The acceleration of the splines at sample n is a_n. The
+    position error of the step from sample n to n + 1 is dt² (a_{n+1} - a_n) / 12. The errors of the
+    first n steps add up to only dt² (a_n - a_0) / 12, so the positions stay near the track.
 
     Parameters
     ----------
     track : track from :func:`read_track`.
     dt : sampling interval [s].
-    pitch, roll : angles added to the angles of coordinated flight if the track has no attitude
-        [rad].
+    pitch, roll : attitude in straight and level flight [rad]. Each angle is used only if the track
+        does not contain it. If ``banks`` is true, the angle of coordinated flight is added.
     banks : whether the vehicle banks in turns and pitches with its climb angle.
 
     Returns
@@ -318,7 +318,8 @@ def resample(
     Raises
     ------
     TrajectoryError
-        If the velocity is too small to define a heading.
+        If the track is shorter than a sampling interval, or turns too fast within one. If the
+        track has no heading, and its velocity is too small to define one.
     """
     times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
     if len(times) < 2:

@@ -113,8 +113,8 @@ def fly(
 def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True) -> Trajectory:
     """Return the true trajectory along a smoothed track, with samples ``dt`` [s] apart.
 
-    ``pitch``, ``roll`` and ``banks`` are those of :func:`fly`, and apply to a track without
-    attitudes.
+    ``pitch``, ``roll`` and ``banks`` are as in :func:`fly`. They are used only for angles that the
+    track does not contain.
 
     Raises TrajectoryError if the track cannot be flown.
     """

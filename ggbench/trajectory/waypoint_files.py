@@ -18,9 +18,11 @@ _MOST = 1000
 def read_waypoints(path: Path) -> Array:
     """Return the waypoints (N, 2) of a file: latitude and longitude [deg].
 
-    Longitudes are from −180° to 360°. In GPX files the points of routes are read; without routes,
-    waypoints; without both, points of tracks. In KML files points are read; without points, lines.
-    Heights and times are ignored.
+    Longitudes are from −180° to 360°. Heights and times are ignored.
+
+    In a GPX file the points of routes are read. If it has no routes, the waypoints are read. If it
+    has neither, the points of tracks are read. In a KML file the points are read. If it has no
+    points, the vertices of lines are read.
 
     Raises TrajectoryError if the file is invalid; the message states the place, the value and the
     allowed values.

@@ -118,7 +118,7 @@ class Faults:
         return rotate_tensors(turns, tensors)
 
     def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
-        """Return random scale factors (K, width): one plus a random walk for each channel."""
+        """Return random scale factors (K, width) of ``width`` channels: 1 plus a random walk."""
         return np.asarray(1.0 + random_walk(times, self.scale_drift, width, rng))
 
     def growth(self, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
@@ -133,9 +133,9 @@ class Faults:
     def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return random factors (...) that convert normal noise to Student's t noise.
 
-        The factors are √((ν − 2)/χ²_ν), so the variance is unchanged. This follows from the
-        definition: a normal number divided by √(χ²_ν/ν) has Student's t distribution, with the
-        variance ν/(ν − 2).
+        The factors are √((ν − 2)/χ²_ν), with ν = ``freedom``. They do not change the variance: a
+        normal number divided by √(χ²_ν/ν) has Student's t distribution, with the variance
+        ν/(ν − 2).
         """
         return np.sqrt((self.freedom - 2.0) / rng.chisquare(self.freedom, shape))
 
@@ -143,8 +143,8 @@ class Faults:
     def information(self) -> float:
         """Ratio of the noise's Fisher information to that of normal noise with equal variance.
 
-        The ratio is ν (ν + 1)/((ν − 2)(ν + 3)). Student's t distribution of scale s has the
-        information (ν + 1)/((ν + 3) s²) and the variance s² ν/(ν − 2).
+        The ratio is ν (ν + 1)/((ν − 2)(ν + 3)), with ν = ``freedom``. Student's t distribution of
+        scale s has the information (ν + 1)/((ν + 3) s²) and the variance s² ν/(ν − 2).
         """
         nu = self.freedom
         return nu * (nu + 1.0) / ((nu - 2.0) * (nu + 3.0)) if math.isfinite(nu) else 1.0
@@ -162,7 +162,7 @@ class Faults:
         return np.asarray(lost | self.in_dropouts(times))
 
     def in_dropouts(self, times: np.ndarray) -> np.ndarray:
-        """Return the mask (K,) of times within the declared intervals without measurements."""
+        """Return the mask (K,) of times in a declared dropout, or with the duty cycle off."""
         on, off = self.duty
         lost = np.zeros(len(times), dtype=bool)
         if off > 0.0:
@@ -172,7 +172,7 @@ class Faults:
         return lost
 
     def expected_share(self, times: np.ndarray) -> np.ndarray:
-        """Return the expected fraction of runs (K,) in which each measurement is available."""
+        """Return the expected fraction (K,) of the runs in which each measurement is available."""
         return np.where(self.in_dropouts(times), 0.0, 1.0 - self.dropout_share)
 
 

@@ -46,7 +46,7 @@ PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
 def inertial_matrix(
     sin_l: float, cos_l: float, sin_a: float, cos_a: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return C_in, from ENU to inertial axes, row by row.
+    """Return the rotation matrix C_in from ENU to inertial axes, row by row.
 
     The arguments are sine and cosine of the latitude L and of the angle λ + ω_ie t, with the
     longitude λ (Wang et al. 2013, eq. 10).

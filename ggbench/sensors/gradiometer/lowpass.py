@@ -139,13 +139,16 @@ def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 class Prefilter:
     """Linear map from the instrument's output to the measurements of the estimators.
 
+    The map is a lower-triangular matrix A (K, K) for the K outputs of each channel, see
+    :mod:`.gradiometer.lowpass`.
+
     Attributes
     ----------
-    matrix : (H, H) lower-triangular A of the first H outputs, applied to the output sequence of
-        each component; None for the identity. H is K, or large enough to cover the start of the
-        filter.
-    later : (C, C + B − 1) rows of A for any C successive outputs after the first H. Each row is
-        reduced to its B significant lags. The array is empty if there are no later outputs.
+    matrix : (H, H) first H rows and columns of A; None if A is the identity. H is K, or large
+        enough to cover the start of the filter.
+    later : (C, C + B − 1) block of A for C successive outputs after the first H. All later outputs
+        have the same block. Each of its rows is reduced to B significant lags. The array is empty
+        if there are no later outputs.
     gain, delay_samples : (K,) gain g_k and delay τ_k [samples] of the low-pass followed by A, for
         slow signals.
     """
@@ -216,7 +219,7 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     Parameters
     ----------
     lowpass : low-pass filter of the instrument; None gives the identity.
-    count : number of epochs K.
+    count : number K of outputs of the instrument.
     treatment : ``whitened`` or ``delayed``, see :mod:`.gradiometer.lowpass`.
     rho : noise after the filter in units of the noise before the filter; used for ``whitened``.
 

@@ -7,8 +7,8 @@ this instrument has the assumed attitude A and the attitude error A α.
 
 The rotation errors of A itself are added to A α. They are the attitude error of the body
 (strapdown), or the rotation of the local level with the position (platform). Products of these
-errors with α are neglected: 0.01 E for 30′ and 3′ in a gradient of 3000 E. The effect of α alone is
-exact.
+errors with α are neglected. They are 0.01 E for α = 30′ and a rotation error of 3′ in a gradient of
+3000 E. The effect of α alone is exact.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Mount:
 def with_mounting_angles(mount: Mount, first: int) -> Mount:
     """Convert any mount to a strapdown mount with mounting angles as states.
 
-    The attitudes of the result are the matrices A, see :mod:`.gradiometer.mounting`. B_k gets
-    columns for the three angles [rad].
+    The attitudes of the result are the rotations A from the assumed mount axes to ENU, see
+    :mod:`.gradiometer.mounting`. The matrix B_k (``rows``) gets columns for the three angles [rad].
 
     Parameters
     ----------

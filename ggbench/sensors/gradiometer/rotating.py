@@ -81,8 +81,8 @@ class RotatingGradiometer:
     baseline : distance of opposite accelerometers [m].
     rotation_rate_hz : turns of the disk per second, relative to the disk axes [Hz].
     period : time over which one measurement is demodulated [s], a whole number of half turns. Whole
-        turns reject the effect of a mismatch under a constant specific force; an odd number of half
-        turns does not.
+        turns reject the effect of a mismatch within a pair of accelerometers under a constant
+        specific force. An odd number of half turns does not.
 
     Raises
     ------
@@ -118,8 +118,8 @@ class RotatingGradiometer:
 class RotatingErrors:
     """Imperfections of a rotating gradiometer; all zero by default.
 
-    Some imperfections have up to four attributes. The name alone is the mean of the four
-    accelerometers. The suffixes mean:
+    Some imperfections have up to four attributes. The attribute without a suffix is the mean of
+    the four accelerometers. The suffixes mean:
 
     - ``_pair12``: accelerometer 1 minus accelerometer 2,
     - ``_pair34``: accelerometer 3 minus accelerometer 4,

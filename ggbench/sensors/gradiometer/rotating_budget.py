@@ -88,7 +88,10 @@ def error_budget(
         return complex(np.exp(0.5j * np.pi * x * halves) * np.sinc(0.5 * x * halves))
 
     def channel(x: Harmonics, k: int) -> np.ndarray:
-        """Return the contribution of the term Re(X e^{−ikθ}) of S to the complex channel Z."""
+        """Return the part of the complex channel Z due to the term Re(X e^{−ikθ}) of the signal S.
+
+        ``x`` contains the harmonics X_n of X = Σ X_n e^{inΩt}.
+        """
         out = np.zeros((), dtype=complex)
         for n, amplitude in x.items():
             own = np.exp(0.5j * k * phase) * mean(2 + n - k * (1.0 + slip))

@@ -28,14 +28,15 @@ class SpinningDisks:
     ----------
     instrument : baseline, spin rate and period, equal for all disks.
     spin_axes : spin axis of each disk: x, y or z of the mount.
-    scale_factor, scale_factor_mismatch : relative scale-factor error of all four accelerometers;
-        relative differences within the pairs and between the pairs.
+    scale_factor : relative scale-factor error that all four accelerometers share.
+    scale_factor_mismatch : relative scale-factor differences, within and between the pairs.
     baseline : relative error of the baseline.
-    misalignment : tilt of the sensitive axes, radial and axial, within and between pairs [rad].
+    misalignment : differences in tilt of the sensitive axes, within and between the pairs [rad].
+        The value applies to radial and to axial tilts.
     demodulation_phase : phase error of the demodulation [rad].
     rotation_rate : relative error of the spin rate.
-    vibration : amplitudes of the specific force at one, two and three times the spin rate, per axis
-        [m/s²].
+    vibration : amplitudes of the specific force at one, two and three times the spin rate [m/s²].
+        Each axis and frequency has a cosine and a sine amplitude.
     """
 
     instrument: RotatingGradiometer
