@@ -241,9 +241,9 @@ def take_readings(batch: Batch, group: np.ndarray, k: int, out: LinearisedMeasur
 def whiten_residuals(
     batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: LinearisedMeasurement
 ) -> None:
-    """Fill ``out.residual`` (1, m, lanes) with z − h(x), whitened by R; H is not evaluated.
+    """Fill ``out.residual`` (1, m, lanes) with z − h(x), whitened with the noise covariance.
 
-    :func:`take_readings` must have filled ``out``. The parameters are those of :func:`linearise`.
+    H is not evaluated. Call :func:`take_readings` before, which loads z. The other parameters are those of :func:`linearise`.
     """
     predict_runs(batch.model, group, count, k, x, out.expansion)
     _whiten_residuals(batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)], out)

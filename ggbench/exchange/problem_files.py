@@ -80,7 +80,7 @@ def fingerprints(measurements: np.ndarray) -> list[float]:
 
 
 def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]:
-    """Return the arrays (R, ...) and texts for a block's file, by names as in :data:`VARIABLES`.
+    """Return arrays (R, ...) and texts for the file of a block, by names of :data:`VARIABLES`.
 
     Parameters
     ----------

@@ -311,7 +311,7 @@ class ShippedTerrain:
         return SourceExtent(bounds, bounds, lowest, lowest, highest)
 
     def spacing(self) -> SpacingRule:
-        """Return the rule, in fractions of the height above the highest ground."""
+        """Return the largest node spacings, relative to the height above the highest ground."""
         highest = float(self.terrain().height_m.max())
         words = f"the height above the highest ground, {highest:g} m"
         return SpacingRule(
@@ -369,7 +369,7 @@ class ShippedMasses:
         return SourceExtent(bounds, bounds, lowest, lowest, highest)
 
     def spacing(self) -> SpacingRule:
-        """Return the rule, as a fraction of the height above the highest point mass."""
+        """Return the largest node spacing, relative to the height above the highest point mass."""
         highest = self._highest_m
         words = f"{self.SHARE:g} of the height above the highest point mass, {highest:.0f} m"
         return SpacingRule(

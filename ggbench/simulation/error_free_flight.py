@@ -109,7 +109,7 @@ class Flight:
 
     @cached_property
     def true(self) -> SensorSuite:
-        """True sensors, with the distribution of the initial errors."""
+        """True sensors, and true distribution of the initial INS errors."""
         return suite_of_case(self.case, "truth")
 
     @cached_property
@@ -119,7 +119,7 @@ class Flight:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Mean angular rate (K, 3) about the body axes in the two IMU steps at an epoch [rad/s]."""
+        """Angular rate (K, 3) [rad/s] of the body, mean of the IMU steps before and after an epoch."""
         return rates(self.delta_angles, self.epochs, self.trajectory.dt)
 
     @cached_property

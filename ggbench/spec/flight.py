@@ -1,6 +1,6 @@
 """Flight file of a recorded flight: assumed model, and paths of the records.
 
-The tables have the keys of scenario tables, and the paths of the records. The file contains no
+The tables have the same keys as scenario tables. In addition they state the paths of the records. The file contains no
 truth. Estimators never receive the reference track, which the table ``[reference]`` describes.
 """
 

@@ -93,7 +93,7 @@ class Segment:
         return self.duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) whose integrals equal the constant rates times the duration."""
+        """Return rates (count, 3) that integrate to the constant rates times the duration."""
         shape = _shape(count, dt, self.duration)
         if abs(count * dt - self.duration) > 1e-9 * self.duration:
             shape *= self.duration / (count * dt)
@@ -189,7 +189,7 @@ class SpeedChange:
         return max(abs(self.to - start.speed) / self.acceleration + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3): an acceleration whose integral is the change of speed."""
+        """Return rates (count, 3) that integrate to the change of speed; turn and climb are zero."""
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [0.0, (self.to - start.speed) / (count * dt), 0.0])
 
