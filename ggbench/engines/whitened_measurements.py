@@ -243,7 +243,8 @@ def whiten_residuals(
 ) -> None:
     """Fill ``out.residual`` (1, m, lanes) with z − h(x), whitened with the noise covariance.
 
-    H is not evaluated. Call :func:`take_readings` before, which loads z. The other parameters are those of :func:`linearise`.
+    H is not evaluated. Call :func:`take_readings` before, which loads z. The other parameters are
+    those of :func:`linearise`.
     """
     predict_runs(batch.model, group, count, k, x, out.expansion)
     _whiten_residuals(batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)], out)

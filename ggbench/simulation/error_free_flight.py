@@ -119,7 +119,7 @@ class Flight:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Angular rate (K, 3) [rad/s] of the body, mean of the IMU steps before and after an epoch."""
+        """Angular rate (K, 3) [rad/s] of the body: mean of the IMU steps around an epoch."""
         return rates(self.delta_angles, self.epochs, self.trajectory.dt)
 
     @cached_property

@@ -1,7 +1,8 @@
 """Flight file of a recorded flight: assumed model, and paths of the records.
 
-The tables have the same keys as scenario tables. In addition they state the paths of the records. The file contains no
-truth. Estimators never receive the reference track, which the table ``[reference]`` describes.
+The tables have the same keys as scenario tables. In addition they state the paths of the records.
+The file contains no truth. Estimators never receive the reference track, which the table
+``[reference]`` describes.
 """
 
 from __future__ import annotations

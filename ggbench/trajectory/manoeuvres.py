@@ -189,7 +189,7 @@ class SpeedChange:
         return max(abs(self.to - start.speed) / self.acceleration + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) that integrate to the change of speed; turn and climb are zero."""
+        """Return rates (count, 3) that integrate to the change of speed, without turn or climb."""
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [0.0, (self.to - start.speed) / (count * dt), 0.0])
 
