@@ -33,7 +33,10 @@ class Commands(click.Group):
     """A group of commands in which a user error prints its message and exits with code 2."""
 
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command or a group of commands; all options but ``--void`` need finite numbers."""
+        """Add a command or a group of commands; their options refuse nan and infinite numbers.
+
+        The option ``--void`` is an exception.
+        """
         for command in (cmd, *getattr(cmd, "commands", {}).values()):
             for option in command.params:
                 if isinstance(option.type, click.types.FloatParamType) and not option.callback:
@@ -41,7 +44,7 @@ class Commands(click.Group):
         super().add_command(cmd, name)
 
     def main(self, *arguments: Any, **options: Any) -> Any:
-        """Run a command; output characters that the terminal cannot encode become ``?``."""
+        """Run a command; print ``?`` for each character that the terminal cannot encode."""
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")

@@ -1,8 +1,8 @@
 """Checks of flights for ``ggbench validate`` and ``run``: extremes, and margins inside maps.
 
-The recipe of a map contains the limits of this map. Therefore a map is built only if it is draped
-over the ground, or if the scenario adds errors to it. No run is simulated, with one exception: if a
-flight may leave its map or exceeds a limit, run 0 is simulated.
+A map is built from a recipe, which also contains the limits of the map. Therefore these checks
+build a map only if it is draped over the ground, or if the scenario adds errors to it. No run is
+simulated, with one exception: if a flight may leave its map or exceeds a limit, run 0 is simulated.
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ class Examined:
     study : name of the assumption to which the case belongs; "" for a case of the scenario itself.
     case : the case.
     flown : extremes of the flight of the case.
-    margin : smaller one of two margins, in the true and in the assumed map; None without a map.
+    margin : margin inside the true map or inside the assumed map, the smaller of the two; None
+        without a map.
     readings : number of measurements of each sensor, by name.
     ins : error of the INS without aiding.
     narrow : margins inside the assumed map that are too narrow for the INS error.

@@ -40,9 +40,9 @@ _NAMED = 3
 
 
 def print_flights(examinations: Sequence[Examined]) -> None:
-    """Print a line for each different flight, INS error, set of measurements and prior.
+    """Print the flights, INS errors, numbers of measurements and priors of the cases.
 
-    Cases of assumptions are omitted.
+    Cases with equal values share a line. Cases of assumptions are omitted.
     """
     cases = [each for each in examinations if not each.study]
     flights: dict[str, list[str]] = {}
@@ -113,7 +113,7 @@ def _prior(each: Examined) -> str:
 
 
 def warn(examinations: Iterable[Examined]) -> None:
-    """Print the warnings, and the remarks on conversions of heights."""
+    """Print the warnings, and the remarks on height conversions and on initial heights."""
     cases = list(examinations)
     for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
         click.echo(f"Note: of the track, {remark}.")
@@ -126,8 +126,8 @@ def warn(examinations: Iterable[Examined]) -> None:
 def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
     """Yield a remark for each large initial standard deviation of the height.
 
-    Only cases without ``height_m`` are considered. In these cases ``position_m`` also applies to
-    the height.
+    Cases with the key ``initial_error.height_m`` are skipped. In all other cases ``position_m`` is
+    also the standard deviation of the height.
     """
     cases: dict[float, list[str]] = {}
     for each in examinations:
@@ -143,7 +143,10 @@ def remarks_on_the_prior(examinations: Iterable[Examined]) -> Iterator[str]:
 
 
 def warnings(examinations: Iterable[Examined]) -> Iterator[str]:
-    """Yield a sentence with a remedy for each implausible motion, without duplicates."""
+    """Yield a sentence for each implausible motion, unstable height and narrow map margin.
+
+    Cases with the same warning share one sentence. Most sentences state a remedy.
+    """
     cases_by_warning: dict[str, list[str]] = {}
     narrow = []
     for each in examinations:

@@ -137,10 +137,11 @@ def tables() -> dict[str, KeyTable]:
 
 
 def named(name: str) -> str:
-    """Return a dotted name in the form of :func:`tables`, without brackets and indices.
+    """Convert a dotted name to the form of the names in :func:`tables`.
 
-    The table of a named sensor becomes ``sensor.<name>``. If the name of a sensor is that of its
-    kind, the table becomes this name, such as ``gnss`` for ``sensor.gnss``.
+    Brackets and indices are removed. The table of a named sensor becomes ``sensor.<name>``. If the
+    name of a sensor is that of its kind, the table becomes this name, such as ``gnss`` for
+    ``sensor.gnss``.
     """
     from ..spec.named_sensors import short_key
 
@@ -149,7 +150,7 @@ def named(name: str) -> str:
 
 
 def find(name: str) -> list[tuple[KeyTable, Key]]:
-    """Return the keys with a name, each with its table.
+    """Return all keys that have a given name, each with its table.
 
     The name may be dotted, ``TABLE.KEY``. If it has no table, the keys of all tables are searched.
     For a named sensor, the tables of all kinds of sensors are searched.

@@ -392,7 +392,7 @@ def compare(before: Path, after: Path, threshold: float, window: str, require_al
     """Compare the errors of two results folders, run by run.
 
     Exit code 1 if an error increased significantly by more than the threshold. With --require-all
-    also if AFTER lacks an estimator or case of BEFORE.
+    the exit code is also 1 if AFTER lacks an estimator or case of BEFORE.
     """
     from ..judging.comparison import compare as compare_runs
     from ..results.folder import Results

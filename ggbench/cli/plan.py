@@ -70,7 +70,7 @@ def plan(
     headings. It ranks all tracks by the bound of the RMS position error. The bound ignores false
     fixes.
 
-    Exit code 1 if a --target is given and no track allows it.
+    Exit code 1 if a --target is given and no track has a bound that meets it.
     """
     tell_first_use("trajectory/truth.py", "in seconds")
     from ..judging.planned import around

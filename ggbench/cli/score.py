@@ -87,8 +87,8 @@ def score(
     """Score an ESTIMATOR in the standard suite.
 
     ESTIMATOR is a .py file or a name. It is compared with other estimators. Their runs are stored
-    with the suite, but with another --seed they are run too. Without --check the command writes
-    card.json, card.md, card.html and card.png.
+    with the suite. With another --seed the command runs the other estimators, too. Without --check
+    the command writes card.json, card.md, card.html and card.png.
 
     A score runs the code of the ESTIMATOR. A card alone never runs code: without an ESTIMATOR,
     --check repeats cards of installed estimators only.

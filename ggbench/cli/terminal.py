@@ -105,7 +105,10 @@ def _digits(value: float) -> str:
 
 
 def print_comparison(compared: Comparison, console: Console) -> None:
-    """Print the compared errors with verdicts, and cases and estimators in only one folder."""
+    """Print the compared errors with verdicts.
+
+    Cases and estimators that occur in only one of the two folders are listed below.
+    """
     numbers = ("", "before", "after", "ratio", "95 % interval", "runs", "p", "verdict")
     table = ResponsiveTable(
         "", [("case", "name"), ("estimator", "name"), *((n, "number") for n in numbers)]

@@ -1,4 +1,4 @@
-"""Vehicles of ``ggbench new`` with speed and sensors, and clearance of tracks above the ground."""
+"""Typical vehicles for ``ggbench new``, and the clearance of tracks above the ground."""
 
 from __future__ import annotations
 

@@ -28,9 +28,9 @@ def tell_first_use(module: str, scope: str) -> bool:
 
     Parameters
     ----------
-    module : path of a module that the command compiles early. Code must be compiled if this module
-        is not in the cache.
-    scope : expected time in words, a part of the message.
+    module : path in the package of a module that the command compiles early. If the cache has no
+        folder for this module, code must be compiled.
+    scope : expected duration in words, for the message.
     """
     sentences = first_use(module, scope)
     _echo(sentences)
@@ -101,7 +101,10 @@ class Compiled:
         self._count = 0
 
     def text(self) -> str:
-        """Return the number of compiled functions as text; "" after 30 s without a new one."""
+        """Return the number of compiled functions as text.
+
+        If no further function was compiled in the last 30 s, the text is "".
+        """
         now = time.monotonic()
         if now - self._looked > _LOOK_EVERY_S:
             before = self._count

@@ -58,9 +58,9 @@ class Whitening(NamedTuple):
     ----------
     weights : (G, p + 1, m, m) matrices that multiply each measurement and up to p available earlier
         measurements; zero for missing measurements.
-    lags : (G, p + 1) differences of index between each measurement and the measurements that its
-        ``weights`` multiply. Missing measurements have an index, too. A lag of −1 marks an entry
-        without a measurement; the weights of this entry are zero.
+    lags : (G, p + 1) lag l of each matrix in ``weights``: in row k the matrix multiplies
+        measurement k − l. The index k also counts missing measurements. A lag of −1 marks an unused
+        matrix, which is zero.
     """
 
     weights: np.ndarray
@@ -89,8 +89,9 @@ class VectorAutoregression:
     ----------
     components : names of the channels.
     interval : time between measurements [s].
-    coefficients : (p, m, m) matrices A_i; p = 0 is noise without memory.
-    innovation_cov : (m, m) covariance Σ of e_k [E²].
+    coefficients : (p, m, m) matrices A_i of the noise n_k = Σ_i A_i n_{k−i} + e_k. The order p = 0
+        means noise without memory.
+    innovation_cov : (m, m) covariance Σ of the innovations e_k [E²].
     provenance : source of the model, in words.
 
     Raises ColouredNoiseError if shapes are inconsistent, Σ is not positive definite, or the process
@@ -150,7 +151,10 @@ class VectorAutoregression:
         return float(np.abs(np.linalg.eigvals(self._companion)).max())
 
     def autocovariance(self, lags: int) -> np.ndarray:
-        """Return the autocovariances Γ_l = E[n_k n_{k−l}ᵀ] (lags + 1, m, m) [E²], l = 0 … lags."""
+        """Return the autocovariances (lags + 1, m, m) of the noise [E²] at lags 0 to ``lags``.
+
+        The autocovariance of the noise n_k at lag l is Γ_l = E[n_k n_{k−l}ᵀ].
+        """
         m, p = len(self.components), self.order
         covariances = np.zeros((max(lags + 1, p), m, m))
         if p == 0:

@@ -1,4 +1,4 @@
-"""Names of coordinate columns: contradictions, signs, and zero levels of heights."""
+"""Checks of the names of coordinate columns: axis, sign, datum and zero level of heights."""
 
 from __future__ import annotations
 

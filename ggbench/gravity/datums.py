@@ -60,10 +60,10 @@ ELLIPSOIDAL = "heights are above the ellipsoid"
 def require_wgs84(
     variables: Mapping[Any, Any], variable: Any, place: tuple[float, float], path: Path
 ) -> None:
-    """Raise TerrainError if the grid mapping of a netCDF variable states another datum.
+    """Raise TerrainError if the grid mapping of a netCDF variable differs from WGS 84.
 
-    The datum must be WGS 84, and the prime meridian must be Greenwich. An invalid reference system
-    raises the same error.
+    A geographic system may differ by up to 5 m, see :func:`is_another`. The error is also raised if
+    the prime meridian is not Greenwich, or if the reference system is invalid.
 
     ``variables`` are all variables of the file, including the grid mapping. ``place`` is the
     longitude and latitude of a point within the grid [deg].

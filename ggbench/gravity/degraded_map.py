@@ -61,7 +61,9 @@ class MapDegradation:
 
 
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
-    """Return a map with errors: smoothed and scaled first, then with noise.
+    """Return a copy of the error-free map ``right``, with errors.
+
+    The copy is smoothed, then scaled. After this, noise is added.
 
     Raises MapError if the map is narrower than ``resolution_m``. With correlated noise, MapError is
     also raised in three cases:
@@ -69,7 +71,7 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     - the correlation length is shorter than the node spacing;
     - the correlation length is so long that the random field needs too many nodes;
     - the map is draped, and the correlation length is below twice the depth of the base surface.
-      This depth is that of the lowest point below the mean height of the surface.
+      The depth is the mean height of the surface minus its lowest height.
     """
     _check(right, degradation)
     tensor = np.asarray(right.tensor, dtype=float)

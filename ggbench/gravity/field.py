@@ -41,7 +41,11 @@ class OutsideMapError(GGBenchError):
 
 @record
 class DisturbanceMap:
-    """Gravity disturbance of a map as arrays for compiled kernels, see :class:`Field`."""
+    """Gravity disturbance of a map as arrays for compiled kernels.
+
+    :class:`Field` describes the arrays. ``coefficients`` are its ``disturbance_coefficients``, and
+    ``base`` are its ``base_coefficients``.
+    """
 
     origin: np.ndarray
     step: np.ndarray
@@ -283,12 +287,18 @@ class Field:
 
     @property
     def lower(self) -> np.ndarray:
-        """First node (3,) of the map in map coordinates [rad, rad, m]; −∞ without a map."""
+        """First node (3,) of the map [rad, rad, m]; −∞ without a map.
+
+        The node is in map coordinates, see :meth:`coordinates`.
+        """
         return self.origin if self.has_map else np.full(3, -np.inf)
 
     @property
     def upper(self) -> np.ndarray:
-        """Last node (3,) of the map in map coordinates [rad, rad, m]; ∞ without a map."""
+        """Last node (3,) of the map [rad, rad, m]; ∞ without a map.
+
+        The node is in map coordinates, see :meth:`coordinates`.
+        """
         if not self.has_map:
             return np.full(3, np.inf)
         cells = np.array(self.tensor_coefficients.shape[:3]) - 3
@@ -342,7 +352,10 @@ class Field:
         return positions[..., 0], positions[..., 1], positions[..., 2] + self.base(positions)
 
     def flattened(self) -> Field:
-        """Return the field with level layers; heights above the base become ellipsoidal heights."""
+        """Return the field of the same map data, with level layers.
+
+        Numbers that were heights above the base surface are then heights above the ellipsoid.
+        """
         return replace(self, base_coefficients=np.zeros((0, 0)))
 
     def covers(self, positions: np.ndarray, slack: float) -> np.ndarray:

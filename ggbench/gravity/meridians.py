@@ -31,8 +31,8 @@ def eastern(west: float, east: float) -> float:
     """Return an eastern bound [deg], shifted by whole turns to the east of a western bound.
 
     Example: 181 for the western bound 179 and the eastern bound −179. If the area would then be
-    wider than half a turn, the bound is unchanged: the bounds were exchanged, or the area goes
-    around the Earth.
+    wider than half a turn, the bound is unchanged. Such an area goes around the Earth, or its
+    bounds are in the wrong order.
     """
     further = east - 360.0 * np.floor((east - west) / 360.0)
     return float(further) if 0.0 < further - west <= 180.0 else east
@@ -66,7 +66,11 @@ class Area(NamedTuple):
     east: float | None = None
 
     def about(self, longitude: float) -> Area:
-        """Return the area, shifted by whole turns into the turn of a longitude [deg]."""
+        """Return the area, shifted by whole turns to a place near a longitude [deg].
+
+        The middle of the area is then within half a turn of the longitude. If the area has only one
+        limit in longitude, this limit is within half a turn.
+        """
         west, east = self.west, self.east
         if west is not None and east is not None:
             east = eastern(west, east)
@@ -103,8 +107,8 @@ class Area(NamedTuple):
 
         Parameters
         ----------
-        latitude, longitude : positions [deg], with shapes that broadcast to (...); longitudes in
-            the turn of the area, see :meth:`about`.
+        latitude, longitude : positions [deg], with shapes that broadcast to (...). Longitudes are
+            compared without whole turns, so shift the area by :meth:`about` first.
         """
         inside = np.ones(np.broadcast(latitude, longitude).shape, dtype=bool)
         for values, low, high in ((latitude, *self[:2]), (longitude, *self[2:])):

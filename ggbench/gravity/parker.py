@@ -116,9 +116,9 @@ def terrain_layers(
 
     Raises
     ------
-    TerrainError : when the first height is requested, if a position is outside the terrain; if a
-        position or the geoid height is not finite; if a height is below the highest ground, or so
-        close above it that the series or the Fourier grid becomes too large; if the terrain is too
+    TerrainError : at the first iteration, in these cases: a position is outside the terrain; a
+        position or the geoid height is not finite; a height is below the highest ground, or so
+        close above it that the series or the Fourier grid becomes too large; the terrain is too
         wide for a plane.
     """
     lat, lon, heights = (
@@ -151,10 +151,10 @@ def terrain_layers(
 
 
 def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
-    """Return the smallest clearance [m] above the highest ground for a limited Fourier grid.
+    """Return the smallest clearance [m] above the highest ground that a Fourier grid allows.
 
-    ``nodes`` is the largest number of nodes of the Fourier grid. The nodes must be at most a
-    quarter of the clearance apart, and not farther apart than the nodes of the terrain.
+    ``nodes`` is the largest number of nodes of this grid. The nodes must be at most a quarter of
+    the clearance apart, and not farther apart than the nodes of the terrain.
 
     Raises TerrainError for a terrain that is too wide for a plane.
     """
@@ -167,7 +167,7 @@ def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
 def converging_clearance(terrain: Terrain) -> float:
     """Return the clearance [m] above the highest ground at which the series needs order 80.
 
-    The value is approximate.
+    Order 80 is the highest order that is allowed. The value is approximate.
     """
     return _CLEARANCE_PER_HALF_RELIEF * 0.5 * float(np.ptp(terrain.height_m))
 

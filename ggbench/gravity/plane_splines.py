@@ -47,7 +47,7 @@ def resample(
     step: np.ndarray,
     surface: np.ndarray,
 ) -> None:
-    """Fill ``surface`` (n_y, n_x) of a plane grid with a terrain, continued beyond its edges.
+    """Fill ``surface`` (n_y, n_x) with the heights of a terrain on a plane grid [m].
 
     Between nodes the surface is a cubic spline. It is limited to the range of the heights of the 16
     surrounding nodes, so that it does not overshoot at cliffs. Beyond the edges it is the mirror

@@ -31,8 +31,8 @@ def fields(points: np.ndarray, places: np.ndarray, masses: np.ndarray, out: np.n
 
     Parameters
     ----------
-    points, places : east, north and up coordinates of the points (3, n) and of the masses (3, m)
-        [m].
+    points : (3, n) east, north and up coordinates of the points [m].
+    places : (3, m) east, north and up coordinates of the masses [m].
     masses : (m,) masses [1e9 kg].
     out : (n, 9) EE, EN, EU, NN, NU, UU [E] and attraction east, north, up [m/s²].
     """
@@ -50,9 +50,10 @@ def fields(points: np.ndarray, places: np.ndarray, masses: np.ndarray, out: np.n
 
 @compiled
 def responses(points: np.ndarray, places: np.ndarray, weights: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (c, n, m) with c weighted sums of field components, for m masses at n points.
+    """Fill ``out`` (c, n, m) with c weighted sums of field components, per point and mass.
 
-    Each sum is over the nine field components of one mass of 1e9 kg at one point.
+    There are n points and m masses of 1e9 kg. Each sum is over the nine components of the field
+    that one mass causes at one point.
 
     Parameters
     ----------

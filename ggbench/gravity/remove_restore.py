@@ -134,7 +134,7 @@ class Residual:
         Parameters
         ----------
         latitude, longitude, height : (n_lat,), (n_lon,) [rad], (n_h,) [m].
-        centre : latitude at which radians are converted to metres, for the wavelengths [rad].
+        centre : latitude [rad] for the conversion of the wavelengths from radians to metres.
 
         Returns
         -------

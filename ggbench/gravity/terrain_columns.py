@@ -61,7 +61,8 @@ class Columns:
 def fill_parents(children: np.ndarray, rows: int, columns: int, parents: np.ndarray) -> None:
     """Fill ``parents`` (rows / 2 · columns / 2, 4) with moments of blocks of 2 x 2 children.
 
-    ``children`` (rows · columns, 4) are the blocks of the finer level, see :class:`Columns`.
+    The finer level has even numbers ``rows`` and ``columns`` of blocks. Its blocks are ``children``
+    (rows · columns, 4), see :class:`Columns`.
     """
     for j in range(rows // 2):
         for i in range(columns // 2):
@@ -178,7 +179,7 @@ def add_columns(columns: Columns, points: np.ndarray, ratio: float, out: np.ndar
     Parameters
     ----------
     points : (N, 3) latitude, longitude [rad], height above the zero level [m].
-    ratio : smallest ratio of the distance of a block to its size at which the block is a line mass.
+    ratio : a block is a line mass if the ratio of its distance to its size is at least this number.
         The size is √((w² + l²)/2 + 12 v) for the width w, the length l and the variance v of the
         heights.
     """

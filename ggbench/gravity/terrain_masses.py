@@ -50,9 +50,9 @@ class TerrainMasses:
     Attributes
     ----------
     terrain : heights above the zero level.
-    layers : columns of the land, and columns of the density deficit of the sea, from a base to the
-        ground. The base of the land is the mean height of the edge, but at least 0; that of the sea
-        is at most 0. Without continuation both bases are 0.
+    layers : columns of the land, and columns of the density deficit of the sea. They reach from a
+        base to the ground. Let e be the mean height of the edge. The base is max(e, 0) for the land
+        and min(e, 0) for the sea. Without continuation both bases are 0.
     geoid_height : height of the terrain's zero level above the ellipsoid [m].
     """
 
@@ -104,8 +104,8 @@ class TerrainMasses:
         Parameters
         ----------
         points : (N, 3) latitude, longitude [rad], height above the ellipsoid [m].
-        ratio : smallest ratio of the distance of a block to its size at which the block is a line
-            mass, see :func:`.add_columns`.
+        ratio : a block is a line mass if the ratio of its distance to its size is at least this
+            number, see :func:`.add_columns`.
 
         Raises
         ------
@@ -132,12 +132,12 @@ class TerrainMasses:
         return out[:, :6] / EOTVOS, out[:, 6:]
 
     def ratio_for(self, points: Array, tolerance: float) -> tuple[float, float]:
-        """Return the smallest ``ratio`` for :meth:`field` with errors within a tolerance [E].
+        """Return the smallest ``ratio`` of :meth:`field` with errors of at most a tolerance [E].
 
-        The second result is the largest error of any tensor component at a sample of the points
-        (N, 3) [E]. Errors are differences from a sum with the ratio 24, which contains more prisms.
-        If no ratio of :data:`RATIOS` has errors within the tolerance, the largest ratio is
-        returned.
+        The ratio is one of :data:`RATIOS`. If none has errors within the tolerance, the largest one
+        is returned. Errors are computed at a sample of the points (N, 3). They are differences from
+        a sum with the ratio 24, which contains more prisms. The second result is the largest error
+        of any tensor component [E].
         """
         some = points[np.linspace(0, len(points) - 1, min(_SAMPLES, len(points))).astype(int)]
         exact, _ = self.field(some, _REFERENCE)

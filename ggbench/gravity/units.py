@@ -62,8 +62,8 @@ class Units:
     def factor(self, unit: str, name: str, described: str = "") -> tuple[float, str]:
         """Return the factor from a file's unit to the SI unit, and a remark on the unit.
 
-        ``unit`` is the unit stated by the file. If it is empty, the unit comes from brackets in the
-        description, as in GMT's ``faa (mGal)``, or from its end.
+        ``unit`` is the unit stated by the file. If it is empty, the unit comes from the description
+        ``described``: from brackets, as in GMT's ``faa (mGal)``, or from the end of the text.
 
         Raises TerrainError if the unit belongs to another quantity; the message names the file.
         """

@@ -61,8 +61,8 @@ def exclusive_lock(file: Path) -> Iterator[None]:
     """Lock a file of the cache: within this context no other process writes it.
 
     Another process may have written the file while this process waited. The lock is a file in the
-    same folder and is released when the process ends. If the folder is not writable there is no
-    lock, and two processes may do the same work.
+    same folder. It is released at the end of the context, or if the process ends earlier. If the
+    folder is not writable there is no lock, and two processes may do the same work.
     """
     with contextlib.ExitStack() as until:
         with contextlib.suppress(OSError):
@@ -75,8 +75,9 @@ def exclusive_lock(file: Path) -> Iterator[None]:
 def use_versioned_numba_cache() -> None:
     """Set numba's cache folder to a folder for the present source of the package.
 
-    This must precede any compilation. The folder is used for functions that users compile, because
-    they may inline functions of the package.
+    Call this function before any compilation. Numba stores the functions that users compile in this
+    folder. Such a function may inline functions of the package, so it must be compiled again if
+    their source changes.
     """
     folder = _base() / f"ggbench-{rooms_hash(*COMPILED_ROOMS)}"
     os.environ[_VARIABLE] = str(folder)

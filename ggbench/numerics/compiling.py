@@ -33,9 +33,9 @@ class Kernel:
 
     Code of functions without a file (notebooks, ``exec``) is not stored on disk.
 
-    The code for Python has an additional entry, which unpacks the arguments. This code is compiled
-    only at the first call from Python. The entries of all functions would be a sixth of the
-    compiled code.
+    The code for Python has an additional entry point, which unpacks the arguments. This code is
+    compiled only at the first call from Python. The entry points of all functions would be a sixth
+    of the compiled code.
     """
 
     def __init__(self, function: Any, jit: Any) -> None:

@@ -329,9 +329,10 @@ def add_squares(values: np.ndarray, m: int, out: np.ndarray) -> None:
 
 @compiled
 def correct(half: np.ndarray, white: np.ndarray, m: int, x: np.ndarray) -> None:
-    """Add Aᵀ w to x (1, n), for ``half`` A (m, n) and ``white`` w (1, m).
+    """Add Aᵀ w to the states x (1, n).
 
-    With A = L⁻¹ H P and the whitened innovation w = L⁻¹ y, this is the Kalman update of x.
+    ``half`` is A (m, n), and ``white`` is w (1, m). With A = L⁻¹ H P and the whitened innovation
+    w = L⁻¹ y, this is the Kalman update of x.
     """
     for j in range(x.shape[1]):
         total = load(x, 0, j)
@@ -350,15 +351,17 @@ def kalman_gain(
     half: np.ndarray,
     gain: np.ndarray,
 ) -> None:
-    """Fill the Kalman gain of whitened measurements, K = P Hᵀ (H P Hᵀ + I)⁻¹.
+    """Compute the Kalman gain of whitened measurements, K = P Hᵀ (H P Hᵀ + I)⁻¹.
 
     Parameters
     ----------
-    rows, p : H (m, n) and P (n, n).
+    rows : (m, n) measurement matrix H.
+    p : (n, n) covariance P of the states.
     m : number of measurement equations.
     hp : (m, n) output, H P.
     lower : (m, m) output, Cholesky factor L of H P Hᵀ + I, see :func:`factorise`.
-    half, gain : (m, n) outputs, L⁻¹ H P and Kᵀ.
+    half : (m, n) output, L⁻¹ H P.
+    gain : (m, n) output, Kᵀ.
     """
     project(rows, p, m, hp, lower)
     factorise(lower, m, lower)

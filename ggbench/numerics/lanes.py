@@ -155,9 +155,10 @@ def _departure(
 
 @compiled
 def moving_states(transition: np.ndarray, process_cov: np.ndarray) -> int:
-    """Return the number of leading states that Φ or Q (R, K, n, n) change.
+    """Return the number of states up to and including the last one that Φ or Q changes.
 
-    All later states are unchanged. Only the first run at its first epoch is examined.
+    ``transition`` is Φ (R, K, n, n), and ``process_cov`` is Q (R, K, n, n). Only the first epoch of
+    the first run is examined.
     """
     group = np.zeros(LANES, dtype=np.int64)
     count = transition.shape[2]

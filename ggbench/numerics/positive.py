@@ -23,7 +23,9 @@ def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def nearest_root(matrix: np.ndarray) -> np.ndarray:
-    """Repair a covariance P (n, n), and return an upper triangular U (n, n) with UᵀU = P.
+    """Repair a covariance (n, n), and return its upper triangular square root U (n, n).
+
+    UᵀU is the repaired covariance. ``matrix`` is the covariance P before repair.
 
     P is made symmetric and scaled to a correlation matrix. Small or negative eigenvalues of this
     matrix are raised to a limit: n times the machine precision times the largest eigenvalue.

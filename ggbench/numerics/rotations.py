@@ -75,7 +75,7 @@ def left_jacobian(x: float, y: float, z: float) -> Matrix:
 
         J = I + (1 − cos θ)/θ² [v×] + (θ − sin θ)/θ³ [v×]².
 
-    Both factors are computed by series as in :func:`circular`.
+    Both fractions are computed by series as in :func:`circular`.
     """
     square = x * x + y * y + z * z
     rest = like(square, 0.0)
@@ -178,10 +178,11 @@ def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
 
 @compiled
 def between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Interpolate rotation matrices (M, 3, 3) at a constant angular rate.
+    """Interpolate between M pairs of rotation matrices at a constant angular rate.
 
-    The result is ``before`` (M, 3, 3) for a ``share`` (M,) of 0 and ``after`` (M, 3, 3) for 1. The
-    rotation between the two must be less than π/2.
+    ``before`` (M, 3, 3) and ``after`` (M, 3, 3) contain the pairs. The result (M, 3, 3) is
+    ``before`` for a ``share`` (M,) of 0, and ``after`` for a ``share`` of 1. The angle of rotation
+    within a pair must be less than π/2.
     """
     out = np.empty_like(before)
     difference = np.empty((3, 3))

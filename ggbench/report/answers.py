@@ -53,9 +53,9 @@ def named_among(
 def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the estimators that failed in all runs of at least one case.
 
-    Each item has the ``label`` of an estimator. ``cases`` has the titles of the cases in which all
-    its runs failed, and ``reason`` is the reason of the first failure. If the estimator failed in
-    all cases, ``cases`` is empty.
+    Each item of the result has the ``label`` of an estimator. ``cases`` has the titles of the cases
+    in which all its runs failed. ``reason`` is the reason of the first failed run in these cases.
+    If the estimator failed in all runs of all cases, ``cases`` is empty.
     """
     own = runs[runs["assumption"] == ""]
     rows = []
@@ -72,9 +72,9 @@ def failed_in_all(runs: pd.DataFrame, titles: Mapping[str, str]) -> list[dict[st
 def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
     """Return the estimator that is recommended in most cases.
 
-    Of estimators that are recommended in equally many cases, the function returns the estimator
-    that is most often the fastest recommended one. If none of them is ever the fastest one, it
-    returns the estimator with the least mean error ratio (:func:`.standing.standing`).
+    If several estimators are recommended equally often, a second criterion decides. It is the
+    number of cases in which an estimator is the fastest of the recommended ones. If this number is
+    zero for all of them, the least mean error ratio decides (:func:`.standing.standing`).
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def answer(results: Reported) -> dict[str, Any]:
     recommended estimator, it is the estimator that is best in the largest number of cases. ``lead``
     is the first case where ``label`` is recommended (or best). Cases in the page's table have
     precedence over other cases. ``row`` has the metrics of ``label`` in the lead case. ``reason``
-    states why the first case without a recommended estimator has none. ``own`` has the metrics of
-    the user's own estimators in the lead case, for at most :data:`MOST_OWN` of them. It omits
-    ``label`` and estimators without a finished run.
+    refers to the first case without a recommended estimator, and states why it has none. ``own``
+    has the metrics of at most :data:`MOST_OWN` of the user's own estimators in the lead case.
+    ``own`` contains neither the estimator ``label`` nor estimators without a finished run.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]

@@ -27,7 +27,8 @@ class Column:
     heading : heading without the unit.
     unit : unit of the values; may be empty.
     form : format of the values: "text", or a key of :data:`_FORMS`.
-    definition : definition in one sentence; empty for the ends of an interval.
+    definition : definition in one sentence. It is empty if the values are the lower or upper ends
+        of intervals.
     """
 
     heading: str

@@ -23,7 +23,9 @@ _ABBREVIATED = {"gnss": "GNSS", "imu": "IMU", "field": "map"}
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of true conditions, with values or ranges over the cases.
+    """Return a table with a row for each condition of the scenario.
+
+    If a condition differs between cases, its row lists the different values or their range.
 
     Parameters
     ----------
@@ -130,7 +132,10 @@ def gradiometer_conditions(case: CaseSpec) -> list[str]:
 
 
 def other_conditions(cases: Sequence[CaseSpec]) -> str:
-    """Return a text on the other sensors: those in all cases, then those in some cases."""
+    """Return a text on all aiding sensors except the gradiometer.
+
+    The text lists the sensors that all cases have, then those that only some cases have.
+    """
     periods: dict[str, list[str]] = {}
     for case in cases:
         for spec in case.sensor.values():
@@ -149,7 +154,10 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
-    """Return texts on the map: source, quality, and simulation of the gravity disturbance."""
+    """Return texts on the map: its source, its quality, and a remark on gravity.
+
+    The remark is empty unless the true accelerometers measure the gravity disturbance.
+    """
     true, assumed = case.side("truth").field, case.side("model").field
     if assumed.source == "normal":
         return ["normal field"]

@@ -168,7 +168,7 @@ def narrow_prior(of: Metrics) -> str:
 
 
 def wide_prior(of: Metrics) -> str:
-    """Return the finding that the EKF is unsafe with a prior of three correlation lengths.
+    """Return the finding that the EKF is unsafe if the prior σ is three correlation lengths.
 
     At least two other filters must succeed in 90% of the runs and be consistent or conservative.
     """
@@ -210,9 +210,9 @@ def outliers(of: Metrics) -> str:
 
 
 def wrong_noise(of: Metrics) -> str:
-    """Return the finding of the case with three times the assumed noise.
+    """Return the finding that the EKF's error grows if it assumes a third of the true noise.
 
-    The finding is empty unless this noise increases the EKF's RMS error by at least a fifth.
+    The RMS error must be at least 1.2 times the RMS error of the EKF with the right noise.
     """
     case, known = "wrong-noise", "wrong-noise-known"
     plain, told, one = of.rms(case, "ekf"), of.rms(known, "ekf"), of.rms(case, ONE_FILTER)

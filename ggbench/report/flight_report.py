@@ -51,7 +51,10 @@ def folder_of(label: str) -> str:
 
 
 def of_the_reference(flight: RecordedFlight) -> str:
-    """Return a remark if estimators also use the reference as a sensor's record; else return ""."""
+    """Return a remark if the reference is also the record of a sensor; else return "".
+
+    Estimators use this record. Therefore differences from the reference do not show accuracy.
+    """
     sensor = flight.reference_is_of
     if not sensor:
         return ""

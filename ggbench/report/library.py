@@ -67,7 +67,7 @@ def read(output: Path) -> tuple[list[Digest], list[str]]:
 
 
 def studies(output: Path, digests: Sequence[Digest]) -> dict[str, str]:
-    """Return the first sentence of the answer on each study's page, by name of the page.
+    """Return the first sentence of each study's answer, by name of the study's page.
 
     A study's page reports other results than the runs of a scenario, such as computing times.
     """
@@ -86,7 +86,7 @@ def text(
     ----------
     digests : digests of the scenarios.
     has_league : whether the league figure exists in the suite's folder of figures.
-    studies : first sentence of the answer of each study's page, by name of the page.
+    studies : first sentence of each study's answer, by name of the study's page.
     """
     suite = [each for each in digests if each.manifest["scenario"] == SUITE]
     newest = max(each.manifest["results_version"] for each in digests)

@@ -21,8 +21,8 @@ def over_time(infos: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
 
     Parameters
     ----------
-    infos : ``Estimate.info`` of the runs. The key ``at_<seconds>_s`` has the weights at this time,
-        as a text of :func:`.in_words`.
+    infos : ``Estimate.info`` of the runs. The key ``at_<seconds>_s`` has the weights at this time.
+        They are stored as the text that :func:`.in_words` returns.
     """
     at: dict[int, list[dict[str, float]]] = {}
     for info in infos:

@@ -74,8 +74,8 @@ def over_time(
 ) -> Picture:
     """Return the figure of RMS errors over time, with a column for each case.
 
-    At most :data:`MOST_COLUMNS` cases are drawn. The INS is drawn in each case. ``most`` is the
-    largest number of epochs.
+    At most :data:`MOST_COLUMNS` cases are drawn. The INS is drawn in each case. A curve consists of
+    at most ``most`` epochs, by default of all stored epochs.
     """
     chosen = [*dict.fromkeys(["ins", *labels])]
     figure = stored.error_over_time(results, dict.fromkeys(cases[:MOST_COLUMNS], chosen), most)

@@ -114,11 +114,11 @@ def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
 
 
 def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
-    """Return bound and RMS errors in windows from several start times to the end of the flight.
+    """Return a table of errors in windows from several start times to the end of the flight.
 
-    For each case there is a row for the bound and for each finished estimator. Rows beyond the
-    largest size of a table are omitted. The table is empty if a flight is too short or too long for
-    :data:`STARTS_S`.
+    Each case with published errors has a row for the bound, and a row for the RMS error of each
+    finished estimator. Rows beyond the largest size of a table are omitted. The table is empty if a
+    flight is too short or too long for :data:`STARTS_S`.
     """
     cases, lines = referenced(metrics), []
     for case in cases:
@@ -178,8 +178,9 @@ def claimed(results: Any) -> pd.DataFrame:
 
     A claim "equal" holds if the verdict on the pair is "equivalent". A claim "larger" holds if the
     verdict is "worse", and a claim "smaller" holds if the verdict is "better". A claim on computing
-    times compares medians. The claims of a scenario form a separate family of tests. An undecided
-    claim is "open"; its row has the number of runs that a decision needs.
+    times compares medians. All other claims of the scenario form one family of tests, over which
+    the p-values are adjusted (:func:`.judging.pairs.family`). An undecided claim is "open"; its row
+    has the number of runs that a decision needs.
     """
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
     metrics = results.metrics()

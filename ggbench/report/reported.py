@@ -36,7 +36,8 @@ class Reported(Results):
 
     The short name of an estimator from a file is the ``name`` of its class with the parameters, for
     example ``mine[gain=2]`` for ``a/file.py[gain=2]``. Estimators that would share a short name
-    keep their labels. Commands contain the path of the file.
+    keep their labels. The command of :meth:`rerun` uses labels, because it needs the path of the
+    file.
     """
 
     @cached_property
@@ -64,7 +65,7 @@ class Reported(Results):
 
     @property
     def seeking(self) -> dict[str, str]:
-        """Names in the source that give access to the truth, by short name of the estimator."""
+        """Identifiers in an estimator's source that give access to the truth, by short name."""
         return {self.shown[label]: names for label, names in super().seeking.items()}
 
     def series(self, case: str, estimator: str) -> np.ndarray:
@@ -129,7 +130,7 @@ class Reported(Results):
     def rerun(self) -> str:
         """Return the command that repeats the campaign.
 
-        The seed is omitted if it is the scenario's own seed.
+        The command states the seed only if it differs from the scenario's own seed.
         """
         m = self.manifest
         left_out = m.get("left_out", {})

@@ -46,11 +46,11 @@ def is_of_the_prior(scenario: Scenario) -> bool:
 
 
 def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
-    """Return at most three sections of a sweep along its first axis, one for each base case.
+    """Return at most three sections of a sweep's grid along its first axis.
 
-    All other axes are fixed at their middle values. The abscissae are the values of the first axis.
-    If the sweep varies only the initial position uncertainty σ, the abscissae are σ/ℓ. ℓ is the
-    correlation length of the field.
+    There is one section for each case that the sweep varies. All other axes are fixed at their
+    middle values. The abscissae are the values of the first axis. If the sweep varies only the
+    initial position uncertainty σ, the abscissae are σ/ℓ. ℓ is the correlation length of the field.
     """
     sweep = scenario.sweep
     assert sweep is not None
@@ -76,9 +76,9 @@ def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
 
 
 def shown_cases(results: Results) -> pd.DataFrame:
-    """Return the cases on a page (:func:`.views.deciding_cases`).
+    """Return the cases that a page shows, selected by :func:`.views.deciding_cases`.
 
-    For a sweep they are chosen among the cases in the figure.
+    In a sweep only the cases of its figure (:func:`parts`) can be selected.
     """
     cases, metrics = results.cases(), results.metrics()
     cases = cases[cases["case"].isin(metrics["case"])]
@@ -102,12 +102,15 @@ def reached(
     """Return a table of the values of a sweep's first axis that reach each target.
 
     A target is an RMS position error. There is a row for each target and section (:func:`parts`).
-    There are columns for the bound, the EKF and the user's own estimators. A 95 % interval is
-    in parentheses. A cell such as ``3.2 E`` is the largest value that reaches the target,
-    interpolated between cases. If errors decrease along the axis, the cell instead lists the values
-    that reach the target. Errors decrease if one is significantly smaller than the error before it.
-    They also decrease if a value reaches the target after a value that does not. If all values or
-    none reach the target, there is no list. The table is empty without a sweep.
+    There are columns for the bound, the EKF and the user's own estimators. A cell such as ``3.2 E``
+    is the largest value of the axis that reaches the target, interpolated between cases. Its 95 %
+    interval is in parentheses. The table is empty without a sweep.
+
+    If errors decrease along the axis, and some but not all values reach the target, the cell
+    instead lists the values that reach it. Errors decrease in two situations:
+
+    - An error is significantly smaller than the error at the value before it.
+    - A value reaches the target after a value that does not.
     """
     if scenario.sweep is None:
         return pd.DataFrame()
@@ -164,9 +167,9 @@ def recovered(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, flo
     """Return the largest σ/ℓ at which each causal estimator has a success rate of at least 95%.
 
     σ/ℓ is the initial position uncertainty in correlation lengths of the field. The success rate
-    must be at least 95% in all cases with equal or smaller σ/ℓ. In each case only estimators with
-    all runs of the case count. The estimator with the largest σ/ℓ comes first. Estimators without
-    such a case have 0.
+    must be at least 95% in all cases with equal or smaller σ/ℓ. An estimator is judged only in
+    cases of which it has all runs. The estimator with the largest σ/ℓ comes first. If an estimator
+    does not even reach 95% at the least σ/ℓ, its value is 0.
     """
     rows = comparable(metrics)
     rows = rows[rows["causality"] == "filter"]

@@ -75,8 +75,8 @@ def error_cell(row: Mapping[str, Any]) -> str:
 
     The success rate is omitted at 100%. The cell of the INS has the RMS error and the success
     rate. If most runs are lost, the cell has only the share of lost runs. If all runs failed, the
-    cell is "failed". The text "≤ INS" means a success rate that is not
-    significantly higher than that of the INS.
+    cell is "failed". The suffix "(≤ INS)" follows a success rate that is not significantly higher
+    than that of the INS.
     """
     if row["failed"] == row["runs"]:
         return FAILED

@@ -37,9 +37,10 @@ def require_equal_runs(rows: pd.DataFrame) -> None:
 
 
 def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
-    """Return the metrics in a window, only for estimators with all runs of a case.
+    """Return the metrics in a window, without estimators that lack runs of a case.
 
-    Estimators with fewer runs are omitted, because their errors belong to another sample of runs.
+    An estimator is omitted only from the cases in which it has fewer runs than others. Its errors
+    in these cases belong to another sample of runs.
     """
     rows = metrics[metrics["window"] == window]
     rows = rows[rows["runs"] == rows.groupby("case")["runs"].transform("max")]
@@ -57,9 +58,9 @@ def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
 def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
     """Return whether any error is significantly below a bound.
 
-    Errors with a ratio to the oracle and errors of batch smoothers are not tested. The bound
-    is an expectation over the specified error statistics. Therefore errors can be below it with
-    measured data, in a single gravity field, or in few runs.
+    Two kinds of errors are not tested: those that are compared with the oracle, and those of batch
+    smoothers. The bound is an expectation over the specified error statistics. Therefore an error
+    with measured data, in a single gravity field, or in few runs can be below the bound.
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]
@@ -71,9 +72,9 @@ def deciding_cases(
 ) -> pd.DataFrame:
     """Return at most ``most`` cases that distinguish estimators, in the scenario's order.
 
-    Cases are chosen by the ratio of the largest to the least RMS error of causal estimators. For
-    each set of recommended estimators the case with the largest ratio is chosen first. Remaining
-    places go to other cases with the largest ratios.
+    The ratio of a case is the largest RMS error of a causal estimator divided by the least one.
+    Cases with the same recommended estimators form a group. First the case with the largest ratio
+    in each group is chosen. Remaining places go to the other cases with the largest ratios.
     """
     if len(cases) <= most:
         return cases
@@ -105,8 +106,9 @@ def answer_table(
     """Return a table with bound, INS, EKF, recommended estimator and best smoother by case.
 
     Of several recommended estimators the fastest is shown. If none is recommended, the best causal
-    estimator is shown. Each of the user's own estimators has a column. If the table has too many
-    columns, it is transposed: it has a column for each case and a row for each estimator.
+    estimator is shown. Each of the first five of the user's own estimators has a column. If the
+    table has too many columns, it is transposed: it then has a column for each case and a row for
+    each estimator.
     """
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     plain = (cases["recommended"] != "").to_numpy()
@@ -202,10 +204,13 @@ def drawn_estimators(
     """Return at most ``most`` estimators to draw in a figure.
 
     The order is: the EKF, the user's own estimators, the recommended and best estimators of the
-    cases, then all others by error / bound (geometric mean). The INS is excluded. Of several
-    parameter sets of one estimator with the same causality, only the first in this order is drawn;
-    the user's own estimators are all drawn. For each estimator, the shown cases in which it
-    has all runs are counted. Only estimators with the largest count are drawn.
+    cases, then all others. The others are sorted by the geometric mean of error / bound over the
+    cases, least first. Three kinds of estimators are not drawn:
+
+    - The INS.
+    - Estimators that have all runs in fewer of the ``cases`` than another estimator.
+    - Of several parameter sets of one estimator with the same causality, all but the first in this
+      order. This rule does not apply to the user's own estimators.
     """
     rows = comparable(metrics[metrics["case"].isin(cases["case"])])
     rows = rows[rows["causality"] != "none"]

@@ -392,10 +392,10 @@ def cross_matrix(vectors: np.ndarray) -> np.ndarray:
 
 
 def metres_of(positions: np.ndarray) -> np.ndarray:
-    """Return the metres (..., 3) to the east, north and up per unit of a position.
+    """Return the factors (..., 3) that convert position differences to metres ENU.
 
-    The columns are metres per radian of longitude, metres per radian of latitude, and 1. The
-    columns of ``positions`` (..., 3) are latitude, longitude [rad] and height [m].
+    They are metres per radian of longitude, metres per radian of latitude, and 1. Note the other
+    order of ``positions`` (..., 3): latitude, longitude [rad] and height [m].
     """
     flat = np.ascontiguousarray(positions).reshape(-1, 3)
     metres = np.hstack([metres_along(flat), np.ones((len(flat), 1))])

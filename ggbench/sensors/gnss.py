@@ -71,7 +71,10 @@ class Gnss(AidingSensor):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Channels: ENU position relative to the INS [m], ENU velocity [m/s]; each if provided."""
+        """Channels that the receiver provides: position and velocity, ENU.
+
+        Positions are relative to the INS [m]; velocities are in m/s.
+        """
         kinds = [("position", "m")] * self.position + [("velocity", "m/s")] * self.velocity
         return tuple(
             Channel(f"{what} {axis}", unit, self.name) for what, unit in kinds for axis in "ENU"

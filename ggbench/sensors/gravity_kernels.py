@@ -15,13 +15,17 @@ from .model_arrays import ModelArrays
 def disturbance_at(
     model: ModelArrays, run: int, k: int, error: np.ndarray, value: np.ndarray, slope: np.ndarray
 ) -> None:
-    """Fill δg (3,), the gravity disturbance ENU [m/s²] at the INS position minus an error.
+    """Fill ``value`` with the gravity disturbance δg at a corrected INS position.
+
+    The corrected position is the INS position minus ``error``.
 
     Parameters
     ----------
-    model, run, k : arrays of a block; index of the run; epoch.
+    model : arrays of a block.
+    run : index of the run.
+    k : epoch.
     error : (3,) position error ENU [m].
-    value : (3,) output, δg.
+    value : (3,) output, δg, ENU [m/s²].
     slope : (3, 3) output, derivatives of δg with respect to the error to the east, to the north and
         upwards [s⁻²].
     """

@@ -256,7 +256,8 @@ class SensorModel:
     Whitening of coloured noise combines a few successive measurements. Each is evaluated at its INS
     position minus the position error at epoch k. This neglects the change of the position error
     during the lag. The change is the velocity error times the lag, which is at most 15 s in the
-    shipped flights. In ``vinton2008`` this approximation raises the error bounds by 0.7 to 1.1 %.
+    shipped flights. In the scenario ``vinton2008`` this approximation raises the error bounds by
+    0.7 to 1.1 %.
 
     Outside the map the field at the border is used. For a missing measurement h and H are zero.
 

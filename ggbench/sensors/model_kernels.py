@@ -120,8 +120,8 @@ def read(
     model : arrays of a block.
     k : epoch.
     context : parameters of the runs at this epoch, from :func:`.load_epoch`.
-    errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad].
-        Attitude errors are used only for a strapdown instrument.
+    errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad]. The
+        points are in S vectors. Attitude errors are used only for a strapdown instrument.
     vectors : number of vectors of points to evaluate, at most S.
     count : number of points to evaluate; these are the first ones in memory order.
     points : scratch for S vectors.

@@ -200,7 +200,7 @@ class PlacedStates(NamedTuple):
 
 
 def names_of(sensor: AidingSensor) -> tuple[str, str]:
-    """Return the names of the bias states and of the lever-arm states of an aiding sensor."""
+    """Return the names of two state blocks of an aiding sensor: biases and lever-arm errors."""
     name = sensor.name.replace("_", " ")
     return f"{name} bias", f"{name} lever arm error"
 

@@ -57,7 +57,7 @@ class AxisSpec(Section):
         return self
 
     def change(self, index: int) -> dict[str, Any]:
-        """Return the changes for the value at ``index``, as nested tables."""
+        """Return the changes of a case that belong to the value at ``index``, as nested tables."""
         if self.changes is not None:
             return dict(self.changes[index].content())
         assert self.key is not None  # checked above

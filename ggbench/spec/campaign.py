@@ -37,7 +37,8 @@ class CampaignSpec(Section):
     def runs_of(self, study: str, runs: int) -> int:
         """Return the number of runs per case of a study.
 
-        If ``study`` is "" (the cases themselves), the result is ``runs``. If ``study`` is the name
-        of an assumption, the result is the smaller one of ``runs`` and the key ``assumption_runs``.
+        The study "" consists of the cases of the scenario without an assumption. For this study the
+        result is ``runs``. If ``study`` is the name of an assumption, the result is the smaller one
+        of ``runs`` and the key ``assumption_runs``.
         """
         return min(runs, self.assumption_runs) if study else runs

@@ -251,8 +251,9 @@ class CaseSpec(WithSensors):
     def changed(self, key: str, value: Any) -> CaseSpec:
         """Return a copy of the case in which one key has a new value.
 
-        An example is ``case.changed("gradiometer.noise_eotvos", 1.0)``. The new value of a table
-        may be a mapping. The copy must satisfy the rules of scenario files.
+        An example is ``case.changed("gradiometer.noise_eotvos", 1.0)``. If the key is that of a
+        table, the value may be a mapping, which is merged into the table. The copy must satisfy the
+        rules of scenario files.
 
         Parameters
         ----------
@@ -353,7 +354,11 @@ class CaseSpec(WithSensors):
         return [name for name, spec in tables if getattr(spec, "readings", "") == "measured"]
 
     def map_errors(self) -> dict[str, MapErrorSpec]:
-        """Return the declared map errors by side: ``truth``, ``model``, or "" for both."""
+        """Return the tables of map errors that the case states, by side.
+
+        The side is ``truth`` for ``[truth.field.error]`` and ``model`` for ``[model.field.error]``.
+        It is "" for ``[field.error]``, which applies to both.
+        """
         fields: dict[str, Any] = {
             "": self.field,
             "truth": self.truth.field,
@@ -368,10 +373,11 @@ class CaseSpec(WithSensors):
         return max(self.draw.tracks, self.draw.maps, len(self.trajectory.drawn_lines)) > 1
 
     def cluster(self, run: int) -> int:
-        """Return the index of the track, survey line or map error of a run.
+        """Return the index of the cluster of a run.
 
-        Runs with equal indices form a cluster. If the case draws nothing of this kind, the result
-        is the index of the run.
+        Runs with equal indices form a cluster. If the case draws several map errors, the index is
+        that of the run's map error. Otherwise it is that of its track or survey line. If these do
+        not differ between runs either, it is the index of the run.
         """
         shared = max(self.draw.maps, self.draw.tracks, len(self.trajectory.drawn_lines))
         if self.draw.maps > 1:

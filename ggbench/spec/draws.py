@@ -42,7 +42,7 @@ def words_of(name: str) -> tuple[int, ...]:
 
 
 def drawn_track(spec: TrajectorySpec, draw: DrawSpec, run: int) -> TrajectorySpec:
-    """Return the table of the track of a run.
+    """Return the table ``[trajectory]`` with the track of a run.
 
     The track is moved and rotated at random, or is one of several survey lines.
     """

@@ -125,7 +125,10 @@ def expanded(table: str, content: Any) -> Any:
 
 
 def replaced(change: Mapping[str, Any]) -> Iterable[str]:
-    """Return the keys that the preset in a change replaces; empty if there is no preset."""
+    """Return the keys that are replaced if a table of changes states a preset.
+
+    If ``change`` has no preset, the result is empty.
+    """
     for key, presets in PRESETS.values():
         if isinstance(change.get(key), str) and change[key] in presets:
             return {*presets[change[key]].values, *(NOISES if key == "preset" else ())}

@@ -33,8 +33,8 @@ class Faults:
     mount : right-handed rotation of the mount about each mount axis, equal in all runs [rad].
     tilt : σ of the tilt of a level mount about each horizontal axis, a Gauss–Markov process [rad].
     tilt_time : correlation time of the tilt [s].
-    doubling : angular rate [rad/s] and acceleration [m/s²] at which the RMS of the white noise is
-        twice its value at rest.
+    doubling : angular rate [rad/s] and acceleration [m/s²]. Each of them alone raises the RMS of
+        the white noise to twice its value at rest.
     freedom : degrees of freedom ν of Student's t distribution of the white noise; ∞ for a normal
         distribution.
     outlier_share : probability that a measurement of a channel is an outlier.

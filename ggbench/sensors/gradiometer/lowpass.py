@@ -146,9 +146,9 @@ class Prefilter:
     ----------
     matrix : (H, H) first H rows and columns of A; None if A is the identity. H is K, or large
         enough to cover the start of the filter.
-    later : (C, C + B − 1) block of A for C successive outputs after the first H. All later outputs
-        have the same block. Each of its rows is reduced to B significant lags. The array is empty
-        if there are no later outputs.
+    later : (C, C + B − 1) block of A for C successive outputs after the first H. The same block
+        applies to the next C outputs, and so on. Each row of the block has B significant lags. The
+        array is empty if there are no later outputs.
     gain, delay_samples : (K,) gain g_k and delay τ_k [samples] of the low-pass followed by A, for
         slow signals.
     """

@@ -11,8 +11,8 @@ mass at ρ = (b/2) r is
     f = f₀ − Γρ + ω̇×ρ + ω×(ω×ρ) + 2ω×(Ωz×ρ) + Ωz×(Ωz×ρ).
 
 Here f₀ is the specific force at the centre and Γ the gradient tensor. Along t the last two terms
-vanish, and ω̇_z and f₀ cancel in the combined signal S. The remainder is due to the inertial tensor
-L = Γ − [ω×][ω×] = Γ − ωωᵀ + ω²I; its antisymmetric part [ω̇×] cancels, too:
+vanish. Of ω̇ only the component ω̇_z appears along t. It cancels in the combined signal S, as does
+f₀. The remainder is due to the inertial tensor L = Γ − [ω×][ω×] = Γ − ωωᵀ + ω²I:
 
     S = (a₁ + a₂) − (a₃ + a₄) = 2b [ (L_xx − L_yy)/2 · sin 2θ − L_xy · cos 2θ ].
 
