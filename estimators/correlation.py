@@ -97,7 +97,7 @@ class Correlation(Estimator):
     exact_if_linear_gaussian = False  # between its fixes it takes no reading
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The problem must have a horizontal position, and its model must have compiled kernels.
         """
@@ -263,15 +263,15 @@ class Sequences(Search):
 
 
 def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (n,) and covariance (n, n) at the window's end for the grid point ``index``.
+    """Return mean (n,) and covariance (n, n) of the states at the window's end for a grid point.
 
-    The gradient of J is assumed to be zero at this grid point. The optimal displacement δd from the
-    trajectory of the point minimises the sum of the χ² of J and the χ² of the prior. Near the
-    trajectory δd is linear in the residuals r_k of the epochs k: δd = Σ M_k r_k, with constant
-    matrices M_k. This displacement is processed as a measurement of the states, with errors from
-    noise, INS and grid. The correlation of these errors with the final state is computed by
-    propagating both through the window. The covariance therefore accounts for the information that
-    J does not use.
+    ``index`` is the index of the grid point. The gradient of J is assumed to be zero there. The
+    displacement δd is relative to the trajectory that passes through the grid point. The optimal δd
+    minimises the sum of the χ² of J and the χ² of the prior. Near this trajectory δd is linear in
+    the residuals r_k of the epochs k: δd = Σ M_k r_k, with constant matrices M_k. This displacement
+    is processed as a measurement of the states, with errors from noise, INS and grid. The
+    correlation of these errors with the final state is computed by propagating both through the
+    window. The covariance therefore accounts for the information that J does not use.
     """
     problem = search.problem
     variances, gain, *_ = position_axes(problem)

@@ -37,7 +37,7 @@ class ExtendedKalmanFilter(GatedUpdate):
     family = "kalman"
 
     def conflict(self) -> str | None:
-        """Return a reason to refuse the parameters, or None.
+        """Return a reason to refuse the parameters, or None if there is none.
 
         ``noise_memory`` must not be 1. Gates and underweighting need the plain update:
         ``iterations=1``, ``noise_memory=0`` and no loss.
@@ -53,7 +53,7 @@ class ExtendedKalmanFilter(GatedUpdate):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         Models without compiled kernels are accepted only by the plain filter.
         """

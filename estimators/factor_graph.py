@@ -63,7 +63,7 @@ class GraphParameters(RobustLoss):
         return self.lag if self.mode == "fixed-lag" else None
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         In the mode ``fixed-lag`` no measurement interval may exceed ``lag``.
         """

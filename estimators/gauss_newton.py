@@ -39,7 +39,7 @@ class GaussNewton(RobustLoss, BlockEstimator):
     Parameters
     ----------
     starts : number of initial positions across the prior; 1 uses only the prior mean. A position
-        consists of all states in metres. The track of a filter is an additional start.
+        comprises all states with the unit metre. The track of a filter is an additional start.
     refine : number of refined starts. The starts with the lowest costs are refined.
     window : number of epochs with measurements in the grid search; 0: no grid search. With
         ``starts=1`` there is no grid search either.

@@ -2,8 +2,9 @@
 
 At each epoch the filter draws new particles from a Gaussian, weights them by the likelihood of the
 measurement, and keeps only their mean and covariance (Kotecha & Djurić 2003a). There is no
-resampling. Therefore sample impoverishment (copies of particles that nearly noiseless dynamics
-never separate) cannot occur. The dynamics are linear, so the prediction of the Gaussian is exact.
+resampling, so no particle is copied. Therefore sample impoverishment cannot occur: with nearly
+noiseless dynamics, copies of particles never separate. The dynamics are linear, so the prediction
+of the Gaussian is exact.
 
 The filter has two other weaknesses. First, with a wide prior the posterior is multimodal, and one
 Gaussian cannot represent it. Second, if a measurement is ten times more precise than the prediction
@@ -52,7 +53,7 @@ class GaussianParticle(Estimator):
     exact_if_linear_gaussian = False  # moments of particles scatter
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The number of particles must exceed the number of states.
         """

@@ -77,7 +77,7 @@ class Iccp(Estimator):
     exact_if_linear_gaussian = False  # of one channel, and of points that are taken as nearest
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The problem must have an INS track, errors of horizontal position and velocity, and the
         chosen channel.

@@ -74,7 +74,7 @@ class MultipleModel(BlockEstimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Whether the assumed model is the only hypothesis."""
+        """Whether the filter is exact for linear problems: with the assumed model alone."""
         return not (self.noise or self.errors or self.gravity or self.outliers)
 
     @property

@@ -84,10 +84,10 @@ class ParticleFilter(CloudFilter):
     resampling : ``systematic``, ``stratified`` or ``residual``.
     threshold : effective sample size, as a fraction of N, below which the cloud is resampled.
     tempering : smallest effective sample size after an update, as a fraction of N. An update that
-        would leave fewer effective particles is split into stages. 0: no stages. If ``kernel``,
-        ``roughening`` and ``regularisation`` are all zero, only some updates have stages. These are
-        updates of new samples from a Gaussian, and their stages are exact. Samples are drawn from a
-        Gaussian at the first measurement, and at a measurement in the tail of the cloud.
+        would leave fewer effective particles is split into stages. 0: no stages. New samples
+        are drawn from a Gaussian at the first measurement, and at a measurement in the tail of the
+        cloud. If ``kernel``, ``roughening`` and ``regularisation`` are all zero, only updates of
+        these new samples have stages. These stages are exact.
     kernel : bandwidth, 0 to 1, of the kernel of Liu & West (2001) that is applied after resampling.
     roughening : factor K of Gordon et al. (1993). The noise that is added after resampling is
         proportional to K and to the extent of the cloud.

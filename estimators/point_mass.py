@@ -50,8 +50,9 @@ class PointMass(Estimator):
     step : distance between points of the first grid, in the units of the states: metres for
         positions. It must resolve the likelihood of the first measurement. It is decreased if the
         prior is narrow.
-    resolution : smallest number of cells per standard deviation of the prior. After an update it is
-        the smallest number per standard deviation of the highest peak of the density.
+    resolution : smallest number of cells per standard deviation. For the first grid this is the
+        standard deviation of the prior. After an update it is the standard deviation of the highest
+        peak of the posterior density, see :func:`peak_cells`.
     """
 
     step: Positive = 20.0
@@ -63,7 +64,7 @@ class PointMass(Estimator):
     exact_if_linear_gaussian = False  # in the limit of small cells only
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The problem must have at most three states, and the first grid must fit in memory.
         """
@@ -199,10 +200,11 @@ class _Grid(Lattice):
 
 
 def peak_cells(masses: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (n,) of the density's peak along each axis, in cells.
+    """Return the width (n,) of the highest peak of a density along each axis, in cells.
 
-    It is computed from the curvature of the log density at the largest mass. It is ∞ if the largest
-    mass is at the margin of the grid.
+    ``masses`` contains the probability mass at each of the grid points. The width is the standard
+    deviation of a Gaussian that has the curvature of the log density at the largest mass. It is ∞
+    if the largest mass is at the margin of the grid.
     """
     peak = np.array(np.unravel_index(masses.argmax(), masses.shape))
     out = np.full(masses.ndim, np.inf)

@@ -34,7 +34,8 @@ sampling noise. Large biases and a truth in the tail of the prior reduce the acc
 has biases of 20 E per channel and an error of 2.5 σ on one axis. The difference is 0.09, 0.07 and
 0.02 with 1000, 4000 and 16,000 particles. Single runs scatter by a factor of three about these
 numbers. If several modes stay equally likely for minutes, each resampling changes the weights of
-the modes at random. After 80 measurements, correct weights of two valleys need 30,000 particles.
+the modes at random. An example has two equally likely valleys. After 80 measurements, correct
+weights of the two modes need 30,000 particles.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class RaoBlackwellisedFilter(CloudFilter):
     name = "rao-blackwellised"
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The measurements must be linear in all states except the position.
         """

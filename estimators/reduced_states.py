@@ -102,7 +102,7 @@ class ReducedStates(Estimator):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The problem must have the reduced states and other states. The chosen filter must accept the
         problem of the reduced states.

@@ -70,7 +70,7 @@ class GatedUpdate(RobustLoss, BlockEstimator):
 
     @property
     def exact_if_linear_gaussian(self) -> bool:
-        """Whether neither a gate nor underweighting changes the Kalman filter's result."""
+        """Whether the update is exact for linear problems: no gate and no underweighting."""
         return not self.gate and not self.underweighting
 
     def conflict(self) -> str | None:

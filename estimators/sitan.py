@@ -139,8 +139,9 @@ class SitanFilters(Bank):
     def update(self, k: int, memory: int) -> np.ndarray:
         """Update all filters with measurement k; return their normalised innovations squared (J,).
 
-        ``squares`` (J,) is updated: the normalised innovation squared per available channel,
-        smoothed over ``memory`` measurements.
+        The attribute ``squares`` (J,) is updated, too. It contains the normalised innovation
+        squared of each filter, divided by the number of available channels, and smoothed over
+        ``memory`` measurements.
         """
         rows, predicted, noise = self.fitted_planes(k)
         root = np.linalg.cholesky(noise)
@@ -160,7 +161,7 @@ class SitanFilters(Bank):
         return squares
 
     def fitted_planes(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Fit planes to h over the regions of all filters.
+        """Fit a plane to h over the position uncertainty of each filter.
 
         Returns
         -------
@@ -199,7 +200,7 @@ class SitanFilters(Bank):
         return best, float(np.min(self.squares[away], initial=np.inf) / self.squares[best])
 
     def place(self, which: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the position (d,) [m] estimated by a filter, and its covariance (d, d) [m²]."""
+        """Return position (d,) [m] and position covariance (d, d) [m²] of the filter ``which``."""
         chosen, unit = self.places, self.scale[self.places]
         cov = self.covs[which][np.ix_(chosen, chosen)] * np.outer(unit, unit)
         return self.means[which, chosen] * unit, cov

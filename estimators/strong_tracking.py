@@ -3,18 +3,20 @@
 With a correct model and gain the innovations γ of a filter are white and have the predicted
 covariance. With a wrong model the filter is overconfident and reacts too slowly. Strong tracking
 (Zhou, Xi & Zhang 1991; Zhou & Frank 1996) multiplies the propagated covariance by a fading factor λ
-≥ 1: P⁻ = λ Φ P Φᵀ + Q. With this factor and β = 1, the predicted covariance of the innovations has
-the same trace as the observed covariance V if λ > 1:
+≥ 1: P⁻ = λ Φ P Φᵀ + Q. The factor fits the predicted covariance of the innovations to the
+observed covariance V. If β = 1 and λ > 1, both have the same trace:
 
     V_1 = γ_1 γ_1ᵀ,   V_k = (ρ V_{k−1} + γ_k γ_kᵀ) / (1 + ρ),
     N_k = V_k − H Q Hᵀ − β R,   M_k = H Φ P Φᵀ Hᵀ,   λ_k = max(1, tr N_k / tr M_k).
 
-Here ρ is a forgetting factor, and β ≥ 1 weakens the fading. λ is a scalar that depends only on the
-size of past innovations, so it cannot distinguish a wrong model from large noise.
+Here P is the covariance of the states, Φ the transition matrix, and Q the process noise covariance.
+H is the Jacobian of the measurements, and R their noise covariance. ρ is a forgetting factor, and
+β ≥ 1 weakens the fading. λ is a scalar that depends only on the size of past innovations, so it
+cannot distinguish a wrong model from large noise.
 
 Only the traces of N and M are needed, so only the diagonal of V is computed. Measurements are
-whitened by R, so that channels of different units or noise have equal weights. If all channels have
-equal noise, the result is the published factor.
+whitened with the noise covariance R, so that channels of different units or noise have equal
+weights. If all channels have equal noise, the result is the published factor.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ Below it the propagated covariance hardly affects the predicted measurements.
 def innovation_power(
     before: np.ndarray, innovations: np.ndarray, seen: np.ndarray, rho: float
 ) -> np.ndarray:
-    """Return the diagonals of V_k (J, m) of J filters with m whitened channels.
+    """Return the diagonals (J, m) of the matrices V_k of J filters with m whitened channels.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ def fading_factors(
 
 
 def faded(cov: np.ndarray, process_cov: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Return the faded covariances λ Φ P Φᵀ + Q (J, n, n) of J filters.
+    """Return the faded covariances (J, n, n) of J filters, λ Φ P Φᵀ + Q.
 
     ``cov`` (J, n, n) is Φ P Φᵀ + Q, ``process_cov`` (n, n) is Q, and ``factors`` (J,) are λ. An
     increment is added to ``cov``, so that λ = 1 changes no bit.

@@ -85,7 +85,7 @@ class Tercom(RobustLoss):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The problem must have a horizontal position, and its model must have compiled kernels.
         """

@@ -48,7 +48,7 @@ class SigmaPoints(Estimator):
         return super().conflict()
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The spread n + κ of the sigma points must be positive and finite for n states.
         """

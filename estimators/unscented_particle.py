@@ -12,18 +12,19 @@ There are three kinds of weights. ``mixture`` and ``exact`` are correct, ``likel
     For a linear h every particle is a Kalman filter, and the estimate is exact for any number of
     particles. This is the Gaussian-sum particle filter of Kotecha & Djurić (2003b). It is suitable
     because the posterior consists of a few narrow Gaussians: some hundreds of particles across a
-    prior of a kilometre find the position. If h is nonlinear over one particle (``width_m``), more
-    particles do not make the filter exact. With priors of 600 m and 1 km the mean differs from the
-    posterior mean on a grid by 0.04 to 0.15 standard deviations; in one problem the difference is
-    0.26, and the reported σ is 0.42 times the correct σ.
+    prior of a kilometre find the position. If h is nonlinear over the width of one
+    particle (``width_m``), more particles do not make the filter exact. With priors of 600 m and
+    1 km the mean differs from the posterior mean on a grid by 0.04 to 0.15 standard deviations. In
+    one problem the difference is 0.26, and the reported σ is 0.42 times the correct σ.
 ``exact``
     These are the weights of van der Merwe et al.: a state x is drawn from the filter's N(μ, S) and
     weighted by p(z | x) p(x | x') / N(x; μ, S), with the previous state x'. For an INS the density
     p(x | x') does not exist, because the process noise is singular. With additional process noise
     the density exists but is narrow: S is the whole uncertainty, Q only the noise of one step. The
-    variation of the ratio grows with tr(Q⁻¹S), until one particle has all the weight.
+    variation of the ratio p(x | x') / N(x; μ, S) grows with tr(Q⁻¹S), until one particle has all
+    the weight.
 ``likelihood``
-    These are weights p(z | x) without the ratio, as in many published codes. The particles stay
+    These are weights p(z | x) without that ratio, as in many published codes. The particles stay
     distinct, but each measurement is used twice: in the samples and in the weights. For linear h
     and process noise of full rank, the mean differs from that of the Kalman filter by a third of a
     standard deviation.
@@ -70,7 +71,8 @@ class UnscentedParticle(Estimator):
         prior. With other weights each particle has the covariance of the prior.
     kappa : κ of the sigma points (Julier & Uhlmann 2004) [default: 3 − n].
     strong_tracking : whether each particle has a fading factor.
-    rho, beta : forgetting factor ρ, and β, of :mod:`.strong_tracking`.
+    rho : forgetting factor ρ of :mod:`.strong_tracking`.
+    beta : β of :mod:`.strong_tracking`; larger values weaken the fading.
     """
 
     particles: Annotated[int, Field(ge=1, le=_MOST)] = 400
@@ -91,7 +93,7 @@ class UnscentedParticle(Estimator):
         return self.weights == "mixture" and not self.strong_tracking
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         Reasons are invalid parameters, and ``exact`` weights with singular process noise.
         """
@@ -129,9 +131,9 @@ class UnscentedParticle(Estimator):
 class UnscentedCloud:
     """J stored particles: states (J, n), covariances (J, n, n), log weights (J,).
 
-    States are in units of the prior's standard deviations. With ``mixture`` weights identical
-    Gaussians are stored once, with the number of copies (J,). Measurements are whitened: their
-    noise has unit variance.
+    States are in units of the prior's standard deviations. With ``mixture`` weights,
+    identical Gaussians are stored once, together with the number of their copies (J,). Measurements
+    are whitened: their noise has unit variance.
     """
 
     def __init__(

@@ -8,8 +8,8 @@ probability of each cell.
 
 There is no linearisation, so the prior may be wide. The state is only the position. The drift of an
 INS is a persistent velocity error. The model replaces it by a random walk of the position. The size
-of the steps follows from the velocity error, and the measurements must correct every step. With all
-measurements (batch) the drift is bounded from both sides, whereas a forward pass lags behind the
+of the steps follows from the velocity error, and the measurements must correct every step. In a
+batch estimate, earlier and later measurements bound the drift. A forward pass lags behind the
 drift. Attitude, gradiometer biases and all other states are treated as noise.
 
 The resolution is one cell. A precise gradiometer may resolve much less than a cell. Then the
@@ -63,8 +63,8 @@ class Viterbi(Estimator):
         needs 40 bytes at every epoch at which its probability is not negligible.
     drift : factor on the standard deviation of the modelled steps of the INS error; 1 gives the
         steps that follow from the prior. The modelled steps are independent, but the true drift
-        persists. Therefore, with ``drift=1`` the forward pass lags behind the truth. The lag is one
-        standard deviation of a position from a single measurement.
+        persists. Therefore, with ``drift=1`` the forward pass lags behind the truth. The lag equals
+        the standard deviation of a position that is estimated from a single measurement.
     """
 
     decode: Literal["path", "marginal", "forward"] = "path"
@@ -82,7 +82,7 @@ class Viterbi(Estimator):
         return "filter" if self.decode == "forward" else "batch"
 
     def skip(self, problem: Problem) -> str | None:
-        """Return a reason to skip the problem, or None.
+        """Return a reason to skip the problem, or None if there is none.
 
         The problem must have errors of position and velocity. The standard deviation of the INS
         error's steps between measurements must not exceed 60 cells.

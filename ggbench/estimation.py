@@ -1,7 +1,8 @@
 """Estimation of one run or of a block of runs, with scaled measurement noise.
 
 The errors of map-matched measurements are larger than the instrument noise: they include map errors
-and nonlinearity. The usual remedy is a larger assumed R (``noise_scale``). This module scales R
+and nonlinearity. The usual remedy is a larger assumed noise covariance R. The parameter
+``noise_scale`` of an estimator is a factor on the assumed standard deviations. This module scales R
 before the estimation, so innovations are normalised with the scaled R.
 """
 
@@ -22,7 +23,7 @@ Given = TypeVar("Given", Problem, ProblemBlock)
 
 
 def estimate(estimator: Estimator, problem: Problem, rng: np.random.Generator) -> Estimate:
-    """Return the estimate of one run, with R scaled by the estimator's ``noise_scale``."""
+    """Return the estimate of one run, with noise scaled by the estimator's ``noise_scale``."""
     assumed = with_scaled_noise(problem, estimator.noise_scale)
     estimated = estimator.estimate(assumed, rng)
     # What is returned may be anything: a campaign and the contract check it.
@@ -38,7 +39,7 @@ def estimate(estimator: Estimator, problem: Problem, rng: np.random.Generator) -
 def estimate_block(
     estimator: BlockEstimator, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
 ) -> EstimateBlock:
-    """Return the estimates of a block of runs, with R scaled by ``noise_scale``."""
+    """Return the estimates of a block of runs, with noise scaled by ``noise_scale``."""
     assumed = with_scaled_noise(block, estimator.noise_scale)
     estimated = estimator.estimate_block(assumed, rngs)
     if (
@@ -59,8 +60,9 @@ def estimate_block(
 def with_scaled_noise(problem: Given, noise_scale: float) -> Given:
     """Return a problem or a block with D R D in place of R; unchanged for a scale of 1.
 
-    D is diagonal: ``noise_scale`` for channels of gravity or gravity gradients (for all channels if
-    they are unnamed), and 1 for all other channels.
+    R is the noise covariance. D is diagonal. Its elements are ``noise_scale`` for channels of
+    gravity or gravity gradients, and 1 for all other channels. If the channels are unnamed, all
+    elements are ``noise_scale``.
     """
     if noise_scale == 1.0:
         return problem

@@ -173,7 +173,7 @@ class Replay(Protocol):
     """Stored inertial measurements of a flight, from which an INS with feedback is computed."""
 
     def start(self, problem: Problem) -> ClosedLoop:
-        """Return a closed loop before the first epoch of the problem, without corrections."""
+        """Return a closed loop at the start of the problem, before any correction of the INS."""
 
 
 class GravityMap(Protocol):
@@ -196,7 +196,10 @@ class GravityMap(Protocol):
     def over_nodes(
         self, latitude: ArrayLike, longitude: ArrayLike, third: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Convert map coordinates to latitude, longitude [rad] and height [m], each (...)."""
+        """Convert map coordinates to latitude, longitude [rad] and ellipsoidal height [m].
+
+        Each result has the shape (...) to which the arguments broadcast.
+        """
 
     def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
         """Return the gradient tensor (..., 6) [E] at positions [rad, rad, m] within the map."""

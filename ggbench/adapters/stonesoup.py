@@ -129,7 +129,7 @@ class StoneSoupEstimator(Estimator):
 
     @abstractmethod
     def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
-        """Return the predictor and the updater of one epoch, made from its two models."""
+        """Return the predictor and the updater of one epoch, made from the models of that epoch."""
 
     def start(self, prior: GaussianState, rng: np.random.Generator) -> Any:
         """Return the initial state, by default the prior."""

@@ -115,7 +115,7 @@ def judge_estimates(
     output: Path | str | None = None,
     **options: Any,
 ) -> Results:
-    """Judge a file or a folder of estimates, and return the results of a campaign.
+    """Judge a file or a folder of estimates; return the results as those of a campaign.
 
     The truth is simulated again from the scenario and the seed that the files state.
 
@@ -185,7 +185,7 @@ def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> N
     Parameters
     ----------
     stored : estimates of the same filter on the complete problems.
-    cut : estimates of the same runs, exported with ``until_s``.
+    cut : estimates of the same filter on the problems exported with ``until_s``.
     """
     if any(whole.causality == "batch" for whole in stored):
         raise ExchangeError("'batch' estimates may use all measurements: remove the cut")

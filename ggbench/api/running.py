@@ -175,7 +175,9 @@ def sweep(
 def scenario_of(
     source: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Return a scenario, and the names of the chosen cases; no names mean all cases.
+    """Return a scenario, and the names of its chosen cases.
+
+    The names are empty if all cases are chosen.
 
     Raise ArgumentError if there is no case, ScenarioError if a file cannot be read.
     """

@@ -57,7 +57,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Raise CampaignError with the name of the case for each user error within the context."""
+    """Convert a user error in the ``with`` block to a CampaignError that names the case."""
     try:
         yield
     except GGBenchError as error:
@@ -159,8 +159,8 @@ class Campaign:
     def tasks(self, store: Store) -> Tasks:
         """Return the tasks of all runs without a final result.
 
-        A failure is not final with ``retry_failed``, or if the run failed at a time limit below
-        ``limit``.
+        A failure is not final if ``retry_failed`` is true, or if the run failed under a time
+        limit that is lower than ``limit``.
         """
         return self._tasks(store.finished(self.limit, self.retry_failed))
 
@@ -301,7 +301,7 @@ class Campaign:
 
 
 def left_out_remarks(left_out: Mapping[str, Mapping[str, str]], cases: Sequence[str]) -> list[str]:
-    """Return remarks on estimators that are left out of cases, one for each reason.
+    """Return remarks on estimators left out of cases, one for each estimator and reason.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def compiling_ahead(
 
     One process starts at once and compiles the measurement model. The function takes texts of
     estimators, ``NAME[parameter=value,...]``, and ignores estimators from files. The processes end
-    with the context.
+    with the ``with`` block.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ _KINDS = (types.FunctionType, classmethod, staticmethod, property)
 
 @contextmanager
 def put_back(replaced: list[str]) -> Iterator[None]:
-    """Restore functions, classes and methods that were replaced within the context.
+    """Restore the functions, classes and methods that code in the ``with`` block replaces.
 
     Parameters
     ----------

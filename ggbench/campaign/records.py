@@ -215,7 +215,7 @@ def _detail(
 
 
 def outside_map(flight: Flight, errors: np.ndarray) -> np.ndarray:
-    """Return a mask (R,): true if estimated positions leave the map that estimators use.
+    """Return a mask (R,): true if any estimated position leaves the map that estimators use.
 
     ``errors`` (R, K, 6) are ENU errors of position [m] and velocity [m/s].
     """

@@ -82,7 +82,7 @@ class Started:
 
 @lru_cache(maxsize=1024)
 def chosen(label: str) -> Choice:
-    """Return the estimator with a label, cached in each process."""
+    """Return the estimator of a given label, cached in each process."""
     return choose(label)
 
 

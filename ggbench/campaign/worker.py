@@ -92,8 +92,8 @@ class Worker:
     def receive(self) -> Iterator[Any]:
         """Yield the received messages: output of :func:`.runner.run_task`, ``Ready``, or an error.
 
-        The error is a :class:`GGBenchError`. Raise WorkerDiedError if the process has ended and no
-        message is left, or if it has sent invalid bytes.
+        A yielded error is a :class:`GGBenchError` of the worker. Raise WorkerDiedError if the
+        process has ended and no message is left, or if it has sent invalid bytes.
         """
         # Asked first. The pipe alone does not say so: a process that it started may still hold it.
         ended = self._process.poll() is not None
@@ -169,7 +169,7 @@ def kill_all() -> None:
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Defer Ctrl-C within the context; processes started in the context never receive it.
+    """Defer Ctrl-C during the ``with`` block; processes started in the block never receive it.
 
     Only the parent process handles an interrupt.
     """

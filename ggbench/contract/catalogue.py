@@ -48,7 +48,7 @@ class Check:
     questions: Callable[[Estimator], _Asked]
 
     def ask(self, estimator: Estimator) -> str:
-        """Run the check on all test problems; return the first remark, or "".
+        """Run the check on all test problems; return the first remark that a test returns, or "".
 
         Raises
         ------

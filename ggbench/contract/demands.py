@@ -65,7 +65,10 @@ def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Es
 
 
 def declared(estimate: Any, estimator: Estimator, problem: Problem) -> None:
-    """Require correct shapes, finite real numbers, and the declared causality and lag."""
+    """Require that an estimate is valid and has the causality and lag of its estimator.
+
+    A valid estimate is an :class:`.Estimate` of correct shapes with finite real numbers.
+    """
     if not isinstance(estimate, Estimate):
         raise Broken(f"estimate() must return an Estimate, not {_kind(estimate)}")
     if estimate.causality != estimator.causality:
@@ -134,7 +137,10 @@ def real_covariance(estimate: Estimate) -> None:
 
 
 def repeatable(estimator: Estimator, problem: Problem, first: Estimate | None = None) -> None:
-    """Require that two calls with equal arguments return the same estimate, bit for bit."""
+    """Require that two calls with equal arguments return the same estimate, bit for bit.
+
+    ``first`` is the estimate of the first call. If it is None, the function makes this call.
+    """
     first = first or answer(estimator, problem)
     again = answer(estimator, problem)
     for name in ("mean", "cov"):
@@ -181,10 +187,10 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     requirements depend on the causality:
 
     - ``filter`` and ``fixed-lag``: an estimate that must not use shifted measurements may change by
-      less than 1e-12 prior σ. With ``exactly`` its covariance must be equal bit for bit. If the
-      estimator returns no fixes (:class:`.Fixes`), the first estimate that may use shifted
-      measurements must change. If it returns fixes, those up to the middle epoch must be equal,
-      and at least one estimate or later fix must change.
+      less than 1e-12 prior σ. If ``exactly`` is true, the covariance of this estimate must not
+      change at all. If the estimator returns no fixes (:class:`.Fixes`), the first estimate that
+      may use shifted measurements must change. If it returns fixes, those up to the middle epoch
+      must be equal, and at least one estimate or later fix must change.
     - ``batch``: all estimates up to the middle epoch must change.
     - ``none``: no estimate may change.
     """

@@ -69,7 +69,7 @@ class Annealed(NamedTuple):
     evidence : ln p(z) of the measurement z.
     size : effective sample size that an update without stages would leave.
     stages : number of stages between prior and posterior.
-    fewest : smallest number of distinct samples after any resampling.
+    fewest : smallest number of distinct samples that a resampling has left.
     """
 
     normals: np.ndarray

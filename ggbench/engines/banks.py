@@ -57,7 +57,7 @@ def updated_covs(
     Parameters
     ----------
     covs : (J, n, n) covariances P before the measurement.
-    rows : (J, m, n) H of a whitened measurement, R = I.
+    rows : (J, m, n) H of the measurement. The measurement is whitened, so R = I.
     projected : (J, m, n) H P.
     s : (J, m, m) H P Hᵀ + I.
     """

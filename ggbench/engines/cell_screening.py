@@ -1,9 +1,9 @@
 """First epoch of Gaussian sums that differ only in the noise level.
 
-Gaussian sums that differ only in the noise level have the same predictions and linearisations at
-the first epoch, which are computed once. Most Gaussians have negligible weight after the first
-measurement: they are dropped and need no update. A Gaussian sum with a robust loss is screened
-separately.
+The predictions and linearisations at the first epoch do not depend on the noise level. They are
+computed once for all Gaussian sums. Most Gaussians have negligible weight after the first
+measurement. Screening drops these Gaussians, so they need no update. A Gaussian sum with a robust
+loss is screened separately.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Screened(NamedTuple):
 
     Attributes
     ----------
-    prior : the remaining Gaussians, with their weights before the epoch.
+    prior : the remaining Gaussians, with their weights before the first epoch.
     evidence : evidence of the measurements of the first epoch, see :func:`.extended_with_evidence`.
     """
 
@@ -40,14 +40,15 @@ class Screened(NamedTuple):
 
 
 def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> list[Screened]:
-    """Return the result of the first epoch for each of S noise levels.
+    """Return the result of screening at the first epoch for each of S noise levels.
 
     Parameters
     ----------
     block : block of one run.
     prior : Gaussians of the prior, from :func:`.prior_cells`.
     precisions : (S, equations) factors on the whitened measurement equations for each noise level.
-        A factor is the noise standard deviation assumed in the block, divided by that of the level.
+        A factor is the noise standard deviation that the block assumes, divided by that of the
+        noise level.
     """
     weights = np.empty((len(precisions), len(prior.weights)))
     _screen(batch_of(block), prior, precisions, weights)
@@ -57,13 +58,13 @@ def screened(block: ProblemBlock, prior: Hypotheses, precisions: np.ndarray) -> 
 def screened_with_loss(
     block: ProblemBlock, prior: Hypotheses, iterations: int, loss: str, threshold: float
 ) -> tuple[Screened, int]:
-    """Return the result of the first epoch with a robust loss, and the number of evaluations of h.
+    """Return the result of screening with a robust loss, and the number of evaluations of h.
 
     Parameters
     ----------
     block : block of one run.
     prior : Gaussians of the prior, from :func:`.prior_cells`.
-    iterations, loss, threshold : see :func:`.gaussian_sum`; at least two iterations.
+    iterations, loss, threshold : see :func:`.gaussian_sum`. ``iterations`` is at least 2.
     """
     rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
     weights = np.empty(len(prior.weights))

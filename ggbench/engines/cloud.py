@@ -6,7 +6,8 @@ Each of them draws from a Gaussian of all states with covariance J. J_pp, J_lp, 
 the blocks of J that belong to p and l. Then l is conditioned on the sample: p = G e,
 l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl. Here e is standard normal, ⁺ denotes the
 pseudo-inverse, and G has full column rank with G Gᵀ = J_pp. In the prediction
-J = Φ_l P_l Φ_lᵀ + Q has a non-zero cross-block J_lp, because process noise moves p and l together.
+J = Φ_l P_l Φ_lᵀ + Q. Φ_l contains the columns of Φ that belong to l. The cross-block J_lp is not
+zero, because process noise moves p and l together.
 """
 
 from __future__ import annotations
@@ -157,7 +158,11 @@ class Cloud:
         return mean, *repaired(cov, self.problem.prior_cov)
 
     def renew_if_poor(self) -> None:
-        """Resample the cloud if the effective sample size is below the threshold."""
+        """Resample the cloud if the last update has left a small effective sample size.
+
+        The limit is the fraction ``moves.threshold`` of N. A cloud with more than N particles is
+        also resampled.
+        """
         if self.poor and not self.gaussian:
             self._renew()
         self.poor = False

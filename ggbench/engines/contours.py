@@ -25,7 +25,7 @@ class Feet(NamedTuple):
 
     :func:`feet` computes the points.
 
-    ``found`` (N,) is the mask of the track points whose contour has any point.
+    ``found`` (N,) is a mask of the track points. It is False if the contour of a point is empty.
     """
 
     points: np.ndarray

@@ -78,7 +78,7 @@ def update_noise_estimate(
     ----------
     search : the update; its measurement is linearised at the updated state and whitened by the
         assumed noise.
-    group : (lanes,) runs; unused lanes repeat a run.
+    group : (lanes,) index of the run in each lane; unused lanes repeat a run.
     count : number of different runs in the group.
     k : epoch.
     p : (n, n, lanes) covariance P⁺ after the update.
@@ -104,6 +104,8 @@ def update_noise_estimate(
 
 class UpdateOptions(NamedTuple):
     """Options of measurement updates; the default values give the plain filter.
+
+    A plain update has one linearisation, no loss and no noise estimate.
 
     Attributes
     ----------
@@ -136,7 +138,7 @@ def scatter_evidence(
     ----------
     squared : (1, 1, lanes) twice the minimum cost of the update.
     lower : (m, m, lanes) Cholesky factor of H P Hᵀ + I with inverted diagonal.
-    first : run of the first lane.
+    first : index of the run in the first lane.
     count : number of runs in the group.
     k : epoch.
     evidence : (R, K) output.

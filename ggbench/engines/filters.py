@@ -254,9 +254,9 @@ def unscented(
 
     If the deviation d of sigma points x ± d displaces the instrument by less than 1 cm and rotates
     it by less than 1e-7 rad, h is linearised: h(x) ± A B_k d. Here A is the derivative of h with
-    respect to the instrument errors B_k x. The linearisation error is at most 5e-5 m² times the
-    second derivative of h. At 10 km height this derivative is at most 1e-6 E/m² (100 E/(10 km)²),
-    and the error is below 1e-10 E. At 100 m the error is below 5e-7 E.
+    respect to B_k x, the errors of the instrument's position and attitude. The linearisation error
+    is at most 5e-5 m² times the second derivative of h. At 10 km height this derivative is at most
+    1e-6 E/m² (100 E/(10 km)²), and the error is below 1e-10 E. At 100 m the error is below 5e-7 E.
 
     Parameters
     ----------

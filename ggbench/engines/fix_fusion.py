@@ -153,7 +153,7 @@ class FixFusion:
     def estimate(self, behind: Callable[[ProblemBlock], EstimateBlock] | None = None) -> Estimate:
         """Return the estimate of the flight.
 
-        After a hand-over the filter ``behind`` processes the later measurements.
+        The parameter ``behind`` is a filter. It processes the measurements after a hand-over.
         """
         if behind is not None and self.found and self._last + 1 < self.problem.epochs:
             start = self._estimate.at(self._last)

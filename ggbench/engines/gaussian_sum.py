@@ -85,7 +85,11 @@ def _filter(
 
 @compiled
 def start(prior: Hypotheses, now: Hypotheses) -> None:
-    """Copy J Gaussians with a common covariance (1, n, n) into arrays with J covariances."""
+    """Copy the J Gaussians of ``prior`` to ``now``.
+
+    The Gaussians of ``prior`` have one common covariance (1, n, n). It is copied to each of the J
+    covariances of ``now``.
+    """
     n = prior.means.shape[1]
     for j in range(len(prior.weights)):
         now.weights[j] = prior.weights[j]

@@ -18,7 +18,7 @@ class Added:
     ----------
     base : number n of the states of the block.
     order, processes : number of states of each error process; number of error processes.
-    coupled : see :class:`.hypothesis_bank.Families`.
+    coupled : number of added states that act on the states of the block: 0, 3 or 4.
     move, drive : (1, 5, lanes) transition and added variance of the processes, see ``moves`` and
         ``drives`` of :class:`.hypothesis_bank.Bank`.
     variances : (1, processes, lanes) stationary variances of the error processes.

@@ -39,9 +39,11 @@ NEGLIGIBLE = -25.0
 class Families:
     """G families of filters and the added states of each family.
 
-    The added states are, in this order: an error process of ``orders`` states for each of c
-    channels; the unknown gravity (3 states), optionally followed by a state with the constant value
-    1; a constant error of each channel.
+    A family has some or all of these added states, in this order:
+
+    - an error process of ``orders`` states for each of the c map-matched channels;
+    - the unknown gravity (3 states), optionally followed by a state with the constant value 1;
+    - a constant error of each map-matched channel.
 
     Attributes
     ----------
@@ -94,11 +96,13 @@ class Bank:
     evident, estimating : (F,) whether the evidence of a filter is used; whether its estimates are
         used.
     scales : (F, m) factors on the noise standard deviations of the channels.
-    heights : (F, 2) reduction of the log peak of a channel's noise density, relative to the assumed
-        normal density. The first value is the effect of the noise factor and applies to
-        map-matched channels. The second is the effect of the loss and applies to all channels.
-    peaks : (R, K, 3) log peak of the assumed noise density without the term in 2π; number of
-        available map-matched channels; number of available channels.
+    heights : (F, 2) reduction of ln max p, where p is the noise density of a channel. The reduction
+        is relative to the assumed normal density. The first value is the effect of the noise factor
+        and applies to map-matched channels. The second is the effect of the loss and applies to all
+        channels.
+    peaks : (R, K, 3) three values for each epoch. The first is ln max p of the assumed noise
+        density p of all available channels, without the term in 2π. The second is the number of
+        available map-matched channels. The third is the number of available channels.
     motions : (F,) row of ``moves`` and ``drives`` for each filter.
     moves : (., R, K, 5) transition matrix (2, 2) of an error process, flattened, and transition
         factor of the unknown gravity.
@@ -109,8 +113,8 @@ class Bank:
     coupling : (R, K, n, 4) submatrix of Φ: effect of the coupled added states on the block's
         states.
     inverses : (., 1 or K, m, m) inverse Cholesky factors of noise covariances.
-    square : array of zeros with as many elements as the largest P. Its first elements are
-        ``prior_cov`` in the batch of each family.
+    square : array of zeros with as many elements as the largest P. For a family with N states, the
+        first N² elements replace ``prior_cov`` in the batch.
     """
 
     batch: Batch

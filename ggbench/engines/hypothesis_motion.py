@@ -52,7 +52,10 @@ def motion_of(block: ProblemBlock) -> Motion:
 
 
 def whole_tensor(block: ProblemBlock) -> bool:
-    """Return whether the gradiometer measures the whole tensor in local-level axes."""
+    """Return whether the gradiometer measures the whole tensor in local-level axes.
+
+    The result is False without a track. It is also False if the measurements are filtered or late.
+    """
     model = block.model
     if block.tracks is None or model.instrument != LOCAL_LEVEL or len(model.lags) > 1:
         return False

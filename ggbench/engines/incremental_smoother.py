@@ -152,8 +152,8 @@ def smoother(
     ----------
     block : block of R runs.
     limits : (R, n) smallest change of each state that causes relinearisation of its node.
-    leaving : (K,) oldest node of the window at each epoch; earlier nodes are final. None means no
-        window: the output at each epoch is the newest node at that epoch.
+    leaving : (K,) index of the oldest node in the window at each epoch. Earlier nodes are final.
+        None means no window: the output at each epoch is the newest node at that epoch.
     loss, threshold : robust loss on each whitened component of a measurement, see
         :mod:`.robust_weights`.
 

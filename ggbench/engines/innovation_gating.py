@@ -102,7 +102,7 @@ def reject(
     ----------
     squared : (1, 1, lanes) yᵀ S⁻¹ y.
     limits : (R, K) from :func:`gate_limits`.
-    first : run of the first lane.
+    first : index of the run in the first lane.
     count : number of runs in the group.
     k : epoch.
     half_gain : (m, n, lanes) L⁻¹ times the cross-covariance, with the Cholesky factor L of S. It is

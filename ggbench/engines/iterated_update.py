@@ -31,8 +31,8 @@ class Rules:
     iterations : largest number of linearisations; 1 is a linear update.
     halvings : largest number of trial steps. The first is the full step; each further one is half
         of the previous one.
-    loss, threshold : robust loss, see :mod:`.robust_weights`. With a loss, measurements have
-        ``whole`` set, see :class:`.LinearisedMeasurement`.
+    loss, threshold : robust loss, see :mod:`.robust_weights`. With a loss,
+        ``whole`` of :class:`.LinearisedMeasurement` must be true.
     settled : whether the weights of a loss are iterated to convergence at each linearisation,
         instead of following from the residuals at the linearisation point.
     """
@@ -127,12 +127,14 @@ def search_of(batch: Batch, rules: Rules, reading: LinearisedMeasurement) -> Sea
 def minimise(
     out: Search, group: np.ndarray, count: int, k: int, x: np.ndarray, p: np.ndarray
 ) -> None:
-    """Move x from the prediction to the most probable state; fill the equations of the update.
+    """Move x from the prediction to the most probable state.
+
+    The linearised equations of the update are written to ``out.rows`` and ``out.innovation``.
 
     Parameters
     ----------
     out : the search; ``out.reading`` must be linearised at x, and is overwritten.
-    group : (lanes,) runs; unused lanes repeat a run.
+    group : (lanes,) index of the run in each lane; unused lanes repeat a run.
     count : number of different runs in the group.
     k : epoch.
     x, p : (1, n, lanes), (n, n, lanes) predicted mean and covariance; x is overwritten.
@@ -166,9 +168,10 @@ def minimise(
 
 @compiled
 def update(out: Search, x: np.ndarray, p: np.ndarray, scratch: np.ndarray) -> None:
-    """Update the covariance P (n, n, lanes) with the equations of a search.
+    """Update the covariance P (n, n, lanes) with the linearised equations of a search.
 
-    If the update has only one linearisation, x (1, n, lanes) is updated too.
+    The equations are in ``out.rows`` and ``out.innovation``. If ``out.rules.iterations`` is 1, x
+    (1, n, lanes) is updated too.
 
     ``scratch`` (n, n, lanes) is overwritten.
     """

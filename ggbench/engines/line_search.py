@@ -96,8 +96,9 @@ class TrialSlots:
 
     Attributes
     ----------
-    lane, share : (lanes,) lane of the search; fraction of its Gauss–Newton step.
-    group : (lanes,) run of the search.
+    lane, share : (lanes,) lane of the slot's search; trial step as a fraction of the Gauss–Newton
+        step of this search.
+    group : (lanes,) index of the run of the slot's search.
     left : (lanes,) sum of the losses ρ of the residuals after the trial step.
     x : (1, n, lanes) scratch.
     """
@@ -338,7 +339,10 @@ def _move(
 
 @compiled
 def undisturbed(batch: Batch, found: MapSearches) -> None:
-    """Fill ``states`` (J, K, n) by noise-free propagation from the start, and ``motion`` (J,)."""
+    """Propagate the starts of J searches without process noise.
+
+    ``states`` (J, K, n) and ``motion`` (J,) of ``found`` are filled; ``start`` is the input.
+    """
     n = batch.prior_cov.shape[0]
     x, moved = np.empty(n), np.empty(n)
     for job in range(found.runs.shape[0]):
@@ -361,7 +365,10 @@ def undisturbed(batch: Batch, found: MapSearches) -> None:
 
 @compiled
 def filtered_tracks(batch: Batch, found: MapSearches) -> None:
-    """Fill ``states`` (J, K, n) with the smoothed trajectories of an extended Kalman filter."""
+    """Fill ``states`` (J, K, n) with the smoothed trajectories of an extended Kalman filter.
+
+    ``start`` (J, n) and ``motion`` (J,) of these trajectories are also filled.
+    """
     runs, epochs, n = found.states.shape
     smoother = smoother_of(BatchProblem(batch, NONE, np.inf))
     path, work = smoother.path, smoother.work
@@ -468,7 +475,7 @@ def screen(
     Parameters
     ----------
     along : (n, d) matrix that maps coordinates (d,) of a start to the state before the first epoch.
-    shown : (K,) mask of the epochs.
+    shown : (K,) mask of the epochs whose residuals are used.
     places : (d, vectors, lanes) coordinates of the starts, eight starts per vector.
     """
     batch, (n, d) = problems.batch, along.shape

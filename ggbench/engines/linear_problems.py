@@ -95,7 +95,7 @@ class CostTerms:
         twice the sum of the losses of these residuals.
     weighted : sum of squares of these residuals with the weights of the loss; equal to
         ``explained`` without a loss.
-    promised : value of ``weighted`` predicted by the linear problem.
+    promised : value that the linear problem predicts for ``weighted``.
     motion : twice the motion cost, which is the cost of prior and process noise.
     """
 
@@ -205,7 +205,7 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
     Parameters
     ----------
     smoother : ``path.trial`` is the input; ``path.rows``, ``path.target`` and ``costs`` are filled.
-    group : (lanes,) runs; unused lanes repeat a run.
+    group : (lanes,) index of the run in each lane; unused lanes repeat a run.
     count : number of different runs in the group.
     """
     path, costs = smoother.path, smoother.costs
@@ -219,10 +219,11 @@ def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
 
 @compiled
 def relinearise_epoch(smoother: Smoother, k: int) -> None:
-    """Linearise the measurement of epoch ``k`` about the trial trajectory: H (m, n), y (1, m).
+    """Store the linearised equations H x = y of epoch ``k``: H (m, n) and y (1, m).
 
-    The cost terms of the epoch are added to ``costs``. With a loss, each equation is multiplied by
-    the square root of its weight.
+    ``smoother.reading`` must be linearised at the trial trajectory before the call. The cost terms
+    of the epoch are added to ``costs``. With a loss, each equation is multiplied by the square root
+    of its weight.
     """
     problems, reading = smoother.problems, smoother.reading
     path, costs = smoother.path, smoother.costs

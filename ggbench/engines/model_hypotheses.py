@@ -133,7 +133,14 @@ def map_error(kind: str, wander: float, length_m: float, constant: float = 0.0) 
 
 
 def applicable(hypotheses: Sequence[Hypothesis], block: ProblemBlock) -> list[Hypothesis]:
-    """Return the hypotheses that apply to a block."""
+    """Return the hypotheses that apply to a block.
+
+    - Errors and noise factors of map-matched channels require such channels.
+    - A noise factor below 1 requires that these channels depend on no state with process noise.
+    - A variable error requires a track.
+    - Unknown gravity requires a track and accelerometer biases among the states.
+    - Integrated gravity requires the whole tensor, see :func:`.whole_tensor`.
+    """
     mapped, tracked = of_the_map(block).any(), block.tracks is not None
     steered = tracked and accelerometer(block) is not None
     # Errors that are modelled as walks are rougher than they are: less noise would make up for it.
@@ -153,7 +160,10 @@ def applicable(hypotheses: Sequence[Hypothesis], block: ProblemBlock) -> list[Hy
 
 
 def of_the_map(block: ProblemBlock) -> np.ndarray:
-    """Return the mask (m,) of map-matched channels."""
+    """Return the mask (m,) of the channels that are matched with the map.
+
+    These are the channels of gravity and gravity gradients; see :func:`.matched_with_map`.
+    """
     return matched_with_map(block.channels, block.measurements.shape[2])
 
 

@@ -15,7 +15,10 @@ _SHARE = re.compile(r"(.+?) (\d+) %(?:, |$)")
 
 
 def in_words(weights: Iterable[tuple[str, float]]) -> str:
-    """Return a text with the models of largest weight; "" if all weights are too small.
+    """Return a text with the models of largest weight.
+
+    It contains at most three models, each with a weight of at least 5 %. Without such a model it is
+    "".
 
     Parameters
     ----------

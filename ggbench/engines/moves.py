@@ -63,12 +63,12 @@ class Moves(NamedTuple):
 
     @property
     def noise_density(self) -> float:
-        """Return the noise density of the position for N particles [m²/s]."""
+        """Return the option ``jitter``, scaled to the number N of particles [m²/s]."""
         return float(self.jitter * (_USUAL / self.particles) ** 0.5)
 
     @property
     def most_bending(self) -> float:
-        """Return the limit of ``straight`` for N particles."""
+        """Return the option ``straight``, scaled to the number N of particles."""
         return self.straight * _USUAL / self.particles
 
 

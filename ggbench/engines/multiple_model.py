@@ -150,8 +150,9 @@ def cell_spacing(block: ProblemBlock) -> float:
     """Return a spacing [m] of Gaussians at which linearisation errors of the map are small.
 
     The result is the larger of two spacings. Over a distance of the first spacing, the derivative
-    of the gradients changes by 30 % of its RMS. At the second spacing, the second-order term of a
-    gradient at one standard deviation of a Gaussian is a tenth of the noise. The result is infinite
+    of the gradients changes by 30 % of its RMS. The second spacing follows from the second-order
+    term of a gradient. At one standard deviation from the mean of a Gaussian, this term is a tenth
+    of the noise. The result is infinite
     if the block has no map or a map of infinite extent. It is also infinite if the second
     derivative of the map's gradients is zero.
     """
@@ -406,7 +407,7 @@ def mix(
 def summaries(
     times: np.ndarray, hypotheses: Sequence[Hypothesis], shares: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return a text for each run with the hypotheses of significant weight, at several times.
+    """Return texts on the hypotheses of significant weight, for each run at several times.
 
     The result contains an array of texts (R,) for each time. Its key names the time, for example
     ``at_600_s``.

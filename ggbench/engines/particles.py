@@ -21,9 +21,10 @@ def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generato
     h must be linear in the other states, with coefficients that do not depend on any state; see
     :func:`.linear_states.mixing`.
 
-    While the cloud is a Gaussian, the NIS uses the mean of h, and the sum of R and the covariance
-    of h. For particles the NIS is NaN. ``info`` contains the evidence, ln p(z) of all measurements,
-    for the comparison of models. Artificial noise (:class:`.Moves`) biases the evidence.
+    While the cloud is a Gaussian, the innovation in the NIS is z minus the mean of h. Its
+    covariance is the covariance of h plus R. For particles the NIS is NaN. ``info`` contains the
+    evidence, ln p(z) of all measurements, for the comparison of models. Artificial noise
+    (:class:`.Moves`) biases the evidence.
     """
     epochs, n = problem.epochs, problem.dimension
     mean, cov, nis = np.empty((epochs, n)), np.empty((epochs, n, n)), np.full(epochs, np.nan)

@@ -20,6 +20,8 @@ _NEAR, _STRAIGHT = 0.01, 1e-7
 class SigmaPoints:
     """Sigma points x ± d_q of eight runs and h at these points.
 
+    The instrument errors B_k x are the errors of the gradiometer's position and attitude.
+
     Attributes
     ----------
     shift : (moving, n, lanes) instrument errors B_k d_q [m; rad] of the deviations d_q. ``moving``
@@ -85,7 +87,7 @@ def read_sigma_points(
     Parameters
     ----------
     model : arrays of h.
-    group : (lanes,) runs; unused lanes repeat a run.
+    group : (lanes,) index of the run in each lane; unused lanes repeat a run.
     count : number of different runs in the group.
     k : epoch.
     x : (1, n, lanes) mean states.

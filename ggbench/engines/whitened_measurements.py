@@ -81,12 +81,14 @@ class LinearisedMeasurement:
     rows, innovation : (equations, n, lanes), (1, equations, lanes) whitened H and innovation of the
         equations H δx = innovation + noise of unit variance. There are at least three equations;
         unused equations are zero.
-    precision : (1, equations, lanes) factors on the equations if ``whole``; ones by default. A
-        factor is the assumed noise standard deviation, divided by an estimated one.
+    precision : (1, equations, lanes) factors on the equations; ones by default. A factor is the
+        assumed noise standard deviation, divided by an estimated or hypothetical one.
+        :func:`linearise` applies the factors only if ``whole`` is true.
     squared : (1, 1, lanes) sum of squares of the part of the measurement that does not depend on
         the states.
     white : (g, moving, lanes) whitened derivative A of g gradients with respect to the instrument
-        errors. ``moving`` is the number of instrument errors.
+        errors. These are position errors, and attitude errors if the gradiometer is strapdown.
+        ``moving`` is the number of instrument errors.
     residual : (1, m, lanes) whitened z − h(x).
     whole : whether each channel has its own equation; otherwise equivalent equations are merged.
     """
@@ -133,8 +135,8 @@ def gradient_equations(channels: int, moving: int, first_linear: int, whole: boo
     """Return the number of measurement equations of the gradiometer.
 
     If the linear part of h does not affect the g gradient channels, they depend only on the
-    instrument errors. They are then merged into at most ``moving`` equations, unless ``whole`` is
-    true.
+    instrument errors, see :func:`.moving_errors`. Their equations are then merged into at most
+    ``moving`` equations, unless ``whole`` is true.
 
     Parameters
     ----------
@@ -157,7 +159,7 @@ def linearise(
     Parameters
     ----------
     batch : arrays of all runs.
-    group : (lanes,) runs; unused lanes repeat a run.
+    group : (lanes,) index of the run in each lane; unused lanes repeat a run.
     count : number of different runs in the group.
     k : epoch.
     x : (1, n, lanes) linearisation points.
@@ -277,7 +279,7 @@ def residuals_along(block: ProblemBlock, states: np.ndarray) -> np.ndarray:
 def scale_equations(out: LinearisedMeasurement) -> None:
     """Multiply H (m, n) and the innovation (1, m) by ``precision`` (1, m).
 
-    ``out.whole`` must be true, see :class:`LinearisedMeasurement`.
+    Merged equations must have equal factors, see ``whole`` of :class:`LinearisedMeasurement`.
     """
     for c in range(out.rows.shape[0]):
         factor = load(out.precision, 0, c)
@@ -356,7 +358,7 @@ def scatter_squares(
     Parameters
     ----------
     reading : linearised measurement of the group.
-    first : run of the first lane.
+    first : index of the run in the first lane.
     count : number of runs.
     k : epoch.
     nis : (R, K) output; NaN where no channel is available.

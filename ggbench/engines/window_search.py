@@ -60,7 +60,8 @@ class Search:
 
     Measurements are processed epoch by epoch and divided by the standard deviations of their noise,
     so channels of different units are comparable. Missing measurements are ignored. Let r = z −
-    h(d) be the residuals of N measurements at the displacement d. Let z' and h' be z and h minus
+    h(d) be the residuals of N measurements at the displacement d. P is the diagonal prior
+    covariance of d. Let z' and h' be z and h minus
     the mean of h over the grid at the same epoch; this mean is the part common to all positions,
     for example the normal field. The criteria are:
 

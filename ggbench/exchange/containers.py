@@ -53,7 +53,7 @@ def write(path: Path, content: Content, notes: Mapping[str, str]) -> None:
 
 
 def read(path: Path) -> dict[str, np.ndarray | str]:
-    """Return the arrays of floats, of any shape (...), and the texts of a file, by name.
+    """Return the arrays and texts of a file by name; arrays have floats and any shape (...).
 
     Arrays of MATLAB files have at least two axes and lose trailing axes of length one, see
     :func:`shaped`.

@@ -68,7 +68,7 @@ class StoredRuns:
     seconds: np.ndarray | None
 
     def run_of(self, problem: Problem) -> int | None:
-        """Return the row of the run that has the measurements of a problem; None if no run has."""
+        """Return the index of the stored run with the measurements of a problem, or None."""
         if problem.epochs != len(self.times):
             return None
         (fingerprint,) = fingerprints(problem.measurements[np.newaxis])
@@ -88,9 +88,10 @@ def read(path: Path) -> StoredRuns:
     Raises
     ------
     ExchangeError
-        If names are missing or unknown, a shape, frame or unit is wrong, or numbers are not finite.
-        If epochs differ from those of the problem, or a covariance is not symmetric or not positive
-        definite. The message states the file, the array, the value and the allowed values.
+        If an array or text is missing or has an unknown name, a shape, frame or unit is wrong, or
+        numbers are not finite. If epochs differ from those of the problem, or a covariance is not
+        symmetric or not positive definite. The message states the file, the array, the value and
+        the allowed values.
     """
     content = containers.read(path)
     if unknown := sorted(set(content) - KNOWN):
@@ -298,7 +299,7 @@ class StoredEstimates(Estimator):
         return False
 
     def conflict(self) -> str | None:
-        """Return the reason why a noise scale other than 1 is refused; None if it is 1.
+        """Return the reason why a noise scale other than 1 is refused; None if the scale is 1.
 
         The estimates are already computed, so a noise scale has no effect.
         """

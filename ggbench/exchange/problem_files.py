@@ -41,8 +41,8 @@ class Variable:
 
     Axes are numbers or symbols: R runs, K epochs, n states, m channels, g gradiometer channels.
     Further symbols: T is the number of measurements that whitening combines, and b the number of
-    columns of the matrix B (``displacement``). C is the number of check states, at which the file
-    contains h and H.
+    columns of the matrix B (``displacement``). C is the number of check states. For each check
+    state the file contains the values of the measurement function h and its Jacobian H.
     """
 
     name: str
@@ -80,7 +80,9 @@ def fingerprints(measurements: np.ndarray) -> list[float]:
 
 
 def content_of(block: ProblemBlock, problem: str) -> dict[str, np.ndarray | str]:
-    """Return arrays (R, ...) and texts for the file of a block, by names of :data:`VARIABLES`.
+    """Return the arrays and texts of the problem file of a block, by name.
+
+    The names are those of :data:`VARIABLES`. Arrays with values of each run are (R, ...).
 
     Parameters
     ----------

@@ -123,7 +123,7 @@ def over_cases(names: Sequence[str], panel: Panel, families: Mapping[str, str]) 
     ----------
     names : titles of the n cases, from the top.
     panel : errors; its abscissae are not used.
-    families : family of each estimator by label, which sets the colour.
+    families : family of each estimator, by label. The family sets the colour.
     """
     curves, count = panel.curves, len(names)
     columns = _columns(panel)
@@ -185,7 +185,7 @@ def over_axis(
     panels : panels of the figure, from left to right.
     label : label of the abscissa.
     log : whether the axis of the abscissa is logarithmic.
-    families : family of each estimator by label, which sets the colour.
+    families : family of each estimator, by label. The family sets the colour.
     """
     rows = max(map(_columns, panels))
     figure, grid = subplots(

@@ -19,7 +19,9 @@ def scorecard(rows: Sequence[Mapping[str, float | str]], label: str) -> Drawing:
 
     Parameters
     ----------
-    rows : for each case its ``title``, and the values ``scored``, ``ekf``, ``bound`` [m] or NaN.
+    rows : a mapping for each case. ``title`` is the title of the case. ``scored`` and ``ekf`` are
+        the RMS errors of the scored estimator and of the EKF [m]. ``bound`` is the Cramér–Rao bound
+        [m]. A missing number is NaN.
     label : label of the scored estimator.
     """
     figure, axis = subplots(figsize=(_WIDTH, _REST + _ROW * len(rows)))

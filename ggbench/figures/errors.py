@@ -90,11 +90,16 @@ def component_errors(
     label: str,
     families: Mapping[str, str],
 ) -> Drawing:
-    """Draw ENU errors of one run: INS and aided on the left, aided with ±3σ on the right.
+    """Draw ENU errors of an estimator and of the INS in one run, in two columns.
 
-    ``times`` (K,) are in seconds. The first six columns of ``aided`` (K, ...) and ``ins`` (K, ...)
-    are position and velocity errors. The next six columns of ``aided`` are standard deviations, or
-    NaN. ``first`` is the first of the three error columns to draw (0: position, 3: velocity).
+    The left column shows both errors. The right column shows the errors of the estimator and the
+    reported ±3σ.
+
+    ``times`` (K,) are in seconds. ``aided`` (K, ...) belongs to the estimator. The first six
+    columns of ``aided`` and of ``ins`` (K, ...) are position and velocity errors. The next six
+    columns of ``aided`` are standard deviations, or NaN. If ``ins`` is None, it is not drawn.
+
+    ``first`` is the first of the three error columns to draw (0: position, 3: velocity).
     ``unit`` is the unit of the errors, and ``label`` is the label of the estimator. ``families``
     has the family of each estimator.
     """

@@ -13,7 +13,8 @@ from .style import Drawing, styled, subplots
 def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
     """Draw the map of the disturbing vertical gradient at flight height, and the track.
 
-    The gradient has the shape (n_lat, n_lon), and the track has the shape (K, 3).
+    ``arrays`` has the gradient ``map_vertical`` (n_lat, n_lon) [E], the coordinates of its nodes
+    ``map_latitude`` and ``map_longitude`` [rad], and the ``track`` (K, 3) [rad, rad, m].
     """
     figure, axis = subplots(figsize=(7.0, 4.4))
     longitude, latitude = np.degrees(arrays["map_longitude"]), np.degrees(arrays["map_latitude"])
@@ -40,7 +41,12 @@ def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
 
 @styled()
 def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str) -> Drawing:
-    """Draw the vertical gradient (K,) along the track: true, with noise, and low-pass filtered."""
+    """Draw the vertical gradient along the track: true, with noise, and low-pass filtered.
+
+    ``arrays`` has the ``gradient_times`` (K,) [s], and the gradients (K,) [E] ``vertical`` (true)
+    and ``noisy``. With a low-pass filter it also has ``filtered`` (filtered with noise) and
+    ``filtered_true`` (filtered without noise).
+    """
     times, true = arrays["gradient_times"], arrays["vertical"]
     filtered = arrays.get("filtered")
     ratios = (3, 2) if filtered is None else (3, 2, 2)

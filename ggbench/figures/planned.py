@@ -145,9 +145,10 @@ def _draw_field(
 
 @styled()
 def planned_tracks(tracks: pd.DataFrame, field: Field, flown: np.ndarray, title: str) -> Drawing:
-    """Draw an arrow for each start and heading, coloured by the bound of that track.
+    """Draw an arrow for the start and heading of each track, coloured by the bound of the track.
 
-    The disturbing Γ_UU of the field is the background. The original flight is black.
+    Tracks that cannot be flown are omitted. The disturbing Γ_UU of the field is the background. The
+    original flight is black.
 
     Parameters
     ----------

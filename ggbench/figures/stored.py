@@ -37,9 +37,10 @@ def error_over_time(
 
 
 def flight(results: Results, case: str, labels: Iterable[str], most: int | None) -> errors.Flight:
-    """Return the RMS errors over the stored runs of a case, and the bounds, against time.
+    """Return the RMS errors and the bounds of a case as functions of time.
 
-    At most ``most`` evenly spread epochs are used. An estimator without a finished run is left out.
+    The RMS is taken over the stored runs. At most ``most`` evenly spread epochs are used. An
+    estimator without a finished run is left out.
     """
     arrays = results.arrays(case)
     count = len(arrays["kept"])
@@ -60,9 +61,9 @@ def flight(results: Results, case: str, labels: Iterable[str], most: int | None)
 
 
 def drawn_bounds(arrays: Iterable[str]) -> dict[str, str]:
-    """Return the names of the bounds to draw over time, by key of their arrays.
+    """Return the bounds to draw over time: the name in the legend, by key of the stored array.
 
-    ``arrays`` are the keys of all arrays of a case.
+    ``arrays`` contains the keys of all stored arrays of a case.
     """
     keys = [key for key in arrays if key.startswith("bound-") and key != "bound-unfiltered"]
     return {key: f"bound, {_BOUNDS[key.rstrip('-0123456789')]}" for key in keys}

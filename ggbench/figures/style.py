@@ -114,7 +114,7 @@ def subplots(
 def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
     """Label a logarithmic axis with plain numbers.
 
-    A short axis also has labels between the powers of ten.
+    An axis with at most one power of ten also has labels between the powers of ten.
     """
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
     axis = axes.xaxis if which == "x" else axes.yaxis

@@ -71,7 +71,7 @@ def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
 
     Parameters
     ----------
-    entries : (N, ENTRIES, LANES) non-zero entries of F in each interval.
+    entries : (N, ENTRIES, LANES) non-zero entries of the system matrix F in each interval.
     dt : length of an interval [s].
     noise : process noise of the INS.
     """
@@ -179,9 +179,9 @@ def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
 def scaled_entries(f: np.ndarray, n: int, time: float, out: np.ndarray) -> None:
     """Fill ``out`` (1, SCALED, LANES) with the entries of F in interval ``n``, scaled by a time.
 
-    ``f`` (N, ENTRIES, LANES) contains the entries of F in each interval. The entry
-    ``DRIVEN`` is copied; it scales the noise of the gravity disturbance. All other entries are
-    multiplied by ``time`` [s]. The last element of ``out`` is the time.
+    ``f`` (N, ENTRIES, LANES) contains the non-zero entries of the system matrix F in each interval.
+    They are multiplied by ``time`` [s], except the entry ``DRIVEN``. This entry scales the noise of
+    the gravity disturbance, and is copied unchanged. The last element of ``out`` is the time.
     """
     for i in range(ENTRIES):
         store(out, 0, i, time * load(f, n, i))
@@ -206,7 +206,11 @@ def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> No
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an unfilled array (6, 19, LANES) for the terms of a Taylor series, one per order."""
+    """Return an unfilled array (6, 19, LANES) for the terms of a Taylor series, one per order.
+
+    The orders are 0 to 5. The 19 components of a term are 15 INS states, three states of the
+    gravity disturbance, and the noise of the altimeter.
+    """
     return unfilled(_LAST + 1, STATES + 4)
 
 
@@ -266,6 +270,8 @@ def propagate(
 ) -> int:
     """Propagate C columns y backwards over an interval, y ← exp(Fᵀ dt) y.
 
+    A column y is a row of the transition matrix Φ, written as a column. F is the system matrix.
+
     Parameters
     ----------
     f : (1, SCALED, LANES) F dt from :func:`scaled_entries`.
@@ -273,8 +279,8 @@ def propagate(
     columns : (C, 15 or 18, LANES) columns y, changed in place.
     terms : scratch from :func:`series_terms`.
     factors : (MOST_FACTORS, C, LANES) output. The rows up to the returned number form a matrix W,
-        and the noise of the interval adds WᵀW to Q. Each row is a noise root times a Legendre
-        coefficient b_0, b_1 or b_2 of a component of y:
+        and the noise of the interval adds WᵀW to Q. Each row is a noise root (see :class:`.Noise`)
+        times a Legendre coefficient b_0, b_1 or b_2 of a component of y:
 
         - b_0 and b_1 of the velocity; with an altimeter also b_2,
         - b_0 to b_2 of the attitude,

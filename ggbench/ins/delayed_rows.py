@@ -32,8 +32,9 @@ def delayed_rows_lanes(
 ) -> None:
     """Fill B_k, which maps x(t_k) to errors of position [m] and attitude [rad] at t_k − τ_k.
 
-    B_k consists of rows of Φ(t_k, t_k − τ_k)⁻¹, where τ_k is the delay. Process noise within the
-    delay (millimetres) is neglected.
+    Here x is the vector of the INS errors, t_k is the time of epoch k, and τ_k is the delay. B_k
+    consists of rows of Φ(t_k, t_k − τ_k)⁻¹, with the transition matrix Φ. The effect of process
+    noise within the delay is neglected; it is of the order of millimetres.
 
     Parameters
     ----------

@@ -63,10 +63,11 @@ def navigation_errors(
 
 
 def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
-    """Return G q Gᵀ (15, 15) of white accelerometer and gyro noise.
+    """Return the PSD matrix G q Gᵀ (15, 15) of white accelerometer and gyro noise.
 
-    The PSDs are in (m/s²)²/Hz and (rad/s)²/Hz. Accelerometer noise drives the velocity error and
-    gyro noise the attitude error, both through C_nb. G q Gᵀ is diagonal because the three axes have
+    q contains the PSDs of the sensors, and G maps sensor noise to rates of the states. The PSDs are
+    in (m/s²)²/Hz and (rad/s)²/Hz. Accelerometer noise drives the velocity error, and gyro noise
+    drives the attitude error, both through C_nb. G q Gᵀ is diagonal because the three axes have
     equal PSDs.
     """
     noise = np.zeros((STATES, STATES))
@@ -78,10 +79,12 @@ def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
 def added_by(
     imu: Imu, altimeter: tuple[tuple[float, float], float] | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two arrays: constant entries (ENTRIES,) added to F by sensors, and G q Gᵀ (15, 15).
+    """Return the constants that sensors add to F, and the PSD matrix of the process noise.
 
-    G q Gᵀ contains the white noise of the IMU. Gauss–Markov biases obey b' = −b/T + w. An altimeter
-    with noise e damps the vertical channel: it adds −k₁ (δh − e) to δh' and −k₂ (δh − e) to δv_U'.
+    The constants (ENTRIES,) belong to the non-zero entries of the system matrix F. The PSD matrix
+    is G q Gᵀ (15, 15). It contains the white noise of the IMU, the noise w of biases, and the noise
+    e of an altimeter. Gauss–Markov biases obey b' = −b/T + w. An altimeter damps the vertical
+    channel: it adds −k₁ (δh − e) to δh' and −k₂ (δh − e) to δv_U'.
 
     Parameters
     ----------

@@ -133,7 +133,8 @@ def extrapolate(
 ) -> None:
     """Fill ``disturbance`` (1, 3, LANES) with δĝ [m/s²] half an INS interval after sample ``n``.
 
-    ``dt`` is the INS interval [s]; ``moved`` (3, 3, LANES) is the state of :func:`integrate`.
+    δĝ is the gravity disturbance integrated from gradients, in axes ENU. ``dt`` is the INS interval
+    [s]. ``moved`` (3, 3, LANES) is the state of :func:`integrate`.
     """
     known = readings.latest[n]
     for r in range(track.shape[2]):
@@ -163,7 +164,9 @@ def _turn(
 def integrate(
     readings: GradientReadings, track: np.ndarray, n: int, dt: float, moved: np.ndarray
 ) -> None:
-    """Propagate δĝ from sample ``n`` of a track to sample n + 1.
+    """Propagate the gravity disturbance δĝ from sample ``n`` of a track to sample n + 1.
+
+    δĝ is integrated from gradients, in axes ENU.
 
     Parameters
     ----------

@@ -14,7 +14,11 @@ Place = tuple[float, float, float, float]
 
 @inlined
 def place_of(latitude: float, height: float) -> Place:
-    """Return sin L, cos L, R_M + h and R_N + h [m] of a position."""
+    """Return sin L, cos L, R_M + h and R_N + h [m] of a position.
+
+    L is the latitude [rad], and h is the height [m]. R_M and R_N are the radii of curvature in the
+    meridian and in the prime vertical.
+    """
     sine, cosine = sine_cosine(latitude)
     meridian, prime_vertical = radii_of_sine(sine)
     return sine, cosine, meridian + height, prime_vertical + height
@@ -26,7 +30,8 @@ def frame_rates_of(
 ) -> tuple[float, float, float, float, float]:
     """Return the Earth rate ω_ie (north, up) and transport rate ω_en (east, north, up) [rad/s].
 
-    The east component of ω_ie is zero. ``v_e`` and ``v_n`` are velocities [m/s].
+    The east component of ω_ie is zero. ``place`` is the result of :func:`place_of`. ``v_e`` and
+    ``v_n`` are the velocities to the east and to the north [m/s].
     """
     sine, cosine, r_m, r_n = place
     en_n = v_e / r_n
@@ -35,6 +40,9 @@ def frame_rates_of(
 
 @inlined
 def position_rate_of(place: Place, v_e: float, v_n: float) -> tuple[float, float]:
-    """Return the rates L' and λ' of latitude and longitude [rad/s]."""
+    """Return the rates L' and λ' of latitude and longitude [rad/s].
+
+    The arguments are those of :func:`frame_rates_of`.
+    """
     _, cosine, r_m, r_n = place
     return v_n / r_m, v_e / (r_n * cosine)

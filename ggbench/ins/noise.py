@@ -13,19 +13,20 @@ from .system_matrix import NAVIGATION_STATES
 
 @record
 class Noise:
-    """Process noise of the INS error model, as square roots of G q Gᵀ.
+    """Process noise of the INS error model, as square roots of its PSD matrix G q Gᵀ.
 
     Attributes
     ----------
-    roots : (15,) square roots of the diagonal, without the altimeter's noise.
+    roots : (15,) square roots of the diagonal of G q Gᵀ, without the altimeter's noise.
     altimeter : (2,) factors by which the noise of the altimeter drives δh and δv_U. Both have the
         same source, so they are correlated.
     damped : whether an altimeter damps the vertical channel.
     wandering : whether biases vary.
     disturbance : (3,) noise of the gravity disturbance, ENU; empty if the disturbance is no state.
-        Without integrated gradients it is √2 σ [m/s²]. The process then has the standard deviation
-        σ, the correlation distance D and the PSD 2 σ² |v|/D at the speed |v|. With integrated
-        gradients it is the root PSD of a random walk, per unit of speed [s⁻¹˙⁵].
+        Without integrated gradients it is √2 σ [m/s²]. The disturbance is then a Gauss–Markov
+        process with the standard deviation σ and the correlation distance D. Its driving noise has
+        the PSD 2 σ² |v|/D at the speed |v|. With integrated gradients ``disturbance`` is the root
+        PSD of a random walk, per unit of speed [s⁻¹˙⁵].
     """
 
     roots: np.ndarray
@@ -46,10 +47,11 @@ class Noise:
 
 
 def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:
-    """Return the process noise as square roots of G q Gᵀ.
+    """Return the process noise as square roots of its PSD matrix G q Gᵀ.
 
-    ``noise`` (15, 15) is G q Gᵀ. Only the altimeter causes elements off its diagonal. ``decaying``
-    is true if biases decay in F. ``disturbance`` is :attr:`Noise.disturbance`.
+    ``noise`` (15, 15) is this matrix. Only an altimeter causes elements off the diagonal.
+    ``decaying`` is true if biases decay, as Gauss–Markov processes do. ``disturbance`` is
+    :attr:`Noise.disturbance`.
     """
     altimeter, diagonal = np.zeros(2), np.diag(noise).copy()
     if noise[2, 2] > 0.0:

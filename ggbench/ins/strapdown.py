@@ -40,7 +40,12 @@ TRACK = 15
 
 @inlined
 def velocity_rate_of(place: Place, height: float, v: Vector, f: Vector) -> Vector:
-    """Return v' = f − (2ω_ie + ω_en) × v + (0, g_N, g_U) [m/s²], with specific force f in ENU."""
+    """Return the rate of the velocity, v' = f − (2ω_ie + ω_en) × v + (0, g_N, g_U) [m/s²].
+
+    The velocity ``v`` [m/s] and the specific force ``f`` [m/s²] are in axes ENU. ω_ie is the Earth
+    rate, and ω_en is the transport rate. g_N and g_U are components of normal gravity. ``place`` is
+    the result of :func:`.place_of`, and ``height`` is in metres.
+    """
     ie_n, ie_u, x, en_n, en_u = frame_rates_of(place, v[0], v[1])
     y, z = 2.0 * ie_n + en_n, 2.0 * ie_u + en_u
     north, up = normal_gravity_vector_of(place[0], place[1], height)
@@ -122,8 +127,8 @@ def step(
 def steady_force(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     """Return the specific force (..., 3), ENU [m/s²], at constant velocity in normal gravity.
 
-    It is (2ω_ie + ω_en) × v − (0, g_N, g_U). Positions (..., 3) are in [rad, rad, m] and velocities
-    (..., 3) are ENU [m/s].
+    In the symbols of :func:`velocity_rate_of` it is (2ω_ie + ω_en) × v − (0, g_N, g_U). Positions
+    (..., 3) are in [rad, rad, m], and velocities (..., 3) are ENU [m/s].
     """
     places, speeds = (np.ascontiguousarray(a, float) for a in (positions, velocities))
     return _steady_forces(places.reshape(-1, 3), speeds.reshape(-1, 3)).reshape(places.shape)
@@ -172,7 +177,7 @@ def altimeter_gains(time_constant: float) -> tuple[float, float]:
     """Return the gains k₁ [1/s], k₂ [1/s²] that put two poles of the vertical channel at −1/T.
 
     T is ``time_constant`` [s]. Without damping the height error obeys δh'' = (2g/R) δh, so k₁ = 2/T
-    and k₂ = 1/T² + 2g/R.
+    and k₂ = 1/T² + 2g/R. g is gravity, and R is the radius of the Earth.
     """
     return 2.0 / time_constant, 1.0 / time_constant**2 + 2.0 * 9.80665 / 6378137.0
 

@@ -41,7 +41,7 @@ ENTRIES = 62
 
 @inlined
 def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, z: float) -> float:
-    """Return the dot product of three entries of F and (x, y, z).
+    """Return the dot product of three entries of the system matrix F and (x, y, z).
 
     The entries have the indices j, j + stride and j + 2 stride in row ``n`` of ``f``.
     """
@@ -130,7 +130,9 @@ def entries_between(
     gravity: KnownGravity,
     out: np.ndarray,
 ) -> None:
-    """Fill the entries of F at the middle of the IMU intervals between two samples.
+    """Fill the non-zero entries of the system matrix F in the IMU intervals between two samples.
+
+    They are computed at the middle of each interval.
 
     Parameters
     ----------

@@ -127,7 +127,7 @@ def compose(
 
 @compiled
 def entries_of(epochs: np.ndarray) -> np.ndarray:
-    """Return an array (N, ENTRIES, LANES) for the entries of F between successive epochs.
+    """Return an array (N, ENTRIES, LANES) for the system matrix F between successive epochs.
 
     ``epochs`` (K,) are indices of IMU samples. N is the largest number of IMU intervals before the
     first epoch, or between two successive epochs.

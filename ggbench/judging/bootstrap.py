@@ -61,7 +61,8 @@ def root_ratio_intervals(
     Parameters
     ----------
     groups : three arrays (runs,) for each group, ``first``, ``second`` and ``cluster``. ``first``
-        and ``second`` are mean squares of each run. ``cluster`` is the index of its cluster.
+        and ``second`` are mean squares of each run. ``cluster`` is the index of the run's
+        cluster.
     fewest : least number of runs for an interval.
 
     Returns

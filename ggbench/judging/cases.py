@@ -150,9 +150,10 @@ def _judged(verdicts: Mapping[str, Mapping[str, Verdict]], case: str) -> dict[st
 
 
 def field_correlation_m(arrays: Mapping[str, np.ndarray]) -> float:
-    """Return the correlation length [m] of the field along a case's track (K, 3).
+    """Return the correlation length [m] of the field along the track of a case.
 
-    The result is NaN without a gradiometer, or if :func:`.field_scale.correlation_m` is NaN.
+    ``arrays`` contains the arrays of the case by name, such as ``track`` (K, 3). The result is NaN
+    without a gradiometer, or if :func:`.field_scale.correlation_m` is NaN.
     """
     if "vertical" not in arrays:
         return math.nan

@@ -67,7 +67,8 @@ def consistency(
 
     Parameters
     ----------
-    nees : (R,) mean NEES of each finished run in a window.
+    nees : (R,) mean NEES of each finished run in a window. The NEES of position and velocity has
+        the nominal value 6.
     coverage : (R,) share of the epochs of each run at which the truth is inside the 95 % region.
     cluster : (R,) index of the track or map error that runs share.
     false_share_p : p-value of the hypothesis "at most 5 % of the runs end in a false fix".

@@ -33,7 +33,7 @@ def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
 
 
 def on_the_prior(position_m: float, correlation_m: float) -> str:
-    """Return a sentence on the width of the prior in correlation lengths of the field.
+    """Return a sentence that compares the prior's width with the field's correlation length.
 
     Parameters
     ----------

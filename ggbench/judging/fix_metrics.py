@@ -84,9 +84,10 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
     """Return a row with the columns :data:`ROWS` for each fix of a run, for storage.
 
-    A row has the time [s], the horizontal error [m], the NEES of the two horizontal errors, the
-    statistic, and whether the fix was accepted. The NEES is infinite if the covariance is too small
-    to invert. An infinite statistic is replaced by the largest float.
+    A row has the time [s], the horizontal error [m] and the NEES of the two horizontal errors. It
+    also has the statistic of the acceptance test, and whether the fix was accepted. The NEES is
+    infinite if the covariance is too small to invert. An infinite statistic is replaced by the
+    largest float.
 
     Parameters
     ----------

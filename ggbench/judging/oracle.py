@@ -1,4 +1,4 @@
-"""Oracle: filter or smoother that is linearised at the truth, for a block of runs, compiled."""
+"""Oracle, a filter or smoother linearised at the truth: compiled code for blocks of runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def oracle_states(
     Parameters
     ----------
     bound : bounds and gains of the flight.
-    residuals : (R, K, m) measurements minus h at the truth.
+    residuals : (R, K, m) measurements minus the measurement function h at the true states.
     error_state : (R, K, n) true states.
     transition : (R, K, n, n) transition matrices of each run.
     lag : lag [ticks].

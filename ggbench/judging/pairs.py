@@ -181,7 +181,10 @@ def compared(first: PairedRuns, second: PairedRuns) -> dict[str, Any]:
 
 
 def judged(pairs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return comparisons with verdicts, and with p-values adjusted over all of them."""
+    """Return comparisons with verdicts and adjusted p-values.
+
+    Holm's procedure adjusts the p-values over all comparisons.
+    """
     adjusted = holm([pair[key] for pair in pairs for key in ("success_p", "p")])
     rows = []
     for pair, (success_p, p) in zip(pairs, adjusted.reshape(-1, 2).tolist(), strict=True):

@@ -98,7 +98,7 @@ def oracle_means(
     name : name of the bound for the causality of the oracle.
     flight : flight of the runs.
     bound : bounds of this flight.
-    residuals : (R, K, m) measurements minus h at the truth.
+    residuals : (R, K, m) measurements minus the measurement function h at the true states.
     error_state : (R, K, n) true error states.
     transition : (R, K, n, n) transition matrices.
     """

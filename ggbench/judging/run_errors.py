@@ -354,8 +354,8 @@ def window_metrics(
 def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
     """Return whether a run has diverged at the last epoch.
 
-    A run has diverged if its final position error exceeds both ten times the bound and the INS
-    error, all in metres. A relative excess of at most 1e-9 over the INS error is ignored, because
-    the estimator ``ins`` rounds differently.
+    A run has diverged if its final position error exceeds ten times the bound, and also exceeds the
+    INS error. All arguments are in metres. A relative excess of at most 1e-9 over the INS error is
+    ignored, because the estimator ``ins`` rounds differently.
     """
     return final_error > max(10.0 * final_bound, (1.0 + _ROUNDING) * final_ins_error)

@@ -86,7 +86,7 @@ def is_right_model(case: CaseSpec) -> bool:
 
 
 def model_errors(case: CaseSpec) -> list[str]:
-    """Return the tables in which truth and model differ, such as "gradiometer", sorted.
+    """Return the sorted names of tables ("gradiometer", ...) in which truth and model differ.
 
     A gravity disturbance that is neither compensated nor modelled by states adds "gravity". Gaps at
     known times are no model errors.

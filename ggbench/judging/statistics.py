@@ -93,8 +93,8 @@ def runs_to_decide(
     """Return the number of runs that a verdict on a pair would need.
 
     With this number the test detects a difference or equivalence with a power of 80 % (normal
-    approximation), if further runs have the same statistics. It is ∞ if no number is sufficient,
-    and NaN with fewer than two clusters.
+    approximation), if further runs have the same statistics. The result is ∞ if no number is
+    sufficient, and NaN with fewer than two clusters.
 
     Parameters
     ----------
@@ -128,8 +128,9 @@ def exact_p(one: int, other: int) -> float:
 def share_interval(hits: np.ndarray, cluster: np.ndarray) -> tuple[float, float, float]:
     """Return the share of runs that are hits, with a 95 % interval (Wilson 1927).
 
-    If the shares of the clusters scatter more than those of independent runs, the interval is
-    computed with the effective number of independent runs.
+    If the shares of the clusters scatter more than those of independent runs would, the interval is
+    computed with the effective number of independent runs. So many independent runs would give the
+    share the same variance.
 
     Parameters
     ----------
@@ -156,8 +157,8 @@ def _independent_runs(hits: np.ndarray, cluster: np.ndarray) -> float:
 def share_above(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
     """Return the p-value of the hypothesis that at most a given share of runs are hits.
 
-    The test is an exact binomial test with the effective number of independent runs. Without runs
-    the p-value is 1.
+    The test is an exact binomial test with the effective number of independent runs, see
+    :func:`share_interval`. Without runs the p-value is 1.
 
     Parameters
     ----------
@@ -184,9 +185,10 @@ def share_below(hits: np.ndarray, cluster: np.ndarray, share: float) -> float:
 def mean_interval(
     values: np.ndarray, cluster: np.ndarray, alpha: float = ALPHA
 ) -> tuple[float, float, float]:
-    """Return the mean of cluster means of values (runs,), with an interval (Student's t).
+    """Average values (runs,) over each cluster; return the mean of these averages and its interval.
 
-    The interval has the confidence level 1 − ``alpha``. Its ends are NaN with a single cluster.
+    The interval (Student's t) has the confidence level 1 − ``alpha``. Its ends are NaN with a
+    single cluster.
     """
     means = cluster_means(values, cluster)
     mean, count = float(means.mean()), len(means)

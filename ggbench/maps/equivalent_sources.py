@@ -92,7 +92,7 @@ class Plane:
     def place(
         self, latitude_deg: NDArray[np.floating], longitude_deg: NDArray[np.floating]
     ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Return east coordinates (...) [m] of longitudes, and north ones (...) [m] of latitudes.
+        """Return east coordinates (...) and north coordinates (...) in the plane [m].
 
         East coordinates have the shape of the longitudes, north coordinates that of the latitudes.
         """
@@ -141,9 +141,9 @@ class EquivalentSources:
 
 
 def weights_of(lines: SurveyLines) -> Array:
-    """Return weights (c, 9) that convert gradients [E] and gravity [m/s²] to c components.
+    """Return the weights (c, 9) that compute the c components of ``lines`` from nine inputs.
 
-    The nine inputs are six gradients and three components of gravity.
+    The inputs are six gradients [E] and three components of gravity [m/s²].
     """
     weights = np.zeros((len(lines.components), 9))
     if lines.quantity == "disturbance":

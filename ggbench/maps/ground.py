@@ -131,9 +131,9 @@ class Ground:
         ]
 
     def remark(self, nodes: Nodes) -> str:
-        """Return a remark on the share of the area where terrain-following flights are in the map.
+        """Return a remark on the share of the area where the map covers terrain-following flights.
 
-        A flight is in the map where it is not below the lowest layer.
+        The map covers a flight where the flight is not below the lowest layer.
         """
         lowest = float(nodes.height_m[0])
         lat, lon = nodes.latitude_deg, nodes.longitude_deg

@@ -73,9 +73,9 @@ class HarmonicPart:
     Attributes
     ----------
     coefficients : coefficients of the disturbing potential.
-    nodes_per_half_wave : largest number of nodes, per half wavelength of the highest degree, at
-        which the series is summed. In a denser map a spline of degree 5 interpolates between these
-        nodes. Infinite: no interpolation.
+    nodes_per_half_wave : limit on the node density, in nodes per half wavelength of the highest
+        degree. In a denser map the series is summed only at nodes of this density. A spline of
+        degree 5 interpolates between these nodes. Infinite: no interpolation.
     """
 
     coefficients: HarmonicCoefficients

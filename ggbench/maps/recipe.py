@@ -57,16 +57,15 @@ class MapRecipe:
         source by whole turns.
     min_height_m, max_height_m : bounds [m above the ellipsoid].
     spacing_arcmin : distance between nodes in latitude and in longitude. Its upper limit depends on
-        the height of the third layer. For a geoid the limit is a quarter of the height above the
-        masses, which lie at the ellipsoid on land. The error of a cubic spline is then below 1e-3
-        E. For a terrain the limit is 0.6 of the height above the highest ground. The error 100 m
-        above the highest ground is then 0.01 E RMS. For point masses the limit is 0.35 of the
-        height above the highest mass.
+        the height of the third layer. For a geoid the limit is a quarter of this layer's height
+        above the masses. On land these masses lie at the ellipsoid; at sea they lie deeper. The
+        error of a cubic spline is then below 1e-3 E. For a terrain the limit is 0.6 of the height
+        above the highest ground. The error 100 m above the highest ground is then 0.01 E RMS. For
+        point masses the limit is 0.35 of the height above the highest mass.
     height_spacing_m : distance between layers. Its upper limit depends on the height of the lowest
-        layer. For a geoid the limit is a quarter of the height above the level at half the depth of
-        the masses.
-        For a terrain the limit is the height above the highest ground. For point masses it is 0.35
-        of the height above the highest mass.
+        layer. For a geoid the limit is a quarter of a height that counts from half the depth of
+        the masses. For a terrain the limit is the height above the highest ground. For point masses
+        it is 0.35 of the height above the highest mass.
     land_correction : whether to convert the geoid to the height anomaly with the topography.
     relief_smoothing_deg : standard deviation of a Gaussian that smooths topography or terrain
         before use; 0 (no smoothing) to 1. The benchmark uses 0.

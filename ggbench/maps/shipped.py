@@ -28,7 +28,7 @@ class Limits(NamedTuple):
     Attributes
     ----------
     latitudes, longitudes, heights : lower and upper limits [deg], [m above the ellipsoid].
-    spacing : rule of the largest distance between nodes.
+    spacing : largest distances between nodes, as fractions of heights.
     """
 
     latitudes: tuple[float, float]

@@ -81,7 +81,7 @@ class PartOptions:
 
 @dataclasses.dataclass(frozen=True)
 class SpacingRule:
-    """Rule of the largest distances between nodes.
+    """Largest distances between the nodes of a map, as fractions of heights.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class SpacingRule:
     vertical_share : largest vertical distance, as a fraction of the height of the lowest layer
         above ``vertical_ground_m``.
     ground_m, vertical_ground_m : reference levels of these heights [m].
-    words, vertical_words : descriptions of the rule, for the end of a message.
+    words, vertical_words : horizontal and vertical limit in words, for the end of a message.
     """
 
     share: float
@@ -127,7 +127,7 @@ class ShippedPart(Protocol):
         ...
 
     def spacing(self) -> SpacingRule | None:
-        """Return the rule of the node spacing; None if another part sets the rule."""
+        """Return the limits of the node spacing; None if another part sets them."""
         ...
 
     def errors(self) -> Errors | None:
@@ -160,7 +160,7 @@ class ShippedHarmonics:
         return SourceExtent(EVERYWHERE, EVERYWHERE, -math.inf, -math.inf, -math.inf)
 
     def spacing(self) -> None:
-        """Return None: a residual part has shorter wavelengths and sets the rule."""
+        """Return None: a residual part has shorter wavelengths and sets the limits."""
 
     def errors(self) -> None:
         """Return None: the standard errors are unknown."""
@@ -214,11 +214,11 @@ class ShippedGeoid:
         return SourceExtent(bounds, bounds, self.lowest_m, self.lowest_m, -self.source_depth_m)
 
     def spacing(self) -> SpacingRule:
-        """Return the rule: at most a quarter of the height above the masses.
+        """Return the limits of the node spacing: a quarter of the height above the masses.
 
-        Spline errors are then at most 1e-3 E. The limit of the vertical spacing uses the height
-        above the level at half the depth of the masses. The reason is that the error is largest in
-        the lowest layer, where the spline ends.
+        Spline errors are then at most 1e-3 E. For the vertical limit the height counts from half
+        the depth of the masses. This limit is stricter, because the error is largest in the lowest
+        layer, where the spline ends.
         """
         words = "a quarter of that height"
         if self.source_depth_m > 0.0:

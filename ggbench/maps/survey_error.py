@@ -9,8 +9,8 @@ autocovariance N:
   an optimal map: Rasmussen & Williams 2006, section 2.2).
 
 Half the difference of the two is the estimate of E; the noise N cancels. This estimate is the mean
-of two values of E: on the fitted lines, and at one line spacing from the nearest fitted line. At
-the correlation distance, E is 1/e of its value at lag zero.
+of two values: E on the fitted lines, and E at one line spacing from the nearest fitted line. At the
+correlation distance, E is 1/e of its value at lag zero.
 
 The errors of tensor components that were not measured follow from an isotropic field, in which the
 variances of EE, EN, EU, NN, NU and UU have the ratio 3 : 1 : 4 : 3 : 4 : 8.
@@ -54,8 +54,10 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
 
     The errors (9,) are those of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; the
     distances are (9,) [m]. If gradients were measured, the results for gravity are NaN. If gravity
-    was measured, the results for the tensor are NaN. All are NaN if the residuals of held-back
-    lines are not larger than those of fitted lines.
+    was measured, the results for the tensor are NaN. The results of a
+    measured component are NaN if its residuals are not larger on held-back lines than on fitted
+    lines. Components that do not follow from the measured components are then NaN, too. A distance
+    is NaN if the autocovariance never falls to 1/e of its value at lag zero.
     """
     measured = weights_of(fit.lines)
     basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured

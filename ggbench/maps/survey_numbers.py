@@ -50,7 +50,7 @@ class Column(NamedTuple):
 class Numbers(NamedTuple):
     """Numbers of a column, and remarks.
 
-    Missing values are NaN. The unit is that of the key, see :func:`read_numbers`.
+    Missing values are NaN. The unit is that of the argument ``key`` of :func:`read_numbers`.
     """
 
     values: Array

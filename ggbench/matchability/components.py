@@ -55,10 +55,11 @@ class Components:
 def principal_components(statistics: Mapping[str, Array]) -> Components | None:
     """Return the principal components of the statistics (N,) named in :data:`ORIENTATION`.
 
-    The inputs x are logarithms of the statistics, standardised, with signs such that larger is
-    better. The sign of a component is chosen such that it correlates positively with the standard
-    deviation of the field. A cell is omitted if a statistic is not positive, for example in a flat
-    map. The result is None if fewer than six cells remain, or if a statistic is equal in all cells.
+    The inputs x are logarithms of the statistics, standardised. Their signs are chosen such that
+    larger values mean better matching. The sign of a component is chosen such that it correlates
+    positively with the standard deviation of the field. A cell is omitted if a statistic is not
+    positive, for example in a flat map. The result is None if fewer than six cells remain, or if a
+    statistic is equal in all cells.
     """
     columns = np.stack([np.asarray(statistics[name], float) for name in ORIENTATION], axis=1)
     usable = np.all(np.isfinite(columns) & (columns > 0.0), axis=1)
@@ -82,9 +83,10 @@ def principal_components(statistics: Mapping[str, Array]) -> Components | None:
 
 
 def grades(index: Array) -> list[str]:
-    """Return the grade of each cell, by thirds of the suitability index (N,).
+    """Return the grade of each cell: the lowest, middle or highest third of the index (N,).
 
-    A cell with the index NaN has the lowest grade.
+    The index is the suitability index :attr:`Components.index`. A cell with the index NaN has the
+    lowest grade.
     """
     finite = index[~np.isnan(index)]
     if finite.size == 0:

@@ -149,10 +149,11 @@ def offsets(reach_m: float, step_m: float) -> Array:
 
 
 def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -> Array:
-    """Return the ambiguity A(d) = ½ Σ ‖h(p) − h(p + d)‖² (s, s) of a track (N, 3).
+    """Return the ambiguity A(d) = ½ Σ ‖h(p) − h(p + d)‖² of a track, for each offset d.
 
-    The sum is over the positions p of the track. h(p) contains the noise-free measurements at p, in
-    units of the noise. ``grid`` (s, s, 2) contains the offsets d [m].
+    The sum is over the positions p of ``track`` (N, 3) [rad, rad, m]. h(p) contains the noise-free
+    measurements at p, in units of the noise. ``grid`` (s, s, 2) contains the offsets d [m]. The
+    shape of the result is (s, s).
 
     A(d) is the expected difference of the log likelihoods of the true track and the track displaced
     by d. It is NaN where |d| exceeds the largest offset along an axis (the corners of the grid) and

@@ -167,8 +167,8 @@ def score(
     ``south_deg``, ``north_deg``, ``west_deg``, ``east_deg``
         the cell;
     ``deviation``, ``span``, ``slope_deviation``, ``roughness``, ``entropy``, ``correlation_m``
-        :class:`~.statistics.Statistics` of Γ_UU, or of the disturbance for a gravimeter [u, u/m,
-        m];
+        statistics of Γ_UU, or for a gravimeter of the gravity disturbance;
+        :class:`~.statistics.Statistics` defines them and their units;
     ``fractal_dimension``
         fractal dimension of the same quantity on 64 × 64 nodes;
     ``information_m``, ``isotropy``
@@ -185,7 +185,8 @@ def score(
         a false fix (:func:`~.information.false_fix_bound`). The other is the result of
         :func:`~.information.spill`;
     ``index``, ``grade``
-        index and grade from principal components; NaN and empty with too few cells.
+        index and grade from principal components. If there are too few cells, the index is NaN and
+        the grade is "".
 
     Raises
     ------
@@ -209,8 +210,8 @@ def score(
 def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
     """Return the cells of a map, row by row from the south, and the design with its defaults.
 
-    Around the cells the map has a margin: the largest displacement of a track, plus the length by
-    which a track extends beyond its cell on one side.
+    A margin along the border of the map contains no cells. Its width is the largest displacement of
+    a track, plus the length by which a track extends beyond its cell on one side.
 
     Raises
     ------

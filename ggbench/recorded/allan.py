@@ -88,9 +88,9 @@ def imu_noise(path: Path, names: str | Mapping[str, str] | None = None) -> ImuNo
     """Return the noise parameters of an IMU from a static log.
 
     The file is CSV or netCDF with ``time_s`` and rates or increments, as in ``[imu_record]``.
-    ``names`` maps standard column names to those of the file, or is the name of a preset. Gaps of
-    up to three missing samples are skipped. With longer gaps, the longest piece between them is
-    used.
+    ``names`` maps standard column names to those of the file. It may also be the name of a preset,
+    see :func:`.column_names.find`. Gaps of up to three missing samples are skipped. If there are
+    longer gaps, only the longest piece between them is used.
 
     Raises FlightError if the file cannot be read, is too short, has too many gaps, or the IMU was
     not at rest.

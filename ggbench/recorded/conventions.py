@@ -38,7 +38,7 @@ class Convention(NamedTuple):
 
     Attributes
     ----------
-    turn : axes of the record.
+    turn : axis and sign in the record for each axis, by name of the axis.
     factor : conversion factor from the unit of the record to E.
     lacks : part that the record excludes, "the normal field" or "its mean"; "" for none.
     after : RMS difference [E] between the record, read in this convention, and the map. The mean

@@ -214,8 +214,9 @@ class AgainstReference:
     nees : (C,) normalised estimation error squared of position and velocity, or of position only if
         the reference has no velocities; NaN without covariances.
     states : number of states of the NEES, 6 or 3.
-    windows : metrics by name of the window: ``position_mrse_m``, ``horizontal_mrse_m``,
-        ``velocity_mrse_mps`` and ``nees_mean``, as in :class:`.judgement.Judgement`.
+    windows : metrics of each window. The key is the name of the window. The metrics are
+        ``position_mrse_m``, ``horizontal_mrse_m``, ``velocity_mrse_mps`` and ``nees_mean``, as in
+        :class:`.judgement.Judgement`.
     """
 
     times: np.ndarray

@@ -247,9 +247,10 @@ def _require_few(base: TimeBase, columns: Columns) -> None:
 
 
 def force_hint(force: float, period: float, increments: bool) -> str:
-    """Return a hint on the unit of a specific force that does not agree with gravity.
+    """Return possible units of a specific force that does not agree with gravity in m/s².
 
-    The hint is empty if the force agrees with gravity in none of the tested units.
+    Several other units are tested. The text is empty if the force agrees with gravity in none of
+    them.
 
     Parameters
     ----------

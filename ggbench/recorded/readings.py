@@ -189,8 +189,8 @@ def others(
     """Return the measurements (1, K, e) of all sensors except the gradiometer, and a mask.
 
     The mask (1, K, e) marks available measurements. K is the number of epochs, and e the number of
-    channels of these sensors. ``at`` contains the epoch indices of each sensor. ``ins`` is the INS
-    solution at the epochs, with arrays (1, K, ...).
+    channels of these sensors. ``at`` contains, for each sensor, the epoch index of each of its
+    measurements. ``ins`` is the INS solution at the epochs, with arrays (1, K, ...).
     """
     width = sum(len(sensor.channels) for sensor in model.aiding)
     read = np.full((*ins.positions.shape[:2], width), np.nan)

@@ -1,4 +1,4 @@
-"""Writer of simulated runs as recorded flights, without the truth."""
+"""Writer of simulated runs as recorded flights; the truth becomes the reference track."""
 
 from __future__ import annotations
 

@@ -207,12 +207,14 @@ def time_base(
 def missing_rows(steps: np.ndarray, most: int = 1) -> np.ndarray:
     """Return the number (N,) of missing rows in each of the N intervals of a record.
 
-    If times jitter, long and short intervals alternate, and no row is missing.
+    An interval may be long only because its times jitter. Then short intervals compensate it. If
+    short intervals compensate most of the long ones, the result is zero for all intervals.
 
     Parameters
     ----------
     steps : (N,) intervals [s].
-    most : largest number of rows that seem to be missing in an interval only because of jitter.
+    most : largest number of rows that jitter can make appear missing in an interval. If an interval
+        seems to lack more rows, the cause is not jitter.
     """
     usual = float(np.median(steps))
     missing = np.where(steps > USUAL_GAP * usual, np.rint(steps / usual) - 1.0, 0.0)

@@ -65,6 +65,9 @@ class Result(NamedTuple):
 class Database:
     """Database of a results folder.
 
+    The key of a result is a hash of all its inputs except the run index (:class:`Result`). Key and
+    run index together identify a result.
+
     Parameters
     ----------
     path : path of the database file.

@@ -104,9 +104,10 @@ def write(results: Results, folder: Path) -> None:
 
 
 def decisive_pairs(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the pairs of which at least one estimator is decisive in the case.
+    """Return the pairs with at least one decisive estimator.
 
-    Decisive estimators are the INS, the EKF, and the best and recommended estimators of the case.
+    Decisive estimators are the INS, the EKF, and the best and recommended estimators of the pair's
+    case.
     """
     named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
     is_decisive = [

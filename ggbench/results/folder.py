@@ -105,7 +105,7 @@ class Results:
 
     @cached_property
     def estimators(self) -> dict[str, dict[str, Any]]:
-        """Inputs of the results by estimator: class, parameters and hash of the source."""
+        """Class, parameters and source hash of each estimator, by label."""
         return dict(self.manifest["estimators"])
 
     @property
@@ -115,7 +115,7 @@ class Results:
 
     @property
     def seeking(self) -> dict[str, str]:
-        """Names in the source that give access to the truth, by label of the estimator."""
+        """Names in an estimator's source code that give access to the truth, by label."""
         names_used = {name: estimator.get("seeks") for name, estimator in self.estimators.items()}
         return {
             label: ", ".join(map(str, names))

@@ -121,7 +121,7 @@ def with_value(
     Parameters
     ----------
     key : dotted key, such as ``gradiometer.noise_eotvos``.
-    value : function from the old number to the new one. Zeros, and keys without a number, stay.
+    value : function from the old number to the new one. Only positive numbers are changed.
     sides : tables to change: ``truth``, ``model``, and "" for the case's common table.
     """
     for side in sides:

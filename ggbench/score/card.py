@@ -46,7 +46,7 @@ class _Part(BaseModel):
 
 
 class Opponent(_Part):
-    """Comparison of the scored estimator with another estimator on equal runs."""
+    """Comparison of the scored estimator with another estimator on the same runs."""
 
     label: Line = Field(description="The other estimator.")
     role: Role = Field(
@@ -156,7 +156,11 @@ class Card(_Part):
         return self
 
     def verdicts(self, role: str) -> dict[str, int]:
-        """Count the cases by verdict against the EKF (``role`` "ekf") or other opponents ("")."""
+        """Return the number of cases for each verdict on the scored estimator.
+
+        If ``role`` is "ekf", the verdicts of the comparison with the EKF are counted. If it is "",
+        the verdicts of the comparisons with all other opponents are counted.
+        """
         verdicts = [
             other.verdict
             for question in self.questions

@@ -24,8 +24,9 @@ TOLERANCE = 2e-5
 def differences(old: Card, new: Card) -> list[str]:
     """Return the differences between two cards of the same runs, each as a sentence.
 
-    All values are compared, numbers with the relative tolerance :data:`TOLERANCE`. Summary numbers
-    of a case are compared only if the runs of the case agree. A reproduced card has no differences.
+    All values except the folder of the estimator's file are compared. The relative tolerance of
+    numbers is :data:`TOLERANCE`. Summary numbers of a case are compared only if the runs of the
+    case agree. A reproduced card has no differences.
     """
     sentences = [*_unlike(_conditions(old), _conditions(new))]
     questions = {question.case: question for question in new.questions}

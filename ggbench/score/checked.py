@@ -26,7 +26,8 @@ class CheckedCard:
     Attributes
     ----------
     path : path of the card file.
-    card : card of the new runs; None if the runs cannot be repeated, or their card differs.
+    card : card of the repeated runs. It is None if the runs cannot be repeated, or if this card
+        differs from the card in the file.
     reasons : reasons why the card is not reproduced, each as a sentence.
     """
 
@@ -63,9 +64,9 @@ def check(
 ) -> CheckedCard:
     """Repeat the runs of a card and compare all values.
 
-    Only installed and allowed estimators are run, never a file that only the card names. An
-    estimator file is run only if its hash equals the hash in the card. Raise KeyboardInterrupt if
-    interrupted.
+    Only installed estimators and those in ``allowed`` are run. An estimator file is run only if its
+    hash equals the hash in the card. A file that is named in the card, but is not in ``allowed``,
+    is never run. Raise KeyboardInterrupt if interrupted.
 
     Parameters
     ----------

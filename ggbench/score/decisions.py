@@ -102,10 +102,10 @@ def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
 
 
 def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
-    """Return sentences on the required gradiometer noise, and a flag for a reachable target.
+    """Return sentences on the required gradiometer noise, and whether the target is reachable.
 
-    The target is ``target_m``, the required RMS position error [m]. The flag is true if the bound
-    reaches the target, with some gradiometer noise or with the present sensors.
+    The target is ``target_m``, the required RMS position error [m]. It is reachable if some
+    gradiometer noise, or the present sensors, give a bound of at most ``target_m``.
     """
     sentences = []
     if advice.bound_m <= target_m:

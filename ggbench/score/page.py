@@ -38,9 +38,10 @@ _DIVERGED = "diverged: the final error exceeds ten bounds and the error of the I
 
 
 def shown_name(card: Card) -> str:
-    """Return the name of the estimator's class with the parameters, as tables of results show it.
+    """Return the name of the estimator as it appears in tables of results.
 
-    If the label cannot be parsed, it is returned unchanged.
+    It consists of the name of the estimator's class and the parameters. If the label cannot be
+    parsed, it is returned unchanged.
     """
     label = card.estimator.label
     try:

@@ -80,7 +80,7 @@ class StoredRuns:
 def write(results: Results, path: Path) -> None:
     """Write the runs of a results folder of the suite to a file.
 
-    Raise ScoreError if the estimators have different runs, or the file cannot be written.
+    Raise ScoreError if an estimator lacks runs that others have, or the file cannot be written.
     """
     runs, metrics, cases = results.runs(), results.metrics(), results.cases()
     names, labels = [case.name for case in results.scenario.cases], results.labels

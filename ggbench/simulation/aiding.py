@@ -26,7 +26,7 @@ def sensors_of_side(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, 
     Parameters
     ----------
     side : Side
-        Tables of the truth or of the model.
+        Tables of the truth (for true sensors) or of the model (for assumed sensors).
     truth : TruthSpec or None
         Dropouts and outliers of the true sensors; None for the assumed sensors.
     """

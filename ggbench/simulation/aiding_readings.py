@@ -23,8 +23,9 @@ def aiding_readings(
     Returns
     -------
     Measurements (R, K, e) in the e channels of these sensors; mask (R, K, e) of the available
-    measurements; true states (R, K, n). Biases and lever-arm errors have their true values if they
-    are states of the problem. All other states are zero.
+    measurements; array (R, K, n) of the n states of the problem. In this array the biases and
+    lever-arm errors that are states have their true values. All other states are zero. The biases
+    of a gravimeter with measured data are unknown, so they are zero, too.
     """
     true, times, truth = flight.true, flight.times, flight.motion_at_epochs
     runs, epochs = ins.positions.shape[:2]
@@ -83,7 +84,8 @@ def persistent_errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors of a sensor that persist during a run.
 
-    These are the biases (K, e) of its e channels and the lever-arm error (3,) [m].
+    These are the biases (K, e) of the sensor's e channels at the K ``times``, and the lever-arm
+    error (3,) [m].
     """
     drawn, arm = np.zeros((len(times), len(sensor.channels))), np.zeros(3)
     if sensor.biased:

@@ -1,8 +1,9 @@
 """Posterior Cramér–Rao bounds for filters, fixed-lag smoothers and smoothers.
 
 For linear dynamics with Gaussian noise the bound of Tichavský, Muravchik & Nehorai (1998) is
-computed by the Riccati recursion with H at the truth. The bounds for smoothers follow from the same
-matrices by the Rauch–Tung–Striebel recursion.
+computed by the Riccati recursion. In this recursion the measurement Jacobian H is evaluated at the
+true states. The bounds for smoothers follow from the same matrices by the Rauch–Tung–Striebel
+recursion.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ class Bound:
     filtering : (K, n, n) bounds after the measurement of each epoch.
     predicted : (K, n, n) bounds before the measurement of each epoch.
     gain : (K, n, m) Kalman gains in the Riccati recursion.
-    jacobians : (K, m, n) H at the truth.
+    jacobians : (K, m, n) measurement Jacobians H at the true states.
     smoother_gain : (K, n, n) gains of the Rauch–Tung–Striebel recursion.
     ticks : (K,) times of the epochs in ticks, the common time unit of all sensors.
     """
@@ -40,7 +41,7 @@ class Bound:
 
     @property
     def whole(self) -> int:
-        """Lag [ticks] from the first to the last epoch."""
+        """Lag [ticks] of a smoother over the whole flight, from the first to the last epoch."""
         return int(self.ticks[-1] - self.ticks[0])
 
     def fixed_lag(self, lag: int) -> np.ndarray:
@@ -66,7 +67,7 @@ class Bound:
         return np.asarray(self.filtering[k] + change)
 
     def last_epochs(self, lag: int) -> np.ndarray:
-        """Return the last epoch (K,) at most ``lag`` ticks after each epoch."""
+        """Return, for each epoch, the index (K,) of the last epoch at most ``lag`` ticks later."""
         return np.searchsorted(self.ticks, self.ticks + lag, side="right") - 1
 
 
@@ -84,7 +85,7 @@ def posterior_bound(
     ----------
     transition, process_cov : (K, n, n) Φ_k and covariances of w_k.
     prior_cov : (n, n) covariance of the state before the first transition.
-    jacobians : (K, m, n) H at the truth.
+    jacobians : (K, m, n) Jacobians H of h at the true states.
     noise_cov : (m, m) covariance of v_k.
     ticks : (K,) integer times of the epochs; by default 0, 1, 2, ...
     """

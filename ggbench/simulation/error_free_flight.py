@@ -48,8 +48,8 @@ class Flight:
         gradiometer.
     measured : (G, g) measured gradients [E] of the g channels at these times, NaN if missing; None
         if measurements are simulated.
-    measured_errors : errors (G,) of measured gravity [mGal] by name of the gravimeter, NaN if
-        missing.
+    measured_errors : errors of measured gravity [mGal], NaN if missing. Each gravimeter with
+        measured data has an array (G,) under its name. G is the number of its measurements.
     """
 
     case: CaseSpec
@@ -132,9 +132,10 @@ class Flight:
     ) -> KnownGravity:
         """Return the gravity that the mechanizations of R runs add to normal gravity.
 
-        ``gradients`` are the measurements (R, G, g) [E] to integrate, and the mask (R, G) of
-        missing measurements. The default is a single run without errors. ``field`` is the field
-        whose disturbance the INS compensates.
+        ``gradients`` is a pair of arrays. The first array has the gradients (R, G, g) [E] to
+        integrate, measured at G epochs in g channels. The second is the mask (R, G) of missing
+        measurements. The default is a single run (R = 1) with error-free gradients. ``field`` is
+        the field whose disturbance the INS compensates.
         """
         samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)
         return added_gravity(
@@ -164,7 +165,7 @@ class Flight:
     def unknown_to_a_map(self) -> np.ndarray:
         """True gravity disturbance (K, 3), ENU [m/s²], minus the part that a map compensates.
 
-        The part is zero unless the INS adds the gravity disturbance of its map.
+        The compensated part is zero unless the INS adds the gravity disturbance of its map.
         """
         places = self.motion_at_epochs.positions.T
         disturbance = np.zeros((len(self.epochs), 3))
@@ -264,7 +265,7 @@ class Flight:
 
     @property
     def ticks(self) -> np.ndarray:
-        """Times (K,) of the epochs as multiples of the case's tick."""
+        """Times (K,) of the epochs in ticks, the common time unit of all sensors of the case."""
         return np.asarray(np.round(self.times / self.case.tick_s).astype(int))
 
     @cached_property
@@ -355,7 +356,8 @@ def prepare(case: CaseSpec) -> Flight:
 def gradiometer_places(case: CaseSpec, positions: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
     """Return the true positions (K, 3) of a gradiometer with a lever-arm error.
 
-    ``positions`` (K, 3) are assumed positions, ``attitudes`` (K, 3, 3) are C_nb.
+    ``positions`` (K, 3) are the assumed positions of the gradiometer. ``attitudes`` (K, 3, 3) are
+    the true rotation matrices C_nb from body axes to local axes.
     """
     error = case.truth.gradiometer.lever_arm_error_m
     if not any(error):

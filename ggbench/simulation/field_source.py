@@ -59,7 +59,7 @@ def map_version(spec: FieldSpec) -> tuple[int, int]:
 def version_of(path: Path) -> tuple[int, int]:
     """Return modification time [ns] and size [bytes] of a file; zeros if it does not exist.
 
-    The result shows whether a user has overwritten the file while the process runs.
+    If the result changes, a user has overwritten the file while the process runs.
     """
     try:
         status = path.stat()
@@ -92,7 +92,7 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
 
 
 def beside(field: Field, longitude: float) -> Field:
-    """Return a field whose map is shifted by full turns of longitude to a flight.
+    """Return a field with its map moved close to a flight, by full turns of longitude.
 
     ``longitude`` is a longitude of the flight [rad]. For example, 275.7° and −84.3° are equal, and
     maps across the date line may end at 181° or begin at −181°.
@@ -213,8 +213,8 @@ def map_content(spec: FieldSpec) -> str | None:
 def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
     """Yield role, name and SHA-256 of each input file of a map.
 
-    The inputs of a built map are its data files. Those of a map file are the file itself and the
-    inputs that the file states.
+    The role is the use of the file: "map" or "data of the map". The inputs of a built map are its
+    data files. The inputs of a map file are the file itself and the data files that it lists.
 
     Raises
     ------

@@ -21,8 +21,8 @@ def bounds(flights: Sequence[Flight]) -> list[Bound]:
 
     H and Φ are evaluated at the truth. Noise, biases, initial errors, field and latency are the
     true ones. Gradients behind a low-pass filter are whitened, as for estimators. Outliers, errors
-    without a state and noise due to motion are omitted, so the result remains a lower bound. The
-    information of a measurement is multiplied by the expected share of runs in which it is
+    that are not states, and noise due to motion are omitted. The result thus remains a lower bound.
+    The information of a measurement is multiplied by the expected share of runs in which it is
     available.
 
     Parameters

@@ -1,8 +1,8 @@
 """Estimation problems from INS solutions and sensor measurements.
 
 Measurements come from a simulation or a recording. This module does not access the truth. In
-shapes, TRACK = 15 counts position, velocity and C_nb, and LANES is the number of runs that a kernel
-processes together.
+shapes, TRACK = 15 is the number of values of one INS solution: position (3), velocity (3) and
+attitude matrix C_nb (9). LANES is the number of runs that a kernel processes together.
 """
 
 from __future__ import annotations
@@ -49,9 +49,11 @@ class MeasurementTimes:
     aiding: Sequence[np.ndarray]
 
     def between(self, first: int, last: int) -> MeasurementTimes:
-        """Return the schedule of the epochs ``first`` to ``last``, with new indices from zero.
+        """Return the schedule of the epochs ``first`` to ``last``, both included.
 
-        Samples are counted from the epoch before ``first``; ``times`` are unchanged.
+        In the result the epoch ``first`` has the index 0. The INS sample at the epoch before
+        ``first`` has the index 0, too. If ``first`` is 0, samples are counted from the start of the
+        flight. ``times`` are unchanged.
         """
         start = 0 if first == 0 else int(self.samples[first - 1])
         epochs = slice(first, last + 1)
@@ -70,8 +72,9 @@ class MeasurementTimes:
     def delays(self, model: SensorSuite) -> np.ndarray:
         """Return the delays (K,) [s] of gradiometer measurements behind their epochs.
 
-        A delay is the sum of two parts: the latency, and the delay of the low-pass filter's outputs
-        after :meth:`.SensorSuite.treatment`. It is limited so that no measurement is earlier than
+        A delay is the sum of two parts. The first part is the latency. The second part is the delay
+        by the low-pass filter that remains after the treatment of the filter's outputs
+        (:meth:`.SensorSuite.treatment`). The sum is limited so that no measurement is earlier than
         the start.
         """
         delays, at = np.zeros(len(self.times)), self.gradients
@@ -82,14 +85,15 @@ class MeasurementTimes:
 
 
 class MechanizedRuns(NamedTuple):
-    """INS solutions of R runs at the epochs, with transition matrices of the INS errors.
+    """INS solutions of R runs at the epochs, and transition matrices of the error states.
 
     Attributes
     ----------
-    states : (R, K, 15) position, velocity and C_nb, row by row.
+    states : (R, K, 15) position, velocity and the nine elements of C_nb, row by row.
     delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) INS solution at the delayed
         measurement times.
-    transition, process_cov : (R, K, n, n) assumed Φ and Q.
+    transition, process_cov : (R, K, n, n) assumed transition matrices Φ and process-noise
+        covariances Q of the n states.
     rows : (R, K, 6, 15) B_k, which maps INS errors at an epoch to errors of position [m] and
         attitude [rad] at the delayed time.
     integrated : (R, K, 3) gravity disturbance ENU [m/s²] from integrated gradients.
@@ -150,7 +154,9 @@ class SensorReadings(NamedTuple):
 
 
 def rates(angles: np.ndarray, samples: np.ndarray, dt: float) -> np.ndarray:
-    """Return the angular rates (K, ...) [rad/s] at INS samples, as means of the adjacent steps.
+    """Return the angular rates (K, ...) [rad/s] at INS samples.
+
+    Each rate is the mean over the IMU steps before and after the sample.
 
     ``angles`` (N, ...) are gyro increments [rad] at an interval of ``dt`` [s]. ``samples`` (K,) are
     the indices of the INS samples.
@@ -225,7 +231,7 @@ def added_gravity(
     ----------
     model : assumed sensors.
     field : field with the map of the disturbance, used only if the INS compensates by a map.
-    samples : (G,) indices of the INS samples of gradiometer measurements.
+    samples : (G,) indices of the INS samples at the times of the gradiometer measurements.
     count : number of INS samples.
     gradients, missing : (R, G, g), (R, G) measurements and mask as in :class:`SensorReadings`, used
         only if gradients are integrated.

@@ -22,8 +22,8 @@ class Gradients(NamedTuple):
     output : (R, G, g) measurements [E] at G epochs in g channels, filtered if there is a low-pass
         filter.
     missing : (R, G) mask of missing measurements.
-    states : true values of the instrument's states, as an array for each kind of states, by name of
-        the kind. The array (R, K, s) has the s states of the kind at all epochs.
+    states : true values of the instrument's states. Each kind of states has an array (R, K, s)
+        under its name, with the values of its s states at all K epochs.
     """
 
     output: np.ndarray

@@ -59,7 +59,10 @@ class GravityState(NamedTuple):
 
 
 def imu_of(spec: ImuSpec, errors: TrueImu) -> Imu:
-    """Return the inertial sensors of a table, with unmodelled errors."""
+    """Return the inertial sensors that a table describes.
+
+    ``errors`` contains scale-factor errors and misalignments, which have no states.
+    """
 
     def triad(scale_factor_ppm: float, misalignment_arcmin: float) -> SensorErrors:
         return SensorErrors(1e-6 * scale_factor_ppm, math.radians(misalignment_arcmin / 60.0))

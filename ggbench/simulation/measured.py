@@ -37,7 +37,7 @@ def measured_readings(case: CaseSpec, positions: np.ndarray) -> np.ndarray | Non
 def measured_errors(
     case: CaseSpec, field: Field, positions: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return the errors (G,) of measured gravity against a field [mGal], by gravimeter.
+    """Return the errors (G,) [mGal] of measured gravity against a field, by name of gravimeter.
 
     Missing values are NaN. The errors replace simulated noise.
 
@@ -45,7 +45,7 @@ def measured_errors(
     ----------
     case : the case.
     field : the true field.
-    positions : true positions (G, 3) of the measurements of each sensor.
+    positions : by name of the sensor, the true positions (G, 3) of its measurements.
 
     Raises
     ------

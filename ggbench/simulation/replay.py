@@ -1,9 +1,9 @@
 """INS mechanization with feedback of an estimator's corrections.
 
 The error model is linear about the INS solution. If an uncorrected INS has drifted far,
-second-order errors exceed the sensor noise. With a reset every minute they stay small. The
-mechanization uses only measured IMU data, never the truth. In shapes, LANES is the number of runs
-that a kernel processes together.
+second-order errors exceed the sensor noise. If the INS is corrected every minute, they stay small.
+The mechanization uses only measured IMU data, never the truth. In shapes, LANES is the number of
+runs that a kernel processes together.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Replay:
     recording: Recording
 
     def start(self, problem: Problem) -> Loop:
-        """Return a closed loop at the start of the problem, before any correction."""
+        """Return the mechanization with feedback at the start of a problem, without corrections."""
         return Loop(self, problem)
 
 

@@ -157,7 +157,7 @@ class Record(NamedTuple):
 
     Attributes
     ----------
-    initial : (15,) initial INS position, velocity and C_nb, row by row.
+    initial : (15,) initial INS position, velocity and the nine elements of C_nb, row by row.
     increments : (N, 6) IMU angle [rad] and velocity increments [m/s].
     heights : (N,) altimeter heights, means over the intervals [m]; (0,) without an altimeter.
     indicated : INS solution at the epochs, with arrays (1, K, ...).

@@ -230,7 +230,10 @@ class SensorSuite:
         dt: float,
         gravity: KnownGravity = NORMAL_GRAVITY,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Φ and Q (K, n, n) between measurement epochs along one track (:meth:`along`).
+        """Return transition matrices Φ and process-noise covariances Q along one track.
+
+        Both arrays are (K, n, n), see :meth:`along`. They lead from one measurement epoch to the
+        next.
 
         Parameters
         ----------
@@ -252,7 +255,7 @@ class SensorSuite:
         dt: float,
         gravity: KnownGravity,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the arrays that :meth:`along` fills, for the motions of a group of runs.
+        """Return ``transition``, ``process_cov`` and ``rows`` of :meth:`along` for a group of runs.
 
         Parameters
         ----------
@@ -304,11 +307,11 @@ class SensorSuite:
         process_cov: np.ndarray,
         rows: np.ndarray,
     ) -> None:
-        """Fill Φ and Q (R, K, n, n) for a group of R runs, which occupy the first R lanes.
+        """Fill transition matrices Φ and process-noise covariances Q for a group of R runs.
 
-        A lane is an index of the last axis of ``track`` and ``increments``, of length LANES.
-        ``rows`` is filled with matrices that propagate an error from an epoch back to the time of
-        the delayed measurement.
+        The runs occupy the first R lanes. A lane is an index of the last axis of ``track`` and
+        ``increments``, of length LANES. ``rows`` is filled with matrices that propagate an error
+        from an epoch back to the time of the delayed measurement.
 
         Parameters
         ----------
@@ -318,7 +321,7 @@ class SensorSuite:
         delays : (K,) measurement delays [s]; (0,) if ``rows`` is not needed.
         dt : interval of the samples [s].
         gravity : gravity that the mechanization adds to normal gravity.
-        transition, process_cov : (R, K, n, n) output.
+        transition, process_cov : (R, K, n, n) output, Φ and Q.
         rows : (R, K, 6, 15) output, see :func:`.delayed_rows.delayed_rows_lanes`.
         """
         constant, noise = self._constants

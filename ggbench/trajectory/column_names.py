@@ -47,10 +47,11 @@ PRESETS: Mapping[str, Names] = {
 
 
 class Place(NamedTuple):
-    """Column of a file: index, name, and factor from the file's unit to the unit of the key.
+    """Column of a file: index, name and unit.
 
-    The key is the standard name of the column, for example ``height_m``. ``stated`` is True if the
-    user or the column name states the unit.
+    The key of a column is its standard name, for example ``height_m``. ``factor`` converts numbers
+    from the unit of the file to the unit of the key. ``stated`` is True if the user or the column
+    name states the unit of the file.
     """
 
     at: int
@@ -60,7 +61,10 @@ class Place(NamedTuple):
 
 
 def names_of(columns: str | Mapping[str, str] | None) -> Names:
-    """Return the column names by key, from a preset or a mapping; the result is empty for None.
+    """Return the column names of a file by key.
+
+    A key is the standard name of a column, for example ``height_m``. ``columns`` is the name of a
+    preset, or a mapping of keys to column names. The result is empty if it is None.
 
     Raises TrajectoryError if the preset does not exist.
     """
@@ -91,14 +95,15 @@ def plain_names(names: Names) -> set[str]:
 def find(
     key: str, columns: Sequence[str], names: Names, where: str, needed: bool = True
 ) -> Place | None:
-    """Return the column of a key, or None if the file has no such column.
+    """Return the column for a key, or None if the file has no such column.
 
-    The suffix of the key states the target unit. The unit of the column is the unit in brackets
-    after the name. Without brackets it is the unit at the end of the name, as in ``alt_ft``.
+    A key is the standard name of a column, for example ``height_m``. Its suffix states the target
+    unit. The unit of the column is the unit in brackets after the column name. Without brackets it
+    is the unit at the end of the column name, as in ``alt_ft``.
 
     Parameters
     ----------
-    key : key of the column.
+    key : standard name of the column.
     columns : column names of the file, in lower case.
     names : column names by key. If a key has no entry, its column name is the key itself.
     where : description of the line with the names, for messages.

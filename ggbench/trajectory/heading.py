@@ -33,8 +33,8 @@ _CONVENTIONS = {
 def require_heading(heading: Array, velocity: Array) -> None:
     """Raise TrajectoryError if headings contradict the course over ground.
 
-    The criterion is the median angle between heading and course, at most :data:`LARGEST`. Rows with
-    speeds up to :data:`FAST` are omitted.
+    They contradict it if the median angle between heading and course exceeds :data:`LARGEST`. Only
+    rows with speeds above :data:`FAST` are used. Fewer than five such rows raise no error.
 
     ``heading`` (N,) [deg] is in the convention of the file; ``velocity`` (N, 3) is ENU [m/s]. The
     message names a convention that would agree, if there is one.

@@ -1,8 +1,9 @@
 """Survey lines joined to one flight by artificial turns, in order of time.
 
 An artificial turn consists of a straight piece, a turn, a connecting leg, a turn to the same side,
-and a straight piece. The length of this path is the time between two lines, multiplied by the mean
-of the speeds at the ends of the lines. There are no measurements in turns.
+and a straight piece. The length of this path is a mean speed times the time between the two lines.
+The mean is that of two speeds: at the end of the first line and at the start of the second. There
+are no measurements in turns.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ _AXES = ("latitude_deg", "longitude_deg", "height_m")
 
 
 def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
-    """Return all lines as one line, with missing measurements in the turns.
+    """Join survey lines, in order of time, to one line with artificial turns between them.
+
+    Measurements in the turns are NaN.
 
     Raises TrajectoryError if lines overlap in time, if their sampling intervals differ, or if the
     time between two lines does not allow a turn.

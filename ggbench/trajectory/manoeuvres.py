@@ -64,23 +64,26 @@ class Manoeuvre(Protocol):
         ...
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) of heading, speed and climb angle at the middles of intervals.
+        """Return rates (count, 3) of heading [rad/s], speed [m/s²] and climb angle [rad/s].
 
-        Units are rad/s, m/s² and rad/s; ``dt`` is the interval [s].
+        The manoeuvre has ``count`` sampling intervals of length ``dt`` [s]. A row contains the
+        rates at the middle of an interval.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Part of a flight in which heading, speed and climb angle change at constant rates.
+    """Part of a flight with given mean rates of heading, speed and climb angle.
+
+    The rates rise from zero and fall to zero. Rise and fall take at most five seconds each.
 
     Attributes
     ----------
     duration : duration [s].
-    turn_rate : rate of the heading, clockwise positive [rad/s].
-    acceleration : rate of the speed [m/s²].
-    climb_rate : rate of the climb angle [rad/s].
+    turn_rate : mean rate of the heading, clockwise positive [rad/s].
+    acceleration : mean rate of the speed [m/s²].
+    climb_rate : mean rate of the climb angle [rad/s].
     """
 
     duration: float
@@ -93,7 +96,10 @@ class Segment:
         return self.duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) that integrate to the constant rates times the duration."""
+        """Return rates (count, 3) of heading, speed and climb angle.
+
+        The integral of each rate is its mean, an attribute of the segment, times the duration.
+        """
         shape = _shape(count, dt, self.duration)
         if abs(count * dt - self.duration) > 1e-9 * self.duration:
             shape *= self.duration / (count * dt)
@@ -125,7 +131,7 @@ class Turn:
     to : final heading [rad]; None if ``by`` is given.
     direction : direction of a turn ``to`` a heading: 1 right, -1 left, 0 the shorter way.
     bank, rate, radius : bank angle [rad], turn rate [rad/s] or radius [m]; two of the three are
-        None. In a small turn without time to roll in and out the turn rate is lower.
+        None. A turn that is too small to reach this turn rate has a lower turn rate.
     """
 
     by: float | None = None
@@ -165,7 +171,10 @@ class Turn:
         return max(abs(self.angle(start)) / rate + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3): a heading rate whose integral is the angle of the turn."""
+        """Return rates (count, 3) of heading, speed and climb angle.
+
+        The integral of the heading rate is the angle of the turn. The other two rates are zero.
+        """
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [self.angle(start) / (count * dt), 0.0, 0.0])
 
@@ -189,7 +198,10 @@ class SpeedChange:
         return max(abs(self.to - start.speed) / self.acceleration + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3) that integrate to the change of speed, without turn or climb."""
+        """Return rates (count, 3) of heading, speed and climb angle.
+
+        The integral of the acceleration is the change of speed. The other two rates are zero.
+        """
         shape = _shape(count, dt, count * dt)
         return np.outer(shape, [0.0, (self.to - start.speed) / (count * dt), 0.0])
 
@@ -198,7 +210,7 @@ class SpeedChange:
 class Climb:
     """Climb or descent from level flight to level flight at another height.
 
-    A climb that is too small to reach the climb angle or vertical speed is flatter.
+    A small climb is flatter: it does not reach the given climb angle or vertical speed.
 
     Attributes
     ----------
@@ -221,7 +233,9 @@ class Climb:
         return 2.0 * pull_up + steady
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3): rates of the climb angle that give the change of height.
+        """Return rates (count, 3) of heading, speed and climb angle.
+
+        The rates of the climb angle give the change of height. The other two rates are zero.
 
         Raises TrajectoryError if the climb is impossible.
         """
@@ -340,7 +354,9 @@ def plan(
 def sample(start: State, rates: Array, dt: float) -> tuple[Array, Array, Array]:
     """Return heading, speed and climb angle (N + 1,) at the samples.
 
-    These are the integrals of the rates (N, 3) at the middles of the intervals ``dt`` [s].
+    The flight has N sampling intervals of length ``dt`` [s], and a sample at each end of an
+    interval. ``rates`` (N, 3) are the rates at the middles of the intervals. They are integrated
+    from the values in ``start``.
     """
     heading, speed, climb = (
         first + _sums(rates[:, i], dt)

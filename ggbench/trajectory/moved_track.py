@@ -18,8 +18,8 @@ def moved_track(track: Track, east: float, north: float, turn: float) -> Track:
     """Return a track that is moved to another start and rotated about the new start.
 
     Heights and times are unchanged. The motion is a rigid rotation on a sphere, so angles within
-    the track are unchanged. Lengths change because of the Earth's flattening. Between pole and
-    equator the change is at most 0.7 %.
+    the track are unchanged. Lengths change because of the Earth's flattening. The change is at most
+    0.7 %, for a move between pole and equator.
 
     Parameters
     ----------

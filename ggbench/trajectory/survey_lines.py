@@ -122,7 +122,8 @@ class SurveyLine:
     def track(self, limits: TrackLimits, duration: float | None) -> Track:
         """Return the track of the middle part of the line.
 
-        The smoothing is applied to the whole line. ``duration`` is the argument of :meth:`middle`.
+        The smoothing given by ``limits`` is applied to the whole line. ``duration`` [s] is the
+        length of the middle part, as in :meth:`middle`.
         """
         whole = track_of(dict(self.places), lambda n: f"line {self.row + n}", limits)
         part, times = self.middle(duration), self.places["time_s"]

@@ -43,9 +43,11 @@ class TrackLimits:
 
     Attributes
     ----------
-    gap : longest allowed time between two rows [s]; None for five times the median.
+    gap : longest allowed time between two rows [s]; None for five times the median time
+        between rows.
     acceleration : largest allowed acceleration [m/s²].
-    smoothing : period at which the smoothing halves the amplitude [s]; 0 for no smoothing.
+    smoothing : period of the oscillations whose amplitude is halved by the smoothing [s]; 0 for no
+        smoothing.
     """
 
     gap: float | None = None
@@ -76,8 +78,8 @@ def read_track(file: str, limits: TrackLimits, columns: Columns = None) -> Track
 
     The content determines the format. The first line of a CSV file names the columns: time_s,
     latitude_deg, longitude_deg and height_m, and optionally heading, pitch and roll in degrees.
-    Other columns are ignored. ``columns`` is the name of a preset, or pairs of a key and the column
-    name in the file.
+    Other columns are ignored. If the names in the file differ, ``columns`` states them. It is
+    the name of a preset, or contains pairs: a key such as ``height_m``, and the name in the file.
 
     Raises TrajectoryError with a sentence that states the file, the line, the value and the allowed
     values.
@@ -121,9 +123,11 @@ def part_of(track: Track, start: float, end: float) -> Track:
 
 
 def track_of(columns: dict[str, Array], place: Place, limits: TrackLimits) -> Track:
-    """Return the validated and smoothed track of columns (N,).
+    """Return the validated and smoothed track from the columns (N,) of a file.
 
-    ``place`` returns the position of a row in the file, for messages.
+    The keys of ``columns`` are time_s, latitude_deg, longitude_deg and height_m, and optionally
+    heading_deg, pitch_deg and roll_deg. ``place`` is a function that returns the place of a row in
+    the file, for messages.
 
     Raises TrajectoryError if a value is invalid; the message states the line, the value and the
     allowed values.
@@ -318,8 +322,8 @@ def resample(
     Raises
     ------
     TrajectoryError
-        If the track is shorter than a sampling interval, or turns too fast within one. If the
-        track has no heading, and its velocity is too small to define one.
+        If the track is shorter than a sampling interval, or turns too fast within an interval.
+        Also if the track has no heading and is too slow to define a heading.
     """
     times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
     if len(times) < 2:

@@ -40,9 +40,11 @@ def parse(
     fewest: int = FEWEST_ROWS,
     columns: str | Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Array], int, str]:
-    """Return known columns (N,) of a CSV text, line number of the first row, and zero level.
+    """Return the columns (N,) of a CSV text, line number of the first row, and zero level.
 
-    The name of the height column states the zero level (:func:`.coordinate_names.zero_level`).
+    Columns are in a dict by key. A key is the standard name of a column, for example ``height_m``.
+    The zero level is the level from which heights count, for example ``sea level``. It is taken
+    from the name of the height column, see :func:`.coordinate_names.zero_level`.
 
     Columns may be separated by commas, semicolons or tabs. Columns with unknown names, or not in
     ``keys``, are ignored. A name may have a unit in brackets, and times may be dates (ISO 8601). At

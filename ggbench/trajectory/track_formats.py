@@ -44,7 +44,7 @@ _HEAD = 65_536
 class Rows:
     """Rows of a track file: columns (N,) by name, and a remark on heights.
 
-    ``place`` describes the position of a row in the file, for messages.
+    ``place`` is a function that returns the place of a row in the file, for messages.
     """
 
     columns: dict[str, Array]
@@ -53,7 +53,10 @@ class Rows:
 
 
 def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> Rows:
-    """Return the rows of a track file; ``columns`` are the column names of a CSV file.
+    """Return the rows of a track file.
+
+    ``columns`` is for CSV files only. It is the name of a preset, or maps standard names to the
+    column names of the file.
 
     Raises TrajectoryError if the file is invalid; the message states the place, the value and the
     allowed values.
@@ -83,8 +86,8 @@ def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> R
 def recognised(content: bytes) -> tuple[str, str]:
     """Return the format and the text of a file; ("csv", "") if no other format is recognised.
 
-    Raises TrajectoryError if the file is a zip archive, or if a file of a recognised format is not
-    UTF-8 text.
+    Raises TrajectoryError if the file is a zip archive. The error is also raised if a file of a
+    recognised format, except NMEA 0183, is not UTF-8 text.
     """
     head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for name, looks in _FORMATS.items():

@@ -70,9 +70,10 @@ def fly(
 ) -> Trajectory:
     """Return the true trajectory of manoeuvres from an initial state.
 
-    The heading follows the velocity, and the pitch the climb angle. Turns are coordinated:
-    tan(bank) = speed · turn rate / g. In the first and last five seconds of a turn, the turn rate
-    rises and falls as a raised cosine. The bank angle follows the turn rate.
+    The heading is the direction of the velocity. If ``banks`` is true, the climb angle is added to
+    the pitch, and turns are coordinated: tan(bank) = speed · turn rate / g. In the first and last
+    five seconds of a turn, the turn rate rises and falls as a raised cosine. The bank angle follows
+    the turn rate.
 
     Parameters
     ----------

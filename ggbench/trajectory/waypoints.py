@@ -19,7 +19,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 @dataclass(frozen=True)
 class Waypoint:
-    """Turn towards a waypoint, the shorter way, and straight level leg at constant speed.
+    """Shorter turn towards a waypoint, then a straight level leg at constant speed.
 
     The leg ends at most a tenth of a second of flight before or after the waypoint.
 
@@ -42,7 +42,10 @@ class Waypoint:
         return _STEP * len(turned) + self._ahead(end)[1] / speed_of(start)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return rates (count, 3): the heading rate of the turn, and zero after it."""
+        """Return rates (count, 3) of heading, speed and climb angle.
+
+        Only the heading rate differs from zero, and only in the turn.
+        """
         rates = np.zeros((count, 3))
         turned = self._turned(start, dt)[0][:count]
         rates[: len(turned)] = turned
