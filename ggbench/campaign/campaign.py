@@ -57,7 +57,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
 
 @contextlib.contextmanager
 def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
-    """Convert a user error in the ``with`` block to a CampaignError that names the case."""
+    """Raise CampaignError that names the case, for a user error in the ``with`` block."""
     try:
         yield
     except GGBenchError as error:

@@ -30,17 +30,19 @@ def test_bursts_last_as_long_as_stated_and_fill_their_share():
     assert abs(struck.mean() - 0.2) < 3.9 * deviation
 
 
-@pytest.mark.parametrize("duration", [0.0, 10.0, 1000.0])
-def test_the_share_is_that_of_every_time(duration):
+@pytest.mark.parametrize(
+    ("duration", "spacing"), [(0.0, 5.0), (0.5, 0.25), (10.0, 5.0), (1000.0, 5.0)]
+)
+def test_the_share_is_that_of_every_time(duration, spacing):
     """Of 20000 chains at the first reading, at a later one and after a gap, whatever the duration.
 
-    And two readings 5 s apart are both struck as the process in continuous time says.
+    And two successive readings are both struck as the process in continuous time says.
     """
-    times = np.array([3.0, 8.0, 13.0, 100.0])
+    times = np.array([3.0, 3.0 + spacing, 3.0 + 2.0 * spacing, 100.0])
     struck = bursts(times, 0.05, duration, 20_000, np.random.default_rng(2))
     for row in struck:
         assert likely(row.sum(), binom(20_000, 0.05))
-    kept = np.exp(-5.0 / (0.95 * duration)) if duration else 0.0
+    kept = np.exp(-spacing / (0.95 * duration)) if duration else 0.0
     for one, other in ((0, 1), (1, 2)):
         both = (struck[one] & struck[other]).sum()
         assert likely(both, binom(20_000, 0.05 * (0.05 + 0.95 * kept)))
