@@ -119,8 +119,8 @@ def advance(
     ----------
     now : the Gaussians; on return the remaining Gaussians are the first entries.
     mean, cov, evidence : (K, n), (K, n, n), (K,) output; ``evidence`` is empty if it is not needed.
-    counts : (1,) number of evaluations of h, increased.
-    sizes : (1,) sum over the epochs of the number of Gaussians, increased.
+    counts : (1,) number of evaluations of h; those of this call are added.
+    sizes : (1,) number of Gaussians; the number at each epoch is added.
 
     Returns
     -------

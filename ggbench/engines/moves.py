@@ -68,7 +68,7 @@ class Moves(NamedTuple):
 
     @property
     def most_bending(self) -> float:
-        """Return the option ``straight``, scaled to the number N of particles."""
+        """Return the limit of the residual variance of a linear h, for N particles."""
         return self.straight * _USUAL / self.particles
 
 

@@ -72,7 +72,7 @@ class Whitening(NamedTuple):
         return np.asarray(self.weights.sum(axis=1))
 
     def apply(self, readings: np.ndarray) -> np.ndarray:
-        """Return the whitened measurements w (..., G, m) of measurements z (..., G, m)."""
+        """Return the whitened measurements w (..., G, m) of z (..., G, m) at G epochs."""
         white = np.zeros(readings.shape)
         for weights, lags in zip(self.weights.swapaxes(0, 1), self.lags.T, strict=True):
             at = np.flatnonzero(lags >= 0)

@@ -8,15 +8,15 @@ autocovariance N:
 - the residuals of fitted lines have N − E, because the map has fitted part of the noise (exact for
   an optimal map: Rasmussen & Williams 2006, section 2.2).
 
-Half the difference of the two is the estimate of E; the noise N cancels. This estimate is the mean
-of two values: E on the fitted lines, and E at one line spacing from the nearest fitted line. At the
-correlation distance, E is 1/e of its value at lag zero.
+Half the difference of the two is the estimate of E; the noise N cancels. E differs between fitted
+lines and held-back lines, which lie one line spacing away. The estimate is the mean of both values.
+At the correlation distance, E is 1/e of its value at lag zero.
 
-The errors of tensor components that were not measured follow from an isotropic field, in which the
-variances of EE, EN, EU, NN, NU and UU have the ratio 3 : 1 : 4 : 3 : 4 : 8.
+The errors of tensor components that were not measured follow from an isotropic field. In such a
+field the variances of Γ_EE, Γ_EN, Γ_EU, Γ_NN, Γ_NU and Γ_UU have the ratio 3 : 1 : 4 : 3 : 4 : 8.
 
-If the difference is not positive, the error is unknown. Residuals have zero mean along a line, so
-the error excludes the unknown constant of each line.
+If the difference is not positive, the error is unknown. The mean residual of each line is removed
+first. The error therefore does not contain a constant map error along a line.
 """
 
 from __future__ import annotations

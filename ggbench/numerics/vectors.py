@@ -242,7 +242,7 @@ def store_from(typing: Any, array: Any, start: Any, value: Any) -> Any:
 
 @intrinsic
 def transposed(typing: Any, rows: Any) -> Any:
-    """Return the transpose of a square matrix, both as tuples of LANES row vectors."""
+    """Return the transpose of a square matrix. Argument and result are tuples of row vectors."""
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         rows = cgutils.unpack_tuple(builder, args[0], LANES)

@@ -58,8 +58,9 @@ class Cell:
 def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell]]:
     """Return the grid of a ``[sweep]`` table, and a list of the points.
 
-    The points are ordered case by case, with the last axis varying fastest. ``bases`` has the
-    titles of the varied cases by name. If ``bases`` is empty, the tables of the file are varied.
+    The points are ordered case by case, with the last axis varying fastest. ``bases`` maps
+    the name of each varied case to its title. Without cases, the tables of the file itself are
+    varied.
     The name of a point contains the coordinates, and the case's name if several cases are varied.
     """
     bases = bases or {"": ""}

@@ -144,11 +144,11 @@ class Prefilter:
 
     Attributes
     ----------
-    matrix : (H, H) first H rows and columns of A; None if A is the identity. H is K, or large
-        enough to cover the start of the filter.
-    later : (C, C + B − 1) block of A for C successive outputs after the first H. The same block
-        applies to the next C outputs, and so on. Each row of the block has B significant lags. The
-        array is empty if there are no later outputs.
+    matrix : (S, S) first S rows and columns of A; None if A is the identity. If the effect of the
+        start decays, S covers the start of the filter; otherwise S is K.
+    later : (C, C + B − 1) block of A for C successive outputs after the first S. The same block
+        applies to the next C outputs, and so on. Row i is zero outside the columns i to i + B − 1:
+        an output depends on B inputs. The array is empty if S is K.
     gain, delay_samples : (K,) gain g_k and delay τ_k [samples] of the low-pass followed by A, for
         slow signals.
     """
