@@ -47,7 +47,7 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
     """
     if case.measured_sensors():
         return "measured"
-    wrong = _set_apart(case)
+    wrong = set(_set_apart(case))
     receivers = [name for name, spec in case.sensor.items() if isinstance(spec, GnssSpec)]
     if any(
         key.startswith(f"truth.{table_of(name)}.dropout") for key in wrong for name in receivers
@@ -81,8 +81,7 @@ def is_right_model(case: CaseSpec) -> bool:
     white = spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"
     if case.measured_sensors() or white:  # the noise behind a filter is coloured
         return False
-    wrong = {key for key in _set_apart(case) - _OF_GRAVITY if not key.endswith(".dropouts_s")}
-    return not wrong and not _unknown_gravity(case)
+    return all(map(_is_neutral, _set_apart(case))) and not _unknown_gravity(case)
 
 
 def model_errors(case: CaseSpec) -> list[str]:
@@ -91,18 +90,13 @@ def model_errors(case: CaseSpec) -> list[str]:
     A gravity disturbance that is neither compensated nor modelled by states adds "gravity". Gaps at
     known times are no model errors.
     """
-    sides = (case.truth, case.model)
-    true, assumed = (dict(_set_keys(side.model_dump(exclude_defaults=True))) for side in sides)
-    neutral = {key.partition(".")[2] for key in _OF_GRAVITY}
-    differing = {
-        key.split(".")[0]
-        for key in true.keys() | assumed.keys()
-        if true.get(key) != assumed.get(key)
-        and key not in neutral
-        and not key.endswith(".dropouts_s")
-    }
-    modelled = "disturbance" in differing
-    if _unknown_gravity(case) and not modelled:
+    values, differing = _set_apart(case), set()
+    for key, value in values.items():
+        side, _, own = key.partition(".")
+        other = "model" if side == "truth" else "truth"
+        if not _is_neutral(key) and values.get(f"{other}.{own}") != value:
+            differing.add(own.split(".")[0])
+    if _unknown_gravity(case) and "disturbance" not in differing:
         differing.add("gravity")
     return sorted(differing - {"disturbance"})
 
@@ -115,10 +109,15 @@ _OF_GRAVITY = {
 """Keys of the gravity disturbance and of its compensation, which do not change the map."""
 
 
-def _set_apart(case: CaseSpec) -> set[str]:
-    """Return the keys that are set in the tables ``truth`` and ``model`` of a case."""
-    changed = _set_keys(case.model_dump(exclude_defaults=True))
-    return {key for key, _ in changed if key.split(".")[0] in ("truth", "model")}
+def _is_neutral(key: str) -> bool:
+    """Return whether a key of truth or model makes no model error, see :func:`model_errors`."""
+    return key in _OF_GRAVITY or key.endswith(".dropouts_s")
+
+
+def _set_apart(case: CaseSpec) -> dict[str, Any]:
+    """Return the keys that are set in the tables ``truth`` and ``model`` of a case, with values."""
+    tables = case.model_dump(include={"truth", "model"}, exclude_defaults=True)
+    return dict(_set_keys(tables))
 
 
 def _unknown_gravity(case: CaseSpec) -> bool:
