@@ -274,9 +274,13 @@ def riddles(source: str) -> list[str]:
     return [] if first.endswith(".") and not _CLAUSE.search(first) else [first or "no docstring"]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_the_first_line_of_a_module_is_a_noun_phrase(path):
-    assert riddles(path.read_text(encoding="utf-8")) == []
+def test_the_first_line_of_a_module_is_a_noun_phrase():
+    lines = {
+        str(path.relative_to(ROOT)): line
+        for path in MODULES
+        if (line := riddles(path.read_text(encoding="utf-8")))
+    }
+    assert lines == {}
 
 
 def test_a_first_line_with_a_clause_is_found():

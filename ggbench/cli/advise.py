@@ -62,9 +62,10 @@ def advise(
     """Recommend an estimator and an instrument for a SCENARIO.
 
     SCENARIO is a name or a path. The command runs the INS and the estimators that the
-    standard suite recommends. It prints the best estimator with its position error and computing
-    time, and the error sources that limit the accuracy. With --target it also prints the
-    gradiometer noise that reaches this position error.
+    standard suite recommends. It prints the fastest recommended filter and the best smoother,
+    each with its position error and computing time. It also prints the error sources that limit
+    the accuracy. With --target it also prints the gradiometer noise that reaches this position
+    error.
 
     Exit code 1 if a --target is given and no gradiometer reaches it.
     """

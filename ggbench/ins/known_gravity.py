@@ -19,7 +19,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import EOTVOS, normal_gradient_of
 from ..gravity.field import DisturbanceMap, Field
-from ..numerics.kernels import compiled, copied
+from ..numerics.kernels import LANES, compiled, copied
 from ..numerics.lanes import lanes
 from ..numerics.records import record
 from .local_level import frame_rates_of, place_of
@@ -63,7 +63,12 @@ class KnownGravity:
     readings: GradientReadings
 
 
-_NO_READINGS = GradientReadings(lanes(0, 6), np.zeros(0, dtype=np.int64), lanes(1, 6), lanes(0, 3))
+_NO_READINGS = GradientReadings(  # by NumPy: the first call of a kernel takes a tenth of a second
+    tensors=np.zeros((0, 6, LANES)),
+    latest=np.zeros(0, dtype=np.int64),
+    held=np.zeros((1, 6, LANES)),
+    total=np.zeros((0, 3, LANES)),
+)
 NO_MAP = Field.normal().disturbance_map
 NORMAL_GRAVITY = KnownGravity(NO_MAP, _NO_READINGS)
 """No disturbance: the mechanization uses normal gravity alone."""

@@ -17,7 +17,7 @@ CAPTION = "League of the estimators"
 EXPLANATION = (
     "Cells: RMS error divided by the oracle's, or by the bound where the model is wrong. In "
     "row titles: bound of filters. Lost: share of lost runs, if above half. Lower panel: share of "
-    "cases within a ratio (abscissa) to the best filter's error."
+    "cases with an RMS error up to x times the best filter's."
 )
 """Words below the figure."""
 

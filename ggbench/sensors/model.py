@@ -255,7 +255,7 @@ class SensorModel:
 
     Whitening of coloured noise combines a few successive measurements. Each is evaluated at its INS
     position minus the position error at epoch k. This neglects the change of the position error
-    during the lag. The change is the velocity error times the lag, which is at most 15 s in the
+    during the lag. The change is the velocity error times the lag, which is 15 or 20 s in the
     shipped flights. In the scenario ``vinton2008`` this approximation raises the error bounds by
     0.7 to 1.1 %.
 

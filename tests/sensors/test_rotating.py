@@ -278,6 +278,17 @@ def test_jitter_about_the_spin_axis_meets_a_cross_rate_in_the_axial_lean():
         assert close(simulated, error_budget(ODD, plus, *world)[name])
 
 
+@pytest.mark.parametrize("name", ["axial_misalignment_pair12", "axial_misalignment_pair34"])
+def test_an_axial_lean_measures_gradients_along_the_spin_axis(name):
+    """Γ_xz and Γ_yz without rotation, whose Coriolis acceleration would hide them."""
+    world = (np.array([0.0, 0.0, 2e4, 0.0, -3e4, 0.0]), np.zeros(3), np.zeros(3))
+    plus, minus = (RotatingErrors(**{name: value}) for value in (1e-5, -1e-5))
+    simulated = (read(ODD, plus, *world) - read(ODD, minus, *world)) / 2.0
+    budget = error_budget(ODD, plus, *world)[name]
+    assert np.abs(budget).max() > 1e-2
+    assert close(simulated, budget)
+
+
 @pytest.mark.parametrize("instrument", [WHOLE, ODD], ids=["whole", "odd"])
 def test_an_isotropic_tensor_is_not_seen_whatever_the_errors(instrument):
     rng = np.random.default_rng(17)
