@@ -132,8 +132,8 @@ FRAMEWORKS = (
 
 OTHERS = (
     ("pykalman, simdkalman, statsmodels", "linear models, or constant Q and R"),
-    ("symforce", "symbolic residuals"),
+    ("symforce", "needs symbolic residuals"),
     ("pyrecest", "filterpy's code"),
-    ("g2o", "the method of pyceres"),
+    ("g2o", "same method as pyceres"),
 )
 """Packages without a row, and why."""
