@@ -10,7 +10,7 @@ import numpy as np
 
 
 def arrays_within(*roots: object) -> list[np.ndarray]:
-    """Return all arrays (...) that are reachable from the given objects."""
+    """Return all arrays, of any shape (...), that are reachable from the given objects."""
     items: dict[int, object] = {}
     waiting = list(roots)
     while waiting:

@@ -19,8 +19,8 @@ import numpy as np
 
 from ..gravity.ellipsoid import EOTVOS, normal_gradient_of
 from ..gravity.field import DisturbanceMap, Field
-from ..numerics.kernels import LANES, compiled, copied
-from ..numerics.lanes import lanes
+from ..numerics.kernels import compiled, copied
+from ..numerics.lanes import allocate, lanes
 from ..numerics.records import record
 from .local_level import frame_rates_of, place_of
 
@@ -63,12 +63,14 @@ class KnownGravity:
     readings: GradientReadings
 
 
-_NO_READINGS = GradientReadings(  # by NumPy: the first call of a kernel takes a tenth of a second
-    tensors=np.zeros((0, 6, LANES)),
-    latest=np.zeros(0, dtype=np.int64),
-    held=np.zeros((1, 6, LANES)),
-    total=np.zeros((0, 3, LANES)),
-)
+def _no_readings() -> GradientReadings:
+    """Return an empty set of measurements, without the first call of a kernel, which is slow."""
+    tensors, held, total = allocate((0, 6), (1, 6), (0, 3))
+    held[:] = 0.0
+    return GradientReadings(tensors, np.zeros(0, dtype=np.int64), held, total)
+
+
+_NO_READINGS = _no_readings()
 NO_MAP = Field.normal().disturbance_map
 NORMAL_GRAVITY = KnownGravity(NO_MAP, _NO_READINGS)
 """No disturbance: the mechanization uses normal gravity alone."""

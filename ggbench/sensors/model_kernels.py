@@ -513,7 +513,7 @@ def linearise(
 ) -> None:
     """Fill h (N, m) and H (N, m, n) at states (N, n) at epoch ``k``.
 
-    ``model`` is a block of one run. ``predicted`` is the output for h, and ``out`` that for H.
+    ``model`` is a block of one run. The array ``predicted`` receives h, the array ``out`` H.
     """
     x = lanes.lanes(1, states.shape[1])
     _linearise(

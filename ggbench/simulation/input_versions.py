@@ -12,7 +12,9 @@ Versions = tuple[tuple[int, int], ...]
 
 
 def input_versions(case: CaseSpec) -> Versions:
-    """Return modification time [ns] and size [bytes] of each input file; zeros for built maps.
+    """Return modification time [ns] and size [bytes] of each input file.
+
+    The two numbers are zero for a map without a file.
 
     Raises
     ------

@@ -63,7 +63,7 @@ def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]],
     """Return a class decorator that adds the keys of another table as optional keys.
 
     Types, limits and descriptions are those of the other table. The default of each key is None.
-    Only ``kind`` keeps its own default, because it cannot be changed.
+    Only ``kind`` keeps the default of the other table, because the kind cannot be changed.
 
     Parameters
     ----------

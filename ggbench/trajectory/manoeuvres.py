@@ -131,7 +131,7 @@ class Turn:
     to : final heading [rad]; None if ``by`` is given.
     direction : direction of a turn ``to`` a heading: 1 right, -1 left, 0 the shorter way.
     bank, rate, radius : bank angle [rad], turn rate [rad/s] or radius [m]; two of the three are
-        None. A turn that is too small to reach this turn rate has a lower turn rate.
+        None. The turn rate is lower if the angle is too small for the time of rolling in and out.
     """
 
     by: float | None = None
