@@ -89,17 +89,26 @@ def _ins(cases: Sequence[CaseSpec]) -> str:
 
 
 def _initial(cases: Sequence[CaseSpec]) -> str:
+    """Return the standard deviations per axis; height and heading only if they differ."""
     priors = [case.initial_error for case in cases]
-    return (
-        f"{_span(prior.position_m for prior in priors)} m, "
-        f"{_span(prior.velocity_mps for prior in priors)} m/s, "
-        f"{_span(prior.attitude_arcmin for prior in priors)}′"
-    )
+    parts = [f"{_span(prior.position_m for prior in priors)} m"]
+    if any(prior.height_m is not None for prior in priors):
+        parts.append(f"height {_span(_given(p.height_m, p.position_m) for p in priors)} m")
+    parts.append(f"{_span(prior.velocity_mps for prior in priors)} m/s")
+    parts.append(f"{_span(prior.attitude_arcmin for prior in priors)}′")
+    if any(prior.heading_arcmin is not None for prior in priors):
+        headings = (_given(p.heading_arcmin, p.attitude_arcmin) for p in priors)
+        parts.append(f"heading {_span(headings)}′")
+    return ", ".join(parts)
+
+
+def _given(value: float | None, default: float) -> float:
+    return default if value is None else value
 
 
 def _span(values: Iterable[float]) -> str:
-    """Return a value, or the least and the largest, with four significant digits."""
-    ordered = [float(f"{value:.4g}") for value in sorted(values)]
+    """Return a value, or the least and the largest; two significant digits if below 100."""
+    ordered = [float(f"{value:.2g}") if value < 100.0 else value for value in sorted(values)]
     return span(f"{ordered[0]:g}", f"{ordered[-1]:g}", separator="–")
 
 

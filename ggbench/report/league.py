@@ -15,7 +15,7 @@ from . import columns, tables
 
 CAPTION = "League of the estimators"
 EXPLANATION = (
-    "Cells: RMS error divided by the oracle's, or by the bound where the model is wrong. In "
+    "Upper cells: RMS error divided by the oracle's, or by the bound where the model is wrong. In "
     "row titles: bound of filters. Lost: share of lost runs, if above half. Lower panel: share of "
     "cases with an RMS error up to x times the best filter's."
 )
