@@ -265,7 +265,7 @@ class GravimeterSpec(PeriodicSpec):
     def in_words(self) -> str:
         """Gravimeter in words, with the noise if the measurements are simulated."""
         if self.readings == "measured":
-            return "measured gravimeter"
+            return "measured gravity"
         return f"gravimeter {self.noise_mgal:g} mGal"
 
 

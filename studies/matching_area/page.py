@@ -118,7 +118,7 @@ def _indices(indices: pd.DataFrame) -> pd.DataFrame:
     for place, region in enumerate(design.REGIONS, start=2):
         own = near[near["region"] == region.name].set_index("index")["spearman"]
         cells = [f"{own[index]:.2f}" if index in own else "–" for index in table["index"]]
-        table.insert(place, region.title, cells)
+        table.insert(place, f"{OUTCOMES['accuracy']}: {region.title}", cells)
     return table
 
 

@@ -205,7 +205,7 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
     """
     measured = small_case(gravity)
     assert situation_of(measured, 1000.0) == "measured" and not is_right_model(measured)
-    assert other_conditions([measured]) == "measured gravimeter every 2 s"
+    assert other_conditions([measured]) == "measured gravity every 2 s"
     assert "with its real errors" in map_conditions(measured)
     exact = small_case(
         gravity
