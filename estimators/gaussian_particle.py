@@ -41,7 +41,8 @@ class GaussianParticle(Estimator):
     ----------
     particles : number of samples at every epoch.
     proposal : density from which samples are drawn. ``prior``: the prediction. ``ekf`` or ``ukf``:
-        the prediction, updated by an extended Kalman filter or by a cubature Kalman filter.
+        the prediction, updated by an extended Kalman filter, or by an unscented Kalman filter with
+        cubature points.
     """
 
     particles: Annotated[int, Field(ge=2, le=_MOST)] = 3000

@@ -51,13 +51,13 @@ def netcdf_file(
     Parameters
     ----------
     path : path of a netCDF-3 or netCDF-4 file.
-    error : class of the error that is raised if the file refers to values of another file, or if
+    error : class of the error that is raised if the file links to data in another file, or if
         opening or reading it fails. It replaces any exception of the libraries; a
         :class:`.errors.GGBenchError` passes unchanged.
     what : name of the file in the error message.
     library : ``netCDF4`` yields a ``netCDF4.Dataset``; ``xarray`` yields an ``xarray.Dataset`` with
         missing values as NaN and times as numbers.
-    again : whether an earlier call has searched the file for references to other files. If True,
+    again : whether an earlier call has searched the file for links to other files. If True,
         the search is omitted.
     """
     if not again:
@@ -86,8 +86,8 @@ def netcdf_file(
 def new_netcdf_file(path: Path) -> Iterator[Any]:
     """Create a netCDF-4 file, yield its ``netCDF4.Dataset``, and close it.
 
-    The thread holds the lock only while it creates or closes the file. Hold :data:`NETCDF_LOCK`
-    while you write.
+    The function holds :data:`NETCDF_LOCK` only while it creates or closes the file. Hold it while
+    you write.
     """
     import netCDF4
 

@@ -75,7 +75,7 @@ class Campaign:
     argument : name or path of the scenario, as the user wrote it.
     labels : texts of the chosen estimators, for example ``ukf[points=merwe]``.
     runs, seed : number of runs per case, and the seed of all random numbers.
-    assumptions : whether to run the scenario's assumptions too.
+    assumptions : whether to run the cases in the scenario's assumption tables too.
     folder : results folder.
     cases : names of the cases to run; ``()``: all.
     limit : time limit of one run of one estimator [s].

@@ -72,10 +72,10 @@ def split_prior(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the prior as a grid of Gaussians: log weights (J,), means (J, n), covs (J, n, n).
 
-    The grid lies along the principal axes of the position prior. The position states are all states
-    in metres. A split axis has several grid points. Along it each Gaussian has a smaller standard
-    deviation than the prior. The regression of the other states on the position is that of the
-    prior. Means and covariances are in units of the prior's standard deviations.
+    The grid lies along the principal axes of the position prior. Every state with the unit metre is
+    a position state. A split axis has several grid points. Along it each Gaussian has a smaller
+    standard deviation than the prior. The regression of the other states on the position is that of
+    the prior. Means and covariances are in units of the prior's standard deviations.
 
     Parameters
     ----------

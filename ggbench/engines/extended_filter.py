@@ -114,7 +114,8 @@ class UpdateOptions(NamedTuple):
         :mod:`.robust_weights`.
     noise_memory : number of measurements over which the noise is estimated; 0 keeps the assumed
         noise.
-    gate : acceptance probability of the gate, see :mod:`.innovation_gating`; 0 for no gate.
+    gate : probability that the gate accepts a measurement without outlier, see
+        :mod:`.innovation_gating`; 0: no gate.
         The gate applies to plain updates only.
     underweighting : factor β of the underweighting, see :mod:`.innovation_gating`; 0 for none.
         The underweighting applies to plain updates only.

@@ -193,7 +193,7 @@ def gather_motion(smoother: Smoother, group: np.ndarray, k: int) -> None:
 
 @compiled
 def gather_motions(smoother: Smoother, group: np.ndarray) -> None:
-    """Fill Φ and Q of a group of runs (lanes,) at all epochs."""
+    """Fill Φ and Q of ``smoother`` at all epochs, for a group (lanes,) of runs."""
     for k in range(smoother.path.moving.shape[0]):
         gather_motion(smoother, group, k)
 

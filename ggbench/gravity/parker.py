@@ -112,7 +112,7 @@ def terrain_layers(
     Yields
     ------
     Tensor (n_lat, n_lon, 6) [E] and gravity vector (n_lat, n_lon, 3) [m/s²] for each height, in
-    geodetic ENU axes. The tensor is the gradient of the gravity vector on a flat Earth.
+    geodetic ENU axes. Both are computed for a flat Earth.
 
     Raises
     ------

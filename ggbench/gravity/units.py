@@ -107,7 +107,7 @@ def unit_of(attributes: Mapping[str, Any]) -> str:
 def upward(
     values: Array, attributes: Mapping[str, Any], variable: str, name: str
 ) -> tuple[Array, str]:
-    """Return heights (...), positive up, and a remark ("" if the values are unchanged).
+    """Return an array (...) of heights, positive up, and a remark ("" if the values are unchanged).
 
     Depths are negated. Values are depths if their attribute ``positive`` is ``down``, if their CF
     standard name is that of a depth, or if they are named depth and are nowhere negative.

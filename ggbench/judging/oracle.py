@@ -1,4 +1,4 @@
-"""Oracle, a filter or smoother linearised at the truth: compiled code for blocks of runs."""
+"""Compiled oracle (a filter or smoother linearised at the truth) for blocks of runs."""
 
 from __future__ import annotations
 

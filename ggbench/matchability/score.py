@@ -162,7 +162,7 @@ def score(
 
     Returns
     -------
-    Scores whose ``table`` has these columns; the unit u is E, or mGal for a gravimeter:
+    Scores whose ``table`` has these columns:
 
     ``south_deg``, ``north_deg``, ``west_deg``, ``east_deg``
         the cell;
@@ -181,9 +181,8 @@ def score(
         smallest ambiguity A_min (:func:`~.information.least`) over all headings, and the heading
         with this ambiguity;
     ``false_fix``
-        sum of two probabilities, averaged over the headings, at most 1. One is the union bound of
-        a false fix (:func:`~.information.false_fix_bound`). The other is the result of
-        :func:`~.information.spill`;
+        predicted share of false fixes: the union bound :func:`~.information.false_fix_bound` plus
+        the probability :func:`~.information.spill`, at most 1, averaged over the headings;
     ``index``, ``grade``
         index and grade from principal components. If there are too few cells, the index is NaN and
         the grade is "".
@@ -191,8 +190,8 @@ def score(
     Raises
     ------
     MapError
-        If the map does not contain the height, or a cell with its surroundings; if there are too
-        many cells; if a cell has too few or too many nodes.
+        If the map does not contain the height of the tracks, or a cell with its surroundings; if
+        there are too many cells; if a cell has too few or too many nodes.
     """
     import pandas as pd  # not at the top: it loads slowly
 

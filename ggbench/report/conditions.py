@@ -184,10 +184,12 @@ def _model_errors(cases: Sequence[CaseSpec]) -> str:
     for case in cases:
         names = [_ABBREVIATED.get(name, name) for name in model_errors(case)]
         words.append(" and ".join(names).replace("_", " ") or "none")
-    distinct = list(dict.fromkeys(words))
-    if distinct == ["none"]:
-        return ""
-    return "; ".join(distinct) if len(distinct) <= _MOST_VALUES else "varies by case"
+    distinct = [word for word in dict.fromkeys(words) if word != "none"]
+    if len(distinct) + ("none" in words) > _MOST_VALUES:
+        return "varies by case"
+    if distinct and "none" in words:
+        return "; ".join(distinct) + ("; or none" if len(distinct) > 1 else " or none")
+    return "; ".join(distinct)
 
 
 def _range(values: pd.Series, unit: str) -> str:

@@ -19,8 +19,8 @@ from .reported import Reported
 ANSWER, EXPLANATION = "answer.png", "error_over_time.png"
 """Files of the figures."""
 _ON_GRAVITY = (
-    "Published improvements if the gravity disturbance is known. Largest response: the largest "
-    "error that the disturbance causes in an otherwise perfect INS"
+    "Published: improvement by a known gravity disturbance. Largest response: largest error that "
+    "the disturbance causes in an otherwise perfect INS"
 )
 _MOST_CLAIMS = 6
 """Largest number of claims on estimators in the table of a page; their labels are long."""

@@ -176,11 +176,11 @@ def gravity_claims(results: Results) -> pd.DataFrame:
 def claimed(results: Any) -> pd.DataFrame:
     """Return a table of published claims on pairs of estimators, with verdicts.
 
-    A claim "equal" holds if the verdict on the pair is "equivalent". A claim "larger" holds if the
-    verdict is "worse", and a claim "smaller" holds if the verdict is "better". A claim on computing
-    times compares medians. All other claims of the scenario form one family of tests, over which
-    the p-values are adjusted (:func:`.judging.pairs.family`). An undecided claim is "open"; its row
-    has the number of runs that a decision needs.
+    A claim of an "equal" error holds if the verdict on the pair is "equivalent". A claim of a
+    "larger" error holds if the verdict is "worse", of a "smaller" error if it is "better". A claim
+    on computing times compares medians. All other claims of the scenario form one family of tests,
+    over which the p-values are adjusted (:func:`.judging.pairs.family`). An undecided claim is
+    "open"; its row has the number of runs that a decision needs.
     """
     judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
     metrics = results.metrics()

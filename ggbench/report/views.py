@@ -49,7 +49,7 @@ def comparable(metrics: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
 
 
 def left_out(metrics: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
-    """Return the estimators that have fewer runs than another estimator in each of their cases."""
+    """Return the estimators that have fewer runs than others in every case that they flew."""
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     comparable_labels = comparable(rows)["estimator"]
     return [label for label in rows["estimator"].unique() if label not in set(comparable_labels)]

@@ -1,7 +1,7 @@
 """Stored runs of the standard suite by a roster (a named set of estimators).
 
-``make suite`` writes these runs from a results folder. A scored estimator is compared with them, so
-the other estimators need not be run again.
+``make suite`` copies these runs from a results folder into the package. A scored estimator is
+compared with them, so the other estimators need not be run again.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ class Gnss(AidingSensor):
         return np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return the measurements (..., K, e), with positions relative to the new INS track [m]."""
+        """Return measurements (..., K, e) [m] relative to the new INS track, not the old one."""
         if not self.position:
             return readings
         # Metres of the new track: a radian of longitude is worth another length there.
