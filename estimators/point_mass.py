@@ -50,9 +50,9 @@ class PointMass(Estimator):
     step : distance between points of the first grid, in the units of the states: metres for
         positions. It must resolve the likelihood of the first measurement. It is decreased if the
         prior is narrow.
-    resolution : smallest number of cells per standard deviation. For the first grid this is the
-        standard deviation of the prior. After an update it is the standard deviation of the highest
-        peak of the posterior density, see :func:`peak_cells`.
+    resolution : smallest number of cells per standard deviation. The standard deviation is that of
+        the prior for the first grid. After an update it is that of the highest peak of the
+        posterior density, see :func:`peak_cells`.
     """
 
     step: Positive = 20.0

@@ -40,7 +40,7 @@ def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> Gat
 
     Parameters
     ----------
-    gate : probability of accepting a measurement that has the assumed noise; 0 for no gate.
+    gate : probability that the gate accepts a measurement with the assumed noise; 0: no gate.
     underweighting : β; 0 for no underweighting.
     """
     limits = gate_limits(gate, block.present)
@@ -56,7 +56,7 @@ def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    gate : probability of accepting a measurement that has the assumed noise; 0 for no gate.
+    gate : probability that the gate accepts a measurement with the assumed noise; 0: no gate.
     present : (..., m) mask of available channels.
     """
     channels = np.count_nonzero(present, axis=-1)

@@ -48,7 +48,7 @@ class SearchOptions(NamedTuple):
 
     Attributes
     ----------
-    spacing_m, most : spacing [m] and largest number of the Gaussians of a wide prior, see
+    spacing_m, most : spacing [m] of the Gaussians of a wide prior, and their largest number, see
         :func:`.split_prior`.
     iterations : largest number of linearisations of h in each update.
     """

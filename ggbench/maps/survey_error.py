@@ -56,7 +56,8 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     distances are (9,) [m]. If gradients were measured, the results for gravity are NaN. If gravity
     was measured, the results for the tensor are NaN. The results of a
     measured component are NaN if its residuals are not larger on held-back lines than on fitted
-    lines. Components that do not follow from the measured components are then NaN, too. A distance
+    lines. In this case, components that the measured components do not determine are NaN,
+    too. A distance
     is NaN if the autocovariance never falls to 1/e of its value at lag zero.
     """
     measured = weights_of(fit.lines)

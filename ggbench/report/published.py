@@ -52,7 +52,7 @@ def referenced(metrics: pd.DataFrame) -> list[str]:
 def published_table(
     metrics: pd.DataFrame, titles: Mapping[str, str], own: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Return a table of published errors, bounds and errors of estimators.
+    """Return a table with the published errors, the bounds, and the errors of the estimators.
 
     There is a column for each case and window. Estimators that agree within 1% in all columns share
     a row. Users' own estimators come first, even if they failed; all others are sorted by error.
