@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from findings_by_file import findings_by_file
+
 ROOT = Path(__file__).parents[1]
 ROOMS = ("ggbench", "estimators", "tests", "benchmarks", "studies", "docs")
 FILES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
@@ -45,16 +47,13 @@ def test_the_formatter_has_few_exceptions():
 
 
 def test_calls_with_many_arguments_pass_them_by_name():
-    calls = {
-        str(path.relative_to(ROOT)): names
-        for path in FILES
-        if (names := long_calls(ast.parse(path.read_text(encoding="utf-8"))))
-    }
-    assert calls == {}
+    assert findings_by_file(FILES, lambda source: long_calls(ast.parse(source))) == {}
 
 
 def test_exceptions_and_long_calls_are_found():
     """Negative controls: counted at the end of a line; kernels and lists of words are left out."""
+    found = findings_by_file([Path(__file__)], lambda source: [source[:9]])
+    assert found == {"tests/test_layout.py": ['"""Layout']}
     assert skipped("a = [1]  # fmt: skip\nb = '# fmt: skip'\n") == 1
     long = "f(1, 2, 3, 4, 5, 6, 7)"
     assert long_calls(ast.parse(f"x.{long}")) == ["f, line 1"]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from doc_blocks import documents
+from findings_by_file import findings_by_file
 
 ROOT = Path(__file__).parent.parent
 SCENARIOS = ROOT / "scenarios"
@@ -176,12 +177,7 @@ def docstrings(source: str) -> str:
 def test_docstrings_avoid_the_words(room):
     files = sorted((ROOT / room).rglob("*.py"))
     assert files
-    found = {
-        str(file.relative_to(ROOT)): words
-        for file in files
-        if (words := avoided(docstrings(file.read_text(encoding="utf-8"))))
-    }
-    assert found == {}
+    assert findings_by_file(files, lambda source: avoided(docstrings(source))) == {}
 
 
 def test_a_docstring_with_such_a_word_is_found():
@@ -238,12 +234,7 @@ def test_local_names_are_nouns_of_the_field():
         if path.relative_to(package).parts[0] not in KERNELS and path.name not in PAGES
     ]
     assert len(files) > 200
-    names = {
-        str(path.relative_to(ROOT)): names
-        for path in files
-        if (names := everyday_names(path.read_text(encoding="utf-8")))
-    }
-    assert names == {}
+    assert findings_by_file(files, everyday_names) == {}
 
 
 def test_an_everyday_name_is_found():
@@ -275,12 +266,7 @@ def riddles(source: str) -> list[str]:
 
 
 def test_the_first_line_of_a_module_is_a_noun_phrase():
-    lines = {
-        str(path.relative_to(ROOT)): line
-        for path in MODULES
-        if (line := riddles(path.read_text(encoding="utf-8")))
-    }
-    assert lines == {}
+    assert findings_by_file(MODULES, riddles) == {}
 
 
 def test_a_first_line_with_a_clause_is_found():
