@@ -31,8 +31,8 @@ def standing(metrics: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     the best estimator. ``worst_ratio`` and ``mean_ratio`` are the largest value and the geometric
     mean of the error ratios over the cases. ``least_seconds`` and ``most_seconds`` are the least
     and the largest median time per run [s] over the cases. The order is by number of
-    recommendations, then mean ratio, then geometric mean of the times. A case is
-    ignored for estimators that have fewer runs of it than others.
+    recommendations, then mean ratio, then geometric mean of the times. A case is ignored for
+    estimators that have fewer runs of it than others.
 
     Parameters
     ----------

@@ -54,11 +54,10 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
 
     The errors (9,) are those of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; the
     distances are (9,) [m]. If gradients were measured, the results for gravity are NaN. If gravity
-    was measured, the results for the tensor are NaN. The results of a
-    measured component are NaN if its residuals are not larger on held-back lines than on fitted
-    lines. In this case, components that the measured components do not determine are NaN,
-    too. A distance
-    is NaN if the autocovariance never falls to 1/e of its value at lag zero.
+    was measured, the results for the tensor are NaN. The results of a measured component are NaN if
+    its residuals are not larger on held-back lines than on fitted lines. In this case, components
+    that the measured components do not determine are NaN, too. A distance is NaN if the
+    autocovariance never falls to 1/e of its value at lag zero.
     """
     measured = weights_of(fit.lines)
     basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured
