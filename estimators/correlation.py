@@ -13,14 +13,14 @@ Probabilistic data association (PDAF) uses the mean x̂ = Σ β_j x_j of the fiv
 Weaknesses of the method:
 
 * Consecutive differences of measurements with white noise have a correlation of −½, so J is not a
-  log-likelihood. Least squares with this correlation would equal the mean squared difference (MSD)
-  after removal of an unknown constant. J loses the information in differences of measurements that
-  are far apart.
+  log-likelihood. A least-squares criterion with this correlation equals the mean squared difference
+  (MSD) of z and h after subtraction of their mean difference. J loses the information in
+  differences of measurements that are far apart.
 * Decreasing weights suit an estimate of the position at the start of the window. A fix is the
   position at the end.
 * 1/J is not a probability. With twenty measurements J is ten to a thousand times larger at a wrong
-  hill than at the right hill. The weight of the wrong hill is therefore up to some per cent,
-  although it is kilometres away. The probability of a position is proportional to exp(−½ χ²) times
+  hill than at the right hill. A wrong hill, kilometres away, can therefore have a weight of
+  several per cent. The probability of a position is proportional to exp(−½ χ²) times
   the width of the minimum (``association=likelihood``).
 * Five neighbouring grid points in one minimum of J are a single candidate. Their mean only smooths
   the grid and contains no information on other positions.

@@ -23,8 +23,8 @@ _DIRECTIONS = ("east", "north", "up", "west", "south", "down")
 def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
     """Return a text with the axes that fit the lines much better than the stated axes.
 
-    The text is empty if no axes do so, or if the lines contain no gradients. In each of eight
-    conventions, held-back lines are compared with maps of the other lines.
+    The text is empty if no axes do so, or if the lines contain no gradients. Eight conventions of
+    axes are compared. In each, maps of some lines are fitted and compared with the other lines.
 
     Parameters
     ----------

@@ -91,15 +91,15 @@ def _ins(cases: Sequence[CaseSpec]) -> str:
 def _initial(cases: Sequence[CaseSpec]) -> str:
     """Return the standard deviations per axis; height and heading only if they differ."""
     priors = [case.initial_error for case in cases]
-    parts = [f"{_span(prior.position_m for prior in priors)} m"]
+    position = f"{_span(prior.position_m for prior in priors)} m"
     if any(prior.height_m is not None for prior in priors):
-        parts.append(f"height {_span(_given(p.height_m, p.position_m) for p in priors)} m")
-    parts.append(f"{_span(prior.velocity_mps for prior in priors)} m/s")
-    parts.append(f"{_span(prior.attitude_arcmin for prior in priors)}′")
+        position += f" (height {_span(_given(p.height_m, p.position_m) for p in priors)} m)"
+    velocity = f"{_span(prior.velocity_mps for prior in priors)} m/s"
+    attitude = f"{_span(prior.attitude_arcmin for prior in priors)}′"
     if any(prior.heading_arcmin is not None for prior in priors):
         headings = (_given(p.heading_arcmin, p.attitude_arcmin) for p in priors)
-        parts.append(f"heading {_span(headings)}′")
-    return ", ".join(parts)
+        attitude += f" (heading {_span(headings)}′)"
+    return ", ".join([position, velocity, attitude])
 
 
 def _given(value: float | None, default: float) -> float:

@@ -66,7 +66,7 @@ def text(table: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
-SUCCESS_SHOWN = "success if <100%"
+SUCCESS_SHOWN = "success unless 100%"
 """Caption on the success rates in the cells of :func:`error_cell`."""
 
 

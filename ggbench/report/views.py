@@ -59,8 +59,8 @@ def below_bound(metrics: pd.DataFrame, cases: pd.DataFrame) -> bool:
     """Return whether any error is significantly below a bound.
 
     Two kinds of errors are not tested: those that are compared with the oracle, and those of batch
-    smoothers. The bound is an expectation over the specified error statistics. Therefore an error
-    with measured data, in a single gravity field, or in few runs can be below the bound.
+    smoothers. The bound is an expectation over the specified error statistics. Measured
+    data, a single gravity field or few runs can therefore have an error below the bound.
     """
     rows = metrics[(metrics["window"] == "settled") & metrics["case"].isin(cases["case"])]
     rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]
@@ -136,9 +136,9 @@ def answer_table(
             label = labels[number]
             text = cells.of(label)
             if alike := bool(label) and cells.alike(label, "ekf"):
-                text = "EKF" if label == "ekf" else "as EKF"
+                text = "EKF" if label == "ekf" else "≈ EKF"
             if label not in ("", "ekf") and not single[key]:
-                text = f"{code(label)}{',' if alike else ''} {text}"
+                text = f"{code(label)} ({text})" if alike else f"{code(label)} {text}"
             causal_one = key == kind and not case["recommended"] and text != columns.NONE
             row[heads[key]] = f"*{text}*" if causal_one else text
         rows.append(row)

@@ -221,7 +221,7 @@ class Flight:
 
     @cached_property
     def disks(self) -> SpinningDisks | None:
-        """Disks of a rotating gradiometer with simulated imperfections, or None."""
+        """Disks of a rotating gradiometer; None unless their imperfections are simulated."""
         return spinning_disks(self.case)
 
     @cached_property

@@ -181,7 +181,7 @@ def _disk(spec: GradiometerSpec) -> RotatingGradiometer:
 
 
 def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
-    """Return the disks of a rotating gradiometer with simulated imperfections, or None."""
+    """Return the disks of a rotating gradiometer; None unless imperfections are simulated."""
     spec, errors = case.gradiometer, case.truth.gradiometer.rotating
     if spec is None or spec.rotating is None or errors is None:
         return None

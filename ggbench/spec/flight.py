@@ -42,7 +42,7 @@ class FlightError(GGBenchError):
 
 
 class InertialRecording(Recording):
-    """Base of tables for a record with a row for each INS sample."""
+    """Base class of records with one row per INS sample."""
 
     max_gap_s: q.RecordGap | None = None
     """Longest time between two rows. Without it: 1.5 periods."""

@@ -48,9 +48,9 @@ class GradiometerSpec(PeriodicSpec):
     noise_eotvos: q.Noise | None = None
     """RMS noise of a channel. Give this, the density or the noise of rotating accelerometers."""
     noise_density_eotvos_per_sqrt_hz: q.Noise | None = None
-    """Noise density D in place of the RMS. At a rate f the RMS is D √(f/2)."""
+    """Noise density D, given instead of the RMS. At a rate f the RMS is D √(f/2)."""
     coloured_noise: Annotated[str, Field(min_length=1)] | None = None
-    """Vector autoregression (JSON) in place of the RMS: a shipped name or the path of a file."""
+    """Vector autoregression (JSON), given instead of the RMS: shipped name or path of a file."""
     readings: Literal["simulated", "measured"] = "simulated"
     """Simulated measurements, or those of the survey lines that `[trajectory]` flies."""
     bias_eotvos: q.GradiometerBias = 0.0

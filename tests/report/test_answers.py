@@ -62,11 +62,12 @@ def text_of(found, **changes) -> str:
 def test_the_answer_counts_the_cases_without_a_recommendation():
     found = stated(recommended=["ekf", ""])
     text = text_of(found, total=3, count=2, without=["c1"], inconsistent=["ukf"])
-    assert "`gaussian-sum` is recommended in 2 of 3 cases, no estimator in 1." in text
+    assert "In 2 of 3 cases `gaussian-sum` is recommended, in 1 no estimator." in text
     assert "The RMS error of `gaussian-sum` in “case 0” is 4.00 m (95%: " in text
     assert "; INS: " in text
     text = text_of(stated(), inconsistent=["ukf"])
-    assert "is recommended in all 2 cases." in text and "Not always consistent: `ukf`." in text
+    assert "In all 2 cases" in text and "is recommended." in text
+    assert "Not always consistent: `ukf`." in text
     text = text_of(stated(), total=1, inconsistent=["ukf"])
     assert "is recommended. Its RMS error is 4.00 m" in text and "Not consistent: `ukf`." in text
 

@@ -16,7 +16,7 @@ def test_conditions_are_those_of_the_scenario():
     assert table["INS"].startswith("navigation grade, gyros 0.015 °/h")
     assert table["Initial σ"] == "5 m, 0.1 m/s, 1′"
     yao = conditions(scenario.load("yao2010s").cases, cases(1)).set_index("condition")["value"]
-    assert yao["Initial σ"] == "1000 m, height 1 m, 0.1 m/s, 0.17′, heading 1′"
+    assert yao["Initial σ"] == "1000 m (height 1 m), 0.1 m/s, 0.17′ (heading 1′)"
     assert table["Gradiometer"].startswith("0.01 E or 0.001 E, every 1 s or every 5 s")
     assert table["Flight"] == "1.00 min, 50.0 m/s, height 1000 m"
     assert "Model errors" not in table  # of none of its cases

@@ -129,7 +129,7 @@ def test_cells_that_agree_within_one_per_cent_are_said_to_be_equal():
     named["recommended"] = ["ukf", "gaussian-sum"]
     shown = views.answer_table(metrics(), pairs(), named)
     assert shown["cheapest recommended"].tolist() == [
-        "`ukf`, as EKF",
+        "`ukf` (≈ EKF)",
         "`gaussian-sum` 8.00 (×1.00)",
     ]
 

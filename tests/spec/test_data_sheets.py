@@ -12,7 +12,7 @@ from ggbench.spec.gradiometer import GradiometerSpec
 from ggbench.spec.sensors import ImuSpec
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "own_sensor.md"
-ROWS = re.findall(r"^- [a-z ]+ in (\S+): (\S+), `(\w+)`$", PAGE.read_text(), re.MULTILINE)
+ROWS = re.findall(r"^\| [a-z ]+ \[(\S+)\] \| (\S+) \| `(\w+)` \|$", PAGE.read_text(), re.MULTILINE)
 HOUR, G = 3600.0, 9.80665
 SI = {
     "°/s/√Hz": math.radians(1.0),
