@@ -155,7 +155,7 @@ def _of_estimators(estimators: pd.DataFrame) -> pd.DataFrame:
 
 def _heads(flight: str) -> list[str]:
     name = flight.partition(",")[0]
-    return [f"{name} [ms/run]", f"{name}: reference", f"{name}: difference [prior σ]"]
+    return [f"{name} [ms/run]", f"{name}: time ratio", f"{name}: difference [prior σ]"]
 
 
 def _cells(own: pd.DataFrame) -> list[str]:

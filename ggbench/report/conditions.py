@@ -157,9 +157,8 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
     in_all = [name for name in texts if all(name in names for names in sensors_of_cases)]
     parts = [texts[name] for name in in_all]
     some = [texts[name] for name in texts if name not in in_all]
-    if some:
-        parts.append(f"in some cases {' or '.join(some[:_MOST_VALUES])}")
-    return ", ".join(parts)
+    in_some = [f"in some cases: {', '.join(some[:_MOST_VALUES])}"] if some else []
+    return "; ".join([", ".join(parts), *in_some] if parts else in_some)
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
@@ -187,9 +186,7 @@ def _model_errors(cases: Sequence[CaseSpec]) -> str:
     distinct = [word for word in dict.fromkeys(words) if word != "none"]
     if len(distinct) + ("none" in words) > _MOST_VALUES:
         return "varies by case"
-    if distinct and "none" in words:
-        return "; ".join(distinct) + ("; or none" if len(distinct) > 1 else " or none")
-    return "; ".join(distinct)
+    return ("in some cases: " if distinct and "none" in words else "") + "; ".join(distinct)
 
 
 def _range(values: pd.Series, unit: str) -> str:

@@ -162,8 +162,8 @@ def narrow_prior(of: Metrics) -> str:
     apart = max(abs(other - 1.0) for other in others)
     return (
         f"With a narrow prior and the right model use the EKF: its RMS error is {found} times that "
-        f"of an efficient filter ([oracle](definitions.md)). Errors of the UKF and the "
-        f"Gaussian sum are within {apart:.1%} of it."
+        f"of an efficient filter ([oracle](definitions.md)). The errors of the UKF and the "
+        f"Gaussian sum are within {apart:.1%} of the EKF's."
     )
 
 
@@ -219,8 +219,9 @@ def wrong_noise(of: Metrics) -> str:
     if not plain >= 1.2 * told:
         return ""
     return (
-        f"With three times the assumed noise the EKF's RMS error is {metres(plain)} m. With the "
-        f"right noise it is {metres(told)} m. `{ONE_FILTER}` has {metres(one)} m in the first case."
+        f"If the noise is three times the assumed noise, the EKF's RMS error is {metres(plain)} m "
+        f"and that of `{ONE_FILTER}` {metres(one)} m. An EKF that assumes the true noise has "
+        f"{metres(told)} m."
     )
 
 

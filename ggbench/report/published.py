@@ -137,8 +137,8 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
         for name, (at, values) in [*rows.items()][: MOST_ROWS // len(cases)]:
             errors = [math.sqrt(float(values[at >= start].mean())) for start in STARTS_S]
             lines.append([f"{title}: {name}", *map(columns.metres, errors)])
-    heads = [f"t₀ = {start:g} s" for start in STARTS_S]
-    return pd.DataFrame(lines, columns=["RMS error [m] from t₀", *heads])
+    heads = [f"{start:g} s" for start in STARTS_S]
+    return pd.DataFrame(lines, columns=["RMS error [m], window from", *heads])
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:

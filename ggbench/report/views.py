@@ -118,7 +118,7 @@ def answer_table(
     named = {kind: causal, "smoother": cases["best_smoother"].tolist()}
     single = {key: len(set(labels)) == 1 and bool(labels[0]) for key, labels in named.items()}
     heads = {
-        key: f"{key}: {code(labels[0])}"
+        key: f"{code(labels[0])} ({key})"
         if single[key]
         else _OF_SEVERAL.get(key.split()[0], "") + key
         for key, labels in named.items()

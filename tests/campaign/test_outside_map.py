@@ -116,7 +116,7 @@ def test_a_page_names_the_estimators_that_left_the_map(scenario, tmp_path):
     results = ran(tmp_path, labels=labels, runs=2, scenario=scenario, cases=("base",))
     (page, *_) = render.write(results.folder, tmp_path / "reports")
     text = page.read_text(encoding="utf-8")
-    remark = text.index("\nSome estimates of `far[east_m=1e6]` left the map.\n")
+    remark = text.index("\n`far[east_m=1e6]` sometimes left the map.\n")
     assert text.index("|case|") < remark < text.index("## Conditions")
 
 

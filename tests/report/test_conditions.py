@@ -26,7 +26,7 @@ def test_differences_of_the_model_are_listed():
     """The keys in which truth and model differ, of cases without any "none"."""
     loaded = scenario.load("below_summits")
     table = conditions(loaded.cases, cases(9)).set_index("condition")["value"]
-    assert table["Model errors"] == "map or none"
+    assert table["Model errors"] == "in some cases: map"
 
 
 def test_equal_errors_of_truth_and_model_are_no_difference():
@@ -35,7 +35,7 @@ def test_equal_errors_of_truth_and_model_are_no_difference():
     estimated = [case for case in loaded.cases if case.side("model") == case.side("truth")]
     assert estimated and len(estimated) < len(loaded.cases)
     words = conditions(loaded.cases, cases(8)).set_index("condition")["value"]
-    assert words["Model errors"] == "gradiometer or none"
+    assert words["Model errors"] == "in some cases: gradiometer"
     table = conditions(estimated, cases(8)).set_index("condition")["value"]
     assert "Model errors" not in table
 

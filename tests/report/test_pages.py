@@ -176,7 +176,7 @@ def test_a_remark_on_the_map_is_below_the_table(output, monkeypatch, tmp_path):
     text = markdown_page.text(results, picture, tmp_path / "small", "")
     page = html_page.text(results, {}, "")
     results.store.close()
-    remark = "Some estimates of `ekf` and `ukf` left the map."
+    remark = "`ekf` and `ukf` sometimes left the map."
     assert text.count(remark) == 1 and text.index(remark) > text.index("|case|bound [m]|")
     assert "**Answer.** Estimates" not in text
     assert page.index("left the map") > page.index('id="panel"')
