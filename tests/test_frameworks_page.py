@@ -49,7 +49,8 @@ def test_a_demand_that_fails_and_a_difference_are_named(committed):
     text = page.page(changed)
     assert f"`{changed.loc[0, 'estimator']}`: 8 of 9: not gaps." in text
     assert f"`{changed.loc[1, 'estimator']}` (3e-02)" in text
-    assert f"**Answer.** The framework changes the time, not the accuracy. {agree(text)} of" in text
+    answer = "**Answer.** The estimation framework changes the time, not the accuracy."
+    assert f"{answer} {agree(text)} of" in text
     assert agree(text) == agree(page.page(committed)) - 1
 
 

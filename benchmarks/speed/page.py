@@ -132,7 +132,7 @@ def _by_family(rounds: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
         table[f"{title} [ms/run] (× ggbench)"] = [
             "–" if np.isnan(time) else f"{short(time)} (×{short(ratio)})" for time, ratio in cells
         ]
-    table["largest difference [prior σ]"] = [
+    table["largest difference to reference [prior σ]"] = [
         "reference" if name == REFERENCE else f"{largest[name]:.0e}" for name in times.index
     ]
     order = times.min(axis=1).sort_values().index

@@ -42,9 +42,10 @@ class CampaignError(GGBenchError):
 
 
 def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:
-    """Yield (study, case, problem of run 0) for all cases of a scenario and its assumptions.
+    """Yield (study, case, problem of run 0) for all cases of a scenario.
 
-    The study is the name of an assumption, or "" for the cases of the scenario itself.
+    Assumptions of the scenario have cases, too. The study of such a case is the name of the
+    assumption; the study of other cases is "".
 
     Raise CampaignError if a map cannot be made, a flight leaves the map, or an instrument's filter
     cannot be computed.

@@ -75,7 +75,7 @@ class Examined:
 
     Attributes
     ----------
-    study : name of the assumption to which the case belongs; "" for a case of the scenario itself.
+    study : assumption (group of cases) of the case; "" for a case without an assumption.
     case : the case.
     flown : extremes of the flight of the case.
     margin : margin inside the true map or inside the assumed map, the smaller of the two; None

@@ -319,7 +319,7 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
 
 
 def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) -> float:
-    """Return the change of an estimate [posterior σ] if the last digit of the prior changes.
+    """Return the change of an estimate [posterior σ] if the prior changes by its rounding error.
 
     ``posterior_cov`` (K, n, n) is the exact posterior covariance.
     """

@@ -28,7 +28,7 @@ _LINE_EVERY_S = 10.0
 class Progress(progress.Progress):
     """Progress of a campaign: a live table in a terminal, otherwise plain lines at intervals.
 
-    Compilation before the campaign is shown too. The errors shown include results stored earlier.
+    Compilation before the campaign is shown too. RMS errors include runs that were stored earlier.
     ``title`` is shown until the campaign begins. ``live`` states whether the display can be
     redrawn; by default it is true only in a terminal. A pipe does not count as a terminal, even if
     ``FORCE_COLOR`` is set. Shell cells of notebooks write to a pipe.

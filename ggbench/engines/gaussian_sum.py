@@ -120,7 +120,7 @@ def advance(
     now : the Gaussians; on return the remaining Gaussians are the first entries.
     mean, cov, evidence : (K, n), (K, n, n), (K,) output; ``evidence`` is empty if it is not needed.
     counts : (1,) number of evaluations of h; those of this call are added.
-    sizes : (1,) number of Gaussians; the number at each epoch is added.
+    sizes : (1,) sum over the epochs of the number of Gaussians.
 
     Returns
     -------
@@ -406,7 +406,7 @@ def gaussian_sum(
 
 
 def space_for(prior: Hypotheses) -> Hypotheses:
-    """Return arrays for the J Gaussians of a prior, with J covariances (J, n, n)."""
+    """Return empty arrays for the J Gaussians of a prior, each with its own covariance."""
     most, n = prior.means.shape
     return Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
 

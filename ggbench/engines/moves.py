@@ -23,18 +23,18 @@ class Moves(NamedTuple):
     resampling : resampling method.
     threshold : effective sample size (ESS), as a fraction of N, below which the cloud is resampled.
     tempering : smallest ESS, as a fraction of N, that an update may leave; otherwise the update is
-        split into stages. Without ``kernel``, ``roughening`` and ``regularisation`` only updates of
-        samples from a Gaussian are split, and the result is exact (:mod:`.annealing`). With one of
-        these options any update may be split into powers of the likelihood (Oudjane & Musso 2000),
+        split into stages. If ``kernel``, ``roughening`` and ``regularisation`` are zero, only the
+        update of a Gaussian cloud is split; the result is exact (:mod:`.annealing`). Otherwise any
+        update may be split into powers of the likelihood (Oudjane & Musso 2000),
         with resampling between stages.
     kernel : bandwidth b of the kernel after resampling, x ← m + √(1 − b²) (x − m) + b T^{1/2} e,
         which preserves the mean m and the covariance T of the cloud (Liu & West 2001); e is
         standard normal.
     jitter : noise density of the position [m²/s] that is added to Q, for N = 4000; it is scaled by
         (4000 / N)^{1/2}.
-    straight : limit below which h counts as linear over the cloud, for N = 4000; it is scaled by
-        4000 / N. The limit applies to the residual variance of h after a linear regression on the
-        sampled states, relative to the noise variance. If h is linear, a cloud of Gaussian shape is
+    straight : largest residual variance of h after a linear regression on the sampled states, in
+        units of the noise variance, for which h counts as linear. The value applies to N = 4000;
+        it is scaled by 4000 / N. If h is linear, a cloud of Gaussian shape is
         replaced by a Kalman filter until h is nonlinear again.
     start : factor on N in the first update that uses particles. This update needs more particles,
         to find narrow modes within the whole prior.

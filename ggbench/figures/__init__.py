@@ -1,1 +1,1 @@
-"""Figures of arrays and of results folders."""
+"""Figures drawn from arrays or from results folders."""

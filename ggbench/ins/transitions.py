@@ -43,9 +43,8 @@ def metres_at(track: np.ndarray, n: int, out: np.ndarray) -> None:
 def unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
     """Fill ``out`` (len(which), n, LANES) with selected rows of the identity matrix.
 
-    ``which`` contains the indices of the rows. The identity matrix refers to position errors ENU in
-    metres. The rows in ``out`` refer to errors of latitude and longitude in radians, and are
-    converted with ``metres`` (1, 2, LANES) from :func:`metres_at`.
+    ``which`` contains the indices of the rows. Rows are position errors ENU [m]. Columns are errors
+    of latitude and longitude [rad]; ``metres`` (1, 2, LANES) from :func:`metres_at` converts them.
     """
     out[:] = 0.0
     for i, j in enumerate(which):

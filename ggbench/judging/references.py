@@ -71,7 +71,7 @@ def metrics(name: str, bound: CaseBound, oracle: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    name : name of the bound for the causality of the estimates.
+    name : name of the bound; each causality (filter, smoother, fixed lag) has a bound.
     bound : bounds of the flight.
     oracle : (R, W, 2) mean squared errors of the oracle, from :func:`oracle_means`.
     """
@@ -95,7 +95,7 @@ def oracle_means(
 
     Parameters
     ----------
-    name : name of the bound for the causality of the oracle.
+    name : name of the bound; each causality (filter, smoother, fixed lag) has a bound.
     flight : flight of the runs.
     bound : bounds of this flight.
     residuals : (R, K, m) measurements minus the measurement function h at the true states.

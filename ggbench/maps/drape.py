@@ -210,8 +210,8 @@ class SmoothTerrain:
 def points_of(nodes: Nodes, height: float) -> NDArray[np.float64]:
     """Return an array (N, 3) of the latitude, longitude [rad] and height [m] of N nodes.
 
-    The nodes are those of one layer, and their heights are above the ellipsoid. ``height`` is the
-    height of the layer above the base surface [m].
+    The nodes are those of one layer. Returned heights are above the ellipsoid. The argument
+    ``height`` is the height of the layer above the base surface [m].
     """
     assert nodes.base_m is not None
     lat, lon = np.meshgrid(

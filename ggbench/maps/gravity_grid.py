@@ -49,8 +49,8 @@ def read_grid(
 ) -> GravityGrid:
     """Return the grid of a netCDF file (CF or GMT), raster, ``.gdf`` or ``.npz`` file.
 
-    A netCDF file has one variable on latitude x longitude. The unit is the attribute ``units`` of
-    this variable, or the unit of a raster's band. Allowed are metres or feet for a geoid, and mGal,
+    A netCDF file has one variable on latitude x longitude, with its unit in the attribute
+    ``units``. A raster's band has a unit. Allowed are metres or feet for a geoid, and mGal,
     µGal, Gal or m/s² for gravity. Without a unit, m or mGal is assumed. A raster is a GeoTIFF, ESRI
     ASCII, GTX, ISG, BYN, GXF or Surfer grid, as its suffix indicates. A ``.gdf`` file of ICGEM's
     calculation service states its quantity, unit and height. An ``.npz`` file contains a geoid:

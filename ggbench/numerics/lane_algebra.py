@@ -221,9 +221,9 @@ def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
 def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) -> None:
     """Fill ``lower`` (n, n) with the Cholesky factor L of a symmetric matrix A = L Lᵀ.
 
-    ``matrix`` is A (n, n). Only the lower triangle of ``lower`` is filled. ``inverse`` (1, n) is
-    filled with 1 / L_ii. If the matrix of a lane is not positive definite, ``inverse`` has an
-    element in this lane that is not a positive number.
+    ``matrix`` is A (n, n); each element is a vector with a lane for each run. Only the lower
+    triangle of ``lower`` is filled. ``inverse`` (1, n) is filled with 1 / L_ii. If A of a lane is
+    not positive definite, an element of ``inverse`` in this lane is not a positive number.
     """
     one = splat(1.0)
     for i in range(matrix.shape[0]):

@@ -41,7 +41,8 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Gradiometer", _each(cases, gradiometer_conditions)),
         ("Other sensors", other_conditions(cases)),
         ("Map", _each(cases, map_conditions)),
-        ("Model errors", _model_errors(cases)),
+        ("Gravity disturbance", _gravity_disturbance(cases)),
+        ("Wrongly modelled", _model_errors(cases)),
     ]
     relevant = [row for row in rows if row[1]]
     return pd.DataFrame(relevant, columns=["condition", "value"])
@@ -50,7 +51,8 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
 def _each(cases: Sequence[CaseSpec], text_of: Callable[[CaseSpec], Sequence[str]]) -> str:
     """Summarise the texts of all cases, part by part.
 
-    A few different texts are listed; more are replaced by a range of numbers.
+    A few different texts are listed; more are replaced by a range of numbers. The result is "" if
+    no case has a text.
     """
     texts = [text_of(case) for case in cases]
     parts = []
@@ -60,7 +62,7 @@ def _each(cases: Sequence[CaseSpec], text_of: Callable[[CaseSpec], Sequence[str]
             few = len(distinct) <= _MOST_VALUES
             parts.append(" or ".join(distinct) if few else _range_of_texts(distinct))
     without = "" if all(texts) else "none or "
-    return without + ", ".join(parts) if parts else "none"
+    return without + ", ".join(parts) if parts else ""
 
 
 def _range_of_texts(texts: Sequence[str]) -> str:
@@ -93,17 +95,12 @@ def _initial(cases: Sequence[CaseSpec]) -> str:
     priors = [case.initial_error for case in cases]
     position = f"{_span(prior.position_m for prior in priors)} m"
     if any(prior.height_m is not None for prior in priors):
-        position += f" (height {_span(_given(p.height_m, p.position_m) for p in priors)} m)"
+        position += f" (height {_span(prior.height_sigma_m for prior in priors)} m)"
     velocity = f"{_span(prior.velocity_mps for prior in priors)} m/s"
     attitude = f"{_span(prior.attitude_arcmin for prior in priors)}′"
     if any(prior.heading_arcmin is not None for prior in priors):
-        headings = (_given(p.heading_arcmin, p.attitude_arcmin) for p in priors)
-        attitude += f" (heading {_span(headings)}′)"
+        attitude += f" (heading {_span(prior.heading_sigma_arcmin for prior in priors)}′)"
     return ", ".join([position, velocity, attitude])
-
-
-def _given(value: float | None, default: float) -> float:
-    return default if value is None else value
 
 
 def _span(values: Iterable[float]) -> str:
@@ -157,24 +154,31 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
     in_all = [name for name in texts if all(name in names for names in sensors_of_cases)]
     parts = [texts[name] for name in in_all]
     some = [texts[name] for name in texts if name not in in_all]
-    in_some = [f"in some cases: {', '.join(some[:_MOST_VALUES])}"] if some else []
+    in_some = [_some(", ".join(some[:_MOST_VALUES]), in_all=False)] if some else []
     return "; ".join([", ".join(parts), *in_some] if parts else in_some)
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
-    """Return texts on the map: its source, its quality, and a remark on gravity.
-
-    The remark is empty unless the true accelerometers measure the gravity disturbance.
-    """
+    """Return texts on the map: its source and its quality."""
     true, assumed = case.side("truth").field, case.side("model").field
     if assumed.source == "normal":
         return ["normal field"]
     same = (assumed.source, assumed.error) == (true.source, true.error)
-    felt = "gravity disturbance simulated" if true.gravity_disturbance else ""
     quality = "exact" if same else "with errors"
     if case.measured_sensors():
         quality = "with its real errors"
-    return [code(assumed.source), quality, felt]
+    return [code(assumed.source), quality]
+
+
+def _gravity_disturbance(cases: Sequence[CaseSpec]) -> str:
+    """Return whether the true accelerometers measure the gravity disturbance; "" if they do not."""
+    simulated = [case.side("truth").field.gravity_disturbance for case in cases]
+    return _some("simulated", all(simulated)) if any(simulated) else ""
+
+
+def _some(text: str, in_all: bool) -> str:
+    """Return a text, with a remark unless it applies to all cases."""
+    return text if in_all else f"in some cases: {text}"
 
 
 def _model_errors(cases: Sequence[CaseSpec]) -> str:
@@ -186,7 +190,7 @@ def _model_errors(cases: Sequence[CaseSpec]) -> str:
     distinct = [word for word in dict.fromkeys(words) if word != "none"]
     if len(distinct) + ("none" in words) > _MOST_VALUES:
         return "varies by case"
-    return ("in some cases: " if distinct and "none" in words else "") + "; ".join(distinct)
+    return _some(", or ".join(distinct), "none" not in words) if distinct else ""
 
 
 def _range(values: pd.Series, unit: str) -> str:

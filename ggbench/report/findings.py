@@ -91,16 +91,16 @@ def measured(of: Metrics) -> str:
     errors = [span(*map(metres, both), separator=" and ") for both in (ins, aided)]
     shares = span(*(share(of.value(fold, name, "success")) for fold in folds), separator=" and ")
     return (
-        f"On lines of [Vinton Dome]({MEASURED}.md) that are not in the map, the INS's RMS "
-        f"error is {errors[0]} m (two maps). With measured gradients the Gaussian sum has "
-        f"{errors[1]} m, is consistent and succeeds in {shares} of the runs."
+        f"Two maps of [Vinton Dome]({MEASURED}.md) each omit some survey lines. On repeats of "
+        f"these, the INS's RMS error is {errors[0]} m. With measured gradients the Gaussian sum "
+        f"has {errors[1]} m, is consistent and succeeds in {shares} of the runs."
     )
 
 
 def measured_biases(of: Metrics) -> str:
-    """Return the finding that unmodelled constants of 10 E double the position error.
+    """Return the finding that unmodelled gradient biases of 10 E double the position error.
 
-    The constants are added to measured gradients.
+    The biases are constant and added to measured gradients.
     """
     name = "gaussian-sum"
     cases = ("neglected_bias-1", "neglected_bias-10", "estimated_bias-10")
@@ -144,7 +144,7 @@ def east_victoria(of: Metrics) -> str:
     return (
         f"At [East Victoria]({EAST_VICTORIA}.md) one gravimeter measurement a minute reduces "
         f"the INS's RMS error of {metres(ins)} m to {metres(aided)} m. An EKF that "
-        f"assumes white noise in all samples has {metres(of.rms('2s', name))} m and is "
+        f"uses every sample and assumes white noise has {metres(of.rms('2s', name))} m and is "
         "overconfident."
     )
 
@@ -255,8 +255,8 @@ def gravity(of: Metrics) -> str:
         return ""
     return (
         f"With a strategic INS that neglects the gravity disturbance the EKF's RMS error is "
-        f"{metres(plain)} m. Integrating measured gradients reduces it to {metres(known)} m. "
-        f"Without them, `{ONE_FILTER}` has {metres(of.rms('gravity', ONE_FILTER))} m."
+        f"{metres(plain)} m, that of `{ONE_FILTER}` {metres(of.rms('gravity', ONE_FILTER))} m. If "
+        f"the INS integrates measured gradients, the EKF's error is {metres(known)} m."
     )
 
 
@@ -277,7 +277,7 @@ def one_filter(of: Metrics) -> str:
     return (
         f"`{ONE_FILTER}` suits all cases: it is consistent or conservative in {sum(right)} "
         f"of {len(cases)}. Its RMS error is at most {ratios[worst]:.2f} times that of a filter "
-        f"with the right model (case `{worst}`)."
+        f"with the right model; the maximum is in case `{worst}`."
     )
 
 

@@ -96,7 +96,7 @@ def _published(error: float, is_allowed: bool | None) -> str:
     text = columns.metres(error)
     if is_allowed is None:
         return text
-    return f"{text} ({'allowed' if is_allowed else 'below the bound'})"
+    return f"{text} ({'above' if is_allowed else 'below'} filter bound)"
 
 
 def allowed(metrics: pd.DataFrame) -> pd.DataFrame:
@@ -138,7 +138,7 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
             errors = [math.sqrt(float(values[at >= start].mean())) for start in STARTS_S]
             lines.append([f"{title}: {name}", *map(columns.metres, errors)])
     heads = [f"{start:g} s" for start in STARTS_S]
-    return pd.DataFrame(lines, columns=["RMS error [m], window from", *heads])
+    return pd.DataFrame(lines, columns=["RMS error [m], window to the end from", *heads])
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:
@@ -216,7 +216,7 @@ def claimed(results: Any) -> pd.DataFrame:
         verdict = "holds" if pair["verdict"] == judged[claim.relation] else verdict
         rows.append(
             {
-                "claim": f"{claim.title} ({value})" if value else claim.title,
+                "claim": claim.title_of(value),
                 "first": code(names[0]),
                 "second": code(names[1]),
                 "error_ratio": pair["error_ratio"],

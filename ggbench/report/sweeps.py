@@ -99,15 +99,16 @@ def label_of(scenario: Scenario) -> str:
 def reached(
     scenario: Scenario, metrics: pd.DataFrame, cases: pd.DataFrame, own: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Return a table of the values of a sweep's first axis that reach each target.
+    """Return a table of the values of a sweep's first axis with an RMS error at most each target.
 
-    A target is an RMS position error. There is a row for each target and section (:func:`parts`).
-    There are columns for the bound, the EKF and the user's own estimators. A cell such as ``3.2 E``
-    is the largest value of the axis that reaches the target, interpolated between cases. Its 95 %
-    interval is in parentheses. The table is empty without a sweep.
+    A target is an RMS position error. A value reaches it if its RMS error is not larger. There is a
+    row for each target and section (:func:`parts`). There are columns for the bound, the EKF and
+    the user's own estimators. A cell such as ``3.2 E`` is the largest value of the axis that
+    reaches the target, interpolated between cases. Its 95 % interval is in parentheses. The table
+    is empty without a sweep.
 
     If errors decrease along the axis, and some but not all values reach the target, the cell
-    instead lists the values that reach it. Errors decrease in two situations:
+    instead lists the values that reach it. Either of two situations counts as a decrease:
 
     - An error is significantly smaller than the error at the value before it.
     - A value reaches the target after a value that does not.

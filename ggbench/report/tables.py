@@ -66,7 +66,7 @@ def text(table: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
-SUCCESS_SHOWN = "success unless 100%"
+SUCCESS_SHOWN = "success (100% omitted)"
 """Caption on the success rates in the cells of :func:`error_cell`."""
 
 
@@ -75,7 +75,7 @@ def error_cell(row: Mapping[str, Any]) -> str:
 
     The success rate is omitted at 100%. The cell of the INS has the RMS error and the success
     rate. If most runs are lost, the cell has only the share of lost runs. If all runs failed, the
-    cell is "failed". The suffix "(≤ INS)" follows a success rate that is not significantly higher
+    cell is "failed". The suffix "≤ INS" marks a success rate that is not significantly higher
     than that of the INS.
     """
     if row["failed"] == row["runs"]:
@@ -89,10 +89,10 @@ def error_cell(row: Mapping[str, Any]) -> str:
         return f"{parts}, {columns.share(row['success'])}" if row["success"] < 1.0 else parts
     if pd.notna(row["efficiency"]):
         parts += f" (×{columns.efficiency(row['efficiency'])})"
-    if row["success"] < 1.0 or row["as_ins"]:
+    if row["success"] < 1.0:
         parts += f", {columns.share(row['success'])}"
     if row["as_ins"]:
-        parts += " (≤ INS)"
+        parts += " (≤ INS)" if row["success"] < 1.0 else ", ≤ INS"
     return columns.marked(parts, row["consistency"])
 
 

@@ -112,17 +112,18 @@ def bend_gravity_pairs(
     odd: np.ndarray,
     even: np.ndarray,
 ) -> None:
-    """Add the nonlinear part of W_k δg to differences and means of h at pairs of sigma points.
+    """Add the nonlinear part of W_k δg to measurements predicted at pairs of sigma points.
 
-    The sigma points are x ± d_q, with d_q = spread · L_q. :class:`.ModelArrays` defines W_k and δg.
+    The sigma points are x ± d_q, with d_q = spread · L_q. ``odd`` and ``even`` are modified.
+    :class:`.ModelArrays` defines W_k and δg.
 
     Parameters
     ----------
     model, group, count, k, x : as in :func:`add_gravity`.
     lower : (n, n, lanes) Cholesky factor L of P; L_q is column q.
     spread : factor on the columns of L.
-    odd : (m, n, lanes) [h(x + d_q) − h(x − d_q)] / 2 in column q, changed.
-    even : (m, n, lanes) [h(x + d_q) + h(x − d_q)] / 2 − h(x) in column q, changed.
+    odd : (m, n, lanes) column q is [h(x + d_q) − h(x − d_q)] / 2.
+    even : (m, n, lanes) column q is [h(x + d_q) + h(x − d_q)] / 2 − h(x).
     """
     if model.gravity.coefficients.size == 0:
         return

@@ -209,12 +209,10 @@ class SensorSuite:
         initial = self.initial_error
         sigma = np.empty(self.dimension)
         sigma[POSITION] = initial.position_m
-        if initial.height_m is not None:
-            sigma[2] = initial.height_m
+        sigma[2] = initial.height_sigma_m
         sigma[VELOCITY] = initial.velocity_mps
         sigma[ATTITUDE] = math.radians(initial.attitude_arcmin / 60.0)
-        if initial.heading_arcmin is not None:
-            sigma[ATTITUDE.stop - 1] = math.radians(initial.heading_arcmin / 60.0)
+        sigma[ATTITUDE.stop - 1] = math.radians(initial.heading_sigma_arcmin / 60.0)
         # A sensor without bias leaves no freedom; a covariance must stay positive definite.
         sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)

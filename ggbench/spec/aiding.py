@@ -216,7 +216,7 @@ class BarometerSpec(PeriodicSpec):
     @property
     def in_words(self) -> str:
         """Barometer and noise in words."""
-        return f"height {self.noise_m:g} m"
+        return f"barometer {self.noise_m:g} m"
 
 
 @changes(BarometerSpec, but=("period_s",))

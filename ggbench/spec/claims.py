@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -77,6 +78,13 @@ class ComparisonSpec(Section):
         if self.values != ("",) and "{}" not in self.first + self.second:
             raise ValueError("values need a {} in first or second, which stands for them")
         return self
+
+    def title_of(self, value: str) -> str:
+        """Return the title, with the parameter that has ``value``: ``title (noise=1e-05)``."""
+        if not value:
+            return self.title
+        name = re.search(r"(\w+=)\{\}", self.first + self.second)
+        return f"{self.title} ({name[1] if name else ''}{value})"
 
     def labels(self, value: str) -> tuple[str, str]:
         """Return the labels of the two estimators with ``value`` in place of ``{}``."""

@@ -119,6 +119,16 @@ class InitialErrorSpec(Section):
     heading_arcmin: q.AttitudeError | None = None
     """Standard deviation of the heading. Without it: `attitude_arcmin`."""
 
+    @property
+    def height_sigma_m(self) -> float:
+        """Standard deviation of the height [m]: ``height_m`` or ``position_m``."""
+        return self.position_m if self.height_m is None else self.height_m
+
+    @property
+    def heading_sigma_arcmin(self) -> float:
+        """Standard deviation of the heading [′]: ``heading_arcmin`` or ``attitude_arcmin``."""
+        return self.attitude_arcmin if self.heading_arcmin is None else self.heading_arcmin
+
 
 @changes(InitialErrorSpec)
 class InitialErrorChange(Section):

@@ -74,7 +74,7 @@ class Region:
 REGIONS = (
     Region(
         "qinling",
-        "Qinling, at 10 km",
+        "Qinling, height 10 km",
         "egm2008_qinling",
         Bounds(28.6, 38.4, 102.6, 114.4),
         10_000.0,
@@ -82,7 +82,7 @@ REGIONS = (
     ),
     Region(
         "sea",
-        "South China Sea, at 1 km",
+        "South China Sea, height 1 km",
         "egm2008_south_china_sea",
         Bounds(11.5, 22.5, 110.5, 119.7),
         1000.0,

@@ -98,7 +98,7 @@ def _shown(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "outage [s]": f"{length:g}",
-            "outages (disjoint ones)": f"{int(row['outages'])} ({int(row['disjoint'])})",
+            "outages (disjoint outages)": f"{int(row['outages'])} ({int(row['disjoint'])})",
             "EKF [m]": significant(row["drift_m"], 2),
             "predicted σ [m]": significant(row["sigma_m"], 2),
             "batch smoother [m]": significant(row["smoother_m"], 2),

@@ -68,7 +68,7 @@ def test_a_cell_of_lost_runs_has_their_share():
 
 def test_a_cell_says_where_the_ins_succeeds_as_often():
     row = metric("c0", "ekf", "settled", 6.0) | {"as_ins": True}
-    assert tables.error_cell(row) == "6.00 (×1.50), 100% (≤ INS)"
+    assert tables.error_cell(row) == "6.00 (×1.50), ≤ INS"
     assert tables.error_cell(row | {"success": 0.84}) == "6.00 (×1.50), 84% (≤ INS)"
 
 
@@ -279,7 +279,7 @@ def test_published_errors_are_set_against_the_bound():
     assert allowed(table)["allowed"].tolist() == [False, True]
     shown = published_table(table, {"c0": "first"})
     assert shown["first: whole"].tolist() == [
-        "7.00 (below the bound)",
+        "7.00 (below filter bound)",
         "8.00",
         "4.00",
         "200",
