@@ -40,8 +40,7 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Required error", _range(shared["required_m"], "m")),
         ("Gradiometer", _each(cases, gradiometer_conditions)),
         ("Other sensors", other_conditions(cases)),
-        ("Map", _each(cases, map_conditions)),
-        ("Gravity disturbance", _gravity_disturbance(cases)),
+        ("Map", _each(cases, map_conditions) + _gravity_disturbance(cases)),
         ("Wrongly modelled", _model_errors(cases)),
     ]
     relevant = [row for row in rows if row[1]]
@@ -171,9 +170,11 @@ def map_conditions(case: CaseSpec) -> list[str]:
 
 
 def _gravity_disturbance(cases: Sequence[CaseSpec]) -> str:
-    """Return whether the true accelerometers measure the gravity disturbance; "" if they do not."""
+    """Return a remark if the true accelerometers measure the gravity disturbance, otherwise ""."""
     simulated = [case.side("truth").field.gravity_disturbance for case in cases]
-    return _some("simulated", all(simulated)) if any(simulated) else ""
+    if not any(simulated):
+        return ""
+    return "; gravity disturbance " + ("simulated" if all(simulated) else "in some cases")
 
 
 def _some(text: str, in_all: bool) -> str:
