@@ -25,8 +25,8 @@ class Moves(NamedTuple):
     tempering : smallest ESS, as a fraction of N, that an update may leave; otherwise the update is
         split into stages. If ``kernel``, ``roughening`` and ``regularisation`` are zero, only the
         update of a Gaussian cloud is split; the result is exact (:mod:`.annealing`). Otherwise any
-        update may be split into powers of the likelihood (Oudjane & Musso 2000),
-        with resampling between stages.
+        update may be split into powers of the likelihood (Oudjane & Musso 2000), with resampling
+        between stages.
     kernel : bandwidth b of the kernel after resampling, x ← m + √(1 − b²) (x − m) + b T^{1/2} e,
         which preserves the mean m and the covariance T of the cloud (Liu & West 2001); e is
         standard normal.
@@ -34,8 +34,8 @@ class Moves(NamedTuple):
         (4000 / N)^{1/2}.
     straight : largest residual variance of h after a linear regression on the sampled states, in
         units of the noise variance, for which h counts as linear. The value applies to N = 4000;
-        it is scaled by 4000 / N. If h is linear, a cloud of Gaussian shape is
-        replaced by a Kalman filter until h is nonlinear again.
+        it is scaled by 4000 / N. If h is linear, a cloud of Gaussian shape is replaced by a Kalman
+        filter until h is nonlinear again.
     start : factor on N in the first update that uses particles. This update needs more particles,
         to find narrow modes within the whole prior.
     roughening : K of Gordon et al. (1993). After resampling, noise with standard deviation K E_j

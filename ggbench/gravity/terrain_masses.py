@@ -51,9 +51,9 @@ class TerrainMasses:
     ----------
     terrain : heights above the zero level.
     layers : columns of the land, and columns of the density deficit of the sea. They reach from a
-        base to the ground. If the terrain is continued, it has the mean height e of the grid's edge
-        outside the grid. The base is then max(e, 0) for the land and min(e, 0) for the sea.
-        Otherwise both bases are 0.
+        base to the ground. Let e be the mean height of the edge of the grid. If the terrain is
+        continued beyond it, the base is max(e, 0) for the land and min(e, 0) for the sea. Otherwise
+        both bases are 0.
     geoid_height : height of the terrain's zero level above the ellipsoid [m].
     """
 

@@ -89,8 +89,8 @@ def compare(
     compared on the runs that finished in both campaigns. Runs of different problems are compared as
     independent samples of equal size: the larger campaign contributes its first runs. Samples of
     unequal size would cause false alarms, because squared errors are skewed. With 30 against 300
-    runs, a third of the comparisons of ten estimators had a false alarm. Numbers of failed and
-    diverged runs refer to all runs.
+    runs, a third of the comparisons of ten pairs of case and estimator had a false alarm. Numbers
+    of failed and diverged runs refer to all runs.
 
     If the parameters of an estimator change, its label changes, too. The old label is only in
     ``before``, and the new label only in ``after``. The two labels are compared in rows with
@@ -102,9 +102,9 @@ def compare(
     p-value below 0.05 after Holm's procedure over all rows that differ. The false-alarm rate of
     :attr:`Comparison.worse` is thus 5 % for the whole comparison. The false-alarm rate of the
     verdict "better" is 5 %, too. The measured rate is at most 6 % with ten rows, 5 to 300 runs, and
-    χ² or log-normal errors, paired or not. The rate is larger if
-    only the shape of the distribution changes: 18 % with 30 runs and 9 % with 300, for independent
-    samples of χ² with 1 and with 3 degrees of freedom and equal means.
+    χ² or log-normal errors, paired or not. The rate is larger if only the shape of the distribution
+    changes. It is 18 % with 30 runs and 9 % with 300, for independent samples of χ² with 1 and with
+    3 degrees of freedom and equal means.
 
     Parameters
     ----------

@@ -50,11 +50,11 @@ def read_grid(
     """Return the grid of a netCDF file (CF or GMT), raster, ``.gdf`` or ``.npz`` file.
 
     A netCDF file has one variable on latitude x longitude, with its unit in the attribute
-    ``units``. A raster's band has a unit. Allowed are metres or feet for a geoid, and mGal,
-    µGal, Gal or m/s² for gravity. Without a unit, m or mGal is assumed. A raster is a GeoTIFF, ESRI
-    ASCII, GTX, ISG, BYN, GXF or Surfer grid, as its suffix indicates. A ``.gdf`` file of ICGEM's
-    calculation service states its quantity, unit and height. An ``.npz`` file contains a geoid:
-    ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m`` [1e-4 m].
+    ``units``. The unit of a raster is that of its band. Allowed are metres or feet for a geoid, and
+    mGal, µGal, Gal or m/s² for gravity. Without a unit, m or mGal is assumed. A raster is a
+    GeoTIFF, ESRI ASCII, GTX, ISG, BYN, GXF or Surfer grid, as its suffix indicates. A ``.gdf`` file
+    of ICGEM's calculation service states its quantity, unit and height. An ``.npz`` file contains a
+    geoid: ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m`` [1e-4 m].
 
     Parameters
     ----------

@@ -20,6 +20,7 @@ _MOST_VALUES = 3
 _NUMBER = re.compile(r"(\D*)(\d[\d.e+-]*)(\D*)")
 _ABBREVIATED = {"gnss": "GNSS", "imu": "IMU", "field": "map"}
 """Names of tables in reports, if they differ from the keys."""
+_IN_SOME = "in some cases: "
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
@@ -151,10 +152,11 @@ def other_conditions(cases: Sequence[CaseSpec]) -> str:
     }
     sensors_of_cases = [{spec.in_words for spec in case.sensor.values()} for case in cases]
     in_all = [name for name in texts if all(name in names for names in sensors_of_cases)]
-    parts = [texts[name] for name in in_all]
-    some = [texts[name] for name in texts if name not in in_all]
-    in_some = [_some(", ".join(some[:_MOST_VALUES]), in_all=False)] if some else []
-    return "; ".join([", ".join(parts), *in_some] if parts else in_some)
+    in_some = [name for name in texts if name not in in_all][:_MOST_VALUES]
+    parts = [", ".join(texts[name] for name in in_all)] if in_all else []
+    if in_some:
+        parts.append(_IN_SOME + ", ".join(texts[name] for name in in_some))
+    return "; ".join(parts)
 
 
 def map_conditions(case: CaseSpec) -> list[str]:
@@ -177,11 +179,6 @@ def _gravity_disturbance(cases: Sequence[CaseSpec]) -> str:
     return "; gravity disturbance " + ("simulated" if all(simulated) else "in some cases")
 
 
-def _some(text: str, in_all: bool) -> str:
-    """Return a text, with a remark unless it applies to all cases."""
-    return text if in_all else f"in some cases: {text}"
-
-
 def _model_errors(cases: Sequence[CaseSpec]) -> str:
     """Return the wrongly modelled tables of the cases; "" if no case has any."""
     words = []
@@ -191,7 +188,9 @@ def _model_errors(cases: Sequence[CaseSpec]) -> str:
     distinct = [word for word in dict.fromkeys(words) if word != "none"]
     if len(distinct) + ("none" in words) > _MOST_VALUES:
         return "varies by case"
-    return _some(", or ".join(distinct), "none" not in words) if distinct else ""
+    if not distinct:
+        return ""
+    return (_IN_SOME if "none" in words else "") + ", or ".join(distinct)
 
 
 def _range(values: pd.Series, unit: str) -> str:

@@ -345,6 +345,28 @@ def test_a_claim_finds_its_estimators_whatever_the_order_of_their_parameters():
     assert found[["first", "holds"]].values.tolist() == [[f"`{label}`", "holds"]]
 
 
+@pytest.mark.parametrize(
+    ("first", "value", "title"),
+    [
+        ("reduced[filter=particle,noise={}]", "1e-05", "A (noise=1e-05)"),
+        ("{}", "ukf", "A (ukf)"),
+        ("ukf", "", "A"),
+    ],
+)
+def test_the_title_of_a_claim_states_the_parameter_of_its_value(first, value, title):
+    values = {"values": (value,)} if value else {}
+    claim = ComparisonSpec(
+        title="A",
+        case="c0",
+        first=first,
+        relation="smaller",
+        quantity="error",
+        second="ekf",
+        **values,
+    )
+    assert claim.title_of(value) == title
+
+
 def test_the_caption_of_claims_counts_the_verdicts():
     verdicts = pd.DataFrame({"holds": ["open", "holds", "does not hold", "open"]})
     words = claims_in_words(verdicts)
