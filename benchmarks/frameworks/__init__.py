@@ -1,1 +1,4 @@
-"""Estimation frameworks side by side on one flight: answers, time, memory, size and behaviour."""
+"""Comparison of estimation frameworks on one flight.
+
+The comparison covers results, time, memory, size of the installation and behaviour with bad input.
+"""

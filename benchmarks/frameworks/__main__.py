@@ -1,4 +1,4 @@
-"""``make frameworks``: measure every framework and write ``reports/frameworks.md``."""
+"""Command of ``make frameworks``: measurement of all frameworks, table and page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REPORTS = Path("reports")
 
 
 def measured(framework: Framework) -> dict[str, Any]:
-    """Return what a process of its own measures of an estimator, and its contract."""
+    """Measure an estimator in a separate process; return the results and its contract checks."""
     command = [sys.executable, "-m", "frameworks.worker", framework.label, framework.reference]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
@@ -35,7 +35,7 @@ def measured(framework: Framework) -> dict[str, Any]:
 
 
 def size_mb(framework: Framework) -> float:
-    """Return what the files of a framework's distributions occupy [MB]."""
+    """Return the total size of the files of a framework's distributions [MB]."""
     total = 0
     for name in framework.distributions:
         for file in importlib.metadata.files(name) or ():
@@ -45,7 +45,7 @@ def size_mb(framework: Framework) -> float:
 
 
 def licence(framework: Framework) -> str:
-    """Return the licence that a framework's metadata state, in a few words."""
+    """Return the licence from a framework's metadata; "see package" without a short text."""
     held = importlib.metadata.metadata(framework.distributions[0])
     texts = [held.get("License-Expression"), held.get("License")]
     texts += [c.split("::")[-1].strip() for c in held.get_all("Classifier") or () if "License" in c]
@@ -55,7 +55,7 @@ def licence(framework: Framework) -> str:
 
 
 def row(framework: Framework) -> dict[str, Any]:
-    """Return what is measured of an estimator, by the heads of the columns."""
+    """Measure an estimator and return its table row, by column title."""
     print(framework.label, flush=True)
     held = measured(framework)
     lines = len(Path(framework.adapter).read_text(encoding="utf-8").splitlines())

@@ -1,4 +1,4 @@
-"""Rows of the page: frameworks, their estimators and their properties as documented."""
+"""Frameworks of the comparison, with their estimators and documented properties."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Framework:
-    """An estimation framework and one of its estimators.
+    """Estimation framework and one of its estimators.
 
     Attributes
     ----------
-    name : of the package.
-    label : of the estimator in this project.
-    reference : estimator of this project with the same algorithm.
-    distributions : of which the installation consists, besides what ggbench needs anyway.
-    adapter : file that adapts it.
-    singular, missing, noise, loss : how it takes a singular Q, missing channels, R of each epoch,
+    name : name of the package.
+    label : label of the estimator in ggbench.
+    reference : label of ggbench's own estimator with the same algorithm.
+    distributions : installed distributions, without the requirements of ggbench.
+    adapter : file of the adapter.
+    singular, missing, noise, loss : support for a singular Q, missing channels, R of each epoch,
         and a robust loss per channel: yes, no, or by the adapter.
     """
 
@@ -42,7 +42,7 @@ def _rows(
     packages: tuple[str, ...] = (),
     **properties: str,
 ) -> tuple[Framework, ...]:
-    """Return a row for each estimator of a package, by its label and its reference."""
+    """Return one row per estimator of a package; ``references`` contains references by label."""
     return tuple(
         Framework(name, label, reference, packages or (name,), adapter, **properties)
         for label, reference in references.items()
@@ -136,4 +136,4 @@ OTHERS = (
     ("pyrecest", "filterpy's code"),
     ("g2o", "same method as pyceres"),
 )
-"""Packages without a row, and why."""
+"""Packages without a row, and the reasons."""

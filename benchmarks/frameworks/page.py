@@ -1,4 +1,4 @@
-"""The page of frameworks and its figure, from the table of what was measured."""
+"""Page of the comparison of frameworks and its figure, from the table of results."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from .packages import FRAMEWORKS, OTHERS
 
 FOLDER, TABLE = "frameworks", "frameworks.csv"
 SAME, ENDED = 1e-6, 1e-4
-"""Differences [prior σ] up to which answers of filters are the same, and those of searches, which
-end where a step is worth nothing."""
+"""Largest differences [prior σ] of equal results, for filters and for searches.
+
+A search stops before the exact minimum, at a negligible step."""
 SEARCHES = tuple(row.label for row in FRAMEWORKS if "mode=batch" in row.reference)
 """Estimators that search for the most probable trajectory."""
 COLUMNS = (
@@ -30,11 +31,11 @@ COLUMNS = (
     "memory [MB]",
     "adapter [lines]",
 )
-"""Columns of the page; the table has all."""
+"""Columns on the page; the CSV table has all columns."""
 
 
 def write(output: Path) -> Path:
-    """Write ``frameworks.md`` and its figure from the table; return the page.
+    """Write ``frameworks.md`` and its figure from the table; return the path of the page.
 
     Raises
     ------
@@ -49,12 +50,12 @@ def write(output: Path) -> Path:
 
 
 def read(folder: Path) -> pd.DataFrame:
-    """Return the table of a folder, a row an estimator.
+    """Return the table in a folder, one row per estimator.
 
     Raises
     ------
     GGBenchError
-        If it is missing.
+        If the table is missing.
     """
     try:
         return pd.read_csv(folder / TABLE)
@@ -63,7 +64,7 @@ def read(folder: Path) -> pd.DataFrame:
 
 
 def page(measured: pd.DataFrame) -> str:
-    """Return the page; its table has the first estimator of each package."""
+    """Return the text of the page; its table has the first estimator of each package."""
     difference, batch = measured["difference [prior σ]"], measured["estimator"].isin(SEARCHES)
     same = difference <= np.where(batch, ENDED, SAME)
     first = measured.drop_duplicates("package")
@@ -99,7 +100,7 @@ def page(measured: pd.DataFrame) -> str:
 
 @styled()
 def figure(measured: pd.DataFrame) -> Drawing:
-    """Return the times of a later run and of the first, by estimator."""
+    """Return a figure of the times of the first and of later runs, by estimator."""
     rows = measured.sort_values("ms/run", ascending=False)
     drawing, axes = subplots(figsize=(7.2, 3.6))
     places = np.arange(len(rows))

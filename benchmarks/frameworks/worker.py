@@ -1,7 +1,11 @@
-"""One estimator in a process of its own: ``python -m frameworks.worker LABEL REFERENCE``.
+"""Measurement of one estimator in a separate process.
 
-Prints a JSON object: processor times of the first and of later runs, peak memory, the difference
-from the reference, and the outcome with a wide prior, an indefinite covariance and a NaN.
+``python -m frameworks.worker LABEL REFERENCE`` prints a JSON object with
+
+- the processor times of the first run and of later runs,
+- the peak memory,
+- the largest difference from the reference,
+- the outcomes with a wide prior, an indefinite prior covariance and a NaN measurement.
 """
 
 from __future__ import annotations
@@ -22,25 +26,25 @@ from ggbench.problem import Estimator, Problem
 SCENARIO, CASE = "wang2013", "0.01E-1Hz-unfiltered"
 RUNS = 5
 WIDER = 1000.0
-"""Factor on the prior's standard deviations of position."""
+"""Factor on the standard deviations of the position prior."""
 
 
 def problems() -> list[Problem]:
-    """Return the problems of a few runs."""
+    """Return the problems of :data:`RUNS` runs."""
     loaded = gg.load(SCENARIO)
     case, seed = loaded.case(CASE), loaded.campaign.seed
     return [gg.simulate(case, seed, run)[0] for run in range(RUNS)]
 
 
 def estimated(estimator: Estimator, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and covariance."""
+    """Return the estimated means (K, n) and covariances (K, n, n)."""
     found = estimation.estimate(estimator, problem, np.random.default_rng(0))
     assert found.cov is not None
     return found.mean, found.cov
 
 
 def fate(estimator: Estimator, problem: Problem) -> str:
-    """Return what becomes of a problem that is odd."""
+    """Return the outcome of an estimator on a difficult problem, in words."""
     try:
         mean, cov = estimated(estimator, problem)
     except Exception as error:
@@ -54,7 +58,7 @@ def fate(estimator: Estimator, problem: Problem) -> str:
 
 
 def indefinite(problem: Problem) -> Problem:
-    """Return a problem whose prior has a correlation above one."""
+    """Return the problem with an indefinite prior: a correlation is above one."""
     cov = np.array(problem.prior_cov)
     sigma = np.sqrt(np.diag(cov))
     cov[0, 1] = cov[1, 0] = 1.5 * sigma[0] * sigma[1]
@@ -62,21 +66,21 @@ def indefinite(problem: Problem) -> Problem:
 
 
 def wide(problem: Problem) -> Problem:
-    """Return a problem with a wide prior of the position."""
+    """Return the problem with a wide position prior."""
     scale = np.ones(problem.dimension)
     scale[:3] = WIDER
     return replace(problem, prior_cov=problem.prior_cov * np.outer(scale, scale))
 
 
 def with_nan(problem: Problem) -> Problem:
-    """Return a problem with a measurement that is no number."""
+    """Return the problem with one NaN measurement."""
     measurements = np.array(problem.measurements)
     measurements[problem.epochs // 2, 0] = np.nan
     return replace(problem, measurements=measurements)
 
 
 def main(label: str, reference: str) -> None:
-    """Measure and print."""
+    """Measure an estimator and print the results."""
     warnings.simplefilter("ignore")
     held = problems()
     own, other = gg.estimator(label), gg.estimator(reference)

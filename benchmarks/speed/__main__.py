@@ -1,4 +1,4 @@
-"""``python -m speed``: measure and write the page, or check the ratios."""
+"""Command ``python -m speed``: measurements and page, or a check of the ratios."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from . import check, export, machine, page, problem_file, roster, rounds, stream
 from .rounds import Entry, Measured
 
 RUNS = 32
-"""Runs in the problem's file: what dynamax takes at once."""
+"""Number of runs in the problem file; dynamax can process all of them in one call."""
 TOLERANCES = {"ekf": 1e-6, "ukf": 1e-6, "batch": 1e-4}
-"""Allowed differences of means, in standard deviations of the prior. Levenberg–Marquardt stops
-where the error falls by less than 1e-10 of itself, up to 1e-4 deviations from the minimum."""
+"""Largest allowed differences of means [prior σ].
+
+Levenberg–Marquardt stops if the relative decrease of the error is below 1e-10. The means are then
+up to 1e-4 prior standard deviations from the minimum."""
 DIGITS = 4
 
 
 def entries() -> list[Entry]:
-    """Return all implementations; the reference of each family first."""
+    """Return all implementations; the first of each family is the reference."""
     references = {"ekf": "filterpy-ekf", "ukf": "filterpy-ukf", "batch": "gtsam[mode=batch]"}
     found = [
         Entry(f"ggbench:{label}", page.REFERENCE, family) for family, label in references.items()
@@ -43,7 +45,7 @@ def entries() -> list[Entry]:
 
 
 def bench(options: argparse.Namespace) -> None:
-    """Measure everything, and write the tables."""
+    """Measure all implementations and write the tables."""
     build: Path = options.build
     build.mkdir(parents=True, exist_ok=True)
     before = machine.load()
@@ -71,7 +73,7 @@ def bench(options: argparse.Namespace) -> None:
 
 
 def versions(found: list[Measured]) -> dict[str, str]:
-    """Return the versions of the packages that were measured; environments may differ."""
+    """Return the versions of the measured packages; environments may have different versions."""
     every: dict[str, set[str]] = {}
     for item in found:
         for name, version in item.versions.items():
@@ -80,14 +82,14 @@ def versions(found: list[Measured]) -> dict[str, str]:
 
 
 def main() -> int:
-    """Read the command line."""
+    """Run the command and return its exit code."""
     parser = argparse.ArgumentParser(prog="speed", description=__doc__)
-    parser.add_argument("--check", action="store_true", help="only the guard of the ratios")
-    parser.add_argument("--report", action="store_true", help="only the page, from its tables")
-    parser.add_argument("--rounds", type=int, default=7, help="how often each is timed, in turn")
-    parser.add_argument("--seconds", type=float, default=0.5, help="for how long each time")
+    parser.add_argument("--check", action="store_true", help="only check the ratios")
+    parser.add_argument("--report", action="store_true", help="only write the page, from tables")
+    parser.add_argument("--rounds", type=int, default=7, help="number of timing rounds")
+    parser.add_argument("--seconds", type=float, default=0.5, help="least time in a round [s]")
     parser.add_argument("--roster-rounds", type=int, default=2, help="rounds of all estimators")
-    parser.add_argument("--most", type=int, default=10_000, help="most runs that are streamed")
+    parser.add_argument("--most", type=int, default=10_000, help="most runs of a stream")
     parser.add_argument("--build", type=Path, default=Path("build/speed"))
     parser.add_argument("--output", type=Path, default=Path("reports"))
     options = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Cost of one call of h or H, in NumPy and compiled, and of a field over level or draped layers."""
+"""Costs of evaluations: h and H in NumPy and compiled, and a field with level or draped layers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ SIGMA_POINTS = 31
 
 
 class Calls:
-    """Calls of one function at all epochs of a run: a call counts as a run."""
+    """Calls of one function at all epochs of a run; each call counts as a run.
+
+    The argument is the implementation, ``numpy`` or ``compiled``, and the function: ``h``, ``h31``
+    (h of 31 states) or ``H``. An example is ``numpy-h31``.
+    """
 
     def __init__(self, which: str) -> None:
         maker, _, function = which.partition("-")
@@ -34,16 +38,17 @@ class Calls:
         self.function, self.runs_per_call = functions[function], len(arrays.times)
 
     def solve(self, run: int) -> np.ndarray:
-        """Call it at every epoch; there are no means."""
+        """Call the function at every epoch; return an empty array instead of means."""
         for k in range(self.runs_per_call):
             self.function(k)
         return np.empty(0)
 
 
 class FieldCalls:
-    """Evaluations of the tensor, or of it and its derivatives, along a track in a random map.
+    """Evaluations of the tensor, with or without derivatives, along a track in a random map.
 
-    The level map has the nodes of the draped one, and the tracks are at equal heights above them.
+    The level map and the draped map have the same values at their nodes. The tracks have the same
+    heights relative to the nodes.
     """
 
     NODES = 160, 160, 13
@@ -67,7 +72,7 @@ class FieldCalls:
         self.places = np.stack(self.field.over_nodes(*places.T), axis=-1)
 
     def solve(self, run: int) -> object:
-        """Evaluate all places: one counts as a run."""
+        """Evaluate the field at all places; each evaluation counts as a run."""
         if self.what == "tensor":
             return self.field.continued_tensor(self.places)
         return self.field.tensor_and_derivative(*self.places.T)

@@ -1,4 +1,4 @@
-"""The guard against regressions: ratios of engines measured in turn, never absolute times."""
+"""Guards against slower engines: ratios of times, never absolute times."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from .calls import Calls, FieldCalls
 
 @dataclass(frozen=True)
 class Guard:
-    """How many times as fast a fast way must be as a slow one, per run.
+    """Comparison of two implementations, with the least speed ratio per run.
 
     Attributes
     ----------
-    name : what is compared.
-    floor : about half of what was measured when it was set; of draped layers what is required.
-    slow, fast : make what is timed, ``runs_per_call`` and ``solve(run)``.
+    name : description of the comparison.
+    floor : least ratio of the slow and the fast time. For draped layers it is a requirement; else
+        it is about half of the ratio at the time of its choice.
+    slow, fast : functions that return the timed objects with ``runs_per_call`` and ``solve(run)``.
     """
 
     name: str
@@ -34,7 +35,7 @@ class Guard:
 
 
 class _Product:
-    """A product of large matrices: the most that this machine's BLAS does on one thread."""
+    """Product of large matrices: the highest speed of the BLAS on one thread."""
 
     runs_per_call = 1
 
@@ -64,7 +65,7 @@ def _compiled(label: str) -> Any:
 
 
 class _Simulation:
-    """A block of runs, simulated."""
+    """Simulation of a block of runs."""
 
     def __init__(self) -> None:
         from .rival_ggbench import BLOCK
@@ -78,11 +79,11 @@ class _Simulation:
 
 
 _ENGINES = ("ekf", "ukf", "factor-graph[mode=batch]")
-"""Engines of the campaign that is guarded."""
+"""Engines of the guarded campaign."""
 
 
 class _Engines:
-    """Engines alone, one after the other on a block of runs."""
+    """Engines without a campaign, one after the other on a block of runs."""
 
     def __init__(self) -> None:
         self.engines = [_compiled(label) for label in _ENGINES]
@@ -93,7 +94,7 @@ class _Engines:
 
 
 class _Campaign:
-    """A whole campaign in this process: simulated, estimated, judged, stored, with its tables."""
+    """Complete campaign in this process: simulation, estimates, judgement, storage and tables."""
 
     runs_per_call = 128
 
@@ -113,7 +114,7 @@ class _Campaign:
 
 
 def guards() -> list[Guard]:
-    """Return what is guarded."""
+    """Return all guards."""
     engines = [
         ("ekf", 20.0),
         ("ekf[iterations=5]", 20.0),
@@ -128,35 +129,38 @@ def guards() -> list[Guard]:
     ]
     return [
         Guard(
-            "h of one state, compiled against NumPy",
+            "h of one state: compiled, compared with NumPy",
             1.5,
             lambda: Calls("numpy-h"),
             lambda: Calls("compiled-h"),
         ),
         Guard(
-            "h of 31 states, compiled against NumPy",
+            "h of 31 states: compiled, compared with NumPy",
             6.0,
             lambda: Calls("numpy-h31"),
             lambda: Calls("compiled-h31"),
         ),
         Guard(
-            "H, compiled against NumPy", 5.0, lambda: Calls("numpy-H"), lambda: Calls("compiled-H")
+            "H: compiled, compared with NumPy",
+            5.0,
+            lambda: Calls("numpy-H"),
+            lambda: Calls("compiled-H"),
         ),
         Guard(
-            "h on draped layers, against level ones",
+            "h: draped layers, compared with level layers",
             1.0 / 1.3,
             lambda: FieldCalls("level-tensor"),
             lambda: FieldCalls("draped-tensor"),
         ),
         Guard(
-            "H on draped layers, against level ones",
+            "H: draped layers, compared with level layers",
             1.0 / 1.3,
             lambda: FieldCalls("level-slopes"),
             lambda: FieldCalls("draped-slopes"),
         ),
         *(
             Guard(
-                f"{label}, compiled against its framework or NumPy",
+                f"{label}: compiled, compared with its framework or NumPy",
                 floor,
                 lambda label=label: _Framework(label),
                 lambda label=label: _compiled(label),
@@ -164,13 +168,13 @@ def guards() -> list[Guard]:
             for label, floor in engines
         ),
         Guard(
-            "simulation of a run, against a product of matrices of 768 x 768",
+            "simulation of a run, compared with a product of 768 x 768 matrices",
             3.5,
             _Product,
             _Simulation,
         ),
         Guard(
-            "a whole campaign of three engines, against these engines alone",
+            "campaign of three engines, compared with the engines alone",
             0.2,
             _Engines,
             _Campaign,
@@ -179,9 +183,10 @@ def guards() -> list[Guard]:
 
 
 def ratio(slow: Any, fast: Any, rounds: int, seconds: float) -> float:
-    """Return the median over rounds of the ratio of the times per run, the two timed in turn.
+    """Return the ratio of the times per run, as the median over rounds.
 
-    Processor time: other work on the machine, of which a test server has plenty, is no part of it.
+    Each round times both implementations. The times are processor times, which exclude other work
+    on the machine.
     """
 
     def per_run(solver: Any) -> float:
@@ -194,18 +199,18 @@ def ratio(slow: Any, fast: Any, rounds: int, seconds: float) -> float:
                 return spent / (calls * solver.runs_per_call)
 
     for solver in (slow, fast):
-        solver.solve(0)  # compiled, and in memory
+        solver.solve(0)  # compiles, and loads arrays into memory
     return statistics.median(per_run(slow) / per_run(fast) for _ in range(rounds))
 
 
 def run(rounds: int = 7, seconds: float = 0.15) -> int:
-    """Measure every guard and say what came out; return the number of those below their floor."""
+    """Measure all guards and print the ratios; return the number of ratios below their floors."""
     low = 0
     for guard in guards():
         found = ratio(guard.slow(), guard.fast(), rounds, seconds)
-        verdict = "at least" if found >= guard.floor else "BELOW the floor of"
+        verdict = "at least the floor of" if found >= guard.floor else "BELOW the floor of"
         print(f"{guard.name}: {found:.3g} times as fast, {verdict} {guard.floor:g}")
         low += found < guard.floor
     if low:
-        print(f"{low} of the ratios fell below the floor; a change made something slower.")
+        print(f"ratios below their floors: {low}; a change has made code slower.")
     return low

@@ -1,4 +1,4 @@
-"""The environments of the rivals: this one, and optional ones made on demand in build/speed/."""
+"""Environments of the compared packages: this one, and optional ones in build/speed/."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ONE_THREAD = {
     "MKL_NUM_THREADS": "1",
     "NUMEXPR_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
-    # JAX takes the size of its thread pools from these, however many processors there are.
+    # JAX takes the sizes of its thread pools from these, for any number of processors.
     "NPROC": "1",
     "PJRT_NPROC": "1",
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
@@ -27,17 +27,17 @@ ONE_THREAD = {
 
 
 class EnvironmentFailed(Exception):
-    """An optional environment cannot be made; the text says why."""
+    """An optional environment cannot be created; the message states the reason."""
 
 
 def variables() -> dict[str, str]:
-    """Return the environment variables of every process that is timed."""
+    """Return the environment variables of all timed processes."""
     path = os.pathsep.join(filter(None, [str(BENCHMARKS), os.environ.get("PYTHONPATH", "")]))
     return {**os.environ, **ONE_THREAD, "PYTHONPATH": path}
 
 
 def existing(name: str, folder: Path) -> str | None:
-    """Return the interpreter of an optional environment, or None if it is not made or outdated."""
+    """Return the interpreter of an optional environment; None if it is missing or outdated."""
     home = folder / name
     made = home / ".made"
     if made.exists() and made.read_text() == _stamp(name):
@@ -54,17 +54,17 @@ def _requirements(name: str) -> Path:
 
 
 def python_of(name: str, folder: Path) -> str:
-    """Return the interpreter of an environment, made if it is not there yet.
+    """Return the interpreter of an environment; create the environment if necessary.
 
     Parameters
     ----------
-    name : ``""`` for the benchmark's own, or one of :data:`OPTIONAL`.
-    folder : where the optional ones are made.
+    name : ``""`` for the present environment, or a name in :data:`OPTIONAL`.
+    folder : parent folder of the optional environments.
 
     Raises
     ------
     EnvironmentFailed
-        If it cannot be made: no network, no wheels for this Python, no space.
+        If the environment cannot be created: no network, no wheels for this Python, no space.
     """
     if not name:
         return sys.executable
@@ -73,7 +73,7 @@ def python_of(name: str, folder: Path) -> str:
         return found
     home = folder / name
     python = home / "bin" / "python"
-    print(f"making the environment {home}", file=sys.stderr)
+    print(f"creating the environment {home}", file=sys.stderr)
     shutil.rmtree(home, ignore_errors=True)
     bare = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     for command in (
@@ -87,10 +87,10 @@ def python_of(name: str, folder: Path) -> str:
         try:
             done = subprocess.run(command, env=bare, capture_output=True, text=True, check=False)
         except OSError as error:
-            raise EnvironmentFailed(f"its environment cannot be made: {error}") from error
+            raise EnvironmentFailed(f"its environment cannot be created: {error}") from error
         if done.returncode:
             errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
             reason = (errors or done.stderr.strip().splitlines() or ["no message"])[-1]
-            raise EnvironmentFailed(f"its environment cannot be made: {reason}")
+            raise EnvironmentFailed(f"its environment cannot be created: {reason}")
     (home / ".made").write_text(_stamp(name))
     return str(python)

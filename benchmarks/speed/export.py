@@ -1,4 +1,4 @@
-"""The problem of the speed benchmark as plain arrays."""
+"""Problem of the speed benchmark as plain arrays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCENARIO, CASE = "wang2013", "0.01E-1Hz"
 
 @cache
 def flight() -> Flight:
-    """Return the flight of the benchmark's case, made once in a process."""
+    """Return the flight of the benchmark's case; it is prepared once per process."""
     return prepare(scenario.load(SCENARIO).case(CASE))
 
 
@@ -37,15 +37,15 @@ def problems(runs: Sequence[int]) -> list[Problem]:
 
 
 def model_arrays_of(problem: Problem) -> ModelArrays:
-    """Return the arrays of a problem's h and H."""
+    """Return the arrays of h and H of a problem."""
     model = problem.model
     if not isinstance(model, SensorModel):
-        raise TypeError(f"the model is a {type(model).__name__}")
+        raise TypeError(f"the model is a {type(model).__name__}, not a SensorModel")
     return model.arrays
 
 
 def arrays(runs: Sequence[int]) -> Arrays:
-    """Return some runs as arrays."""
+    """Return the problems of some runs as arrays."""
     found = problems(runs)
     models = [model_arrays_of(problem) for problem in found]
     first, model = found[0], models[0]

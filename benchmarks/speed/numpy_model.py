@@ -1,13 +1,15 @@
-"""h and H in careful NumPy, for the other packages.
+"""Measurement function h and Jacobian H in optimised NumPy, for the other packages.
 
-h_k(x) = offset_k + g_k [reading_k(p_k − B_k x)], where p_k is the INS position, B_k x the position
-error in metres and reading_k the gradient tensor there, of a map (uniform cubic B-spline in
-latitude, longitude, height) and of the normal field (J2 to J12), turned to inertial axes. The map
-is SciPy's NdBSpline; for H, where that would be called four times, the same sums are matrix
-products, which is faster. Scalars are Python floats with :mod:`math`, and many states go through
-one call. No compiled code of the benchmark is used.
+h_k(x) = offset_k + g_k [reading_k(p_k − B_k x)]. p_k is the INS position, and B_k x is the position
+error in metres. reading_k is the gradient tensor at the corrected position, in inertial axes. The
+tensor is the sum of a map and the normal field (J2 to J12). The map is a uniform cubic B-spline in
+latitude, longitude and height.
 
-Components are [xx, xy, xz, yy, yz, zz] in E; x is east, y north, z up on the map.
+h evaluates the map with SciPy's NdBSpline. H would need four such calls; matrix products compute
+the same sums faster. Scalars are Python floats with :mod:`math`, and one call can process many
+states. The module uses no compiled code of ggbench.
+
+Components are [xx, xy, xz, yy, yz, zz] in E; on the map, x is east, y is north and z is up.
 """
 
 from __future__ import annotations
@@ -30,13 +32,16 @@ PER_EOTVOS = 1e9
 SQUARE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 UPPER = np.array([0, 1, 2, 4, 5, 8])
 
-# Uniform cubic B-spline: the four weights and their slopes are these times (1, t, t², t³).
+# Uniform cubic B-spline: weights and their derivatives are these matrices times (1, t, t², t³).
 WEIGHTS = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6.0
 SLOPES = np.array([[-1, 2, -1, 0], [0, -4, 3, 0], [1, 2, -3, 0], [0, 0, 1, 0]]) / 2.0
 
 
 class NormalField:
-    """V_ij = ∂^(i+j) V / ∂r^i ∂s^j of the normal potential, s = sin(geocentric latitude)."""
+    """Derivatives V_ij = ∂^(i+j) V / ∂r^i ∂s^j of the normal potential V.
+
+    r is the geocentric radius, and s is the sine of the geocentric latitude.
+    """
 
     def __init__(self, even_zonals: np.ndarray) -> None:
         self.degrees = np.arange(0, 2 * len(even_zonals) + 1, 2)
@@ -76,7 +81,10 @@ def radii(xp: Any, latitude: Any) -> tuple[Any, Any]:
 
 
 def geocentric(xp: Any, latitude: Any, height: Any) -> tuple[Any, ...]:
-    """Return r, sin and cos of the geocentric latitude, sin and cos of the deflection ψ."""
+    """Return r [m], and sine and cosine of the geocentric latitude and of ψ.
+
+    ψ is the geodetic latitude minus the geocentric latitude.
+    """
     sine, cosine = xp.sin(latitude), xp.cos(latitude)
     _, prime_vertical = radii(xp, latitude)
     equatorial = (prime_vertical + height) * cosine
@@ -95,7 +103,7 @@ def normal_tensor(v: Any, r: Any, s: Any, c: Any, sin_psi: Any, cos_psi: Any) ->
 
 
 def turned(nn: Any, nu: Any, uu: Any, sin_psi: Any, cos_psi: Any) -> tuple[Any, Any, Any]:
-    """Turn NN, NU, UU by ψ about the east axis."""
+    """Rotate NN, NU, UU by ψ about the east axis."""
     sin2, cos2, cross = sin_psi * sin_psi, cos_psi * cos_psi, sin_psi * cos_psi
     return (
         cos2 * nn - 2.0 * cross * nu + sin2 * uu,
@@ -107,7 +115,7 @@ def turned(nn: Any, nu: Any, uu: Any, sin_psi: Any, cos_psi: Any) -> tuple[Any, 
 def normal_slopes(
     v: Any, r: float, s: float, c: float, sin_psi: float, cos_psi: float, d_r: float, d_phi: float
 ) -> tuple[float, float, float, float]:
-    """Return the change of EE, NN, NU, UU [s⁻²] for a step in r and in the geocentric latitude."""
+    """Return the changes of EE, NN, NU, UU [s⁻²] for steps in r and in the geocentric latitude."""
     r2, r3 = r * r, r * r * r
     ee_r = v[2][0] / r - v[1][0] / r2 - s * v[1][1] / r2 + 2.0 * s * v[0][1] / r3
     nn_r = ee_r + c * c * (v[1][2] / r2 - 2.0 * v[0][2] / r3)
@@ -125,7 +133,7 @@ def normal_slopes(
 
 
 class NumpyModel:
-    """h and H of one run."""
+    """Measurement function h and Jacobian H of one run."""
 
     def __init__(self, arrays: Arrays, run: int) -> None:
         self.references, self.rows = arrays.references[run], arrays.rows[run]
@@ -190,7 +198,7 @@ class NumpyModel:
         """Return H (m, n) [E per unit of the state] at one state (n,)."""
         latitude, longitude, height = self._position(k, x)
         corner, powers, inside = self._cell(latitude, longitude, height)
-        # (axis, weight or slope, node)
+        # (axis, weight or derivative, node)
         both = np.stack([WEIGHTS @ powers, SLOPES @ powers * inside]).transpose(2, 0, 1)
         found = both[0] @ self._corner(corner)
         found = both[1] @ found.reshape(2, 4, 24)
@@ -198,7 +206,7 @@ class NumpyModel:
         tensor = found[0, 0, 0]
         meridian, prime_vertical = radii(math, latitude)
         r_north, r_east = meridian + height, prime_vertical + height
-        slope = np.empty((3, 6))  # per metre east, north, up; the axes move along
+        slope = np.empty((3, 6))  # per metre east, north, up; the axes follow the position
         slope[0] = found[0, 1, 0] / (self.step[1] * r_east * math.cos(latitude))
         slope[1] = found[1, 0, 0] / (self.step[0] * r_north)
         slope[2] = found[0, 0, 1] / self.step[2]
@@ -227,7 +235,7 @@ class NumpyModel:
 
         square = tensor[SQUARE]
         change = slope[:, SQUARE]
-        # The local level turns with the position: [φ×] Γ − Γ [φ×].
+        # The local-level axes rotate with the position: [φ×] Γ − Γ [φ×].
         tilt, azimuth, pitch = 1.0 / r_east, math.tan(latitude) / r_east, -1.0 / r_north
         east_turn = np.array([[0.0, -azimuth, tilt], [azimuth, 0.0, 0.0], [-tilt, 0.0, 0.0]])
         north_turn = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -pitch], [0.0, pitch, 0.0]])
@@ -236,7 +244,7 @@ class NumpyModel:
             change[axis] += half + half.T
         c_in = self._inertial(k, latitude, longitude)
         columns = (c_in @ change @ c_in.T).reshape(3, 9)[:, UPPER]
-        # The state's metres are measured at the reference.
+        # Position errors of the state are metres at the reference position.
         reference_latitude, _, reference_height = self.references[k].tolist()
         meridian, prime_vertical = radii(math, reference_latitude)
         east = (prime_vertical + reference_height) * math.cos(reference_latitude)
@@ -258,7 +266,10 @@ class NumpyModel:
         )
 
     def _cell(self, *position: float) -> tuple[list[int], np.ndarray, list[float]]:
-        """Return the first node of the cell, (1, t, t², t³) (4, 3), and 1 per axis if inside."""
+        """Return the first node of a cell, the powers 1, t, t², t³ (4, 3), and a mask of the axes.
+
+        The mask is 1 for each axis along which the position is inside the map, else 0.
+        """
         corner, fractions, inside = [], [], []
         for p, origin, step, cells in zip(
             position, self.origin, self.step, self.cells, strict=True
@@ -279,7 +290,7 @@ class NumpyModel:
         return self.coefficients[i : i + 4, j : j + 4, k : k + 4].reshape(4, 96)
 
     def _inertial(self, k: int, latitude: float, longitude: float) -> np.ndarray:
-        """Return C_in (3, 3), local level to inertial axes."""
+        """Return C_in (3, 3), which rotates local-level to inertial axes."""
         angle = longitude + ROTATION_RATE * float(self.times[k])
         sin_l, cos_l = math.sin(latitude), math.cos(latitude)
         sin_a, cos_a = math.sin(angle), math.cos(angle)

@@ -1,4 +1,4 @@
-"""The page reports/speed.md, made from the tables in reports/speed/."""
+"""Page reports/speed.md, from the tables in reports/speed/."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ggbench.report import page_templates
 FOLDER = "speed"
 TABLES = ("implementations", "rounds", "estimators", "streams", "machine")
 LABELS = {"ekf": "ekf", "ukf": "ukf", "batch": "factor-graph[mode=batch]"}
-"""The compiled engine of each family."""
+"""Compiled engine of each family."""
 TEXT = {"not_timed_because": object}
-"""Columns of text, also where all are empty."""
+"""Types of text columns, also for columns without text."""
 COMPILED = {1: "ggbench, one thread", 2: "ggbench, two threads"}
 REFERENCE = "ggbench on frameworks"
 TITLES = {"ekf": "EKF", "ukf": "UKF", "batch": "batch smoother"}
@@ -32,12 +32,12 @@ SHOWN = (
     "gauss-newton",
     "particle",
 )
-"""Estimators on the page; estimators.csv has all."""
+"""Estimators on the page; estimators.csv contains all estimators."""
 DIFFERENCE = "largest_difference_prior_sd"
 
 
 def write(output: Path) -> Path:
-    """Write ``speed.md`` and its figure from the tables; return the page."""
+    """Write ``speed.md`` and its figure from the tables; return the path of the page."""
     tables = read(output / FOLDER)
     save(figure(tables["rounds"]), output / FOLDER / "answer.png")
     path = output / "speed.md"
@@ -51,7 +51,7 @@ def read(folder: Path) -> dict[str, pd.DataFrame]:
     Raises
     ------
     GGBenchError
-        If one is missing.
+        If a table is missing.
     """
     try:
         return {name: pd.read_csv(folder / f"{name}.csv", dtype=TEXT) for name in TABLES}
@@ -60,12 +60,12 @@ def read(folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def page(tables: dict[str, pd.DataFrame]) -> str:
-    """Return the page.
+    """Return the text of the page.
 
     Raises
     ------
     GGBenchError
-        If an implementation that the answer names was not timed.
+        If an implementation in the answer was not timed.
     """
     measured, estimators = tables["implementations"], tables["estimators"]
     return page_templates.markdown(
@@ -90,13 +90,13 @@ def _best(rounds: pd.DataFrame) -> pd.DataFrame:
 
 
 def _ratios(rounds: pd.DataFrame, column: str = "processor_ms_per_run") -> pd.DataFrame:
-    """Return how many times the engine's time each takes: the median of the rounds' ratios."""
+    """Return the time of each implementation relative to the engine, as the median over rounds."""
     times = rounds.pivot(index=["family", "round"], columns="implementation", values=column)
     return times.div(times[COMPILED[1]], axis=0).groupby("family").median().T
 
 
 def _engines(rounds: pd.DataFrame) -> dict[str, dict[str, str]]:
-    """Return for each family the time of its engine, and how it compares and scales."""
+    """Return time, ratio to the other package and speed-up by threads of each family's engine."""
     best, ratios, wall = _best(rounds), _ratios(rounds), _ratios(rounds, "wall_ms_per_run")
     found = {}
     for family, rival in {"ekf": "filterpy", "ukf": "filterpy", "batch": "gtsam"}.items():
@@ -123,7 +123,7 @@ def _differences(measured: pd.DataFrame) -> dict[str, str]:
 
 
 def _by_family(rounds: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
-    """Return ms/run of each implementation on one thread, and how many times the engine's."""
+    """Return ms/run of each implementation on one thread, and the ratio to the engine."""
     times, ratios = _best(rounds), _ratios(rounds)
     largest = measured.groupby("implementation")[DIFFERENCE].max()
     table = pd.DataFrame({"implementation": times.index}, index=times.index)
@@ -140,7 +140,7 @@ def _by_family(rounds: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def _of_estimators(estimators: pd.DataFrame) -> pd.DataFrame:
-    """Return ms/run of the estimators on the page, and how many times its reference takes."""
+    """Return ms/run of the estimators on the page, and the time ratio of their references."""
     rows = []
     for label in SHOWN:
         row = {"estimator": f"`{label}`"}
@@ -169,7 +169,7 @@ def _cells(own: pd.DataFrame) -> list[str]:
 
 
 def _stream(streams: pd.DataFrame) -> dict[str, Any]:
-    """Return how streams of simulated and estimated runs scale with threads and runs."""
+    """Return time, speed-up by threads, largest number of runs and memory of the streams."""
     by = streams.groupby(["threads", "runs"])
     busy, wall = by["processor_ms_per_run"].sum(), by["stream_wall_ms_per_run"].first()
     common = wall[1].index[0]
@@ -183,7 +183,7 @@ def _stream(streams: pd.DataFrame) -> dict[str, Any]:
 
 @styled()
 def figure(rounds: pd.DataFrame) -> Drawing:
-    """Return the times of all implementations on one thread, by family."""
+    """Return a figure of the times of all implementations on one thread, by family."""
     times = _best(rounds)
     times = times.loc[times.min(axis=1).sort_values(ascending=False).index]
     drawing, axes = subplots(figsize=(7.2, 3.0))

@@ -1,4 +1,4 @@
-"""The estimation problem as plain arrays in a file, for programs without ggbench."""
+"""Estimation problem as plain arrays in a file, for programs without ggbench."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 
 class Arrays(NamedTuple):
-    """R runs of one case with K epochs of m channels and n states; SI units, radians, eotvos.
+    """R runs of one case, with K epochs, m channels and n states; SI units, radians, eotvos.
 
     x_0 ~ N(prior_mean, prior_cov), x_k = transition_k x_{k−1} + N(0, process_cov_k),
-    z_k = h_k(x_k) + N(0, noise_cov) and h as in :mod:`.numpy_model`.
+    z_k = h_k(x_k) + N(0, noise_cov); :mod:`.numpy_model` defines h.
     """
 
-    times: np.ndarray  # (K,) of the epochs
+    times: np.ndarray  # (K,) times of the epochs
     measurements: np.ndarray  # (R, K, m)
     noise_cov: np.ndarray  # (m, m)
     transition: np.ndarray  # (R, K, n, n)
@@ -28,8 +28,8 @@ class Arrays(NamedTuple):
     offsets: np.ndarray  # (R, K, m)
     gains: np.ndarray  # (K,)
     origin: np.ndarray  # (3,) first node of the map
-    step: np.ndarray  # (3,) its spacing
-    coefficients: np.ndarray  # (n0, n1, n2, 6) of its cubic B-spline
+    step: np.ndarray  # (3,) spacing of the nodes
+    coefficients: np.ndarray  # (n0, n1, n2, 6) coefficients of the map's cubic B-spline
     even_zonals: np.ndarray  # (6,) J2, J4, ..., J12 of the normal field
 
     @property
@@ -49,6 +49,6 @@ def save(path: Path, arrays: Arrays) -> None:
 
 
 def load(path: Path) -> Arrays:
-    """Return what :func:`save` wrote."""
+    """Return the arrays in a file from :func:`save`."""
     with np.load(path) as file:
         return Arrays(**{name: file[name] for name in Arrays._fields})

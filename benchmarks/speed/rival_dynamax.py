@@ -1,7 +1,8 @@
-"""dynamax (JAX), compiled: EKF with JAX's derivative of h, and UKF.
+"""EKF and UKF of dynamax (JAX), compiled.
 
-h is written in jax.numpy with the formulas of :mod:`.numpy_model`. Readings are in units of the
-noise, because dynamax adds 1e-9 to the diagonal of what it inverts. Double precision.
+h is written in jax.numpy with the formulas of :mod:`.numpy_model`. JAX differentiates h for the
+EKF. Measurements are in units of the noise standard deviation, because dynamax adds 1e-9 to the
+diagonal of matrices before their inversion. The precision is double.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from .problem_file import Arrays  # noqa: E402
 
 
 def reading(arrays: Arrays) -> Callable[..., Any]:
-    """Return the function that predicts the tensor in inertial axes at a position and a time."""
+    """Return a function that computes the tensor in inertial axes at a position and a time."""
     normal = nm.NormalField(arrays.even_zonals)
     coefficients = jnp.asarray(arrays.coefficients)
     cells = np.array(arrays.coefficients.shape[:3]) - 3
@@ -62,12 +63,12 @@ def reading(arrays: Arrays) -> Callable[..., Any]:
 
 
 def powers(x: Any, count: int) -> Any:
-    """Return 1, x, x², ...: products, where ``**`` with an array would take logarithms."""
+    """Return 1, x, x², ... from products; ``**`` with an array would use logarithms."""
     return jnp.concatenate([jnp.ones(1), jnp.cumprod(jnp.full(count - 1, x))])
 
 
 class Ekf:
-    """extended_kalman_filter, jitted, a run a call."""
+    """EKF by extended_kalman_filter, jitted, one run per call."""
 
     runs_per_call = 1
     together = False
@@ -134,7 +135,7 @@ class Ekf:
         return extended_kalman_filter(parameters, measurements, inputs=epochs, output_fields=fields)
 
     def solve(self, run: int) -> np.ndarray:
-        """Return the means (runs_per_call, K, n) from a run on."""
+        """Return the means (runs_per_call, K, n) of one run, or of all runs with ``together``."""
         if self.together:
             means, covs = self.call(*self.inputs)
         else:
@@ -145,12 +146,12 @@ class Ekf:
 
 
 class Ukf(Ekf):
-    """unscented_kalman_filter with the paper's sigma points, jitted, a run a call."""
+    """UKF by unscented_kalman_filter with the paper's sigma points, jitted, one run per call."""
 
     def filter(self, parameters: Any, measurements: Any, epochs: Any) -> Any:
         """Run dynamax's filter over one run."""
         fields = ["filtered_means", "filtered_covariances"]
-        # λ = α² (n + κ) − n = 3 − n, and no extra weight of the centre: the paper's set.
+        # λ = α² (n + κ) − n = 3 − n, without extra weight at the centre: the paper's sigma points.
         points = UKFHyperParams(alpha=1.0, beta=0.0, kappa=3.0 - len(self.arrays.prior_mean))
         return unscented_kalman_filter(
             parameters, measurements, points, inputs=epochs, output_fields=fields
@@ -158,12 +159,12 @@ class Ukf(Ekf):
 
 
 class EkfTogether(Ekf):
-    """The EKF, vmapped over all runs of the file."""
+    """EKF, vmapped over all runs of the file."""
 
     together = True
 
 
 class UkfTogether(Ukf):
-    """The UKF, vmapped over all runs of the file."""
+    """UKF, vmapped over all runs of the file."""
 
     together = True

@@ -1,4 +1,7 @@
-"""filterpy as its users use it: its own EKF and UKF, h and H in NumPy, fx and hx point by point."""
+"""EKF and UKF of filterpy in their usual form.
+
+h and H are in NumPy. The UKF calls fx and hx once per sigma point.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from .problem_file import Arrays
 
 
 class Ekf:
-    """ExtendedKalmanFilter.predict and .update."""
+    """EKF by ExtendedKalmanFilter.predict and .update."""
 
     runs_per_call = 1
 
@@ -42,7 +45,7 @@ class Ekf:
 
 
 class Ukf(Ekf):
-    """UnscentedKalmanFilter with the paper's sigma points, κ = 3 − n."""
+    """UKF by UnscentedKalmanFilter with the paper's sigma points, κ = 3 − n."""
 
     def solve(self, run: int) -> np.ndarray:
         """Return the means (1, K, n) of a run."""

@@ -1,4 +1,4 @@
-"""ggbench itself: the engines of the frameworks run by run, and the compiled ones on blocks."""
+"""Estimators of ggbench: frameworks run by run, and compiled engines on blocks of runs."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ggbench.simulation.runs import simulate_block
 from . import export
 
 BLOCK = 32
-"""Runs of a block."""
+"""Number of runs of a block."""
 BLOCKS = 4
-"""Blocks that a call solves: enough for two threads."""
+"""Number of blocks per call: enough for two threads."""
 
 
 class Framework:
-    """One of ggbench's estimators on filterpy or gtsam, h and H compiled, a run a call."""
+    """Estimator of ggbench with filterpy or gtsam, h and H compiled, one run per call."""
 
     runs_per_call = 1
 
@@ -33,7 +33,7 @@ class Framework:
 
 
 class Compiled:
-    """One of ggbench's compiled engines, some blocks of runs a call."""
+    """Compiled engine of ggbench, several blocks of runs per call."""
 
     def __init__(self, label: str, threads: int, blocks: int = BLOCKS) -> None:
         self.runs_per_call = BLOCK * blocks

@@ -1,8 +1,9 @@
-"""gtsam as its users use it: one graph, h and H in NumPy as a CustomFactor, Levenberg–Marquardt.
+"""Batch smoother of gtsam in its usual form.
 
-The state is in units of the prior's deviations and the process factor carries its residual in the
-eigenvectors of Q, where the biases, which have no noise, are hard constraints: without that the
-graph of this problem is not solved at all, or only with noise that is not there.
+There is one graph. h and H are in NumPy as a CustomFactor, and the optimiser is
+Levenberg–Marquardt. The state is in units of the prior standard deviations. The residual of the
+process factor is along the eigenvectors of Q. The biases have no process noise, and are therefore
+hard constraints. Without this form, gtsam does not solve the graph, or only with artificial noise.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def reading_error(
     values: gtsam.Values,
     jacobians: list[np.ndarray] | None,
 ) -> np.ndarray:
-    """Return h(x) − z and its Jacobian."""
+    """Return the residual h(x) − z, and set its Jacobian in ``jacobians``."""
     x = values.atVector(k) * scale
     if jacobians is not None:
         jacobians[0] = np.asfortranarray(model.jacobian(k, x) * scale)
@@ -33,7 +34,7 @@ def reading_error(
 
 
 def process_factor(k: int, phi: np.ndarray, q: np.ndarray) -> gtsam.NonlinearFactor:
-    """Return the linear factor between x_{k−1} and x_k with singular Q."""
+    """Return the linear factor between x_{k−1} and x_k for a singular Q."""
     n = len(phi)
     noisy = np.diag(q) > 0.0
     rows, sigmas = np.eye(n), np.zeros(n)
@@ -51,7 +52,7 @@ def process_factor(k: int, phi: np.ndarray, q: np.ndarray) -> gtsam.NonlinearFac
 
 
 class Batch:
-    """Batch smoothing with all marginal covariances."""
+    """Batch smoother that also computes all marginal covariances."""
 
     runs_per_call = 1
 

@@ -1,4 +1,7 @@
-"""Stone Soup's EKF and UKF, all points through h in one call; h and H in NumPy."""
+"""EKF and UKF of Stone Soup.
+
+h and H are in NumPy. One call of h processes all sigma points.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ START = datetime.datetime(2020, 1, 1)
 
 
 class Gradiometer(NonLinearGaussianMeasurement):
-    """The measurement model of one epoch."""
+    """Measurement model of one epoch."""
 
     model: Any = Property()
     epoch: int = Property()
@@ -34,7 +37,7 @@ class Gradiometer(NonLinearGaussianMeasurement):
         return len(self.noise_covar)
 
     def function(self, state: Any, noise: Any = None, **kwargs: Any) -> Any:
-        """Return h of a state or of all sigma points; no noise is ever asked for here."""
+        """Return h for one state or for all sigma points, without noise."""
         vectors = state.state_vector
         if isinstance(vectors, StateVectors):
             return self.model.predict_all(self.epoch, np.asarray(vectors).T).T.view(StateVectors)
@@ -46,7 +49,7 @@ class Gradiometer(NonLinearGaussianMeasurement):
 
 
 class Ekf:
-    """KalmanPredictor (the dynamics are linear) and ExtendedKalmanUpdater."""
+    """EKF by ExtendedKalmanUpdater, and by KalmanPredictor for linear dynamics."""
 
     runs_per_call = 1
 
@@ -88,7 +91,7 @@ class Ekf:
 
 
 class Ukf(Ekf):
-    """UnscentedKalmanPredictor and UnscentedKalmanUpdater with the paper's sigma points."""
+    """UKF by UnscentedKalmanPredictor and -Updater with the paper's sigma points."""
 
     def predictor(self, transition: Any) -> Any:
         """Return the predictor of one epoch."""

@@ -1,7 +1,8 @@
-"""The time of a run with every estimator, on two flights.
+"""Time of a run for every estimator, on two flights.
 
-One starts with a prior of 5 m, the other, over hills, with a prior of a kilometre. Processor time
-of one thread, the best of some rounds in which all are timed in turn.
+The position prior of the first flight is 5 m. The second flight, over hills, has a prior of one
+kilometre. Times are processor times of one thread. Each round times all estimators, and the best
+round counts.
 """
 
 from __future__ import annotations
@@ -51,20 +52,22 @@ OTHERS = (
     "viterbi",
 )
 RUNS = 16
-"""Runs of a block: two groups of lanes."""
+"""Number of runs of a block: two groups of lanes."""
 
 
 @dataclass
 class Cost:
-    """An estimator on a flight: a row of the table of estimators.
+    """Time of an estimator on a flight: a row of the table of estimators.
 
     Attributes
     ----------
-    flight, estimator : which.
-    engine : ``compiled``, its ``reference``, or ``only`` if it has one implementation.
-    processor_ms_per_run : of the best round.
-    largest_difference_prior_sd : of the means of run 0 from the reference's.
-    not_timed_because : empty if it was timed.
+    flight : scenario and case.
+    estimator : label of the estimator.
+    engine : ``compiled``, its ``reference``, or ``only`` for the only implementation.
+    processor_ms_per_run : time per run in the best round [ms].
+    largest_difference_prior_sd : largest difference of the means of run 0 from the reference
+        [prior σ].
+    not_timed_because : reason for not timing the estimator; empty if it was timed.
     """
 
     flight: str
@@ -76,7 +79,7 @@ class Cost:
 
 
 def measure(rounds: int) -> pd.DataFrame:
-    """Return the table of all estimators, flight by flight."""
+    """Measure all estimators on all flights and return their table."""
     found = []
     for name, case in FLIGHTS.items():
         loaded = scenario.load(name)
@@ -114,7 +117,7 @@ def _on_flight(flight: str, block: ProblemBlock, rounds: int) -> list[Cost]:
 
 
 def _work(label: str, engine: str, block: ProblemBlock) -> Callable[[], Any]:
-    """Return what solves the block with a compiled engine, or one run with another."""
+    """Return a function that solves the block with a compiled engine, or else one run."""
     if engine == "compiled":
         compiled: Any = choose(label).estimator
         return lambda: compiled.estimate_block(block).mean

@@ -1,4 +1,4 @@
-"""Timing many implementations in turn, each in a process of its own."""
+"""Rounds of timing of many implementations, each in a separate process."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from . import environments
 
 @dataclass(frozen=True)
 class Entry:
-    """An implementation that is measured.
+    """Implementation to be measured.
 
     Attributes
     ----------
-    key : how :mod:`.worker` names it.
-    title : how the page names it.
-    family : ``ekf``, ``ukf`` or ``batch``: with whose means it must agree.
-    environment : the optional environment it runs in; empty for the benchmark's own.
+    key : name for :mod:`.worker`.
+    title : name on the page.
+    family : ``ekf``, ``ukf`` or ``batch``; the means within a family must agree.
+    environment : optional environment of the implementation; empty for the present environment.
     """
 
     key: str
@@ -36,7 +36,11 @@ class Entry:
 
 @dataclass
 class Measured:
-    """Times of an implementation; without ``turns`` it was not timed, and ``refusal`` says why."""
+    """Results of an implementation.
+
+    ``turns`` contains one result per round. It is empty if the implementation was not timed; then
+    ``refusal`` states the reason.
+    """
 
     entry: Entry
     refusal: str = ""
@@ -76,7 +80,7 @@ class Died(Exception):
 
 
 class _Process:
-    """A worker, and the lines of JSON to and from it."""
+    """Worker process; requests and answers are lines of JSON."""
 
     def __init__(self, entry: Entry, problem: Path, folder: Path) -> None:
         python = environments.python_of(entry.environment, folder)
@@ -98,14 +102,14 @@ class _Process:
         line = self._process.stdout.readline()
         if not line:
             self._process.wait()
-            said = self.log.read_text().strip().splitlines() or ["it said nothing"]
+            said = self.log.read_text().strip().splitlines() or ["no message"]
             raise Died(said[-1])
         found: dict[str, Any] = json.loads(line)
         return found
 
     def ask(self, seconds: float) -> dict[str, Any]:
         assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # there is no answer then, either
+        with contextlib.suppress(BrokenPipeError):  # answer() then raises Died
             self._process.stdin.write(json.dumps({"seconds": seconds}) + "\n")
             self._process.stdin.flush()
         return self.answer()
@@ -118,16 +122,16 @@ class _Process:
 
 
 def plain(error: Exception) -> str:
-    """Return what an error says, without its class and the folders of this machine."""
+    """Return the message of an error, without its class and the folders of this machine."""
     said = re.sub(r"^[\w.]*(Error|Exception): ", "", str(error))
     return said.replace(f"{Path.cwd()}/", "").replace(f"{Path.home()}/", "~/").rstrip(".")
 
 
 def disagreement(difference: float, allowed: float) -> str:
-    """Return why an implementation is not timed; empty if its means agree."""
+    """Return the reason for not timing an implementation; empty if its means agree."""
     if difference <= allowed:
         return ""
-    return f"its means differ by {difference:.1e} prior deviations, {allowed:.0e} are allowed"
+    return f"its means differ by {difference:.1e} prior σ; at most {allowed:.0e} is allowed"
 
 
 def measure(
@@ -139,16 +143,17 @@ def measure(
     rounds: int,
     seconds: float,
 ) -> list[Measured]:
-    """Return all implementations; those whose means agree are timed in turn.
+    """Return the results of all implementations; each round times those with correct means.
 
     Parameters
     ----------
-    entries : the first of each family is the reference of its means.
+    entries : implementations; the first of each family is the reference of the means.
     problem : file of the problem.
-    folder : of optional environments, means and messages of the processes.
+    folder : folder of the optional environments, and of the means and messages of the processes.
     scale : (n,) standard deviations of the prior.
-    tolerances : largest difference of means for each family, in these deviations.
-    rounds, seconds : how often each is asked, and for how long.
+    tolerances : largest allowed difference of the means for each family [prior σ].
+    rounds : number of rounds.
+    seconds : least time of each implementation in a round [s].
     """
     found, running = [Measured(entry) for entry in entries], []
     references: dict[str, np.ndarray] = {}
@@ -176,7 +181,7 @@ def measure(
                     try:
                         item.turns.append(process.ask(seconds))
                     except Died as error:
-                        item.refusal, item.turns = f"it ended while timed: {plain(error)}", []
+                        item.refusal, item.turns = f"its process ended: {plain(error)}", []
     finally:
         for _, process in running:
             process.stop()

@@ -1,7 +1,7 @@
-"""Streams of runs: simulated, estimated by every compiled engine, and dropped block by block.
+"""Streams of runs through simulation and all compiled engines, block by block.
 
-``python -m speed.streams RUNS THREADS`` prints one line of JSON. Only sums are kept, so that memory
-does not depend on the number of runs.
+``python -m speed.streams RUNS THREADS`` prints one line of JSON. A stream keeps only sums of times.
+Its memory therefore does not depend on the number of runs.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import pandas as pd
 from . import environments
 
 SCALED = 1000
-"""Runs with which one thread is compared with two."""
+"""Number of runs in the comparison of one thread with two threads."""
 COUNTS = (100, SCALED, 10_000)
 WINDOW = 64
-"""Blocks whose results wait at a time."""
+"""Largest number of blocks in the queue of the threads."""
 
 
 def stream(runs: int, threads: int) -> list[dict[str, Any]]:
-    """Return a row for simulation and each engine: processor time of a run, and of all the rest."""
+    """Return one row for the simulation and for each engine: times per run and peak memory."""
     from ggbench.campaign.registry import choose
     from ggbench.simulation.runs import simulate_block
 
@@ -46,7 +46,7 @@ def stream(runs: int, threads: int) -> list[dict[str, Any]]:
             parts[label], _ = timed(lambda engine=engine: engine.estimate_block(block).mean)
         return parts
 
-    total = dict.fromkeys(solve(0), 0.0)  # compiled
+    total = dict.fromkeys(solve(0), 0.0)  # compiles the engines
     start = time.perf_counter()
     with ThreadPoolExecutor(threads) as pool:
         for first in range(0, runs, WINDOW * BLOCK):
@@ -68,14 +68,14 @@ def stream(runs: int, threads: int) -> list[dict[str, Any]]:
 
 
 def timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Return the processor seconds that this thread takes for some work, and its result."""
+    """Return the processor time of this thread for some work [s], and the result of the work."""
     start = time.thread_time()
     found = work()
     return time.thread_time() - start, found
 
 
 def measure(most: int) -> pd.DataFrame:
-    """Return the rows of :func:`stream` of each number of runs, each in a process of its own."""
+    """Return the rows of :func:`stream` for several numbers of runs, from separate processes."""
     rows = []
     wanted = [(SCALED, 1), *((runs, 2) for runs in COUNTS if runs <= most)]
     for runs, threads in wanted:

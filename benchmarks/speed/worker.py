@@ -1,8 +1,9 @@
-"""A process that solves the problem with one implementation, when it is asked to.
+"""Worker process that solves the problem with one implementation, on request.
 
-``python -m speed.worker IMPLEMENTATION PROBLEM.npz MEANS.npy``; requests and answers are lines of
-JSON. Its first answer, with versions and memory, follows when it has solved the first runs and
-written their means. It answers {"seconds": s} with the time that some runs took, about s seconds.
+The command is ``python -m speed.worker IMPLEMENTATION PROBLEM.npz MEANS.npy``. Requests and answers
+are lines of JSON. The worker first solves some runs and writes their means. Its first answer
+contains versions, memory and the time of the first call. After a request {"seconds": s} it solves
+runs for at least s seconds. The answer contains their number and time.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ import numpy as np
 from . import problem_file
 
 CHECKED_RUNS = 4
-"""Runs whose means are compared."""
+"""Number of runs with compared means."""
 PACKAGES = ("ggbench", "filterpy", "gtsam", "stonesoup", "dynamax", "jax", "numba", "numpy")
 
 
 def implementation(name: str, problem: Path) -> Any:
-    """Return what solves the problem: ``runs_per_call`` and ``solve(run)``.
+    """Return an object that solves the problem, with ``runs_per_call`` and ``solve(run)``.
 
-    ``rival:Class`` is a class of the module ``rival_rival`` that takes the problem.
+    The name ``ggbench:LABEL`` or ``compiled:THREADS:LABEL`` denotes an estimator of ggbench. The
+    name ``PACKAGE:CLASS`` denotes a class of the module ``rival_PACKAGE``.
     """
     kind, _, which = name.partition(":")
     if kind == "ggbench":
@@ -47,7 +49,7 @@ def implementation(name: str, problem: Path) -> Any:
 
 
 def peak_memory() -> int:
-    """Return the most memory [bytes] that this process has had, the parent's left out."""
+    """Return the peak memory of this process [bytes], without the memory of its parent."""
     status = Path("/proc/self/status")
     if status.exists():
         for line in status.read_text().splitlines():
@@ -58,7 +60,7 @@ def peak_memory() -> int:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of the packages of interest that are installed here."""
+    """Return the versions of Python and of the installed packages in :data:`PACKAGES`."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -69,9 +71,9 @@ def versions() -> dict[str, str]:
 
 
 def main(name: str, problem: str, means: str) -> None:
-    """Solve, answer, and time on request until the input ends."""
+    """Solve some runs, then time runs on request until the input ends."""
     answers = os.fdopen(os.dup(1), "w", buffering=1)
-    os.dup2(2, 1)  # whatever a library prints is no answer
+    os.dup2(2, 1)  # texts of libraries go to stderr, not to the answers
     solver = implementation(name, Path(problem))
     runs = max(CHECKED_RUNS, solver.runs_per_call)
     start = time.perf_counter()

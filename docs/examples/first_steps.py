@@ -1,8 +1,8 @@
 # %% [markdown]
 # # First steps: from a scenario to a figure
 #
-# A script in cells: Jupyter (with jupytext), VS Code and Spyder open it as a notebook, and
-# `python docs/examples/first_steps.py` runs it as it is.
+# This script consists of notebook cells. Jupyter (with jupytext), VS Code and Spyder open it as a
+# notebook. `python docs/examples/first_steps.py` runs it as a script.
 
 # %%
 import ggbench as gg
@@ -11,7 +11,7 @@ scenario = gg.load("wang2013")
 case = scenario.case("0.01E-1Hz")
 
 # %% [markdown]
-# One run: a problem, which is all that an estimator may see, and the truth that it hides.
+# Simulate one run. The estimator receives only the problem. The truth serves to judge the estimate.
 
 # %%
 problem, truth = gg.simulate(case, seed=1, run=0)
@@ -20,9 +20,9 @@ print(problem)
 print(gg.judge(problem, estimate, truth, case.windows))
 
 # %% [markdown]
-# Many runs, in worker processes: the same that `ggbench run` does. With `output="results/mine"`
-# they are kept, and the same call goes on where it was stopped; `gg.Results("results/mine")`
-# opens them again.
+# Fly several runs in worker processes, as `ggbench run` does. With `output="results/mine"` the runs
+# are stored, and the same call continues an interrupted campaign. `gg.Results("results/mine")`
+# opens stored runs.
 
 # %%
 results = gg.run(scenario, ["ins", "ekf"], runs=5, cases=[case.name])
@@ -31,7 +31,7 @@ settled = metrics[metrics["window"] == "settled"]
 print(settled[["estimator", "rms_m", "velocity_rms_mps", "efficiency", "success"]])
 
 # %% [markdown]
-# Every figure is a Matplotlib figure, which a notebook shows when it is a cell's last line.
+# Every figure is a Matplotlib figure. A notebook shows it if it is the last line of a cell.
 
 # %%
 figure = results.plot_error_over_time(case.name)

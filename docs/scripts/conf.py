@@ -1,7 +1,8 @@
-"""Settings of the documentation's site: Sphinx, markdown and notebooks by MyST, the theme furo.
+"""Settings of the documentation site: Sphinx, MyST for Markdown and notebooks, and furo.
 
-``make docs`` builds it. Pages below ``docs/generated`` are made from the repository at each build
-(:mod:`site_pages`); links from any page into ``reports/`` and ``scenarios/data`` lead to them.
+``make docs`` builds the site. Each build generates the pages below ``docs/generated`` from the
+repository (:mod:`site_pages`). Links of any page into ``reports/`` and ``scenarios/data`` lead to
+these pages.
 """
 
 from __future__ import annotations
@@ -23,25 +24,25 @@ author = "The ggbench authors"
 project_copyright = author
 version = release = ggbench.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_design"]
-# Parts that the landing page includes.
+# The landing page includes these parts.
 exclude_patterns = ["generated/findings.md", "generated/thumbnails.md"]
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
 nb_execution_mode = "off"  # `make tutorial-check` executes the notebook
 nb_merge_streams = True
-# Reports begin sections at the depth that suits them.
+# Sections of reports may skip heading levels.
 suppress_warnings = ["myst.header"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
-# Types with limits, by name: what they allow is in their module.
+# The site shows limited types by name; their module documents the limits.
 _LIMITED = ("AtLeastOne", "NonNegative", "Positive", "Share")
 autodoc_type_aliases = {name: name for name in (*_LIMITED, "ArrayLike")}
 
-# Types of other packages, and names that a docstring uses for what it explains in words.
+# Names without a page: types of other packages, and limited types.
 nitpick_ignore_regex = [
     (
         "py:class",
@@ -67,7 +68,7 @@ html_copy_source = False
 
 
 def setup(app: Sphinx) -> None:
-    """Have pages generated before any is read, and links led to them."""
+    """Generate pages before Sphinx reads any page, and redirect links to them."""
     site_pages.write()
     docstrings.setup(app)
 

@@ -1,7 +1,8 @@
-"""The package's docstrings as Sphinx wants them.
+"""Conversion of the package's docstrings for Sphinx.
 
-They follow numpydoc but for one thing: behind the colon stands what a parameter is, in words, for
-its type is in the signature already. numpydoc and napoleon would take the words for a type.
+The docstrings follow numpydoc with one exception. The text after the colon describes a parameter in
+words, because the signature contains the type. numpydoc and napoleon would treat the words as a
+type.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _TEXTS = ("Returns", "Yields")
 
 
 def setup(app: Sphinx) -> None:
-    """Connect what this module does."""
+    """Connect the functions of this module to events of Sphinx."""
     app.connect("autodoc-process-docstring", _process)
     app.connect("missing-reference", _known)
 
@@ -35,7 +36,7 @@ def _process(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: l
 
 
 def in_sphinx_words(lines: list[str]) -> list[str]:
-    """Return a docstring whose sections are fields, their entries the items of a list."""
+    """Return a docstring with sections as fields, and entries as items of a list."""
     found: list[str] = []
     section = ""
     for number, line in enumerate(lines):
@@ -53,7 +54,7 @@ def in_sphinx_words(lines: list[str]) -> list[str]:
 
 
 def _entries(section: str, line: str) -> Iterator[str]:
-    """Yield the items of a list that a line of a section begins, or the line that goes on."""
+    """Yield the list item that a line of a section starts, or a line that continues an item."""
     if section in _TEXTS or line.startswith(" "):
         yield line[4:] if section in _TEXTS and line.startswith("    ") else f"  {line.strip()}"
     elif section in _ERRORS:
@@ -68,10 +69,11 @@ def _entries(section: str, line: str) -> Iterator[str]:
 def _known(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, content: Element
 ) -> Element | None:
-    """Return a link to the one documented object of a name, or the name of what else there is.
+    """Return a link to the documented object with a name; without a link, the name itself.
 
-    A docstring names objects as its module knows them, and not all are documented here. A name of
-    nothing stays unresolved, which is an error.
+    Docstrings use the names in the namespace of their module, and the site does not document all
+    objects. If the package has no object with the name, the result is None. The name stays
+    unresolved, which is an error.
     """
     if node.get("refdomain") != "py":
         return None
@@ -95,7 +97,7 @@ def _known(
 
 @cache
 def _modules() -> tuple[Any, ...]:
-    """Return all modules of the package, loaded."""
+    """Import the modules of the package, and return all that are loaded."""
     rooms = pkgutil.walk_packages(ggbench.__path__, "ggbench.")
     for module in rooms:
         if not module.name.startswith(("ggbench.estimators", "ggbench.scenarios")):
@@ -104,7 +106,7 @@ def _modules() -> tuple[Any, ...]:
 
 
 def _has(module: Any, name: str) -> bool:
-    """Whether a module has something of a dotted name, below it or as the whole name says."""
+    """Return whether a module contains an object with a dotted name, relative or absolute."""
     path = name.removeprefix(f"{module.__name__}.").split(".")
     try:
         reduce(getattr, path, module)

@@ -1,8 +1,8 @@
-"""Writes the key tables of ``docs/scenario_files.md`` and the JSON schemas of files.
+"""Key tables of ``docs/scenario_files.md`` and JSON schemas of files.
 
-``make keys`` runs it after a change of the specification; a test compares both. Each table of keys
-stands between ``<!-- keys: TABLE -->`` and ``<!-- end of keys -->``, the list of all tables between
-``<!-- tables -->`` and ``<!-- end of tables -->``.
+``make keys`` runs this program after a change of the specification. A test compares the files with
+the specification. A table of keys is between ``<!-- keys: TABLE -->`` and ``<!-- end of keys -->``.
+The list of all tables is between ``<!-- tables -->`` and ``<!-- end of tables -->``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,10 @@ CARD_SCHEMA = Path(__file__).parents[1] / "card.schema.json"
 
 
 def filled_in(text: str) -> str:
-    """Return the page with the present tables; a KeyError is a table that does not exist."""
+    """Return the page with the present tables.
+
+    Raises KeyError if the page contains a table that does not exist.
+    """
     text = re.sub(
         r"(<!-- keys: (\S+) -->\n).*?(<!-- end of keys -->)",
         lambda found: f"{found[1]}{_keys(tables()[found[2]])}{found[3]}",
@@ -39,7 +42,7 @@ def filled_in(text: str) -> str:
 
 
 def _keys(table: KeyTable) -> str:
-    """Return the keys of a table in markdown, with a list of those that it only changes below."""
+    """Return the keys of a table in Markdown; keys with inherited defaults are only listed."""
     own = [key for key in table.keys if not key.default.startswith("as in")]
     inherited = [key for key in table.keys if key not in own]
     blocks = [_rows(own)] if own else []
@@ -74,7 +77,7 @@ def _markdown(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def _code(text: str) -> str:
-    """Return a text with quotations and lists set as code."""
+    """Return a text with quoted texts and lists as code."""
     return re.sub(r'(\[.*\]|"[^"]*")', r"`\1`", text)
 
 

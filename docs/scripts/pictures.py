@@ -1,7 +1,8 @@
-"""The pictures of the concepts, into ``docs/pictures``; ``make pictures`` draws them anew.
+"""Pictures of the concepts in ``docs/pictures``.
 
-Frames and the drift are drawings, not to scale, and say so; the errors are those of simulated runs,
-and the likelihoods are computed for a field along a line.
+``make pictures`` draws all pictures again. The frames and the tracks are drawings that are not to
+scale. The errors are errors of simulated runs. The posteriors are computed for a field along a
+line.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _WIDE_CASE, _WIDE_RUNS, _LONG = "1km", 20, 10
 
 @styled()
 def frames() -> Drawing:
-    """The Earth with the axes of ECEF and of ENU at a place; the body seen from above."""
+    """Draw the Earth with the axes of ECEF and of ENU, and the body frame from above."""
     figure = Drawing(figsize=(8.0, 3.9), layout="constrained")
     earth, body = figure.subplots(1, 2)
     for axis in (earth, body):
@@ -43,7 +44,7 @@ def frames() -> Drawing:
     _arrow(earth, place, place + np.array([-0.28, 0.42]), NORTH, "north")
     _arrow(earth, place, place + np.array([0.36, 0.46]), UP, "up")
     earth.plot(*place, "o", color="black", ms=4)
-    earth.set(xlim=(-1.35, 1.6), ylim=(-1.15, 1.5), title="navigation frame n: ENU where one is")
+    earth.set(xlim=(-1.35, 1.6), ylim=(-1.15, 1.5), title="navigation frame n: east, north, up")
     heading = np.radians(50.0)
     forward, right = (
         np.array([np.sin(heading), np.cos(heading)]),
@@ -67,13 +68,13 @@ def frames() -> Drawing:
         color=UP,
         arrowprops={"arrowstyle": "-", "color": UP},
     )
-    body.set(xlim=(-1.0, 1.6), ylim=(-1.0, 1.5), title="body frame b, from above: up (z) to you")
+    body.set(xlim=(-1.0, 1.6), ylim=(-1.0, 1.5), title="body frame b from above, z points up")
     return figure
 
 
 @styled()
 def error_state() -> Drawing:
-    """What the INS indicates, the truth and the correction, drawn; and both errors in a run."""
+    """Draw the indicated, true and corrected tracks, and the errors of INS and EKF in a run."""
     figure = Drawing(figsize=(8.0, 3.6), layout="constrained")
     plan, errors = figure.subplots(1, 2)
     s = np.linspace(0.0, 1.0, 200)
@@ -104,7 +105,7 @@ def error_state() -> Drawing:
         arrowprops={"arrowstyle": "-", "color": ESTIMATED},
     )
     plan.set(
-        title="from above, the drift exaggerated",
+        title="view from above, not to scale",
         xticks=[],
         yticks=[],
         ylim=(-1.1, 4.2),
@@ -118,11 +119,11 @@ def error_state() -> Drawing:
         errors.semilogy(judged.times, judged.position_error, color=colour, label=word)
         if name == "ekf":
             sigma = np.sqrt((judged.sigmas[:, :3] ** 2).sum(axis=1))
-            errors.semilogy(judged.times, sigma, color=ESTIMATED, ls=":", label="claimed, 1 σ")
+            errors.semilogy(judged.times, sigma, color=ESTIMATED, ls=":", label="estimated 1 σ")
     errors.set(
         xlabel="time [s]",
         ylabel="position error [m]",
-        title="a run over the Qinling mountains, 0.01 E",
+        title="flight over the Qinling, noise of 0.01 E",
     )
     plain_numbers(errors)
     errors.legend(loc="upper left", bbox_to_anchor=(0.0, 0.85))
@@ -131,7 +132,7 @@ def error_state() -> Drawing:
 
 @styled()
 def convergence() -> Drawing:
-    """Three runs of a filter with a prior of a kilometre: converged, not converged, false fix."""
+    """Draw runs with a prior of one kilometre: converged, not converged, and a false fix."""
     scenario = gg.load("wide_prior")
     case = scenario.case(_WIDE_CASE)
     required = case.windows.required_m
@@ -140,7 +141,7 @@ def convergence() -> Drawing:
     for run in range(_WIDE_RUNS):
         problem, truth = gg.simulate(case, scenario.campaign.seed, run)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that a filter believes to be outside its map
+            warnings.simplefilter("ignore")  # estimates outside the map
             judged = gg.judge(problem, gg.estimate(problem, "ekf"), truth)
         found.setdefault(_ending(judged, required), judged)
     figure = Drawing(figsize=(8.0, 3.2), layout="constrained")
@@ -148,7 +149,7 @@ def convergence() -> Drawing:
         judged = found[kind]
         axis.semilogy(judged.times, judged.position_error, color=ESTIMATED, label="error")
         radius = claimed_radius(judged.sigmas[:, :3])
-        axis.semilogy(judged.times, radius, color=ESTIMATED, ls=":", label="claimed with 95 %")
+        axis.semilogy(judged.times, radius, color=ESTIMATED, ls=":", label="95 % radius")
         axis.axhline(required, color=WRONG, lw=1.0, label=f"required: {required:g} m")
         plain_numbers(axis)
         outside = np.flatnonzero(judged.position_error > required)
@@ -160,11 +161,14 @@ def convergence() -> Drawing:
     return figure
 
 
-_KINDS = {"converged": "converged", "none": "not converged, no claim", "false": "a false fix"}
+_KINDS = {"converged": "converged", "none": "not converged", "false": "false fix"}
 
 
 def _ending(judged: gg.Judgement, required_m: float) -> str:
-    """What a run ends as, as reports define it; "" if it was never outside for long."""
+    """Return the outcome of a run as defined in reports: "converged", "false" or "none".
+
+    The result is "" if the error is within ``required_m`` from an early epoch to the end.
+    """
     outside = np.flatnonzero(judged.position_error > required_m)
     if judged.position_error[-1] <= required_m:
         return "converged" if outside.size and outside[-1] > _LONG else ""
@@ -173,15 +177,15 @@ def _ending(judged: gg.Judgement, required_m: float) -> str:
 
 @styled()
 def prior_width() -> Drawing:
-    """A field along a line, and what one reading, or twelve, say of the place at three widths."""
+    """Draw a field along a line, and posteriors of the position for three prior widths."""
     rng = np.random.default_rng(5)
     step = 0.01
     x = np.arange(-20.0, 20.0, step)  # in correlation lengths
-    # White noise smoothed with s is correlated as exp(-x²/4s²), which is 1/e at the distance 2 s.
+    # The correlation of white noise smoothed with s is exp(-x²/4s²): 1/e at the distance 2 s.
     field = gaussian_filter1d(rng.standard_normal(x.size), 0.5 / step)
     field /= field.std()
     noise, true = 0.3, 0.0
-    readings = np.arange(12) * 0.25  # places ahead at which a reading is taken
+    readings = np.arange(12) * 0.25  # distances of the measurements ahead
     figure = Drawing(figsize=(8.0, 4.6), layout="constrained")
     above, below = figure.subplots(2, 3, sharex="col", height_ratios=(1.0, 1.2))
     for top, bottom, width in zip(above, below, (0.2, 1.0, 5.0), strict=True):
@@ -201,14 +205,14 @@ def prior_width() -> Drawing:
         misfit = ((h - measured[:, None]) / noise) ** 2
         for count, colour in ((1, "tab:orange"), (readings.size, ESTIMATED)):
             posterior = prior * np.exp(-0.5 * misfit[:count].sum(axis=0))
-            words = "one reading" if count == 1 else f"{count} readings"
+            words = "1 measurement" if count == 1 else f"{count} measurements"
             bottom.fill_between(
                 at, posterior / posterior.max(), color=colour, alpha=0.5, label=words
             )
         bottom.plot(at, prior, color="0.5", label="prior")
         bottom.axvline(true, color="black", lw=0.8)
-        bottom.set(xlabel="place, in correlation lengths ℓ", yticks=[])
-    above[0].set_ylabel("field, and its slope")
+        bottom.set(xlabel="position / correlation length ℓ", yticks=[])
+    above[0].set_ylabel("field and linearisation")
     below[0].set_ylabel("probability")
     legend_below(figure, dict(zip(*below[2].get_legend_handles_labels()[::-1], strict=True)))
     return figure
@@ -230,7 +234,7 @@ ALL = {
 
 
 def draw(folder: Path) -> None:
-    """Draw all pictures into a folder."""
+    """Draw all pictures and save them in a folder."""
     for name, picture in ALL.items():
         save(picture(), folder / f"{name}.png")
 

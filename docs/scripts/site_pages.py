@@ -1,8 +1,12 @@
-"""Pages of the site that are made from the repository at each build, into ``docs/generated``.
+"""Pages that each build of the site generates from the repository, in ``docs/generated``.
 
-The definitions (from the text of which ``reports/definitions.md`` is made, too), the reports, what
-is said of the data, a gallery of the shipped scenarios with their answers, and the findings and
-thumbnails of the landing page.
+The pages are
+
+- the definitions, from the same text as ``reports/definitions.md``,
+- the reports,
+- the descriptions of the data,
+- a gallery of the shipped scenarios with the answers of their reports,
+- the findings and thumbnails of the landing page.
 """
 
 from __future__ import annotations
@@ -23,11 +27,11 @@ DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 GENERATED = DOCS / "generated"
 EXTRA = DOCS.parent / "build" / "extra"
-"""Files that the site has as they are: the reports' HTML pages, in ``pages``, if any."""
+"""Files that the site contains unchanged: HTML pages of the reports in ``pages``, if any."""
 THUMBNAILS = "thumbnails"
 """Folder of thumbnails, inside the folder of generated pages."""
 FIRST = tuple(dict.fromkeys([*(name for name, _ in FINDINGS), "wang2013"]))
-"""First scenarios of the gallery: the sources of the findings, and the paper."""
+"""First scenarios of the gallery: the sources of the findings, and the scenario of the paper."""
 _THUMBNAIL_PX, _THUMBNAIL_COLOURS = 640, 64
 _REPORTS, _DATA = ROOT / "reports", ROOT / "scenarios" / "data"
 _LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
@@ -35,7 +39,7 @@ _PICTURE = re.compile(r"^!\[(.*?)\]\((.+?)\)$", re.MULTILINE)
 
 
 def write() -> None:
-    """Write all pages anew."""
+    """Write all pages again, after deletion of the old pages."""
     shutil.rmtree(GENERATED, ignore_errors=True)
     shutil.rmtree(EXTRA, ignore_errors=True)
     for source, page in copies().items():
@@ -60,7 +64,7 @@ def write() -> None:
 
 
 def _interactive() -> list[str]:
-    """Return links to the HTML pages of the reports, if `make reports` has written them here."""
+    """Return links to the HTML pages of the reports, if `make reports` has written these pages."""
     links = [
         f'<a href="../../pages/{path.name}">{path.stem}</a>'
         for path in sorted(_REPORTS.glob("*.html"))
@@ -69,7 +73,7 @@ def _interactive() -> list[str]:
 
 
 def copies() -> dict[Path, Path]:
-    """Return the page of each text of the repository that the site has."""
+    """Return the page of each text that the site copies from the repository."""
     reports = {path: GENERATED / "reports" / path.name for path in sorted(_REPORTS.glob("*.md"))}
     return reports | {
         _DATA / "README.md": GENERATED / "data.md",
@@ -79,11 +83,13 @@ def copies() -> dict[Path, Path]:
 
 
 def relinked(text: str, written: Path, page: Path) -> str:
-    """Return a text whose links lead from a page of the site where they led from its own place.
+    """Return a text with links that lead from a page of the site to their original targets.
 
     Parameters
     ----------
-    text : markdown. written : the file whose links they are. page : the file that will hold it.
+    text : text in Markdown.
+    written : file that contains the text.
+    page : file that will contain the result.
     """
 
     def led(link: re.Match[str]) -> str:
@@ -97,7 +103,7 @@ def relinked(text: str, written: Path, page: Path) -> str:
 
 
 def scenarios() -> list[str]:
-    """Return the names of the shipped scenarios, beginning with :data:`FIRST`."""
+    """Return the names of the shipped scenarios, :data:`FIRST` first."""
     shipped = scenario.shipped()
     return [*FIRST, *(name for name in shipped if name not in FIRST)]
 
@@ -108,7 +114,7 @@ def findings() -> str:
     Raises
     ------
     ValueError
-        If it has none.
+        If the front page has no text before its first section.
     """
     front = _REPORTS / "README.md"
     opening = re.search(r"^# [^\n]*\n+(.*?)(?=^## )", _text(front), re.MULTILINE | re.DOTALL)
@@ -122,7 +128,7 @@ def write_thumbnails(folder: Path) -> None:
 
     Parameters
     ----------
-    folder : to write into; it is created.
+    folder : folder of the pictures; it is created.
     """
     folder.mkdir(parents=True)
     for name, source in _pictures().items():
@@ -144,7 +150,7 @@ def _pictures() -> dict[str, Path]:
 
 
 def thumbnails() -> str:
-    """Return a grid of the pictures of the reports, each a link, for a page in ``docs``."""
+    """Return a grid of pictures that link to their reports, for a page in ``docs``."""
     lines = ["::::{grid} 2 3 4 4", ":gutter: 2", ""]
     for name in _pictures():
         lines += [
@@ -159,21 +165,21 @@ def thumbnails() -> str:
 
 
 def _plain(title: str) -> str:
-    """Return a title as text of a directive's argument."""
+    """Return a title, escaped for the argument of a directive."""
     return title.replace("`", "\\`").replace("*", "\\*")
 
 
 def gallery() -> str:
-    """Return the page of the shipped scenarios, in the folder of the generated pages."""
+    """Return the text of the gallery, a page in the folder of the generated pages."""
     return "\n\n".join(_gallery()) + "\n"
 
 
 def _gallery() -> Iterator[str]:
     yield "# Gallery of scenarios"
     yield (
-        "Every shipped scenario with its purpose, and with the answer and figure of its report if "
-        "it has one. `ggbench run NAME` runs one again, `ggbench report` writes its report. Terms "
-        "are [defined](reports/definitions.md) once."
+        "The gallery shows every shipped scenario with its purpose. If a report exists, the card "
+        "contains its answer and figure. `ggbench run NAME` runs a scenario, and `ggbench report` "
+        "writes its report. See the [definitions](reports/definitions.md) of terms."
     )
     yield "::::{grid} 1 2 3 3\n:gutter: 3"
     pictures = _pictures()
@@ -182,22 +188,22 @@ def _gallery() -> Iterator[str]:
         options = [f":img-top: {THUMBNAILS}/{name}.png"] if name in pictures else []
         yield "\n".join([f":::{{grid-item-card}} {_plain(loaded.title)}", *options])
         yield loaded.description
-        links = f"[the scenario's file](../../scenarios/{name}.toml)"
+        links = f"[scenario file](../../scenarios/{name}.toml)"
         if page.exists():
             yield relinked(answer(_text(page)), page, GENERATED / "gallery.md")
-            links = f"[the report](reports/{name}.md), {links}"
+            links = f"[report](reports/{name}.md), {links}"
         yield f"`{name}`: {links}"
         yield ":::"
     yield "::::"
 
 
 def answer(report: str) -> str:
-    """Return what a report says first, in bold or as a list: its answer.
+    """Return the answer of a report: its first paragraph or list that starts in bold.
 
     Raises
     ------
     ValueError
-        If it says nothing.
+        If the report has no such paragraph or list.
     """
     for block in re.split(r"\n\s*\n", report):
         if block.startswith(("**", "- **")):
@@ -206,7 +212,7 @@ def answer(report: str) -> str:
 
 
 def main_picture(report: str) -> tuple[str, str] | None:
-    """Return caption and path of the picture of a report's answer, else of its first."""
+    """Return caption and path of the answer's picture, or else of the first picture of a report."""
     pictures = _PICTURE.findall(report)
     of_answer = [found for found in pictures if found[1].endswith("/answer.png")]
     return next(iter([*of_answer, *pictures]), None)

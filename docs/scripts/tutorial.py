@@ -1,7 +1,7 @@
-"""Execution of the tutorial notebook, to renew its outputs or to compare them.
+"""Execution of the tutorial notebook, with renewal or comparison of its outputs.
 
 ``make tutorial`` renews the outputs of ``docs/tutorial.ipynb``. ``make tutorial-check`` executes
-the notebook and fails if a text, a number or a picture differs from the kept one.
+the notebook and fails if a text, a number or a picture differs from the stored one.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ LONGEST_CELL_S = 300
 PICTURE_BYTES = 60_000
 _COLOURS = 64
 _RELATIVE = 0.01
-"""Difference of numbers that another processor or another NumPy may cause."""
+"""Largest relative difference of numbers due to another processor or another NumPy."""
 _CHANNEL, _PIXELS = 0.25, 0.01
-"""Difference of a pixel's channel that counts, and share of pixels that may differ."""
+"""Largest difference of a channel in equal pixels, and largest share of unequal pixels."""
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 _PICTURE = "image/png"
 
@@ -40,7 +40,7 @@ def executed(notebook: NotebookNode) -> NotebookNode:
 
     Parameters
     ----------
-    notebook : to execute; it is not changed.
+    notebook : notebook to be executed; it is not changed.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def differences(kept: NotebookNode, new: NotebookNode) -> list[str]:
 
     Parameters
     ----------
-    kept : notebook with the outputs that are kept.
+    kept : notebook with the stored outputs.
     new : the same notebook, executed again.
     """
     return [
@@ -112,7 +112,7 @@ def _difference(kept: list[NotebookNode], new: list[NotebookNode]) -> str:
             one, two = _content(output, kind), _content(other, kind)
             if kind == _PICTURE:
                 if not _same_picture(one, two):
-                    return "the picture is another one"
+                    return "the picture has changed"
             elif not _same_text(one, two):
                 return f"{kind} is now\n{two}\ninstead of\n{one}"
     return ""
@@ -129,18 +129,18 @@ def _content(output: NotebookNode, kind: str) -> str:
 
 
 def _same_text(one: str, two: str) -> bool:
-    """Whether two texts have equal words and, within 1 %, equal numbers."""
+    """Return whether two texts have equal words and, within 1 %, equal numbers."""
     if [part.split() for part in _NUMBER.split(one)] != [
         part.split() for part in _NUMBER.split(two)
     ]:
         return False
     numbers = [np.array(_NUMBER.findall(text), float) for text in (one, two)]
-    # The last printed digit of a small number may turn.
+    # The last printed digit of a small number may change.
     return bool(np.allclose(*numbers, rtol=_RELATIVE, atol=0.011))
 
 
 def _same_picture(one: str, two: str) -> bool:
-    """Whether two pictures have one size and nearly equal pixels."""
+    """Return whether two pictures have equal sizes and nearly equal pixels."""
     first, second = (
         np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"), float) / 255.0
         for text in (one, two)
@@ -151,9 +151,9 @@ def _same_picture(one: str, two: str) -> bool:
 
 
 def main() -> None:
-    """Execute the notebook; keep the outputs or compare them."""
+    """Execute the notebook, and store or compare its outputs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="keep the new outputs")
+    parser.add_argument("--write", action="store_true", help="store the new outputs")
     write = parser.parse_args().write
     kept = nbformat.read(NOTEBOOK, as_version=4)
     begin = time.perf_counter()
@@ -164,7 +164,7 @@ def main() -> None:
         return
     changed = differences(kept, new)
     if changed:
-        sys.exit("\n".join([*changed, "To keep the new outputs: make tutorial"]))
+        sys.exit("\n".join([*changed, "To store the new outputs: make tutorial"]))
 
 
 if __name__ == "__main__":

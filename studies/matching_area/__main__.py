@@ -1,4 +1,4 @@
-"""``python -m matching_area``: fly the study and write its page, or the page alone."""
+"""Command ``python -m matching_area``: flights and page of the study, or only the page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DIGITS = 5
 
 
 def fly(regions: Sequence[Region], runs: Runs, processes: int) -> pd.DataFrame:
-    """Return the table of the study, a row for each track, in the order of the cells."""
+    """Fly the study and return its table, one row per track, in the order of the cells."""
     work = jobs(regions, runs)
     rows: list[dict[str, Any]] = []
     if processes == 1:
@@ -30,7 +30,7 @@ def fly(regions: Sequence[Region], runs: Runs, processes: int) -> pd.DataFrame:
             rows += rows_of_cell(job)
             _say(len(rows), work)
         return pd.DataFrame(rows)
-    # Not forked: the threads of compiled code would not come along.
+    # Spawned, because forked processes do not inherit the threads of compiled code.
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
         for found in pool.imap(rows_of_cell, work):
             rows += found
@@ -39,19 +39,19 @@ def fly(regions: Sequence[Region], runs: Runs, processes: int) -> pd.DataFrame:
 
 
 def _say(tracks: int, work: Sequence[object]) -> None:
-    print(f"{tracks} tracks flown, of {len(work)} cells", file=sys.stderr, flush=True)
+    print(f"tracks flown: {tracks} (cells in total: {len(work)})", file=sys.stderr, flush=True)
 
 
 def write(table: pd.DataFrame, path: Path) -> None:
-    """Write the table as CSV, its numbers to five digits."""
+    """Write the table as a CSV file, with numbers to five digits."""
     with written_whole(path, GGBenchError) as file:
         table.to_csv(file, index=False, float_format=f"%.{DIGITS}g")
 
 
 def main() -> int:
-    """Read the command line."""
+    """Run the command and return its exit code."""
     parser = argparse.ArgumentParser(prog="matching_area", description=__doc__)
-    parser.add_argument("--report", action="store_true", help="only the page, from the table")
+    parser.add_argument("--report", action="store_true", help="only write the page, from the table")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--output", type=Path, default=Path("reports"))
     options = parser.parse_args()

@@ -1,8 +1,9 @@
-"""Rank correlations of indices and errors, with intervals over cells.
+"""Rank correlations of indices with errors, and bootstrap intervals over cells.
 
-Columns of values (n, p) are indices, rows tracks, larger is taken for better. Tracks through one
-cell share its map, so that a sample of the bootstrap draws cells, within each region, and takes all
-of their tracks. Regions are never pooled: a statistic is that of each, and their mean.
+Arrays (n, p) contain the values of p indices for n tracks. Larger values mean better matching.
+Tracks through one cell share the map of the cell. A bootstrap sample therefore draws cells within
+each region, and contains all their tracks. Regions are not pooled: statistics are computed for each
+region, and then averaged over the regions.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from scipy.stats import rankdata
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Statistic = Callable[[Rows], Array]
-"""Of some rows of a table, a number for each index (p,)."""
+"""Function of row numbers of a table that returns a value for each index (p,)."""
 
 SAMPLES = 2000
 SEED = 20120115
@@ -25,51 +26,59 @@ ENDS = (2.5, 97.5)
 
 
 def correlation(x: Array, y: Array) -> Array:
-    """Return Pearson's correlations (p,) of columns (n, p) with an outcome (n,); NaN of a constant.
+    """Return Pearson's correlations (p,) of the columns of x (n, p) with an outcome y (n,).
 
-    Pearson's of ranks is Spearman's.
+    The correlation is NaN if a column or the outcome is constant. For ranks it is Spearman's
+    correlation.
     """
     x, y = x - x.mean(axis=0), y - y.mean()
     size = np.sqrt(np.sum(x**2, axis=0) * np.sum(y**2))
-    # A constant less its mean is rounding.
+    # A constant minus its mean leaves only rounding errors.
     known = size > 1e-9 * np.sqrt(len(y)) * np.abs(y).max(initial=0.0)
     return np.divide(y @ x, size, out=np.full(x.shape[1], np.nan), where=known)
 
 
 def spearman(x: Array, y: Array) -> Array:
-    """Return Spearman's correlations (p,) of columns (n, p) with an outcome (n,)."""
+    """Return Spearman's correlations (p,) of the columns of x (n, p) with an outcome y (n,)."""
     return correlation(rankdata(x, axis=0), rankdata(y))
 
 
 class Groups(NamedTuple):
-    """Which rows (n,) of a table are of which region and cell."""
+    """Region and cell of each row of a table.
+
+    Attributes
+    ----------
+    regions : (n,) names of the regions.
+    cells : (n,) numbers of the cells.
+    """
 
     regions: NDArray[np.str_]
     cells: NDArray[np.intp]
 
     @property
     def names(self) -> list[str]:
-        """The regions, in the order of the table."""
+        """Names of the regions, in the order of the table."""
         return list(dict.fromkeys(self.regions.tolist()))
 
     def rows(self, region: str) -> Rows:
-        """Return the rows of a region."""
+        """Return the row numbers of a region."""
         return np.flatnonzero(self.regions == region)
 
     def of_cells(self, region: str) -> list[Rows]:
-        """Return the rows of each cell of a region."""
+        """Return the row numbers of each cell of a region."""
         rows = self.rows(region)
         return [rows[self.cells[rows] == cell] for cell in np.unique(self.cells[rows])]
 
 
 class Spread(NamedTuple):
-    """Statistics of indices, with intervals over the choice of cells.
+    """Statistics of p indices, with bootstrap intervals over cells.
 
     Attributes
     ----------
-    value : (p,) mean over the regions. low, high : (p,) ends of the 95 % percentile intervals.
-    regions : of each its own value (p,), low (p,) and high (p,).
-    samples : (B, p) of the bootstrap, of the mean.
+    value : (p,) mean over the regions.
+    low, high : (p,) ends of the 95 % percentile intervals of the mean.
+    regions : value (p,), low (p,) and high (p,) of each region.
+    samples : (B, p) bootstrap samples of the mean.
     """
 
     value: Array
@@ -79,7 +88,7 @@ class Spread(NamedTuple):
     samples: Array
 
     def part(self, which: slice) -> Spread:
-        """Return the same of some of the indices."""
+        """Return the statistics of a part of the indices."""
         regions = {
             name: (value[which], low[which], high[which])
             for name, (value, low, high) in self.regions.items()
@@ -90,10 +99,10 @@ class Spread(NamedTuple):
 
 
 def over_cells(statistic: Statistic, groups: Groups, samples: int = SAMPLES) -> Spread:
-    """Return a statistic of each region and their mean, with intervals over cells.
+    """Return a statistic for each region and its mean over regions, with intervals over cells.
 
-    All indices, and all statistics of one table, are resampled alike: differences are paired. A
-    region in which a statistic is not defined is left out of the mean.
+    All indices and all statistics of a table have the same bootstrap samples. Differences are
+    therefore paired. The mean omits regions in which the statistic is undefined.
     """
     rng = np.random.default_rng(SEED)
     drawn, found, each = [], [], {}
@@ -112,7 +121,7 @@ def over_cells(statistic: Statistic, groups: Groups, samples: int = SAMPLES) -> 
 
 
 def _mean(parts: Sequence[Array]) -> Array:
-    """Return the mean of what is a number; NaN where nothing is."""
+    """Return the mean of the parts without NaN; NaN if all parts are NaN."""
     stacked = np.stack(parts)
     count = np.sum(~np.isnan(stacked), axis=0)
     total = np.nansum(stacked, axis=0)
@@ -127,9 +136,11 @@ def _ends(samples: Array) -> tuple[Array, Array]:
 
 
 def p_value(samples: Array) -> float:
-    """Return the two-sided p-value of the bootstrap (B,) that what it samples is zero.
+    """Return the two-sided bootstrap p-value of the hypothesis that a statistic is zero.
 
-    Twice the share of samples on the other side, none counted as one; 1 of no numbers.
+    ``samples`` (B,) are bootstrap samples of the statistic, and B excludes NaN. The p-value is
+    2 (1 + k) / (1 + B), at most 1. k is the smaller number of samples on either side of zero. The
+    p-value is 1 if all samples are NaN.
     """
     known = samples[~np.isnan(samples)]
     if known.size == 0:
@@ -139,16 +150,17 @@ def p_value(samples: Array) -> float:
 
 
 def ceiling(first: Array, second: Array) -> float:
-    """Return the correlation of ranks that a perfect index would have with an outcome.
+    """Return the rank correlation of a perfect index with an outcome that contains noise.
 
-    The outcome has the noise of its runs in it. Of its halves (n,) the correlation r gives the
-    reliability of the whole, 2r/(1 + r) (Spearman & Brown 1910); its root is the ceiling.
+    ``first`` and ``second`` (n,) are the outcomes of two halves of the runs. Their rank correlation
+    is r. The reliability of the outcome of all runs is 2r/(1 + r) (Spearman & Brown 1910). The
+    result is the square root of the reliability, or 0 if r is not positive.
     """
     r = float(spearman(first[:, np.newaxis], second)[0])
     return float(np.sqrt(2.0 * r / (1.0 + r))) if r > 0.0 else 0.0
 
 
 def thirds(values: Array) -> NDArray[np.intp]:
-    """Return to which third each of some values (n,) belongs: 0, the lowest, to 2."""
+    """Return the third (n,) of each value (n,), from 0 (lowest values) to 2 (highest values)."""
     limits = np.quantile(values, [1.0 / 3.0, 2.0 / 3.0])
     return np.searchsorted(limits, values, side="right")

@@ -1,4 +1,4 @@
-"""The design of the study: cells, tracks, flights."""
+"""Design of the study: cells, tracks and flights."""
 
 from __future__ import annotations
 
@@ -20,20 +20,24 @@ SPEED_MPS = 250.0
 DURATION_S = TRACK_M / SPEED_MPS
 SETTLED_S = 0.5 * DURATION_S
 RIGHT_M = 2500.0
-"""How far off a fix may be and be the right one."""
+"""Largest error of a right fix [m]."""
 SEED = 5
 
 
 @dataclass(frozen=True)
 class Region:
-    """Where cells lie.
+    """Region of the study, with its map, flights and cells.
 
     Attributes
     ----------
-    name : in the table. title : in words. source : of the map. map : its bounds.
-    height_m : of the flights. weak : what reads the field on flights that are to fail.
-    side : cells along each axis, spread evenly, no two adjacent.
-    margin_deg : between the bounds of the map and the first cells.
+    name : name in the table.
+    title : name on the page.
+    source : source of the map.
+    map : bounds of the map.
+    height_m : height of the flights [m].
+    weak : instrument of the flights with frequent false fixes, see :func:`weak`.
+    side : number of cells along each axis; cells are evenly spaced and not adjacent.
+    margin_deg : distance between the bounds of the map and the first cells [deg].
     """
 
     name: str
@@ -58,7 +62,7 @@ class Region:
         ]
 
     def scoring(self, instrument: Instrument) -> Design:
-        """Return what the cells are asked for; of tracks only where they begin and end."""
+        """Return the design of the scores of the cells; its tracks have only two positions."""
         return Design(
             height_m=self.height_m,
             cell_deg=CELL_DEG,
@@ -93,12 +97,14 @@ REGIONS = (
 
 @dataclass(frozen=True)
 class Flown:
-    """How a track is flown: what is known before, and what reads the field.
+    """Prior and measurements of flights along a track.
 
     Attributes
     ----------
-    sigma_m : of the position before, per axis. instrument : tensor or uu, its noise in E.
-    period_s : from one reading to the next. runs : of each track.
+    sigma_m : standard deviation of the position prior, per axis [m].
+    instrument : gradiometer that measures the tensor or Γ_UU, with its noise in E.
+    period_s : time between measurements [s].
+    runs : number of runs per track.
     """
 
     sigma_m: float
@@ -108,30 +114,30 @@ class Flown:
 
     @property
     def components(self) -> list[str]:
-        """Channels of the gradiometer, whose x is to the east."""
+        """Channels of the gradiometer; its x axis points east."""
         every = ["xx", "xy", "xz", "yy", "yz", "zz"]
         return every[-1:] if self.instrument.kind == "uu" else every
 
 
 NEAR = Flown(100.0, Instrument("tensor", 1.0), 1.0, 100)
-"""For the local accuracy: the place is known well enough to linearise."""
+"""Flights for the local accuracy, with a prior that is narrow enough to linearise."""
 WIDE = Flown(5000.0, Instrument("tensor", 1.0), 5.0, 4)
-"""For locking on with the same instrument."""
+"""Flights for fixes with the same instrument and a wide prior."""
 WEAK_RUNS = 10
 GRAVIMETER = Instrument("gravity", 1.0)
 
 
 def weak(region: Region) -> Flown:
-    """Return how tracks are flown for false fixes, of which WIDE has too few.
+    """Return flights with frequent false fixes; :data:`WIDE` has too few false fixes.
 
-    Less is read and less is known; the noise is such that about half of the tracks are predicted to
-    have 2 to 50 % of false fixes.
+    These flights measure only Γ_UU and have a wider prior. With the chosen noise, about half of the
+    tracks have 2 to 50 % of predicted false fixes.
     """
     return Flown(10_000.0, region.weak, WIDE.period_s, WEAK_RUNS)
 
 
 class Track(NamedTuple):
-    """A straight track through the centre of a cell."""
+    """Straight track through the centre of a cell."""
 
     region: Region
     number: int
@@ -141,19 +147,19 @@ class Track(NamedTuple):
 
     @property
     def first_run(self) -> int:
-        """From which the runs are counted where they are to be other ones on every track."""
+        """Number of the first run of fixes; it differs between the tracks of a region."""
         return 1000 * (len(HEADINGS) * self.number + HEADINGS.index(self.heading_deg))
 
 
 def tracks_of(region: Region, number: int, cell: Cell) -> Iterator[Track]:
-    """Yield the tracks through a cell of a region, whose number it is."""
+    """Yield the tracks through a cell of a region; ``number`` is the number of the cell."""
     for heading, positions in tracks(cell, region.scoring(NEAR.instrument)):
         latitude, longitude = (math.degrees(angle) for angle in positions[0, :2])
         yield Track(region, number, cell, heading, (latitude, longitude))
 
 
 def case(track: Track, flown: Flown) -> CaseSpec:
-    """Return the case of a track, as a scenario file would say it."""
+    """Return the case of flights along a track, from the content of a scenario file."""
     region = track.region
     document: dict[str, Any] = {
         "title": "A track of the study of matching areas",
@@ -201,5 +207,5 @@ def case(track: Track, flown: Flown) -> CaseSpec:
 
 
 def smaller(region: Region, bounds: Bounds, side: int) -> Region:
-    """Return a region of which there is less: another map and so many cells along each axis."""
+    """Return a smaller region, with other bounds of the map and ``side`` cells along each axis."""
     return replace(region, map=bounds, side=side)

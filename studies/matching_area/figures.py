@@ -1,4 +1,4 @@
-"""The figure of the study: errors of tracks over three indices."""
+"""Figure of the study: errors of tracks against three indices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PER_KM = {"roughness": 1e3}
 
 @styled()
 def scatter(table: pd.DataFrame, near: Ranking) -> Drawing:
-    """Return the error of each track over three indices, the worst on the right."""
+    """Return a figure of track errors against three indices, which get worse to the right."""
     figure, axes = subplots(1, 3, figsize=(8.4, 3.2), sharey=True)
     ends = [table["error_m"].min(), table["error_m"].max()]
     handles = {}

@@ -1,4 +1,4 @@
-"""Findings of the table of tracks: rankings of indices, fixes, choices, instruments."""
+"""Findings from the table of tracks: rankings of indices, false fixes, headings, instruments."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from .indices import BASE, NEAR, WEAK, Index, columns, groups
 Array = NDArray[np.float64]
 
 TRUSTED = 0.5
-"""Correlation that an index must exceed, with all of its interval, to be trusted."""
+"""Lower limit of the correlation interval of a trusted index."""
 BINS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-"""Limits of the predicted share of false fixes between which it is compared with the found one."""
+"""Limits of bins of the predicted share, for its comparison with the observed share."""
 JUDGED = BINS[1], BINS[-2]
-"""Shares between which a prediction is judged."""
+"""Limits of the predicted shares that are judged."""
 FACTOR = 3.0
-"""Factor within which a judged prediction should be."""
+"""Largest factor between predicted and observed share for a correct prediction."""
 HINDSIGHT = Index("error_m", "the best in hindsight")
 INSTRUMENTS = {"track_m": "six components", "track_uu_m": "Γ_UU", "track_gravity_m": "gravimeter"}
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """How indices order the tracks of the study by an outcome.
+    """Ranking of p indices by their correlation with an outcome.
 
     Attributes
     ----------
-    indices : which.
+    indices : the indices.
     order : Spearman's correlation with the outcome.
-    ahead : the same minus that of roughness.
-    ahead_p : p-values of ``ahead``, by Holm; NaN of roughness.
-    p : p-values of ``order``, by Holm.
+    ahead : Spearman's correlation minus the correlation of roughness.
+    ahead_p : (p,) p-values of ``ahead``, adjusted by Holm's method; NaN for roughness.
+    p : (p,) p-values of ``order``, adjusted by Holm's method.
     """
 
     indices: tuple[Index, ...]
@@ -50,10 +50,10 @@ class Ranking:
 
     @property
     def trusted(self) -> list[int]:
-        """Indices to be trusted, best first.
+        """Places of the trusted indices in ``indices``, best first.
 
-        Their correlation is not zero by Holm's test, exceeds one half with its interval, and is
-        positive in each region with its interval.
+        The correlation of a trusted index differs from zero by Holm's test. Its interval is above
+        one half. In each region its interval is above zero.
         """
         fit = (self.p < ALPHA) & (self.order.low > TRUSTED)
         for _, low, _ in self.order.regions.values():
@@ -61,11 +61,11 @@ class Ranking:
         return sorted(np.flatnonzero(fit).tolist(), key=lambda i: -self.order.value[i])
 
     def at(self, column: str) -> int:
-        """Return the place of an index."""
+        """Return the place of the index with a given column."""
         return [index.column for index in self.indices].index(column)
 
     def beyond(self, i: int) -> str:
-        """Return the verdict against roughness: better, worse, undecided, or – for roughness."""
+        """Return better, worse or undecided, compared with roughness; – for roughness itself."""
         if self.indices[i] == BASE:
             return "–"
         if not self.ahead_p[i] < ALPHA:
@@ -73,7 +73,7 @@ class Ranking:
         return "better" if self.ahead.value[i] > 0.0 else "worse"
 
     def table(self, outcome: str) -> pd.DataFrame:
-        """Return a row for each index, of the mean of the regions and of each region."""
+        """Return one row for each index and region; the region ``mean`` is their mean."""
         mean = (self.order.value, self.order.low, self.order.high)
         rows = [
             {
@@ -96,7 +96,7 @@ class Ranking:
 def ranking(
     table: pd.DataFrame, indices: tuple[Index, ...], outcome: Array, samples: int = assoc.SAMPLES
 ) -> Ranking:
-    """Return how indices order the tracks by an outcome (n,), larger being better."""
+    """Return the ranking of indices for an outcome (n,); larger outcomes are better."""
     x, base, p = columns(table, indices), indices.index(BASE), len(indices)
 
     def statistic(rows: assoc.Rows) -> Array:
@@ -113,18 +113,18 @@ def ranking(
 
 
 def accuracy(table: pd.DataFrame, samples: int = assoc.SAMPLES) -> Ranking:
-    """Return how indices order the tracks by the filter's error, the smallest first."""
+    """Return the ranking of indices for the local accuracy; smaller filter errors are better."""
     return ranking(table, NEAR, -table["error_m"].to_numpy(), samples)
 
 
 def right_fixes(table: pd.DataFrame, samples: int = assoc.SAMPLES) -> Ranking:
-    """Return how indices order the tracks by the share of right fixes of the weak flights."""
+    """Return the ranking of indices for the share of right fixes in the weak flights."""
     right = 1.0 - (table["weak_wrong"] / table["weak_runs"]).to_numpy()
     return ranking(table, WEAK, right, samples)
 
 
 def ceilings(table: pd.DataFrame) -> dict[str, float]:
-    """Return the largest correlation of each region that the noise of the runs allows."""
+    """Return the largest possible correlation in each region, given the noise of the runs."""
     return {
         str(region): assoc.ceiling(part["error_even_m"].to_numpy(), part["error_odd_m"].to_numpy())
         for region, part in table.groupby("region", sort=False)
@@ -132,9 +132,12 @@ def ceilings(table: pd.DataFrame) -> dict[str, float]:
 
 
 def thirds(table: pd.DataFrame, samples: int = assoc.SAMPLES) -> pd.DataFrame:
-    """Return the median error on the thirds of each region by each index, with its interval."""
+    """Return the median error on the worst, middle and best third by each index, with intervals.
+
+    The thirds are formed in each region. The medians are over both regions together.
+    """
     error, of, rows = table["error_m"].to_numpy(), groups(table), []
-    # Of one stratum: the regions are put together.
+    # The regions form one stratum of the bootstrap.
     together = assoc.Groups(np.full(len(table), "all"), _numbered(of))
     for index, values in zip(NEAR, columns(table, NEAR).T, strict=True):
         third = np.zeros(len(table), dtype=np.intp)
@@ -157,8 +160,9 @@ def thirds(table: pd.DataFrame, samples: int = assoc.SAMPLES) -> pd.DataFrame:
 def heading_gain(table: pd.DataFrame, samples: int = assoc.SAMPLES) -> pd.DataFrame:
     """Return the error on the heading that an index chooses, relative to the mean heading.
 
-    Ratio to the geometric mean over the headings of a cell, and geometric mean over cells, with its
-    interval; also of the heading that is best in hindsight.
+    In each cell the error is divided by the geometric mean of the errors over all headings. The
+    result is the geometric mean of this ratio over cells, with its interval. One row is for the
+    heading with the smallest error.
     """
     knowing = tuple(i for i in NEAR if i.column in ("track_m", "wide_ambiguity", "bound_m"))
     named, of = (*knowing, HINDSIGHT), groups(table)
@@ -175,12 +179,12 @@ def heading_gain(table: pd.DataFrame, samples: int = assoc.SAMPLES) -> pd.DataFr
 
 
 def _numbered(of: assoc.Groups) -> NDArray[np.intp]:
-    """Return numbers of the cells (n,) that no two regions share."""
+    """Return cell numbers (n,) that are unique over all regions."""
     return of.cells + 100_000 * np.searchsorted(np.unique(of.regions), of.regions)
 
 
 def false_fixes(table: pd.DataFrame) -> pd.DataFrame:
-    """Return predicted and found shares of false fixes in each bin, and in all that are judged."""
+    """Return predicted and observed shares of false fixes, per bin and for all judged bins."""
     predicted = table["weak_expected"].to_numpy()
     rows = []
     for low, high in [*itertools.pairwise(BINS), JUDGED]:
@@ -209,10 +213,10 @@ def _compared(part: pd.DataFrame, low: float, high: float) -> dict[str, Any]:
 
 
 def instruments(table: pd.DataFrame) -> pd.DataFrame:
-    """Return how alike instruments rank the cells of each region, a row for each pair.
+    """Return the agreement of instruments in the ranking of cells, one row per region and pair.
 
-    Cells are ranked by the root mean square of the CRLB over headings. ``best_third_in_common`` is
-    the share of the best third of the first that is also in that of the second.
+    Cells are ranked by the RMS of the CRLB over headings. ``best_third_in_common`` is the share of
+    the best third by the first instrument that is also in the best third by the second instrument.
     """
     rows = []
     for region, part in table.groupby("region", sort=False):

@@ -1,4 +1,4 @@
-"""Predictions for each track before it is flown, and the outcome of its flights."""
+"""Predictions for each track, and outcomes of the flights along it."""
 
 from __future__ import annotations
 
@@ -38,10 +38,13 @@ from .design import (
 
 READINGS = round(DURATION_S / WIDE.period_s)
 MATCHER = f"tercom[fusion=none,window={READINGS},longest={READINGS},spacing_m=2000,refine=4]"
-"""One search over all readings of a track. The fields' correlation lengths are 8 km and more."""
+"""Matcher with one search over all measurements of a track.
+
+The search spacing of 2 km is small compared with the correlation lengths, which are at least 8 km.
+"""
 FILTER = "ekf"
 _STEPS = 20
-"""Offsets from the middle to the end of the reach."""
+"""Number of offsets from the centre of the search grid to its border."""
 STATISTICS = (
     "deviation",
     "slope_deviation",
@@ -54,7 +57,7 @@ STATISTICS = (
 
 
 class Runs(NamedTuple):
-    """How many of each kind of flights, by default those of the design."""
+    """Number of runs per track for each kind of flights; the defaults are those of the design."""
 
     near: int = NEAR.runs
     wide: int = WIDE.runs
@@ -62,7 +65,7 @@ class Runs(NamedTuple):
 
 
 def rows_of_cell(job: tuple[Region, int, Cell, Runs]) -> list[dict[str, Any]]:
-    """Return a row for each track through a cell."""
+    """Fly the tracks through a cell and return one row per track."""
     region, number, cell, runs = job
     rows = []
     of_cell: dict[str, float] = {}
@@ -87,7 +90,7 @@ def rows_of_cell(job: tuple[Region, int, Cell, Runs]) -> list[dict[str, Any]]:
 
 
 def _of_cell(field: Field, region: Region, cell: Cell) -> dict[str, float]:
-    """Return the statistics of a cell, of Γ_UU; of a gravimeter's map its roughness."""
+    """Return the statistics of Γ_UU in a cell, and the roughness of the gravity disturbance."""
     found = score_cell(field, cell, region.scoring(NEAR.instrument))
     of_gravity = score_cell(field, cell, region.scoring(GRAVIMETER))
     return {name: found[name] for name in STATISTICS} | {
@@ -96,7 +99,7 @@ def _of_cell(field: Field, region: Region, cell: Cell) -> dict[str, float]:
 
 
 def _said(flight: Flight) -> dict[str, float]:
-    """Return what Fisher's information says of the readings' places, by instrument."""
+    """Return the CRLB [m] of the measurements along a flight, for each instrument."""
     track = flight.motion_at_epochs.positions
     return {
         name: info.accuracy(info.information(instrument.jacobians(flight.field, track)))
@@ -109,7 +112,11 @@ def _said(flight: Flight) -> dict[str, float]:
 
 
 def _near(flight: Flight, runs: int) -> dict[str, float]:
-    """Return the bound of a flight, and the error of the filter; of the even and odd runs, too."""
+    """Return the bound and the filter's error of a flight [m].
+
+    All values are horizontal RMS values from :data:`.design.SETTLED_S` on. The errors of even runs
+    and of odd runs are also included.
+    """
     settled = flight.times >= SETTLED_S - 1e-9
     block, truth = simulate_block(flight, SEED, range(runs))
     found = _filter().estimate_block(block)
@@ -124,10 +131,12 @@ def _near(flight: Flight, runs: int) -> dict[str, float]:
 
 
 def _matched(name: str, track: Track, flown: Flown, runs: int) -> dict[str, float]:
-    """Return what is predicted of single fixes on a track, and what they were.
+    """Return predictions and outcomes of single fixes on a track.
 
-    ``locked`` and ``false`` are accepted and right or not; ``wrong`` is the best place beyond r₀,
-    whether accepted or not, which is what the union bound and the spill predict.
+    ``locked`` counts the accepted fixes with an error of at most r₀, and ``false`` the other
+    accepted fixes. ``wrong`` counts all fixes with an error above r₀, also if they are rejected.
+    The union bound and the spill together predict the share of ``wrong``. r₀ is
+    :data:`.design.RIGHT_M`.
     """
     flight = prepare(case(track, flown))
     positions, reach = flight.motion_at_epochs.positions, REACH * flown.sigma_m
@@ -138,7 +147,7 @@ def _matched(name: str, track: Track, flown: Flown, runs: int) -> dict[str, floa
     block, truth = simulate_block(flight, SEED, range(track.first_run, track.first_run + runs))
     for run in range(runs):
         fixes = _matcher().estimate(block.problem(run), np.random.default_rng(0)).fixes
-        assert fixes is not None  # a matcher has them
+        assert fixes is not None  # matchers return fixes
         for k in range(len(fixes)):
             error = fixes.mean[k, :2] - truth.error_state[run, fixes.epoch[k], :2]
             right = bool(np.hypot(*error) <= RIGHT_M)
@@ -155,7 +164,7 @@ def _matched(name: str, track: Track, flown: Flown, runs: int) -> dict[str, floa
 
 
 def _horizontal(flight: Flight) -> np.ndarray:
-    """Bound of the horizontal position (K,) at the epochs, given the readings so far [m²]."""
+    """Return the bound of the horizontal variance (K,) [m²], from measurements up to each epoch."""
     return np.asarray(np.trace(flight_bound(flight).filtering[:, :2, :2], axis1=1, axis2=2))
 
 
@@ -172,7 +181,7 @@ def _matcher() -> Estimator:
 
 
 def jobs(regions: Sequence[Region], runs: Runs) -> list[tuple[Region, int, Cell, Runs]]:
-    """Return the cells of some regions, each with all that it takes."""
+    """Return the arguments of :func:`rows_of_cell` for all cells of some regions."""
     return [
         (region, number, cell, runs)
         for region in regions

@@ -1,4 +1,4 @@
-"""The indices that are compared, as columns of the table of tracks."""
+"""Indices of the study, as columns of the table of tracks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,14 @@ Array = NDArray[np.float64]
 
 
 class Index(NamedTuple):
-    """A column of the table, and whether more of it is taken for better."""
+    """Column of the table with an index.
+
+    Attributes
+    ----------
+    column : name of the column.
+    title : name of the index on the page.
+    sign : 1 if larger values mean better matching, else −1.
+    """
 
     column: str
     title: str
@@ -24,7 +31,7 @@ class Index(NamedTuple):
 
 
 BASE = Index("roughness", "roughness", 1.0)
-"""The index that all others are compared with."""
+"""Index with which all other indices are compared."""
 COMPONENT = "index"
 OF_MAPS = (
     Index("deviation", "standard deviation", 1.0),
@@ -42,7 +49,7 @@ NEAR = (
     Index("wide_ambiguity", "least ambiguity", 1.0),
     Index("bound_m", "bound of the flight"),
 )
-"""For the local accuracy."""
+"""Indices for the local accuracy."""
 WEAK = (
     *OF_MAPS,
     Index("track_uu_m", "CRLB along the track"),
@@ -50,14 +57,14 @@ WEAK = (
     Index("weak_expected", "predicted false fixes"),
     Index("weak_bound_m", "bound of the flight"),
 )
-"""For right fixes: predictions for the instrument and the prior that are flown."""
+"""Indices for right fixes; predictions are for instrument and prior of the weak flights."""
 
 
 def completed(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with what follows from its columns.
+    """Return the table with two columns that are computed from other columns.
 
-    ``index``, by principal components over the cells of a region; ``weak_expected``, the predicted
-    share of false fixes.
+    ``index`` is the index from principal components over the cells of a region. ``weak_expected``
+    is the predicted share of false fixes.
     """
     table = table.copy()
     table["weak_expected"] = np.minimum(table["weak_union"] + table["weak_spill"], 1.0)
@@ -73,10 +80,10 @@ def completed(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def columns(table: pd.DataFrame, indices: tuple[Index, ...]) -> Array:
-    """Return the indices (n, p) of the tracks, turned so that larger is taken for better."""
+    """Return p indices (n, p) of n tracks; their signs make larger values better."""
     return np.stack([i.sign * table[i.column].to_numpy(float) for i in indices], axis=1)
 
 
 def groups(table: pd.DataFrame) -> Groups:
-    """Return which tracks are of which region and cell."""
+    """Return the region and the cell of each track."""
     return Groups(table["region"].to_numpy(str), table["cell"].to_numpy(np.intp))

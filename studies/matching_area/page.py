@@ -1,4 +1,4 @@
-"""The page reports/matching_area.md and its tables, made from reports/matching_area/tracks.csv."""
+"""Page reports/matching_area.md and its tables, from reports/matching_area/tracks.csv."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OUTCOMES = {"accuracy": "local accuracy", "fixes": "right fixes"}
 
 @dataclass(frozen=True)
 class Found:
-    """All findings of a table of tracks, and the tables that are written."""
+    """Findings from a table of tracks, and the tables for CSV files."""
 
     tracks: pd.DataFrame
     near: Ranking
@@ -37,7 +37,7 @@ class Found:
 
     @classmethod
     def of(cls, tracks: pd.DataFrame, samples: int = assoc.SAMPLES) -> Found:
-        """Return the findings, with so many samples of the bootstrap."""
+        """Return the findings; ``samples`` is the number of bootstrap samples."""
         tracks = completed(tracks)
         near, weak = findings.accuracy(tracks, samples), findings.right_fixes(tracks, samples)
         rankings = [near.table("accuracy"), weak.table("fixes")]
@@ -52,7 +52,7 @@ class Found:
 
 
 def write(tracks: pd.DataFrame, output: Path) -> Path:
-    """Write ``matching_area.md``, its figure and its tables; return the page."""
+    """Write ``matching_area.md``, its figure and its tables; return the path of the page."""
     found, folder = Found.of(tracks), output / FOLDER
     save(figures.scatter(found.tracks, found.near), folder / "answer.png")
     for name, table in found.tables.items():
@@ -63,7 +63,7 @@ def write(tracks: pd.DataFrame, output: Path) -> Path:
 
 
 def page(found: Found) -> str:
-    """Return the page."""
+    """Return the text of the page."""
     near, tracks = found.near, found.tracks
     ratio = np.percentile(tracks["error_m"] / tracks["bound_m"], [5.0, 95.0])
     judged = found.tables["false_fixes"].query("judged")["predicted_over_found"]
@@ -95,7 +95,7 @@ def page(found: Found) -> str:
 
 
 def _named(ranking: Ranking, which: list[int]) -> dict[str, str] | None:
-    """Return name and correlation of the first of some indices; None of none."""
+    """Return name and correlation of the first index in ``which``; None if it is empty."""
     if not which:
         return None
     order, i = ranking.order, which[0]
@@ -108,7 +108,7 @@ def _interval(value: float, low: float, high: float) -> str:
 
 
 def _indices(indices: pd.DataFrame) -> pd.DataFrame:
-    """Return the correlations of the trusted indices; of the best if none is trusted."""
+    """Return the correlations of the best trusted indices; if none is trusted, of the best ones."""
     mean = indices[indices["region"] == "mean"]
     shown = mean[mean["trusted"]] if mean["trusted"].any() else mean
     best = shown.groupby("index")["spearman"].max().sort_values(ascending=False)
@@ -123,7 +123,7 @@ def _indices(indices: pd.DataFrame) -> pd.DataFrame:
 
 
 def _index(mean: pd.DataFrame, index: str) -> dict[str, str]:
-    """Return a row of the table: the means over regions of both outcomes."""
+    """Return the table row of an index: its means over regions for both outcomes."""
     own = mean[mean["index"] == index].set_index("outcome")
     row = {"index": index}
     for outcome, title in OUTCOMES.items():
@@ -137,13 +137,13 @@ def _index(mean: pd.DataFrame, index: str) -> dict[str, str]:
 
 
 def _untrusted(indices: pd.DataFrame) -> list[str]:
-    """Return the indices that are trusted for nothing."""
+    """Return the indices that are trusted for neither outcome."""
     fit = indices.groupby("index", sort=False)["trusted"].any()
     return [str(index) for index in fit.index[~fit]]
 
 
 def _false_fixes(compared: pd.DataFrame) -> pd.DataFrame:
-    """Return predicted and found shares, bin by bin."""
+    """Return predicted and observed shares of false fixes, one row per bin."""
     return pd.DataFrame(
         {
             "predicted [%]": f"{100 * row.from_share:g}–{100 * row.to_share:g}"
@@ -170,18 +170,18 @@ def _thirds(thirds: pd.DataFrame) -> dict[str, str]:
 
 
 def _heading_gain(headings: pd.DataFrame) -> str:
-    """Return by how much the error falls on the heading that the bound of the flight chooses."""
+    """Return the relative reduction of the error on the heading with the smallest bound."""
     gain = 1.0 - headings.set_index("heading_by")["error_over_mean_heading"]
     return share(gain["bound of the flight"])
 
 
 def _instruments(instruments: pd.DataFrame) -> dict[str, str]:
-    """Return the least correlation over regions of six components with each other instrument."""
+    """Return the smallest correlation over regions of six components with each instrument."""
     first = instruments[instruments["first"] == findings.INSTRUMENTS["track_m"]]
     return {str(k): f"{v:.2f}" for k, v in first.groupby("second")["spearman"].min().items()}
 
 
 def _wide(tracks: pd.DataFrame) -> dict[str, Any]:
-    """Return the fixes of the wide flights: how many, and the share accepted and right."""
+    """Return the number of fixes of the wide flights, and the share of accepted, right fixes."""
     fixes, locked = int(tracks["wide_runs"].sum()), int(tracks["wide_locked"].sum())
     return {"fixes": fixes, "right": share(wilson(locked, fixes)[0])}

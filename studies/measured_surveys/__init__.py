@@ -1,1 +1,1 @@
-"""The measured surveys that ggbench ships, made from the published archive."""
+"""Study: measured surveys of ggbench, from a published archive."""

@@ -1,10 +1,12 @@
-"""``python -m measured_surveys [ARCHIVE]``: write scenarios/data/measured.
+"""Command ``python -m measured_surveys [ARCHIVE]``: files of scenarios/data/measured.
 
-ARCHIVE is galileoqc-1.0.16.tar.gz, the source archive on PyPI: the lines are taken from it, which
-needs the extra ``terrain``. Without it only maps and noise are made again, from the lines shipped.
+ARCHIVE is galileoqc-1.0.16.tar.gz, the source archive on PyPI, with the survey lines. Without
+ARCHIVE the command writes only maps and noise models, from the shipped lines. The command needs the
+extra ``terrain``.
 
-``--navigate 320,190,1 500,300,0.2`` writes nothing: it compares maps of Vinton Dome, each given by
-depth [m], spacing [m] and damping, by navigation over lines held back; some minutes for each.
+``--navigate 320,190,1 500,300,0.2`` writes no files. It compares maps of Vinton Dome by navigation
+over held-back lines. Each map is given by depth [m], spacing [m] and damping, and takes some
+minutes.
 """
 
 from __future__ import annotations
@@ -40,22 +42,24 @@ SETTINGS = {
     "fosterville2019": FitOptions(640.0, 530.0, 0.3),
     "east_victoria2023": FitOptions(2500.0, 1000.0, 0.3),
 }
-"""Settings of the maps. Those of Vinton Dome navigate best on lines held back: see the README of
-the data. Those of Fosterville are what ``--choose`` finds, in a quarter of an hour. The passes of
-East Victoria cover no area: depths of 1.5, 2.5, 4 and 6 km were tried."""
+"""Settings of the maps.
+
+The settings of Vinton Dome give the best navigation over held-back lines, see the README of the
+data. ``--choose`` finds the settings of Fosterville, in a quarter of an hour. The passes of East
+Victoria cover no area; depths of 1.5, 2.5, 4 and 6 km were tried."""
 MAPS = {
     name: (lines.survey, lines.leave_out, SETTINGS[name], lines.quantity)
     for name, lines in surveyed().items()
 }
-"""Maps: the survey; the lines that they must not know; settings; and what was measured."""
+"""Survey, excluded lines, settings and measured quantity of each map."""
 
 
 def main() -> None:
-    """Write a table for each survey, then maps and noise."""
+    """Write the tables of the surveys, the maps and the noise models, or compare settings."""
     parser = argparse.ArgumentParser(prog="measured_surveys", description=__doc__)
     parser.add_argument("archive", type=Path, nargs="?")
     parser.add_argument("--output", type=Path, default=Path("scenarios/data/measured"))
-    parser.add_argument("--choose", action="store_true", help="choose the settings again")
+    parser.add_argument("--choose", action="store_true", help="choose new settings of the maps")
     parser.add_argument("--navigate", type=_settings, nargs="+", metavar="DEPTH,SPACING,DAMPING")
     options = parser.parse_args()
     if options.navigate:
@@ -73,14 +77,14 @@ def _settings(text: str) -> Settings:
     try:
         depth, spacing, damping = map(float, text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be three numbers, as 320,190,1") from None
+        raise argparse.ArgumentTypeError(f"{text!r} must have the form 320,190,1") from None
     return Settings(depth, spacing, damping)
 
 
 def _write_lines(published: Path, folder: Path) -> None:
     with published.open("rb") as file:
         if hashlib.file_digest(file, "sha256").hexdigest() != SHA256:
-            raise SystemExit(f"{published} is not galileoqc-1.0.16.tar.gz as published")
+            raise SystemExit(f"{published} is not the published galileoqc-1.0.16.tar.gz")
     with tempfile.TemporaryDirectory() as unpacked, tarfile.open(published) as archive:
         for name, (member, table) in SURVEYS.items():
             archive.extract(member, unpacked, filter="data")

@@ -1,8 +1,8 @@
-"""Maps of a survey, compared by navigation over lines that they do not know.
+"""Comparison of survey maps by navigation over held-back lines.
 
-Each primary line is flown over a map without its fold, with coloured noise fitted to the residuals
-of the other folds. Its own readings are the measurements. INS errors are drawn from their initial
-uncertainty, and a batch smoother finds them.
+Each primary line is flown over a map that excludes the fold of the line. The model of the coloured
+noise is fitted to the residuals of the other folds. The samples of the line are the measurements.
+INS errors are drawn from their prior, and a batch smoother estimates them.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from .smoothing import GriddedMap, fly
 
 Array = NDArray[np.float64]
 
-_ORDER = 8  # of the noise
-_MOST_SAMPLES = 299  # of a flight, from the middle of its line
+_ORDER = 8  # order of the noise model
+_MOST_SAMPLES = 299  # largest number in a flight, from the middle of its line
 
 
 class Navigation(NamedTuple):
-    """What navigation over one map per fold gave.
+    """Results of navigation over one map per fold.
 
     Attributes
     ----------
-    residual : RMS of reading minus map on lines held back [E].
-    slope : coefficient of readings held back on the map, both whitened by the noise.
-    rms : RMS horizontal error of each flight (lines, draws) [m].
-    nees : normalised estimation error squared of each flight's six INS errors, (lines, draws).
+    residual : RMS of measurement minus map on held-back lines [E].
+    slope : regression coefficient of held-back measurements on the map, both whitened by the noise.
+    rms : (lines, draws) RMS horizontal error of each flight [m].
+    nees : (lines, draws) normalised estimation error squared (NEES) of the six INS errors.
     """
 
     residual: float
@@ -44,9 +44,9 @@ class Navigation(NamedTuple):
     nees: Array
 
     def ratio(self, other: Navigation) -> tuple[float, float]:
-        """Return the geometric mean of this RMS error by another's, and its standard error.
+        """Return the geometric mean of ``rms`` divided by ``other.rms``, and its standard error.
 
-        Lines are independent; the draws on one line are not.
+        Lines are independent, but draws on one line are not.
         """
         logarithm = np.mean(np.log(self.rms / other.rms), axis=1)
         mean = float(np.exp(logarithm.mean()))
@@ -54,7 +54,11 @@ class Navigation(NamedTuple):
 
 
 def navigate(lines: SurveyLines, settings: Settings, draws: int = 2) -> Navigation:
-    """Return how primary lines, every fifth one at a time, are flown over maps without them."""
+    """Return the results of navigation over primary lines, with maps that exclude their fold.
+
+    A fold contains every fifth primary line. ``draws`` is the number of draws of INS errors per
+    line.
+    """
     primary = [i for i, kind in enumerate(lines.kinds) if kind == PRIMARY]
     folds = [primary[first::FOLDS] for first in range(FOLDS)]
     maps = maps_without(lines, settings, folds)
@@ -83,7 +87,10 @@ def navigate(lines: SurveyLines, settings: Settings, draws: int = 2) -> Navigati
 def maps_without(
     lines: SurveyLines, settings: Settings, folds: Sequence[Sequence[int]]
 ) -> list[EquivalentSources]:
-    """Return the map without each fold. Damping is relative to the matrix of all lines."""
+    """Return one map per fold, without the lines of the fold.
+
+    Damping is relative to the matrix of all lines.
+    """
     equations = Equations(lines, settings.depth_m, settings.spacing_m)
     parts = [equations.of(fold) for fold in folds]
     ties = [i for i, kind in enumerate(lines.kinds) if kind == TIE]
@@ -99,7 +106,10 @@ def maps_without(
 def noise_without(
     left: Sequence[Sequence[Array]], components: Sequence[str]
 ) -> list[VectorAutoregression]:
-    """Return the noise without each fold, from residuals (n, m) of the lines of all folds."""
+    """Return one noise model per fold, without the residuals of the fold.
+
+    ``left`` contains the residuals (n, m) of each line, by fold.
+    """
     others = [[rows for other in left if other is not own for rows in other] for own in left]
     return [autoregression(series, _ORDER, components) for series in others]
 
@@ -110,7 +120,7 @@ def _slope(
     maps: Sequence[EquivalentSources],
     noises: Sequence[VectorAutoregression],
 ) -> float:
-    """The coefficient of readings held back on the map, both whitened by the noise."""
+    """Return the regression coefficient of held-back measurements on the map, both whitened."""
     product = square = 0.0
     for fold, sources, noise in zip(folds, maps, noises, strict=True):
         for index in fold:
@@ -124,8 +134,8 @@ def _slope(
 
 
 def print_table(lines: SurveyLines, tried: Sequence[Settings]) -> None:
-    """Print a row for each setting; RMS errors are compared with those of the first."""
-    print("residual [E], slope, median RMS error [m], mean NEES of 6, RMS error by the first's")
+    """Print one row per setting; RMS errors are compared with those of the first setting."""
+    print("residual [E], slope, median RMS error [m], mean NEES (expected: 6), RMS error ratio")
     first = None
     for settings in tried:
         found = navigate(lines, settings)

@@ -1,7 +1,7 @@
-"""The INS error of a flight along a survey line, by a batch smoother.
+"""Batch smoother for the INS error of a flight along a survey line.
 
-The error is a polynomial in time: position, velocity and acceleration, each east and north. The
-likeliest error is found by Levenberg and Marquardt's method from several starts.
+The error is a polynomial in time: errors of position, velocity and acceleration, each to the east
+and to the north. Levenberg–Marquardt iterations from several starts find the most probable error.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from ggbench.maps.survey_lines import SurveyLines
 Array = NDArray[np.float64]
 
 UNCERTAINTY = np.array([[300.0, 300.0], [0.5, 0.5], [2e-3, 2e-3]])
-"""Standard deviations of the INS error: position [m], velocity [m/s] and acceleration [m/s²], each
-east and north."""
-_STEP_M, _MARGIN_M = 100.0, 1800.0  # of the grid of a map
-_LAYERS_M = np.array([65.0, 110.0])  # its heights; exact interpolation between gives 2 % less NEES
+"""Standard deviations (3, 2) of the INS error, each to the east and to the north.
+
+The rows are position [m], velocity [m/s] and acceleration [m/s²]."""
+_STEP_M, _MARGIN_M = 100.0, 1800.0  # spacing and margin of a gridded map
+_LAYERS_M = np.array([65.0, 110.0])  # layers; exact values between them reduce the NEES by 2 %
 _POSITIONS_M, _VELOCITIES = np.arange(-750.0, 751.0, 125.0), np.array([-0.5, 0.0, 0.5])
-_STARTS = 6  # of the descent, the likeliest of all positions and velocities
-_APART_M, _APART_M_S = 130.0, 0.6  # of starts, the sum over both axes: no neighbours
+_STARTS = 6  # most probable points of the grid above
+_APART_M, _APART_M_S = 130.0, 0.6  # closer starts are neighbours (sums over both axes)
 
 
 class GriddedMap:
-    """The components of a map, by splines: cubic in east and north, linear in height."""
+    """Components of a map as splines: cubic to the east and north, linear in height."""
 
     def __init__(self, sources: EquivalentSources, lines: SurveyLines) -> None:
         points = sources.plane.metres(lines)
@@ -59,9 +60,9 @@ class GriddedMap:
 
         Parameters
         ----------
-        places : (..., n, 2) east and north [m]; those outside the grid are moved to its border.
-        up : (n,) height [m].
-        derivative : its order east and north.
+        places : (..., n, 2) east and north [m]; places outside the grid are moved to its border.
+        up : (n,) heights [m].
+        derivative : order of the derivative to the east and to the north.
         """
         inside = np.clip(places, self._lower, self._upper)
         heights = np.broadcast_to(up, inside.shape[:-1])[..., np.newaxis]
@@ -70,7 +71,10 @@ class GriddedMap:
 
 
 def drift(errors: Array, seconds: Array) -> Array:
-    """Return the error east and north (..., n, 2) [m] that INS errors (..., 6) become in time."""
+    """Return the position errors (..., n, 2) [m] to the east and north at times (n,) [s].
+
+    ``errors`` (..., 6) are INS errors in units of their standard deviations.
+    """
     polynomial = np.stack([np.ones_like(seconds), seconds, 0.5 * seconds**2], axis=1)
     scaled = errors.reshape(*errors.shape[:-1], 3, 2) * UNCERTAINTY
     return np.asarray(polynomial @ scaled)
@@ -78,14 +82,14 @@ def drift(errors: Array, seconds: Array) -> Array:
 
 @dataclass(frozen=True)
 class Smoother:
-    """The batch smoother of one flight. INS errors are (..., 6), in units of their uncertainty.
+    """Batch smoother of one flight. INS errors (..., 6) are in units of their standard deviations.
 
     Attributes
     ----------
-    field : the map.
-    noise : of the readings.
-    readings : (n, m) [E].
-    ins : (n, 3) east, north and up by the INS [m]; the height is exact.
+    field : map.
+    noise : noise model of the measurements.
+    readings : (n, m) measurements [E].
+    ins : (n, 3) east, north and up, as indicated by the INS [m]; the height is exact.
     """
 
     field: GriddedMap
@@ -102,21 +106,21 @@ class Smoother:
         return self.noise.whitening(self._seconds, np.zeros(len(self.readings), dtype=bool))
 
     def _white(self, values: Array) -> Array:
-        """Readings (..., n, m) with noise that is white and of variance 1, (..., n m)."""
+        """Return measurements (..., n m), whitened to unit variance, from (..., n, m)."""
         white = self._whitening.apply(values) / self.noise.deviations
         return white.reshape(*values.shape[:-2], -1)
 
     def _corrected(self, errors: Array) -> Array:
-        """East and north (..., n, 2) [m] without the INS errors."""
+        """Return east and north (..., n, 2) [m], corrected for INS errors (..., 6)."""
         return self.ins[:, :2] - drift(errors, self._seconds)
 
     def residuals(self, errors: Array) -> Array:
-        """Return whitened reading minus map, and the errors themselves, (..., n m + 6)."""
+        """Return residuals (..., n m + 6): whitened measurement minus map, and the INS errors."""
         expected = self.field.at(self._corrected(errors), self.ins[:, 2])
         return np.concatenate([self._white(self.readings - expected), errors], axis=-1)
 
     def jacobian(self, errors: Array) -> Array:
-        """Return the derivative (n m + 6, 6) of the residuals by INS errors (6,)."""
+        """Return the Jacobian (n m + 6, 6) of the residuals with respect to INS errors (6,)."""
         places, up = self._corrected(errors), self.ins[:, 2]
         slopes = np.array([self.field.at(places, up, axis) for axis in ((1, 0), (0, 1))])
         shifts = drift(np.eye(6), self._seconds)  # (6, n, 2)
@@ -124,7 +128,7 @@ class Smoother:
         return np.concatenate([rows, np.eye(6)], axis=1).T
 
     def solved(self) -> tuple[Array, Array]:
-        """Return the likeliest INS errors (6,) and their information matrix (6, 6)."""
+        """Return the most probable INS errors (6,) and their information matrix (6, 6)."""
         descents = [
             least_squares(self.residuals, start, self.jacobian, method="lm")
             for start in self._likeliest_starts()
@@ -133,7 +137,7 @@ class Smoother:
         return best.x, best.jac.T @ best.jac
 
     def _likeliest_starts(self) -> Iterator[Array]:
-        """The likeliest INS errors (6,) of a grid that are no neighbours of each other."""
+        """Yield the most probable INS errors (6,) of a grid, without neighbours of earlier ones."""
         axes = (_POSITIONS_M, _POSITIONS_M, _VELOCITIES, _VELOCITIES, [0.0], [0.0])
         grid = np.array([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")]).T
         errors = grid / UNCERTAINTY.ravel()
@@ -151,15 +155,15 @@ class Smoother:
 def fly(
     field: GriddedMap, noise: VectorAutoregression, places: Array, readings: Array, drawn: Array
 ) -> tuple[float, float]:
-    """Return the RMS error [m] and the NEES of a flight with drawn INS errors.
+    """Return the RMS error [m] and the NEES of a flight with given INS errors.
 
     Parameters
     ----------
-    field : the map.
-    noise : of the readings.
+    field : map.
+    noise : noise model of the measurements.
     places : (n, 3) true east, north and up [m].
-    readings : (n, m) [E].
-    drawn : (6,) INS errors, in units of their uncertainty.
+    readings : (n, m) measurements [E].
+    drawn : (6,) INS errors, in units of their standard deviations.
     """
     seconds = noise.interval * np.arange(len(places))
     ins = places + np.pad(drift(drawn, seconds), ((0, 0), (0, 1)))

@@ -1,4 +1,4 @@
-"""Selection of survey data, in ggbench's axes and units."""
+"""Selected survey data in the axes and units of ggbench."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ FOSTERVILLE = f"{_ROOT}FostervilleData/Foster_craig.hdf5"
 EAST_VICTORIA = f"{_ROOT}EastVicData/EastVicRepeats.xyz"
 _DAY = 86400.0
 UV_SIGN = -1.0
-"""Falcon's UV is half of north-north less east-east: masses that fit it so leave 4.8 E of lines
-held back, with the other sign 5.5 E; their gravity correlates with the survey's own by 0.88."""
-_FOSTERVILLE_THINNING = 8  # of 8 Hz behind a filter of 0.18 Hz
-_EAST_VICTORIA_THINNING = 4  # of 2 Hz behind a filter of 56 s
-_PROFILE = 5  # passes of East Victoria that are called primary, the others repeats
+"""Factor from Falcon's UV, half of north-north minus east-east, to the component ``xx-yy``.
+
+With this sign, fitted masses leave a residual of 4.8 E on held-back lines; with the other sign
+5.5 E. The gravity of the masses has a correlation of 0.88 with the gravity of the survey."""
+_FOSTERVILLE_THINNING = 8  # from 8 Hz to 1 Hz; the data are filtered at 0.18 Hz
+_EAST_VICTORIA_THINNING = 4  # from 2 Hz to 0.5 Hz; the data are filtered over 56 s
+_PROFILE = 5  # first passes of East Victoria, of the kind primary; later ones are repeats
 
 
 def vinton(path: Path) -> pd.DataFrame:
-    """Return the tensor of Vinton Dome, z up, with the day of flight."""
+    """Return the tensor of Vinton Dome with z up, and the date of each sample."""
     columns = {
         "time_s": "Time",
         "latitude_deg": "Lat",
@@ -42,7 +44,7 @@ def vinton(path: Path) -> pd.DataFrame:
     repeats = ["." in name for name in lines.names]
     kinds = np.where(repeats, "repeat", lines.kinds)
     table = _located(lines, kinds[lines.line])
-    # UTC since 6 January 1980 without leap seconds; the dates in the file's headings are wrong.
+    # UTC seconds since 6 January 1980, without leap seconds; the dates in headings are wrong.
     date = pd.to_datetime("1980-01-06") + pd.to_timedelta(table["time_s"] // _DAY, "D")
     table.insert(2, "date", date.dt.strftime("%Y-%m-%d"))
     table["time_s"] -= table["time_s"].min() // _DAY * _DAY
@@ -50,7 +52,7 @@ def vinton(path: Path) -> pd.DataFrame:
 
 
 def fosterville(path: Path) -> pd.DataFrame:
-    """Return two components of Fosterville at 1 Hz; lines are odd or even, in their order."""
+    """Return two components of Fosterville at 1 Hz; the kinds of lines alternate: odd, even."""
     tables = []
     with netCDF4.Dataset(path) as file:
         lines = file["Whizz Version 1.0/Lines"].groups
@@ -88,7 +90,7 @@ def fosterville(path: Path) -> pd.DataFrame:
 
 
 def east_victoria(path: Path) -> pd.DataFrame:
-    """Return free-air gravity of the ten passes, a sample every two seconds."""
+    """Return the free-air gravity of the ten passes of East Victoria, every two seconds."""
     columns = {
         "line": "LINE",
         "time_s": "FTIME",
@@ -105,7 +107,7 @@ def east_victoria(path: Path) -> pd.DataFrame:
 
 
 def _located(lines: SurveyLines, kinds: np.ndarray) -> pd.DataFrame:
-    """The samples with line, kind, time and place."""
+    """Return a table of the samples with line, kind, time and position."""
     return pd.DataFrame(
         {
             "line": np.array(lines.names)[lines.line],

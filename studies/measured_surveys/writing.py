@@ -17,12 +17,12 @@ from ggbench.maps.survey_noise import noise_of
 from ggbench.maps.survey_plan import SurveyInputs, fit_survey, provenance_of
 
 DECIMALS = {"time_s": 2, "latitude_deg": 6, "longitude_deg": 6, "height_m": 1}
-_PARALLELS = 4  # copies of a profile on each side
-_USUAL = 2  # 0.01 E, 0.01 mGal, 0.01 m/s
+_PARALLELS = 4  # number of copies of a profile on each side
+_USUAL = 2  # decimals of other columns: 0.01 E, 0.01 mGal
 
 
 def write(path: Path, table: pd.DataFrame) -> None:
-    """Write a table, each number with the decimals that mean something."""
+    """Write a table as a compressed CSV file, with the significant decimals of each column."""
     written = pd.DataFrame(index=table.index)
     for name, values in table.items():
         if values.dtype.kind == "f":
@@ -34,10 +34,11 @@ def write(path: Path, table: pd.DataFrame) -> None:
 
 
 def sources_of_a_profile(lines: SurveyLines, settings: Settings) -> EquivalentSources:
-    """Return point masses of passes over one line, whose field is the same across the line.
+    """Return point masses of passes over one line; their field is constant across the line.
 
-    Masses of the passes alone would have a field that falls off on both sides, and say where the
-    line is. The passes are therefore repeated on both sides, a depth apart.
+    Masses under the passes alone would have a field that decreases on both sides. The map would
+    then reveal the position of the line. The passes are therefore repeated on both sides, at
+    distances of ``depth_m``.
     """
     plane = Plane.under(lines)
     east, north, _ = plane.metres(lines)
@@ -75,10 +76,10 @@ def write_map(
     fit_options: FitOptions,
     quantity: Quantity,
 ) -> None:
-    """Write the point masses of a shipped survey's lines, and the noise of its gradients.
+    """Write the point masses of a survey map, and the noise model of its gradients.
 
-    The lines are read from the folder, as anybody has them. The noise is that of the map of the
-    survey's name alone.
+    The lines are read from the shipped file in the folder. A noise model is written only for the
+    map with the name of the survey.
     """
     inputs = SurveyInputs(
         folder / f"{survey}.csv.gz",

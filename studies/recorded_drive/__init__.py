@@ -1,1 +1,1 @@
-"""Study: drift of a recorded INS during GNSS outages, against its predicted covariance."""
+"""Study: drift of a recorded INS during GNSS outages, and its predicted covariance."""

@@ -1,4 +1,4 @@
-"""``python -m recorded_drive``: fly the outages and write the page."""
+"""Command ``python -m recorded_drive``: drift in GNSS outages, table and page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .outages import fly
 
 
 def main() -> int:
-    """Fly the outages, and write table and page."""
+    """Fly the outages, write the table and the page, and return the exit code."""
     output = Path("reports")
     try:
         table = fly()

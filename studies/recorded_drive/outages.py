@@ -1,4 +1,4 @@
-"""GNSS outages in a recorded drive, and the drift of its INS during them."""
+"""GNSS outages in a recorded drive, and the drift of its INS during the outages."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ def fly(
     estimators: Sequence[str] = ESTIMATORS,
     step_s: float = STEP_S,
 ) -> pd.DataFrame:
-    """Return a row for each outage and estimator.
+    """Return one row for each outage and estimator.
 
     Parameters
     ----------
-    lengths : of the outages [s].
-    estimators : their labels.
+    lengths : outage lengths [s].
+    estimators : labels of the estimators.
     step_s : interval between the starts of outages of one length [s].
 
     Returns
     -------
-    Columns ``estimator``, ``length_s``, ``start_s``, ``drift_m`` and ``sigma_m``, see
-    :func:`drift`.
+    Columns ``estimator``, ``length_s``, ``start_s``, ``drift_m`` and ``sigma_m``; the last two are
+    the results of :func:`drift`.
     """
     whole = read_flight(DRIVE / "flight.toml")
     last = whole.problem.times[-1]
@@ -57,8 +57,9 @@ def with_outage(clock_s: float, start_s: float, length_s: float) -> RecordedFlig
 
     Parameters
     ----------
-    clock_s : time of the first inertial sample on the record's clock [s].
-    start_s, length_s : of the outage, since the first inertial sample [s].
+    clock_s : time of the first inertial sample on the clock of the record [s].
+    start_s : start of the outage, counted from the first inertial sample [s].
+    length_s : length of the outage [s].
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -68,7 +69,7 @@ def with_outage(clock_s: float, start_s: float, length_s: float) -> RecordedFlig
         record[(since <= start_s) | (since > start_s + length_s)].to_csv(
             folder / _AIDING, index=False
         )
-        # The whole record stays the reference.
+        # The reference remains the complete record.
         file = folder / "flight.toml"
         text = file.read_text(encoding="utf-8")
         file.write_text(text.replace(f'[gnss]\nfile = "{_RECORD}"', f'[gnss]\nfile = "{_AIDING}"'))
@@ -78,9 +79,10 @@ def with_outage(clock_s: float, start_s: float, length_s: float) -> RecordedFlig
 def drift(flight: RecordedFlight, label: str, start_s: float) -> tuple[float, float]:
     """Return the change of the horizontal error during an outage, and its standard deviation [m].
 
-    The change is from the last velocity before the outage to the first one after it. The error at
-    the start is a constant of the drive, so its variance is subtracted from that at the end. A
-    smoother's errors are correlated: its standard deviation is NaN.
+    The change is from the last velocity before the outage to the first velocity after the outage.
+    The error at the start is a constant of the drive. Its variance is therefore subtracted from the
+    variance at the end. The standard deviation of a smoother is NaN, because its errors are
+    correlated in time.
     """
     assert flight.reference is not None
     estimate = gg.estimate(flight.problem, label)

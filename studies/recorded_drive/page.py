@@ -1,4 +1,4 @@
-"""The page reports/recorded_drive.md, made from reports/recorded_drive/outages.csv."""
+"""Page reports/recorded_drive.md, from reports/recorded_drive/outages.csv."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .outages import FILTER, SMOOTHER
 FOLDER = "recorded_drive"
 OUTAGES = "outages.csv"
 _ANSWERED_S = 10.0
-"""Length of the outages that the answer is about [s]."""
+"""Length of the outages in the answer of the page [s]."""
 
 
 def write(table: pd.DataFrame, output: Path) -> Path:
-    """Write ``recorded_drive.md`` and its figure; return the page."""
+    """Write ``recorded_drive.md`` and its figure; return the path of the page."""
     save(drifts(table), output / FOLDER / "answer.png")
     path = output / f"{FOLDER}.md"
     path.write_text(page(table), encoding="utf-8")
@@ -28,7 +28,7 @@ def write(table: pd.DataFrame, output: Path) -> Path:
 
 
 def page(table: pd.DataFrame) -> str:
-    """Return the page."""
+    """Return the text of the page."""
     rows = summary(table)
     numbers = rows[["drift_m", "sigma_m"]].map(lambda number: significant(number, 2))
     longest_s = rows.index[-1]
@@ -46,10 +46,10 @@ def page(table: pd.DataFrame) -> str:
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the RMS drift of filter and smoother, and the predicted one, by length [m].
+    """Return the RMS drift of filter and smoother, and the predicted drift, by outage length.
 
-    Columns ``outages``, ``disjoint`` (as many as fit side by side), ``drift_m``, ``sigma_m`` and
-    ``smoother_m``; the index is the length [s].
+    The index is the outage length [s]. Columns are ``outages`` (number of outages), ``disjoint``
+    (largest number of outages without overlap), ``drift_m``, ``sigma_m`` and ``smoother_m``.
     """
     rows = {}
     for length, part in table.groupby("length_s"):
@@ -67,7 +67,10 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def equal_to_filter(table: pd.DataFrame, tolerance: float = 0.01) -> list[str]:
-    """Return the other estimators whose drift differs from the filter's by at most 1 %."""
+    """Return the labels of the other filters with almost the drift of the filter.
+
+    In every outage the drifts differ by at most ``tolerance``, relative to the filter's RMS drift.
+    """
     errors = table.pivot(index=["length_s", "start_s"], columns="estimator", values="drift_m")
     others = [label for label in errors if label not in (FILTER, SMOOTHER)]
     own = errors[FILTER]
@@ -76,7 +79,10 @@ def equal_to_filter(table: pd.DataFrame, tolerance: float = 0.01) -> list[str]:
 
 @styled()
 def drifts(table: pd.DataFrame) -> Drawing:
-    """Return the drift of the filter in each outage, and the predicted one, over the length."""
+    """Return a figure of the filter's drift in each outage against the outage length.
+
+    It also shows the predicted standard deviation, and the RMS drifts of filter and smoother.
+    """
     figure, axes = subplots(1, 1, figsize=(6.0, 3.4))
     own, rows = table[table["estimator"] == FILTER], summary(table)
     handles = {

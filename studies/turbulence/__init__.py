@@ -1,4 +1,6 @@
-"""The tracks of the scenario ``turbulence``: a light aircraft flown through gusts by JSBSim."""
+"""Study: light aircraft in gusts, simulated by JSBSim for the scenario ``turbulence``."""
 
 INTENSITIES = {"calm": 0, "light": 3, "moderate": 4, "severe": 6}
-"""JSBSim's number of an intensity, which is exceeded with a probability of 10⁻², 10⁻³ or 10⁻⁵."""
+"""Severities of turbulence in JSBSim; 0: no turbulence.
+
+The severities 3, 4 and 6 are exceeded with the probabilities 10⁻², 10⁻³ and 10⁻⁵."""

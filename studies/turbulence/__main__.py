@@ -1,4 +1,4 @@
-"""``python -m turbulence``: fly the tracks of the scenario ``turbulence`` and write them."""
+"""Command ``python -m turbulence``: tracks of the scenario ``turbulence`` as CSV files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .flying import COLUMNS, track
 
 
 def main() -> None:
-    """Write a CSV file for each intensity."""
+    """Simulate a flight for each intensity and write its track as a CSV file."""
     parser = argparse.ArgumentParser(prog="turbulence", description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("scenarios/data"))
     options = parser.parse_args()

@@ -1,9 +1,9 @@
-"""A light aircraft, its pilot and the gusts of MIL-F-8785C, by JSBSim.
+"""Flights of a light aircraft with a pilot in the gusts of MIL-F-8785C, by JSBSim.
 
-The aircraft is JSBSim's Cessna 172 (``c172x``), a rigid body of six degrees of freedom with
-aerodynamics by tables; the gusts are its Dryden turbulence above 2000 ft, whose intensity follows
-from the height and from how seldom it is exceeded (MIL-F-8785C, figure 7). The pilot flies
-attitudes: he holds a heading and a height without chasing every gust.
+The aircraft is JSBSim's Cessna 172 (``c172x``): a rigid body with six degrees of freedom and
+tabulated aerodynamics. The gusts are JSBSim's Dryden turbulence above 2000 ft. Their intensity
+depends on the height and on the probability of exceedance (MIL-F-8785C, figure 7). The pilot
+commands attitudes to hold heading and height, and does not correct every gust.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from . import INTENSITIES
 
 FOOT = 0.3048
-"""[m]."""
+"""Length of a foot [m]."""
 COLUMNS = {
     "time_s": 1,
     "latitude_deg": 12,
@@ -27,10 +27,12 @@ COLUMNS = {
     "pitch_deg": 5,
     "roll_deg": 5,
 }
-"""Columns of a track and their decimals: 0.1 µm, so that rounding shakes by 10 µm/s² alone."""
+"""Columns of a track, with their numbers of decimals.
+
+Positions are rounded to 0.1 µm. At 10 Hz this rounding adds accelerations of only 10 µm/s²."""
 SEED = 8785
 STEPS_A_ROW = 12
-"""Steps of JSBSim, 1/120 s each, from row to row: 0.1 s."""
+"""Number of JSBSim steps of 1/120 s between two rows, which are 0.1 s apart."""
 
 _HEIGHT, _HEADING, _SPEED = 1280.0, 70.0, 55.0
 _START = {
@@ -42,14 +44,20 @@ _START = {
     "ic/psi-true-deg": _HEADING,
 }
 _BEFORE = 100.0
-"""Time in which the pilot finds his trim, and gusts arise, before the track begins [s]."""
+"""Time before the start of the track, in which flight and gusts become steady [s]."""
 
 
 def track(intensity: str, duration: float = 300.0, seed: int = SEED) -> np.ndarray:
-    """Return a flight of some duration [s] in turbulence, a row each 0.1 s.
+    """Simulate a flight in turbulence and return its track (N, 7), one row per 0.1 s.
 
-    Columns are those of :data:`COLUMNS`: geodetic, height above the ellipsoid, heading clockwise
-    from north, pitch, roll to the right.
+    :data:`COLUMNS` names the columns. Latitude and longitude are geodetic; the height is above the
+    ellipsoid. The heading is clockwise from north, and roll to the right is positive.
+
+    Parameters
+    ----------
+    intensity : key of :data:`.INTENSITIES`.
+    duration : duration of the track [s].
+    seed : seed of JSBSim's random numbers.
     """
     jsbsim.FGJSBBase().debug_lvl = 0  # no banner
     aircraft = jsbsim.FGFDMExec(str(Path(jsbsim.__file__).parent))
@@ -87,7 +95,7 @@ def track(intensity: str, duration: float = 300.0, seed: int = SEED) -> np.ndarr
 
 
 class _Pilot:
-    """Holds heading, height and speed by commanding attitudes."""
+    """Pilot that holds heading and height by attitude commands, and speed by the throttle."""
 
     def __init__(self, aircraft: jsbsim.FGFDMExec) -> None:
         self.aircraft = aircraft
@@ -97,7 +105,7 @@ class _Pilot:
         self.missing_height = self.missing_heading = 0.0
 
     def fly(self) -> None:
-        """Move the controls."""
+        """Set elevator, aileron and throttle for the next step."""
         a, step = self.aircraft, self.aircraft.get_delta_t()
         roll_rate, pitch_rate = (
             math.degrees(a[f"velocities/{axis}-rad_sec"]) for axis in ("p", "q")

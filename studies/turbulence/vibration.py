@@ -1,7 +1,8 @@
-"""Noise of rotating disks by gusts: accelerations at the spin frequency, isolated in part.
+"""Noise of rotating disks due to gusts.
 
-In a gust each reading has its own vibration, so that what a disk's imperfections make of it is
-noise, and no bias as of a rotor that turns in step.
+Gusts accelerate the aircraft at one, two and three times the spin frequency. A mount isolates the
+disks in part. The vibration differs between measurements, so its effect on an imperfect disk is
+noise. The vibration of a rotor synchronous with the disks would cause a bias.
 """
 
 from __future__ import annotations
@@ -30,20 +31,25 @@ DISKS = SpinningDisks(
     scale_factor_mismatch=1e-6,
     misalignment=float(np.radians(0.01 / 60.0)),
 )
-"""Those of the scenario ``jacksboro_helicopter``."""
-_RATE = 50.0  # [Hz]
+"""Disks with the imperfections of the scenario ``jacksboro_helicopter``, without its vibration."""
+_RATE = 50.0  # sampling rate [Hz]
 
 
 def flown(track: str) -> np.ndarray:
-    """Return the accelerations (N, 3) of a track as it is flown here [m/s²], ENU, 50 a second."""
+    """Return the accelerations (N, 3) [m/s²] along a track in ENU, at 50 Hz.
+
+    ``track`` is the path of a track file. The accelerations are differences of the resampled
+    velocities.
+    """
     truth = along(read_track(track, TrackLimits()), 1.0 / _RATE, 0.0, 0.0)
     return np.asarray(np.diff(truth.velocities, axis=0) * _RATE)
 
 
 def amplitudes(track: str) -> np.ndarray:
-    """Return root-mean-square amplitudes (3, 3) [m/s²] at 1, 2 and 3 Hz (rows), ENU.
+    """Return the RMS amplitudes (3, 3) [m/s²] of vibration at 1, 2 and 3 Hz (rows), in ENU.
 
-    Of what a reading of one second has of a one-sided spectral density S: √(2 S · 1 Hz).
+    A measurement takes one second. The RMS amplitude is therefore √(2 S · 1 Hz), with the one-sided
+    spectral density S of the acceleration.
     """
     frequencies, density = welch(flown(track), _RATE, nperseg=int(10 * _RATE), axis=0)
     at = [int(np.argmin(np.abs(frequencies - n))) for n in (1.0, 2.0, 3.0)]
@@ -51,10 +57,11 @@ def amplitudes(track: str) -> np.ndarray:
 
 
 def noise(amplitude: np.ndarray) -> float:
-    """Return the root mean square [E] of the noise that vibrations make, over disks and channels.
+    """Return the RMS noise [E] due to vibration, over all disks and channels.
 
-    ``amplitude`` (3, 3) as :func:`amplitudes` has it. A cosine and a sine at each frequency and
-    along each axis have half of its square each, and a disk's answer to each of them is linear.
+    ``amplitude`` (3, 3) contains RMS amplitudes from :func:`amplitudes` [m/s²]. At each frequency
+    and along each axis, the cosine and the sine each have half of the squared amplitude. The
+    channel errors of a disk are linear in both.
     """
     variances = np.zeros((len(DISKS.spin_axes), *_answers(0).shape[1:]))
     for number, axis in enumerate(DISKS.spin_axes):
@@ -66,7 +73,11 @@ def noise(amplitude: np.ndarray) -> float:
 
 @cache
 def _answers(number: int, disks: int = 100) -> np.ndarray:
-    """Return what vibrations of 1 m/s² add to channels of disks about an axis, (18, disks, 2)."""
+    """Return the channel errors (18, disks, 2) [E] due to vibrations of 1 m/s².
+
+    ``number`` is the index of the spin axis. The 18 vibrations are the cosines and sines at three
+    frequencies along three axes. The imperfections of each disk are random.
+    """
     axis, rng = DISKS.spin_axes[number], np.random.default_rng((1, number))
     hanging = np.array([[0.0, 0.0, 9.81]])[:, list(DISK_AXES[axis])]
     found = np.empty((18, disks, 2))

@@ -6,7 +6,7 @@
 
 using Vector = std::vector<double>;
 
-// One scalar update at a time, of readings made independent by R = L L'.
+// Multiply rows by the inverse of L in R = L L'. Scalar updates are then independent.
 static void whiten(const Vector& root, std::size_t m, std::size_t columns, Vector& rows) {
     for (std::size_t c = 0; c < m; ++c)
         for (std::size_t j = 0; j < columns; ++j) {

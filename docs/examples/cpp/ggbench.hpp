@@ -1,4 +1,4 @@
-// Problems of ggbench as plain text: their arrays, h and its Jacobian. C++17, no dependencies.
+// Problems of ggbench in text files: arrays, h and its Jacobian H. C++17, no dependencies.
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -15,12 +15,12 @@
 
 namespace ggbench {
 
-using Number = std::complex<double>;  // derivatives are complex steps: exact to rounding
+using Number = std::complex<double>;  // derivatives by complex steps, exact to rounding
 constexpr double STEP = 1e-20;
 
 struct Array {
     std::vector<std::size_t> shape;
-    std::vector<double> data;  // by rows: the last index is the fastest
+    std::vector<double> data;  // row-major order
 
     template <class... Index>
     const double& operator()(Index... index) const {
@@ -64,7 +64,7 @@ inline File read(const std::string& path) {
         std::vector<std::size_t> shape(axes);
         for (auto& length : shape) head >> length;
         Array array = zeros(shape);
-        std::string word;  // numbers may be nan, which streams do not read
+        std::string word;  // streams cannot read nan
         for (auto& number : array.data) {
             in >> word;
             number = std::strtod(word.c_str(), nullptr);
@@ -106,14 +106,14 @@ struct Place {
     Number latitude, longitude, height;
 };
 
-// The equation of measurement of a problem.
+// Measurement equation of a problem.
 class Model {
 public:
     explicit Model(const File& file)
         : p(file), states(p["linear"].shape[3]), channels(p["linear"].shape[2]),
           gradients(p["combined"].shape[2]), instrument(p.texts.at("instrument")) {}
 
-    // Fill h (m) and H (m x n, by rows) of run r and epoch k at the state x (n).
+    // Compute h (m) and H (m x n, row-major) of run r and epoch k at the state x (n).
     void measurement(int r, int k, const std::vector<double>& x, std::vector<double>& h,
                      std::vector<double>& H) const {
         h.assign(channels, 0.0);
@@ -158,7 +158,7 @@ private:
             for (int i = 0; i < 3; ++i) used = used || W(r, k, c, i) != 0.0;
         if (!used || map.data.empty()) return;
         const Array& at = p["ins_position"];
-        for (int j = -1; j < 3; ++j) {  // -1: h, then a column of H each
+        for (int j = -1; j < 3; ++j) {  // -1: h; 0 to 2: column j of H
             std::vector<Number> e(x.begin(), x.begin() + 3);
             if (j >= 0) e[j] += Number(0.0, STEP);
             const auto place = displaced({at(r, k, 0), at(r, k, 1), at(r, k, 2)}, e);
@@ -171,7 +171,7 @@ private:
         }
     }
 
-    // Sum of S T over the combined readings; e: errors of position ENU [m] and attitude [rad].
+    // Sum of S T over the combined measurements; e: errors of position ENU [m] and attitude [rad].
     std::vector<Number> reading(int r, int k, const std::vector<Number>& e) const {
         std::vector<Number> t(gradients, 0.0);
         const Array &lags = p["lags"], &at = p["reading_positions"], &S = p["combined"];
@@ -215,7 +215,7 @@ private:
         return body;
     }
 
-    // exp of the cross-product matrix of (x, y, z) (Rodrigues).
+    // Rotation matrix: exponential of the cross-product matrix of (x, y, z) (Rodrigues).
     static Matrix3 turn(Number x, Number y, Number z) {
         const Number square = x * x + y * y + z * z, angle = std::sqrt(square);
         Number a = 1.0, b = 0.5;
@@ -231,7 +231,7 @@ private:
         return out;
     }
 
-    // Position less a position error ENU [m].
+    // Position minus a position error ENU [m].
     Place displaced(const Place& at, const std::vector<Number>& e) const {
         const double a = p["ellipsoid"](0), e2 = p["ellipsoid"](1);
         const Number w2 = 1.0 - e2 * sin(at.latitude) * sin(at.latitude);
@@ -240,7 +240,7 @@ private:
                 at.longitude - e[0] / ((east + at.height) * cos(at.latitude)), at.height - e[2]};
     }
 
-    // Cubic B-spline of all components; beyond the border its value there.
+    // Cubic B-spline of all components; outside the map, the value at the border.
     static std::vector<Number> spline(const Array& origin, const Array& step, const Array& c,
                                       const Place& place) {
         const Number at[3] = {place.latitude, place.longitude, place.height};
@@ -298,7 +298,7 @@ private:
         const Number ee = v_r / r - s * v_s / (r * r);
         const Number nn = v_r / r + (c * c * v_ss - s * v_s) / (r * r);
         const Number nu = c * (v_rs / r - v_s / (r * r));
-        // Sine and cosine of the geodetic latitude less the geocentric one.
+        // Sine and cosine of geodetic minus geocentric latitude.
         const Number si = sin(L) * c - cos(L) * s, co = cos(L) * c + sin(L) * s;
         Matrix3 out;
         out.a[0][0] = 1e9 * ee;

@@ -1,5 +1,5 @@
 function ekf (problem, estimates)
-% Extended Kalman filter: ekf ('PROBLEM.mat', 'ESTIMATES.mat'), in Octave and MATLAB.
+% Extended Kalman filter for Octave and MATLAB: ekf ('PROBLEM.mat', 'ESTIMATES.mat').
   p = load (problem);
   [R, K, m] = size (p.measurements);
   n = numel (p.prior_mean);

@@ -1,3 +1,3 @@
 #!/bin/sh
-# ekf.sh PROBLEM.mat ESTIMATES.mat, as "exec:" starts it
+# Usage: ekf.sh PROBLEM.mat ESTIMATES.mat, the command of an "exec:" estimator
 exec octave-cli --quiet --path "$(dirname "$0")" --eval "ekf ('$1', '$2')"

@@ -1,6 +1,7 @@
 function [h, H] = measurement (p, r, k, x)
-% h (m x 1) and H (m x n) of run r and epoch k at the state x (n x 1); p is a problem's file.
-% Derivatives are complex steps: exact to rounding, without a second set of formulas.
+% Compute h (m x 1) and H (m x n) of run r and epoch k at the state x (n x 1).
+% p contains the arrays of a problem file.
+% Derivatives are computed by complex steps, exact to rounding, without separate formulas.
   m = size (p.measurements, 3);
   n = numel (x);
   h = reshape (p.offset(r,k,:), m, 1);
@@ -35,7 +36,7 @@ function [h, H] = measurement (p, r, k, x)
 end
 
 function t = reading (p, r, k, e, g)
-% sum of S T over the combined readings; e: errors of position ENU [m] and attitude [rad]
+% sum of S T over the combined measurements; e: errors of position ENU [m] and attitude [rad]
   t = zeros (g, 1);
   for i = 1:size (p.lags, 2)
     if p.lags(k,i) < 0, continue, end
@@ -62,7 +63,7 @@ function t = reading (p, r, k, e, g)
 end
 
 function at = displaced (p, at, error)
-% position less a position error ENU [m]
+% position minus a position error ENU [m]
   w2 = 1 - p.ellipsoid(2) * sin (at(1)) ^ 2;
   east = p.ellipsoid(1) / sqrt (w2);
   north = east * (1 - p.ellipsoid(2)) / w2;
@@ -71,7 +72,7 @@ function at = displaced (p, at, error)
 end
 
 function v = spline3 (origin, step, c, at)
-% cubic B-spline of all components (N x 1); beyond the border its value there
+% cubic B-spline of all components (N x 1); outside the map, the value at the border
   for a = 1:3
     u = (at(a) - origin(a)) / step(a);
     cells = size (c, a) - 3;
@@ -110,14 +111,14 @@ function M = normal_gradient (p, L, height)
   ee = V(1) / r - s * V(2) / r^2;
   nn = V(1) / r + (c^2 * V(5) - s * V(2)) / r^2;
   nu = c * (V(4) / r - V(2) / r^2);
-  T = [sin(L)*c - cos(L)*s, cos(L)*c + sin(L)*s];  % sine and cosine of L less the geocentric one
+  T = [sin(L)*c - cos(L)*s, cos(L)*c + sin(L)*s];  % sine and cosine of L minus geocentric latitude
   R = [T(2), -T(1); T(1), T(2)];
   G = R * [nn, nu; nu, V(3)] * R.';
   M = [ee, 0, 0; 0, G(1,1), G(1,2); 0, G(2,1), G(2,2)] * 1e9;
 end
 
 function C = turn (v)
-% exp of the cross-product matrix of v (Rodrigues)
+% rotation matrix: exponential of the cross-product matrix of v (Rodrigues)
   angle2 = sum (v .^ 2);
   X = [0, -v(3), v(2); v(3), 0, -v(1); -v(2), v(1), 0];
   if abs (angle2) < 1e-12
