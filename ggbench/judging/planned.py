@@ -115,7 +115,10 @@ def tracks(
     import pandas as pd
 
     if case.trajectory.lines:
-        raise GGBenchError("survey lines cannot be moved: they are flown where they were measured")
+        raise GGBenchError(
+            "the flight follows recorded survey lines and cannot be displaced or rotated: choose a "
+            "case with segments or a track"
+        )
     turns = list(turns_deg)
     moves = [(east, north, turn) for east, north in places_km for turn in turns]
     if _PRESENT not in moves:

@@ -71,8 +71,8 @@ def map_score(scored: Scored, source: str) -> Drawing:
     figure.suptitle(
         f"{source}: cells of {design.cell_deg:g}° at {scored.height}; {instrument}, "
         f"{design.instrument.noise:g} {design.instrument.unit}; tracks of "
-        f"{(design.track_m or 0.0) / 1e3:.3g} km, {design.readings} readings; position known to "
-        f"{design.sigma_m / 1e3:g} km (σ)",
+        f"{(design.track_m or 0.0) / 1e3:.3g} km, {design.readings} measurements; prior σ of "
+        f"{design.sigma_m / 1e3:g} km",
         fontsize=9,
         wrap=True,
     )

@@ -47,7 +47,7 @@ class Bounds(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """Bounds of a cell [deg]."""
+    """Bounds [deg] of a cell into which the area of a map is divided."""
 
     south: float
     north: float
@@ -253,10 +253,10 @@ def cells_between(
     if counts.min() < 1:
         across = (upper[:2] - lower[:2]) * metres / 1e3
         raise MapError(
-            f"{name}, {across[0]:.3g} km by {across[1]:.3g} km, contains no cell of {size:g}° "
-            f"with a margin of {(design.reach + jutting) / 1e3:.3g} km (three standard "
-            "deviations of the position, plus the track outside the cell): give a smaller "
-            "--cell-deg, --sigma-km or --track-km"
+            f"no cell of {size:g}° with a margin of {(design.reach + jutting) / 1e3:.3g} km fits "
+            f"into {name} ({across[0]:.3g} km by {across[1]:.3g} km): give a smaller --cell-deg, "
+            "--sigma-km or --track-km. The margin is three standard deviations of the position, "
+            "plus the part of the track beyond the cell"
         )
     if counts.prod() > _MOST_CELLS:
         raise MapError(

@@ -90,13 +90,15 @@ def leading(metrics: pd.DataFrame, cases: pd.DataFrame) -> str:
 def answer(results: Reported) -> dict[str, Any]:
     """Return the values for the template ``answer.j2``.
 
-    ``label`` is the estimator that is recommended in most cases (:func:`leading`). If no case has a
-    recommended estimator, it is the estimator that is best in the largest number of cases. ``lead``
-    is the first case where ``label`` is recommended (or best). Cases in the page's table have
-    precedence over other cases. ``row`` has the metrics of ``label`` in the lead case. ``reason``
-    refers to the first case without a recommended estimator, and states why it has none. ``own``
-    has the metrics of at most :data:`MOST_OWN` of the user's own estimators in the lead case.
-    ``own`` contains neither the estimator ``label`` nor estimators without a finished run.
+    - ``label``: the estimator that is recommended in most cases (:func:`leading`). If no case has a
+      recommended estimator, it is the estimator that is best in the largest number of cases.
+    - ``count``: number of cases in which ``label`` is recommended (or best).
+    - ``cheapest``: number of cases in which it is the cheapest recommended estimator.
+    - ``lead``: first case in which ``label`` is recommended (or best). Cases in the page's table
+      have precedence over other cases. ``row``: metrics of ``label`` in this case.
+    - ``reason``: reason why the first case without a recommended estimator has none.
+    - ``own``: metrics of at most :data:`MOST_OWN` of the user's own estimators in the lead case,
+      without ``label`` and without estimators that finished no run.
     """
     metrics, cases = results.metrics(), results.cases()
     recommended = cases["recommended"][cases["recommended"] != ""]
@@ -141,6 +143,7 @@ def answer(results: Reported) -> dict[str, Any]:
     return values | {
         "label": label,
         "count": int(leads.sum()),
+        "cheapest": int((cases.loc[leads, "recommended"] == label).sum()),
         "lead": lead.to_dict(),
         "row": settled.loc[label].to_dict(),
         "own": own.iloc[:MOST_OWN].to_dict("records"),

@@ -91,9 +91,9 @@ def measured(of: Metrics) -> str:
     errors = [span(*map(metres, both), separator=" and ") for both in (ins, aided)]
     shares = span(*(share(of.value(fold, name, "success")) for fold in folds), separator=" and ")
     return (
-        f"Two maps of [Vinton Dome]({MEASURED}.md) each omit some survey lines. On repeats of "
-        f"these, the INS's RMS error is {errors[0]} m. With measured gradients the Gaussian sum "
-        f"has {errors[1]} m, is consistent and succeeds in {shares} of the runs."
+        f"Two maps of [Vinton Dome]({MEASURED}.md) each omit some survey lines. On flights "
+        f"that repeat these lines, the INS's RMS error is {errors[0]} m. With measured gradients "
+        f"the Gaussian sum has {errors[1]} m, is consistent and succeeds in {shares} of the runs."
     )
 
 
@@ -261,7 +261,7 @@ def gravity(of: Metrics) -> str:
 
 
 def one_filter(of: Metrics) -> str:
-    """Return the finding that one filter suits all cases of the suite.
+    """Return the finding that one filter is safe in all cases of the suite.
 
     The filter must be consistent or conservative in at least 90% of the cases. In every case its
     RMS error must be at most 1.5 times that of a filter with the right model.
@@ -275,9 +275,9 @@ def one_filter(of: Metrics) -> str:
         return ""
     worst = max(ratios, key=lambda case: ratios[case])
     return (
-        f"`{ONE_FILTER}` suits all cases: it is consistent or conservative in {sum(right)} "
-        f"of {len(cases)}. Its RMS error is at most {ratios[worst]:.2f} times that of a filter "
-        f"with the right model; the maximum is in case `{worst}`."
+        f"`{ONE_FILTER}` is consistent or conservative in {sum(right)} of {len(cases)} cases. Its "
+        f"RMS error is at most {ratios[worst]:.2f} times that of a filter with the right model; "
+        f"the maximum is in case `{worst}`."
     )
 
 

@@ -135,14 +135,13 @@ def _write(
             _estimators(problem, estimates, residuals_of),
             *_errors(flight, judged),
             _figures(flight, estimates, families, residuals_of, judged, output),
-            "`corrected` is the track at the epochs, as CSV, GPX and KML; heights of GPX and KML "
-            "are above sea level. `full_rate.csv` is the track at the samples of the INS, with "
-            "estimated errors that are linear between epochs. Times in the files are on the clock "
-            "of the INS; in the figures they are since its "
-            "first sample. `residuals.csv` has, of each channel, the reading as the estimators "
-            "take it (a receiver's position is relative to what the INS indicates, filtered "
-            "gradients are whitened), its prediction, the whitened difference, and whether there "
-            "was a reading.",
+            "`corrected` is the track at the epochs, as CSV, GPX and KML. Heights of GPX and KML "
+            "are above sea level. `full_rate.csv` is the track at the samples of the INS; the "
+            "estimated errors are interpolated linearly between epochs. Times in the files are on "
+            "the clock of the INS. Times in the figures count from the first sample of the INS. "
+            "`residuals.csv` lists for each channel the measurement that the estimators process, "
+            "its prediction, the whitened residual, and whether a measurement exists. GNSS "
+            "positions are relative to the INS, and filtered gradients are whitened.",
             *made_of(flight.inputs()),
         ]
     )
@@ -189,9 +188,9 @@ def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[s
 def _what_there_is(flight: RecordedFlight) -> str:
     """Return a sentence on the flight and a table of its measurements, as markdown."""
     problem, spec = flight.problem, flight.spec
-    kind = "the solution of its INS" if spec.ins else "inertial increments, mechanised here"
+    kind = "INS solution" if spec.ins else "inertial increments"
     assert problem.map is not None  # a recorded flight has one, be it the normal field's
-    has_map = "a map" if np.isfinite(problem.map.lower).all() else "no map"
+    has_map = "with a map" if np.isfinite(problem.map.lower).all() else "without a map"
     rows = []
     for sensor, own in _sensors(problem).items():
         there = problem.present[:, own]
@@ -206,10 +205,11 @@ def _what_there_is(flight: RecordedFlight) -> str:
                 table.file,
             ]
         )
-    head = ["sensor", "channels", "readings", "from, to [s]", "file"]
+    head = ["sensor", "channels", "measurements", "from, to [s]", "file"]
     return (
-        f"{code(flight.path.name)}: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
-        f"{counted(problem.epochs, 'epoch')} until {problem.times[-1]:g} s after the start.\n\n"
+        f"{code(flight.path.name)}: {kind}, {has_map}. The record starts at {flight.start:.10g} s "
+        f"on the INS clock. It has {counted(problem.epochs, 'epoch')} in {problem.times[-1]:g} s."
+        "\n\n"
         + markdown(head, rows)
         + "".join(f"\n\n{plain(remark)}." for remark in flight.remarks)
     )
@@ -238,7 +238,7 @@ def _estimators(
         nis = ""
         if own.innovations:
             mean, expected = np.nanmean(own.nis), counts[counts > 0].mean()
-            nis = f"{short(float(mean))} of {short(float(expected))}"
+            nis = f"{short(float(mean))} ({short(float(expected))})"
         outside = int(np.count_nonzero(epochs_outside(problem, estimate.mean)))
         rows.append(
             [
@@ -253,18 +253,18 @@ def _estimators(
     head = [
         "estimator",
         "causality",
-        "last 1σ of position [m]",
-        "of velocity [m/s]",
-        "mean NIS, of expected",
+        "final position σ [m]",
+        "final velocity σ [m/s]",
+        "mean NIS (expected)",
         "RMS of whitened residuals",
         "epochs outside the map",
     ]
     return (
         markdown(head, rows)
-        + "\n\nThe mean NIS of a consistent filter is about the mean number of channels read; its "
-        "whitened innovations then have an RMS of 1. Residuals of the others are those of the "
-        "estimate itself, in units of the readings' noise: below 1 for a smoother, which has seen "
-        "them."
+        + "\n\nFor a consistent filter the mean NIS equals the mean number of measured channels. "
+        "Its residuals are whitened innovations with an RMS of 1. For other estimators, residuals "
+        "are those of the estimate, divided by the noise. Their RMS is below 1 for a smoother, "
+        "because its estimates use the measurement."
     )
 
 
@@ -288,7 +288,7 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
                 "" if np.isnan(metrics["nees_mean"]) else short(metrics["nees_mean"]),
             ]
         rows.append([code(label), *cells])
-    head = ["against the reference"]
+    head = ["estimator"]
     for name in names:
         head += [f"{WINDOW_TITLES[name]}: position [m]", "velocity [m/s]", "NEES"]
     what = "position and velocity" if some.states == 6 else "the position"
@@ -297,11 +297,11 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
     return [
         "## Against the reference",
         markdown(head, rows),
-        "Root-mean-square spherical errors, of the position in brackets its horizontal part, "
-        f"against {code(flight.spec.reference.file)}, at {len(some.times)} of "
-        f"{flight.problem.epochs} epochs. The NEES is of {what}: {some.states} if the estimate is "
-        "consistent and the reference is exact; what the reference itself is in error is in both."
-        + (f" Read with care: {remark}." if remark else ""),
+        f"RMS errors against {code(flight.spec.reference.file)} at {len(some.times)} of "
+        f"{flight.problem.epochs} epochs: spherical, and of the position in brackets horizontal. "
+        f"The NEES uses {what}. It is {some.states} if the estimate is consistent and the "
+        "reference is exact. Errors of the reference increase errors and NEES."
+        + (f" Caution: {remark}." if remark else ""),
     ]
 
 

@@ -138,7 +138,7 @@ def from_starts(results: Results, metrics: pd.DataFrame, labels: Sequence[str]) 
             errors = [math.sqrt(float(values[at >= start].mean())) for start in STARTS_S]
             lines.append([f"{title}: {name}", *map(columns.metres, errors)])
     heads = [f"{start:g} s" for start in STARTS_S]
-    return pd.DataFrame(lines, columns=["RMS error [m], window to the end from", *heads])
+    return pd.DataFrame(lines, columns=["RMS error [m] from this time to the end", *heads])
 
 
 def gravity_claims(results: Results) -> pd.DataFrame:

@@ -16,7 +16,9 @@ class CampaignSpec(Section):
     """``[campaign]``: defaults of ``ggbench run``."""
 
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
-    """Runs per case. All estimators and cases share the random numbers of a run."""
+    """Runs per case. All estimators share the random numbers of a run, as do cases with equal
+    `draw.name`.
+    """
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
     """Seed of all runs."""
     assumption_runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100

@@ -302,7 +302,8 @@ class CaseSpec(WithSensors):
         for key in update or {}:
             if key not in type(self).model_fields:
                 raise ScenarioError(
-                    f"a case has no table '{key}'; case.changed('{key}', value) changes a key"
+                    f"'{key}' is not a table of a case; to change one key, use "
+                    "case.changed('table.key', value)"
                 )
         return super().model_copy(update=update, deep=deep)
 

@@ -63,7 +63,7 @@ class ComparisonSpec(Section):
     case: CaseName
     """Case in which the claim is tested."""
     first: Title
-    """An estimator of the campaign; `{}` in the label stands for one of `values`."""
+    """Label of an estimator of the campaign; `{}` in it stands for one of `values`."""
     relation: Literal["larger", "smaller", "equal"]
     """Relation of the first estimator to the second."""
     quantity: Literal["error", "time"]
@@ -76,7 +76,10 @@ class ComparisonSpec(Section):
     @model_validator(mode="after")
     def _uses_its_values(self) -> Self:
         if self.values != ("",) and "{}" not in self.first + self.second:
-            raise ValueError("values need a {} in first or second, which stands for them")
+            raise ValueError(
+                "values are given, but first and second contain no {}: put {} where each value is "
+                "to be inserted"
+            )
         return self
 
     def title_of(self, value: str) -> str:

@@ -81,7 +81,7 @@ class GradiometerSpec(PeriodicSpec):
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
     """Model of the filter in estimators: whitening, or a fixed delay."""
     whitening_regularization: q.Regularization = 1e-2
-    """Least ratio, assumed in whitening, of the noise behind the filter to the noise before it."""
+    """Whitening: lower limit of the ratio of noise behind the filter to noise before it."""
     noise_behind_filter_eotvos: q.NoiseBehindFilter | None = None
     """RMS of additional white noise of each channel, behind the filter if there is one.
 
@@ -140,7 +140,7 @@ class GradiometerSpec(PeriodicSpec):
             raise ValueError(
                 f"filter_cutoff_hz is {self.filter_cutoff_hz:g} Hz and must lie below the Nyquist "
                 f"frequency of the readings, {nyquist:g} Hz (period_s = {self.period_s:g}); "
-                'use filter = "none" or read faster'
+                'use filter = "none" or a smaller period_s'
             )
         return self
 
@@ -279,8 +279,8 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         """Raise ValueError if the instrument that ``spec`` describes cannot have these errors."""
         if spec.readings == "measured" and self.model_dump(exclude_defaults=True).keys() - {_ADDED}:
             raise ValueError(
-                "truth.gradiometer: measured readings already contain their errors: remove its "
-                f"keys but {_ADDED}, a constant that is added to them"
+                "truth.gradiometer: measured readings already contain their errors; remove all "
+                f"keys except {_ADDED}, a constant bias that is added"
             )
         of_white_noise = ("noise_freedom", "noise_doubles_at_deg_per_s", "noise_doubles_at_mps2")
         if spec.coloured_noise is not None and (
@@ -309,10 +309,11 @@ class TrueGradiometer(GradiometerChange, Interruptions):
             )
         if self.rotating is not None and spec.rotating is None:
             raise ValueError(
-                "truth.gradiometer.rotating requires the instrument in [gradiometer.rotating]"
+                "truth.gradiometer.rotating requires a rotating gradiometer: give the table "
+                "[gradiometer.rotating]"
             )
         if self.rotating is not None and spec.latency_s > 0.0:
             raise ValueError(
-                "truth.gradiometer.rotating models the motion at the time stamp of a "
-                "measurement: gradiometer.latency_s must be 0"
+                "truth.gradiometer.rotating requires gradiometer.latency_s = 0: its errors follow "
+                "from the motion at the time stamp of a measurement"
             )

@@ -104,7 +104,9 @@ class NamedSensors(Mapping[str, T]):
             if twice:
                 raise ValueError(f"{name} and {twice[0]} differ only in capital letters")
             if name in KINDS and table.kind != name:
-                raise ValueError(f"a sensor named {name} must have that kind, found '{table.kind}'")
+                raise ValueError(
+                    f"a sensor named '{name}' must have kind = '{name}', found '{table.kind}'"
+                )
         # A side that changes nothing of a sensor is the same case as one that does not name it.
         explicit = {name: table.model_dump(exclude_defaults=True) for name, table in tables.items()}
         return cls({name: table for name, table in tables.items() if explicit[name]})
@@ -211,8 +213,8 @@ def _with_kinds(side: str, changes: Mapping[str, Any], sensors: Mapping[str, Any
         if _is_table(change) and kind is not None:
             if change.get("kind", kind) != kind:
                 raise ValueError(
-                    f"{side}.sensor.{name}.kind is {change['kind']!r}, and "
-                    f"sensor.{name}.kind {kind!r}"
+                    f"{side}.sensor.{name}.kind is {change['kind']!r}, but sensor.{name}.kind is "
+                    f"{kind!r}: they must be equal; remove the first"
                 )
             named[name] = {**change, "kind": kind}
     return {**changes, "sensor": named}

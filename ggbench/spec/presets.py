@@ -59,7 +59,7 @@ IMU_GRADES: Mapping[str, Preset] = {
 }
 """Inertial sensors by grade, from the worst to the best."""
 
-_SURVEY = "from lines that its map leaves out, scenarios/data/measured"
+_SURVEY = "estimated from lines that the map omits (scenarios/data/measured)"
 GRADIOMETERS: Mapping[str, Preset] = {
     "ftg-2008": Preset(
         {
@@ -68,7 +68,7 @@ GRADIOMETERS: Mapping[str, Preset] = {
             "components": ["xx", "xy", "xz", "yy", "yz"],
             "coloured_noise": "measured/vinton2008_noise.json",
         },
-        f"full-tensor gradiometer of Bell Geospace over Vinton Dome, 9 to 11 E RMS: {_SURVEY}",
+        f"full-tensor gradiometer of Bell Geospace over Vinton Dome, 9 to 11 E RMS, {_SURVEY}",
     ),
     "falcon-2019": Preset(
         {
@@ -77,7 +77,7 @@ GRADIOMETERS: Mapping[str, Preset] = {
             "components": ["xy", "xx-yy"],
             "coloured_noise": "measured/fosterville2019_noise.json",
         },
-        f"Falcon gradiometer over Fosterville, 4.5 E RMS: {_SURVEY}",
+        f"Falcon gradiometer over Fosterville, 4.5 E RMS, {_SURVEY}",
     ),
     "atom-2002": Preset(
         {

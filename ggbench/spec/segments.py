@@ -115,9 +115,15 @@ class SegmentSpec(Section):
             )
         if self.kind == "turn":
             if "direction" in keys and self.to_heading_deg is None:
-                raise ValueError("direction requires to_heading_deg; by_heading_deg has a sign")
+                raise ValueError(
+                    "direction is allowed only with to_heading_deg; the sign of by_heading_deg "
+                    "gives the direction, positive to the right"
+                )
             if self.by_heading_deg == 0.0:
-                raise ValueError("by_heading_deg is 0 and must be an angle, positive to the right")
+                raise ValueError(
+                    "by_heading_deg must not be 0: it is the change of heading, positive to the "
+                    "right"
+                )
         turns = self.kind in ("turn", "waypoint") and "turn_rate_deg_per_s" in keys
         if turns and not self.turn_rate_deg_per_s > 0.0:
             sign = "; the sign of by_heading_deg gives the direction" if self.kind == "turn" else ""
@@ -132,7 +138,9 @@ class SegmentSpec(Section):
                 "down"
             )
         if self.by_height_m == 0.0:
-            raise ValueError("by_height_m is 0 and must be a difference, positive upwards")
+            raise ValueError(
+                "by_height_m must not be 0: it is the change of height, positive upwards"
+            )
         return self
 
     def manoeuvre(self) -> Manoeuvre:

@@ -27,7 +27,7 @@ class ImuSpec(Section):
     """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
 
     grade: Grade | None = None
-    """Preset of biases and noise. It sets those of the four keys that the table omits."""
+    """Preset of biases and noise. It sets the four keys unless the table gives them."""
     period_s: q.SamplePeriod
     """Time between samples; the period of every other sensor is a whole multiple of it."""
     gyro_bias_deg_per_h: q.GyroBias
@@ -132,7 +132,7 @@ class InitialErrorSpec(Section):
 
 @changes(InitialErrorSpec)
 class InitialErrorChange(Section):
-    """True initial errors, or the prior that estimators assume."""
+    """Standard deviations of the true initial errors (truth) or of the assumed prior (model)."""
 
 
 class MapErrorSpec(Section):
@@ -145,7 +145,7 @@ class MapErrorSpec(Section):
     white_noise_eotvos: q.MapNoise = 0.0
     """RMS of noise that is independent at each node and in each component."""
     correlated_noise_eotvos: q.MapNoise = 0.0
-    """RMS of Γ_UU at the lowest nodes of a random harmonic field, which has all components."""
+    """Adds a random harmonic field to all components: RMS of its Γ_UU at the lowest nodes."""
     correlation_km: q.Wavelength = 10.0
     """Distance at which the correlation of this field is 1/e."""
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1

@@ -74,7 +74,7 @@ class TrajectorySpec(Section):
     columns: ColumnNames | None = None
     """Track (CSV): names of the columns by key, `{ height_m = "alt [ft]" }`; or name of a preset.
 
-    Units in brackets are converted. Presets: `euroc`, `px4`, `ros`.
+    Units in brackets are converted. Presets with positions: `px4`, `ros`.
     """
     lines: Annotated[Listed[LineName], distinct("a line")] = ()
     """Survey lines of the file. Run r flies the line with index r modulo the number of lines."""

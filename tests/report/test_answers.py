@@ -61,15 +61,15 @@ def text_of(found, **changes) -> str:
 
 def test_the_answer_counts_the_cases_without_a_recommendation():
     found = stated(recommended=["ekf", ""])
-    text = text_of(found, total=3, count=2, without=["c1"], inconsistent=["ukf"])
+    text = text_of(found, total=3, count=2, cheapest=2, without=["c1"], inconsistent=["ukf"])
     assert "In 2 of 3 cases `gaussian-sum` is recommended, in 1 none." in text
     assert "Its RMS error in “case 0” is 4.00 m (95%: " in text
-    others = text_of(found, total=4, count=2, without=["c1"])
-    assert "In 2 of 4 cases `gaussian-sum` is recommended, in 1 another estimator, in 1" in others
+    others = text_of(found, total=4, count=2, cheapest=1, without=["c1"])
+    assert "`gaussian-sum` is recommended (cheapest in 1), in 1 another estimator, in 1" in others
     assert "The RMS error of `gaussian-sum` in “case 0” is 4.00 m (95%: " in others
     assert "; INS: " in text
     text = text_of(stated(), inconsistent=["ukf"])
-    assert "In all 2 cases" in text and "is recommended." in text
+    assert "In all 2 cases `gaussian-sum` is recommended (cheapest in none)." in text
     assert "Not always consistent: `ukf`." in text
     text = text_of(stated(), total=1, inconsistent=["ukf"])
     assert "is recommended. Its RMS error is 4.00 m" in text and "Not consistent: `ukf`." in text

@@ -77,7 +77,7 @@ def test_ends_of_intervals_beyond_the_earth_are_limits_wherever_they_are_printed
     settled = pd.DataFrame([row | {"noise_fit": ""}])
     terminal.print_metrics(settled, runs, SimpleNamespace(cases=[case]), console)
     assert re.search(r">1e7 +[\d.]*[^\n]*-?>1e7", console.export_text())
-    assert "beyond 10⁷ are written as >1e7" in render.definitions()
+    assert "Numbers beyond 10⁷: >1e7." in render.definitions()
 
 
 def test_a_heading_has_the_unit_of_numbers_without_one():
